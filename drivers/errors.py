@@ -1,0 +1,91 @@
+"""What a device can do to us, one class per scenario.
+
+::
+
+    CellError                      calibration/errors.py
+    └─ DeviceError                 .device
+        ├─ UnreachableError        no connection, or lost                        retry after the cable
+        ├─ DeviceTimeoutError      also a builtin TimeoutError                   retry once
+        ├─ WireProtocolError       bytes the document does not allow; .frame     report, do not retry
+        ├─ RefusedError            the device said no; .vendor_code, .vendor_text
+        ├─ MotionStoppedError      emergency stop, protective stop, mode switch  operator
+        ├─ BusyError               two commands at once                          our bug
+        └─ WrongDeviceError        serial or model is not the one in cell.toml   operator
+"""
+
+from calibration.errors import CellError
+
+__all__ = [
+    "BusyError",
+    "CellError",
+    "DeviceError",
+    "DeviceTimeoutError",
+    "MotionStoppedError",
+    "RefusedError",
+    "UnreachableError",
+    "WireProtocolError",
+    "WrongDeviceError",
+]
+
+
+class DeviceError(CellError):
+    """A device did not do what was asked; ``device`` is its name in cell.toml."""
+
+    code = "device"
+
+    def __init__(self, device: str, message: str, *, remedy: str = "") -> None:
+        super().__init__(f"{device}: {message}", remedy=remedy)
+        self.device = device
+
+
+class UnreachableError(DeviceError):
+    """No connection, or the connection was lost."""
+
+    code = "device.unreachable"
+
+
+class DeviceTimeoutError(DeviceError, TimeoutError):
+    """The device did not answer within its deadline."""
+
+    code = "device.timeout"
+
+
+class WireProtocolError(DeviceError):
+    """The device sent something its document does not allow."""
+
+    code = "device.protocol"
+
+    def __init__(self, device: str, message: str, *, remedy: str = "", frame: str = "") -> None:
+        super().__init__(device, message, remedy=remedy)
+        self.frame = frame
+
+
+class RefusedError(DeviceError):
+    """The device understood and said no."""
+
+    code = "device.refused"
+
+    def __init__(
+        self, device: str, message: str, *, remedy: str = "", vendor_code: int = 0, vendor_text: str = ""
+    ) -> None:
+        super().__init__(device, message, remedy=remedy)
+        self.vendor_code = vendor_code
+        self.vendor_text = vendor_text
+
+
+class MotionStoppedError(DeviceError):
+    """The robot was stopped by its safety system, its operator or its mode switch."""
+
+    code = "device.stopped"
+
+
+class BusyError(DeviceError):
+    """A second command while one is under way: a bug of ours."""
+
+    code = "device.busy"
+
+
+class WrongDeviceError(DeviceError):
+    """The serial number or model is not the one in cell.toml."""
+
+    code = "device.wrong"

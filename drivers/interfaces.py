@@ -1,0 +1,241 @@
+"""What a procedure may ask of a device. Protocols for the type checker, frozen dataclasses for the borders.
+
+Optional abilities are Protocols of their own, one per flag of the capabilities:
+
+=============================  ==========================
+flag                           Protocol
+=============================  ==========================
+``moves_joints``               ``MovesJoints``
+``jogs_single_axes``           ``JogsAxes``
+``writes_mastering``           ``MasteringStore``
+``writes_tool_frame``          ``ToolFrameStore``
+``writes_user_frame``          ``UserFrameStore``
+=============================  ==========================
+
+SI units. Every call ends within the deadline of the driver's configuration or raises a DeviceError.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from calibration.geometry import Pose
+from calibration.mastering import DriveTrain
+
+Joints = tuple[float, ...]
+Counts = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who answers at this address."""
+
+    vendor: str
+    model: str
+    serial: str
+    firmware: str
+
+
+class Readiness(StrEnum):
+    """Whether a device can be used, and if not, who must act."""
+
+    READY = "ready"
+    NOT_READY = "not_ready"  # a person at the device can make it ready
+    STOPPED = "stopped"  # emergency or protective stop
+    POSITION_LOST = "position_lost"  # encoders or mastering: the recovery's business
+    UNREACHABLE = "unreachable"
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One active alarm in the maker's words."""
+
+    code: str  # "SRVO-062"
+    text: str  # "BZAL alarm (Group:1 Axis:3)"
+    axis: int | None = None  # 0-based, where the alarm names one
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """Ready, or why not. ``message`` and ``remedy`` are sentences for a technician."""
+
+    readiness: Readiness
+    message: str = ""
+    remedy: str = ""
+    alarms: tuple[Alarm, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class JointReading:
+    """Joint angles as the controller believes them, with the raw form they came in."""
+
+    joints_rad: Joints
+    moving: bool
+    taken_at_s: float  # host monotonic clock
+    device_time_s: float | None = None
+    raw: str = ""  # hex of the wire form
+
+
+@dataclass(frozen=True, slots=True)
+class RobotCapabilities:
+    """What this robot can do; a procedure's needs are compared with this before it is offered."""
+
+    axes: int
+    moves_joints: bool = True
+    moves_linear: bool = False
+    hand_guiding: bool = False
+    jogs_single_axes: bool = False
+    reads_encoder_counts: bool = False
+    writes_mastering: bool = False
+    writes_tool_frame: bool = False
+    writes_user_frame: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class MasteringData:
+    """The controller's mastering: joints = drive.joints(counts, counts_at_zero) when ``mastered``."""
+
+    counts_at_zero: Counts
+    mastered: bool
+
+
+class Device(Protocol):
+    """Anything in the cell with a cable, or a pair of hands."""
+
+    @property
+    def name(self) -> str: ...
+    async def identify(self) -> Identity: ...
+    async def condition(self) -> Condition:
+        """Never raises for a sulking device: an unreachable one has a condition too."""
+        ...
+
+
+class Robot(Device, Protocol):
+    """An arm. Each sentence below is a test in tests/wire/contract_robot.py.
+
+    A move returns when the arm has settled at the target, or raises. A cancelled move stops the arm, waits for
+    standstill and re-raises. A second command during a move raises BusyError at once. Reading never moves the arm.
+    Writes are read back. Every call ends within its configured deadline.
+    """
+
+    @property
+    def capabilities(self) -> RobotCapabilities: ...
+    async def joints(self) -> JointReading: ...
+    async def flange_pose(self) -> Pose:
+        """Return base_flange as the controller reports it, the active tool taken off."""
+        ...
+
+    async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None: ...
+    async def stop(self) -> None:
+        """Ask the robot to stop and wait for standstill. May be called at any time, also twice."""
+        ...
+
+
+class JogsAxes(Protocol):
+    """Robots with capabilities.jogs_single_axes: one axis at a time, also while not mastered."""
+
+    async def jog_axis(self, axis: int, delta_rad: float, *, speed_rad_s: float) -> None:
+        """Turn one joint by ``delta_rad`` (relative), wait until it has settled. Cancel and busy as for a move."""
+        ...
+
+
+class MasteringStore(Protocol):
+    """Robots with capabilities.writes_mastering."""
+
+    async def encoder_counts(self) -> Counts:
+        """Read the pulse coder counts of all axes in one telegram."""
+        ...
+
+    async def mastering(self) -> MasteringData: ...
+    async def drive_train(self) -> DriveTrain: ...
+    async def encoder_epoch(self) -> int:
+        """Return a number that changes when the encoders may have lost their position."""
+        ...
+
+    async def write_mastering(self, counts_at_zero: Counts) -> MasteringData:
+        """Write, make it effective, read back. All axes or none: on a partial write the old data are restored."""
+        ...
+
+    async def reset_position_alarms(self) -> None:
+        """Acknowledge a lost position (FANUC: RES_PCA). Idempotent; the controller may ask for a power cycle."""
+        ...
+
+
+class ToolFrameStore(Protocol):
+    """Robots with capabilities.writes_tool_frame."""
+
+    async def read_tool_frame(self, number: int) -> Pose: ...
+    async def write_tool_frame(self, number: int, flange_tool: Pose) -> Pose:
+        """Write, read back, return what was read."""
+        ...
+
+
+class UserFrameStore(Protocol):
+    """Robots with capabilities.writes_user_frame."""
+
+    async def read_user_frame(self, number: int) -> Pose: ...
+    async def write_user_frame(self, number: int, base_user: Pose) -> Pose:
+        """Write, read back, return what was read."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class GaugeCapabilities:
+    """What a length gauge can do."""
+
+    range_m: float
+    resolution_m: float
+    sigma_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One length. ``raw`` is the wire form, so that the journal can be evaluated again after a bug."""
+
+    value_m: float
+    sigma_m: float
+    taken_at_s: float  # host monotonic clock
+    raw: int
+
+
+class DistanceGauge(Device, Protocol):
+    """Draw-wire, touch probe: one length at a time. A reading is fresh: taken after the call began."""
+
+    @property
+    def capabilities(self) -> GaugeCapabilities: ...
+    async def distance(self) -> Reading: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """Something a person must do or look at. ``key`` is stable, for scripts and translations."""
+
+    key: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A number or a text that only a person knows."""
+
+    key: str
+    text: str
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a person said, and who."""
+
+    who: str
+    value: str = "yes"
+
+
+class Operator(Protocol):
+    """The technician."""
+
+    async def confirm(self, instruction: Instruction) -> Answer:
+        """Return when the person says yes; raise DeclinedError-like RefusedError on no."""
+        ...
+
+    async def enter(self, question: Question) -> Answer: ...
