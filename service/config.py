@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from drivers.registry import GaugeConfig, RobotConfig
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
 from calibration.errors import CellError
-from drivers.registry import GaugeConfig, RobotConfig
 
 Triple = tuple[float, float, float]
 
@@ -146,13 +146,20 @@ class _Reader:
             if key not in _TABLES:
                 self.faults.append((key, f"unknown table; {_nearest(key, _TABLES)}"))
         cell = self._model(CellTable, document.get("cell", {}), "cell")
-        robots = [self._device(RobotConfig, table, f"robot[{i}]") for i, table in enumerate(self._tables(document, "robot"))]
-        gauges = [self._gauge(table, f"gauge[{i}]") for i, table in enumerate(self._tables(document, "gauge"))]
+        robots = [
+            self._device(RobotConfig, table, f"robot[{i}]")
+            for i, table in enumerate(self._tables(document, "robot"))
+        ]
+        gauges = [
+            self._gauge(table, f"gauge[{i}]") for i, table in enumerate(self._tables(document, "gauge"))
+        ]
         watch = self._model(WatchTable, document.get("watch", {}), "watch")
         if not robots and "robot" not in dict(self.faults):
             self.faults.append(("robot", "a cell needs at least one [[robot]]"))
         if not self.faults:
-            self._names([r.name for r in robots] + [g.device.name for g in gauges], gauges, {r.name for r in robots})
+            self._names(
+                [r.name for r in robots] + [g.device.name for g in gauges], gauges, {r.name for r in robots}
+            )
         if self.faults:
             raise ConfigError(self.path, self.faults)
         return CellConfig(
@@ -191,7 +198,9 @@ class _Reader:
             return build()
         except ValidationError as error:
             for fault in error.errors():
-                path = ".".join(str(part) for part in fault["loc"] if str(part) != fault.get("ctx", {}).get("tag"))
+                path = ".".join(
+                    str(part) for part in fault["loc"] if str(part) != fault.get("ctx", {}).get("tag")
+                )
                 key = str(fault["loc"][-1]) if fault["loc"] else ""
                 sentence = fault["msg"]
                 if fault["type"] == "extra_forbidden":

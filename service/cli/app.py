@@ -1,0 +1,71 @@
+"""The command line: one file a group of commands; heavy imports inside the commands."""
+
+import logging
+import sys
+import traceback
+from collections.abc import Sequence
+
+from cyclopts import App, CycloptsError
+from rich.console import Console
+from rich.markup import escape
+
+from calibration.errors import CellError
+from service.cli.cells import check, fakes
+from service.cli.demo import demo
+from service.cli.identify import identify
+from service.cli.models import models
+from service.cli.runs import procedures, resume, run, runs, show
+from service.exit_codes import ExitCode, exit_code_of
+
+app = App(
+    name="cellcal",
+    help="Bring a robot cell's zero positions, tool, frames and kinematics back to the truth.",
+    version_flags=["--version"],
+    help_format="plaintext",
+    result_action="return_value",
+)
+for command in (demo, fakes, check, procedures, run, runs, show, resume, identify, models):
+    app.command(command)
+
+
+def run_command_line(arguments: Sequence[str]) -> int:
+    """Run one command and return its exit code; an error becomes a sentence, never a trace.
+
+    Standard output carries results only; progress, logs and errors go to standard error.
+
+    """
+    logging.basicConfig(
+        level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s"
+    )
+    console = Console(stderr=True)
+    try:
+        result = app(list(arguments), exit_on_error=False, print_error=True, error_console=console)
+    except CycloptsError:
+        return ExitCode.USAGE
+    except (CellError, KeyboardInterrupt) as error:
+        return _say(console, error)
+    except BaseExceptionGroup as group:
+        return _say(console, *_leaves(group))
+    return int(result) if isinstance(result, int) else ExitCode.PASS
+
+
+def _leaves(error: BaseException) -> list[BaseException]:
+    if isinstance(error, BaseExceptionGroup):
+        return [leaf for inner in error.exceptions for leaf in _leaves(inner)]
+    return [error]
+
+
+def _say(console: Console, *errors: BaseException) -> int:
+    for error in errors:
+        if isinstance(error, CellError):
+            console.print(f"[bold red]{escape(error.message)}[/]", highlight=False)
+            if error.remedy:
+                console.print(f"[bold]What to do:[/] {escape(error.remedy.strip())}", highlight=False)
+        elif isinstance(error, KeyboardInterrupt):
+            console.print("Cancelled. Everything that was acknowledged is kept; `cellcal resume` goes on.")
+        else:
+            console.print(
+                f"[bold red]Internal error:[/] {escape(repr(error))}. This is our bug; please report it."
+            )
+            traceback.print_exception(error)
+    return exit_code_of(errors[0])
