@@ -1,7 +1,8 @@
 """cell.toml, read once into frozen models. Nothing else in the product reads configuration.
 
 Millimetres and degrees appear in the file only, spelled ``_mm`` and ``_deg``; the models give SI.
-Every fault of a file is reported at once, each with its key path and, for an unknown key, the nearest valid one.
+Every fault of a file is reported at once, each with its key path and, for an unknown key, the nearest
+valid one.
 """
 
 import difflib

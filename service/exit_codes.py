@@ -22,6 +22,15 @@ class ExitCode(IntEnum):
     BUSY = 9
 
 
+# The first row that fits decides: the narrow scenarios stand above the wide ones.
+_BY_TYPE: tuple[tuple[type[BaseException], ExitCode], ...] = (
+    (KeyboardInterrupt, ExitCode.CANCELLED),
+    (asyncio.CancelledError, ExitCode.CANCELLED),
+    (MotionStoppedError, ExitCode.STOPPED),
+    (BusyError, ExitCode.BUSY),
+    (DeviceError, ExitCode.UNREACHABLE),
+    (CalibrationError, ExitCode.REFUSED),
+)
 _BY_CODE = {
     "config": ExitCode.USAGE,
     "usage": ExitCode.USAGE,
@@ -34,21 +43,11 @@ _BY_CODE = {
 
 def exit_code_of(error: BaseException) -> ExitCode:
     """Return the exit code that belongs to an error."""
-    if isinstance(error, (KeyboardInterrupt, asyncio.CancelledError)):
-        return ExitCode.CANCELLED
-    if isinstance(error, MotionStoppedError):
-        return ExitCode.STOPPED
-    if isinstance(error, BusyError):
-        return ExitCode.BUSY
-    if isinstance(error, DeviceError):
-        return ExitCode.UNREACHABLE
-    if isinstance(error, CellError):
-        by_code = _BY_CODE.get(error.code)
-        if by_code is not None:
-            return by_code
-        return (
-            ExitCode.REFUSED
-            if isinstance(error, CalibrationError) or error.code.startswith("procedure")
-            else ExitCode.INTERNAL
-        )
+    if isinstance(error, CellError) and error.code in _BY_CODE:
+        return _BY_CODE[error.code]
+    for kind, code in _BY_TYPE:
+        if isinstance(error, kind):
+            return code
+    if isinstance(error, CellError) and error.code.startswith("procedure"):
+        return ExitCode.REFUSED
     return ExitCode.INTERNAL

@@ -1,8 +1,8 @@
 """Follows the robots and sees an encoder loss by itself.
 
-Three independent witnesses, each enough: the controller's own alarms, the encoder epoch, and counts that jump further
-between two looks than the arm could have moved. The last healthy counts are kept on disk, because after a loss they tell
-to within a few turns where each motor stood.
+Three independent witnesses, each enough: the controller's own alarms, the encoder epoch, and counts that jump
+further between two looks than the arm could have moved. The last healthy counts are kept on disk: after a
+loss they tell to within a few turns where each motor stood.
 """
 
 import asyncio
@@ -51,7 +51,7 @@ class PositionLoss:
 
 
 class LastHealthyCounts:
-    """One small file per robot, replaced atomically. An observation, not a record: nothing is proved from it."""
+    """One small file per robot, replaced atomically: an observation, not a record."""
 
     def __init__(self, data_dir: Path) -> None:
         self._dir = data_dir
@@ -154,7 +154,8 @@ class Watch:
             moved_rad = np.abs((await self._drive_train()).joints(np.array(counts), np.array(before)))
             if float(moved_rad.max()) > reach_rad:
                 axis = int(moved_rad.argmax())
-                return f"the count of axis {axis + 1} jumped by {np.rad2deg(moved_rad[axis]):.1f} deg without motion"
+                jump_deg = np.rad2deg(moved_rad[axis])
+                return f"the count of axis {axis + 1} jumped by {jump_deg:.1f} deg without motion"
         self._seen = (now_s, counts)
         self._remember(counts, epoch)
         return None

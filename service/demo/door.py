@@ -1,0 +1,37 @@
+"""The fake cell's control door, seen from outside: set a fault, advance time, and, for tests and the demo, the truth."""
+
+import asyncio
+import json
+from typing import Any
+
+from calibration.errors import CellError
+
+
+class Door:
+    """One JSON object a line in, one out. No procedure gets hold of this."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host, self._port = host, port
+
+    async def ask(self, verb: str, **arguments: Any) -> dict[str, Any]:
+        """Send one command and return its answer; raise CellError with the door's own words if it says no."""
+        async with asyncio.timeout(20.0):
+            reader, writer = await asyncio.open_connection(self._host, self._port)
+            try:
+                writer.write(json.dumps({"do": verb, **arguments}).encode() + b"\n")
+                await writer.drain()
+                answer: dict[str, Any] = json.loads(await reader.readline())
+            finally:
+                writer.close()
+                await writer.wait_closed()
+        if "error" in answer:
+            raise CellError(f"the fake cell refused {verb!r}: {answer['error']}", code="fake")
+        return answer
+
+    async def fault(self, name: str, **arguments: Any) -> dict[str, Any]:
+        """Let something go wrong in the world."""
+        return await self.ask("fault", name=name, **arguments)
+
+    async def truth(self) -> dict[str, Any]:
+        """Return what no procedure may know."""
+        return await self.ask("truth")

@@ -1,0 +1,154 @@
+"""A whole cell on loopback: its cell file, and the process that plays its devices."""
+
+import asyncio
+import json
+import random
+import socket
+import sys
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from calibration.errors import CellError
+from service.demo.door import Door
+
+# ur-rtde cannot be told other ports, so every fake robot needs a loopback address of its own.
+_PORTS = (29999, 30001, 30002, 30003, 30004, 1502, 29536)
+_START_S = 30.0
+
+_CELL_FILE = """\
+# Written by `cellcal demo`: a fake cell on loopback. Edit and run it with `cellcal fakes` and `cellcal run`.
+[cell]
+name = "demo"
+data_dir = {data_dir}
+
+[[robot]]
+name = "fanuc"
+driver = "modbus_robot"
+profile = "fanuc_hmi"
+address = "{address}"
+port = 1502
+model = "fanuc_m6ib"
+serial = "F-104711"
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+settle_s = {settle_s}
+
+[[robot]]
+name = "ur"
+driver = "universal_robots"
+address = "{address}"
+model = "ur10e"
+serial = "20225500042"
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+
+[[gauge]]
+name = "wire"
+driver = "draw_wire"
+interface = "socketcand"
+host = "{address}"
+port = 29536
+channel = "can0"
+node_id = 7
+serial = 4711
+range_m = 3.0
+sigma_m = 0.0002
+deadline_s = 1.0
+robot = "fanuc"
+anchor_in_base_mm = [900.0, -700.0, -450.0]
+hook_in_flange_mm = [60.0, 50.0, 120.0]
+anchor_sigma_mm = 10.0
+hook_sigma_mm = 2.0
+
+[watch]
+period_s = 0.2
+recover_alone = true
+
+[fake]
+seed = {seed}
+time_factor = {time_factor}
+control_port = 0
+"""
+
+
+@contextmanager
+def free_address() -> Iterator[str]:
+    """Find a loopback address on which none of the devices' ports is taken."""
+    for _ in range(200):
+        address = f"127.{random.randint(1, 254)}.{random.randint(0, 254)}.{random.randint(2, 254)}"
+        if all(_is_free(address, port) for port in _PORTS):
+            yield address
+            return
+    raise CellError(
+        "no loopback address is free for the fake cell.",
+        remedy="Linux gives 127.0.0.0/8 to everybody; on macOS add one with `sudo ifconfig lo0 alias 127.0.0.2`.",
+        code="fake",
+    )
+
+
+def _is_free(address: str, port: int) -> bool:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((address, port))
+        except OSError:
+            return False
+    return True
+
+
+def write_cell_file(folder: Path, address: str, *, seed: int, time_factor: float) -> Path:
+    """Write the demo's cell file into ``folder``; devices listen on ``address``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "cell.toml"
+    data_dir = json.dumps(str(folder / "data"))
+    settle_s = max(0.01, 1.0 / time_factor)  # one second of the world's time
+    text = _CELL_FILE.format(
+        address=address, seed=seed, time_factor=time_factor, data_dir=data_dir, settle_s=settle_s
+    )
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@asynccontextmanager
+async def running_fakes(cell_file: Path) -> AsyncIterator[Door]:
+    """Run the devices that the file names in their own process, until the block ends."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "fake_devices", str(cell_file), "--watch-stdin",
+        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        ready = await _ready_line(process)
+        host, port = ready["control"]
+        yield Door(str(host), int(port))
+    finally:
+        await _end(process)
+
+
+async def _ready_line(process: asyncio.subprocess.Process) -> dict[str, Any]:
+    assert process.stdout is not None
+    with suppress(TimeoutError, ValueError):
+        async with asyncio.timeout(_START_S):
+            line = await process.stdout.readline()
+            ready: dict[str, Any] = json.loads(line)
+            return ready
+    raise CellError(
+        "the fake devices did not start.",
+        remedy="Run `python -m fake_devices CELL.toml` by itself and read what it says.",
+        code="fake",
+    )
+
+
+async def _end(process: asyncio.subprocess.Process) -> None:
+    if process.returncode is None:
+        with suppress(ProcessLookupError):
+            process.terminate()
+        try:
+            async with asyncio.timeout(5.0):
+                await process.wait()
+        except TimeoutError:
+            process.kill()
+            await process.wait()
+    if process.stdin is not None:
+        process.stdin.close()
