@@ -15,7 +15,7 @@ Array: TypeAlias = NDArray[np.float64]
 class Pose:
     """A frame seen from another: ``base_flange`` is the flange seen from the base.
 
-    Frozen tuples, so that a pose compares, hashes, prints and serialises; arrays live inside ``calibration`` only.
+    Frozen tuples, so that a pose compares, hashes, prints and serialises; arrays stay in ``calibration``.
     """
 
     position_m: tuple[float, float, float]
@@ -99,4 +99,114 @@ def quaternion_from_rotation(rotation: Array) -> Array:
     best = np.argmax(squares, axis=-1)
     quaternion = np.take_along_axis(products, best[..., None, None], axis=-2)[..., 0, :]
     quaternion = quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
-    return np.where(quaternion[..., :1] < 0, -quaternion, quaternion)
+    unique: Array = np.where(quaternion[..., :1] < 0, -quaternion, quaternion)
+    return unique
+
+
+def inverse_transform(matrix: Array) -> Array:
+    """Return the inverses of rigid transforms (…, 4, 4)."""
+    matrix = np.asarray(matrix, dtype=float)
+    transposed = np.swapaxes(matrix[..., :3, :3], -1, -2)
+    return homogeneous(transposed, -(transposed @ matrix[..., :3, 3:])[..., 0])
+
+
+def is_rigid(matrix: Array, *, tolerance: float = 1e-6) -> bool:
+    """Tell whether all of (…, 4, 4) are finite, orthonormal, right-handed and end in 0 0 0 1."""
+    matrix = np.asarray(matrix, dtype=float)
+    if matrix.shape[-2:] != (4, 4) or not np.isfinite(matrix).all():
+        return False
+    return bool(np.abs(matrix[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max() <= tolerance) and is_rotation(
+        matrix[..., :3, :3], tolerance=tolerance
+    )
+
+
+def is_rotation(rotation: Array, *, tolerance: float = 1e-6) -> bool:
+    """Tell whether all of (…, 3, 3) are finite, orthonormal and right-handed."""
+    rotation = np.asarray(rotation, dtype=float)
+    if rotation.shape[-2:] != (3, 3) or not np.isfinite(rotation).all():
+        return False
+    defect = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max()
+    return bool(defect <= tolerance) and bool((np.linalg.det(rotation) > 0).all())
+
+
+def skew(vector: Array) -> Array:
+    """Return (…, 3, 3) with ``skew(v) @ w == v x w``."""
+    x, y, z = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def exp_rotation(vector_rad: Array) -> Array:
+    """Return (…, 3, 3) rotations from (…, 3) rotation vectors [rad]."""
+    vector = np.asarray(vector_rad, dtype=float)
+    angle = np.linalg.norm(vector, axis=-1)[..., None]
+    # np.sinc(x) is sin(pi x) / (pi x): sin(angle / 2) / angle, right down to zero.
+    return rotation_from_quaternion(
+        np.concatenate([np.cos(angle / 2), vector * np.sinc(angle / (2 * np.pi)) / 2], axis=-1)
+    )
+
+
+def log_rotation(rotation: Array) -> Array:
+    """Return (…, 3) rotation vectors [rad], at most pi long; at pi the first non-zero component is positive."""
+    quaternion = quaternion_from_rotation(rotation)
+    w, xyz = quaternion[..., :1], quaternion[..., 1:]
+    sine = np.linalg.norm(xyz, axis=-1, keepdims=True)
+    # 2 atan2(s, w) / s tends to 2 / w, and w to 1, where s vanishes.
+    factor = np.where(sine > 1e-12, 2 * np.arctan2(sine, w) / np.where(sine > 1e-12, sine, 1.0), 2.0)
+    first = np.take_along_axis(xyz, np.argmax(np.abs(xyz) > 1e-9, axis=-1)[..., None], axis=-1)
+    return np.where((w < 1e-15) & (first < 0), -1.0, 1.0) * factor * xyz
+
+
+def exp_twist(twist: Array) -> Array:
+    """Return (…, 4, 4) rigid transforms from twists (…, 6): v [m], then w [rad].
+
+    References
+    ----------
+    R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to Robotic Manipulation, 1994, eq. 2.36.
+    """
+    twist = np.asarray(twist, dtype=float)
+    v, w = twist[..., :3], twist[..., 3:]
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    cross = skew(w)
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    first = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    second = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
+    left = np.eye(3) + first * cross + second * (cross @ cross)
+    return homogeneous(exp_rotation(w), (left @ v[..., None])[..., 0])
+
+
+def log_transform(matrix: Array) -> Array:
+    """Return twists (…, 6) with ``exp_twist(twist) == matrix``, for angles below pi."""
+    matrix = np.asarray(matrix, dtype=float)
+    w = log_rotation(matrix[..., :3, :3])
+    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    cross = skew(w)
+    small = angle < 1e-3
+    safe = np.where(small, 1.0, angle)
+    second = np.where(
+        small, 1 / 12 + angle**2 / 720, 1 / safe**2 - (1 + np.cos(safe)) / (2 * safe * np.sin(safe))
+    )
+    inverse_left = np.eye(3) - 0.5 * cross + second * (cross @ cross)
+    return np.concatenate([(inverse_left @ matrix[..., :3, 3:])[..., 0], w], axis=-1)
+
+
+def mean_rotation(rotations: Array) -> Array:
+    """Return the (3, 3) rotation nearest to all of (N, 3, 3): the chordal mean.
+
+    References
+    ----------
+    R. Hartley et al., Rotation Averaging, Int. J. Computer Vision 103 (2013) 267, section 5.
+    """
+    return nearest_rotation(np.mean(np.asarray(rotations, dtype=float), axis=0))
+
+
+def nearest_rotation(matrix: Array) -> Array:
+    """Return the rotation nearest to a (3, 3) matrix in the least-squares sense."""
+    u, singular, vt = np.linalg.svd(matrix)
+    if singular[1] < 1e-9 * max(singular[0], 1e-300):
+        raise CalibrationError("no rotation is nearest to this matrix")
+    u[:, 2] *= np.sign(np.linalg.det(u @ vt))
+    rotation: Array = u @ vt
+    return rotation
