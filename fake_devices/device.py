@@ -1,0 +1,45 @@
+"""What the host and the control door need of every fake device.
+
+A package of fakes offers ``create(world, table) -> FakeDevice``; ``table`` is the device's table of the cell
+file. Its name stands in ``fake_devices.cell.FACTORIES`` under the driver that the file names. Only a device's
+server knows sockets; it opens them in ``start``.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+JsonObject = dict[str, Any]
+
+
+class FaultRefusedError(ValueError):
+    """The fault cannot be set: unknown name or parameter. The door answers with the text."""
+
+
+class FakeDevice(Protocol):
+    """One device of the cell, listening."""
+
+    @property
+    def name(self) -> str: ...
+    async def start(self) -> None:
+        """Bind the sockets; raise OSError when an address is taken."""
+        ...
+
+    async def stop(self) -> None:
+        """Close every socket and end every task."""
+        ...
+
+    def fault_names(self) -> frozenset[str]:
+        """Return the faults that this device can show."""
+        ...
+
+    async def fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        """Let one fault happen; what is returned goes out through the door. Refuse nonsense."""
+        ...
+
+    def clear(self) -> None:
+        """Take all link faults away; the world stays as it is."""
+        ...
+
+    def truth(self) -> JsonObject:
+        """Return what no procedure may know, ready for JSON."""
+        ...
