@@ -1,0 +1,94 @@
+"""What can be run: name, version, what it needs of a cell, what it will do."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any, get_type_hints
+
+from pydantic import TypeAdapter
+
+from procedures.cell import Cell
+from procedures.run import NeedsUnmetError, ProcedureError, Run
+
+
+class UnknownProcedureError(ProcedureError):
+    """No procedure has this name."""
+
+    code = "procedure.unknown"
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """A step of an outline. ``repeats`` steps are called ``name 1``, ``name 2``, …; None is one step ``name``.
+
+    When ``adaptive``, the number is what is expected; the measurements decide.
+    """
+
+    name: str
+    repeats: int | None = None
+    adaptive: bool = False
+
+    @property
+    def steps(self) -> tuple[str, ...]:
+        """The names of the steps expected here."""
+        if self.repeats is None:
+            return (self.name,)
+        return tuple(f"{self.name} {k}" for k in range(1, self.repeats + 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Keepsake:
+    """A result that outlives its run."""
+
+    what: str  # mastering_record, tool_frame, user_frame
+    subject: str
+    value: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One procedure of the catalogue."""
+
+    name: str
+    title: str
+    version: int  # raised when a step is renamed, added or removed
+    procedure: Callable[[Run, Any], Awaitable[Any]]
+    spec_type: type
+    needs: tuple[str, ...]
+    outline: Callable[[Any], tuple[Phase, ...]]
+    keeps: Callable[[Any, Any], Keepsake | None]  # spec, result
+    epoch_may_change: bool = False  # it expects a lost position; it checks the epoch itself
+
+    def result_codec(self) -> TypeAdapter[Any]:
+        """Return how the procedure's result is written down."""
+        return TypeAdapter(get_type_hints(self.procedure)["return"])
+
+    def expected_steps(self, spec: Any) -> int:
+        """Return how many steps a run with this spec is expected to have."""
+        return sum(len(phase.steps) for phase in self.outline(spec))
+
+
+NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
+    "moves_joints": ("a robot that moves on command", lambda cell: cell.robot.capabilities.moves_joints),
+    "jogs_single_axes": ("a robot that jogs single axes", lambda cell: cell.jogs is not None),
+    "writes_mastering": ("access to encoder counts and mastering", lambda cell: cell.mastering is not None),
+    "writes_tool_frame": ("access to the tool frames", lambda cell: cell.tool_frames is not None),
+    "writes_user_frame": ("access to the user frames", lambda cell: cell.user_frames is not None),
+    "gauge": ("a length gauge", lambda cell: cell.gauge is not None),
+    "gauge_setup": ("where the wire is fixed (cell.toml)", lambda cell: cell.gauge_setup is not None),
+}
+
+
+def missing(entry: Entry, cell: Cell) -> tuple[str, ...]:
+    """Return what this cell lacks for a procedure, in a technician's words."""
+    return tuple(NEEDS[need][0] for need in entry.needs if not NEEDS[need][1](cell))
+
+
+def refuse_unmet(entry: Entry, cell: Cell) -> None:
+    """Raise NeedsUnmetError when the cell lacks something."""
+    lacks = missing(entry, cell)
+    if lacks:
+        raise NeedsUnmetError(
+            f"{entry.title} needs {', '.join(lacks)}",
+            missing=lacks,
+            remedy="Add it to cell.toml, or choose another procedure.",
+        )

@@ -1,0 +1,78 @@
+"""What a run already knows: a pure fold over its journalled events."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+
+class Kind(StrEnum):
+    """The events of a run."""
+
+    STARTED = "run_started"
+    RESUMED = "run_resumed"
+    ENTERED = "step_entered"  # a step that only asks or reads
+    INTENT = "intent"  # a step that moves or writes is about to act
+    FINDING = "finding"  # the outcome of a step: its value
+    CONDITION = "condition"  # a standing condition was found to hold
+    FAILED = "failed"  # the outcome of a step that ended otherwise
+    APPROVAL = "approval"
+    PAUSED = "paused"
+    CONTINUED = "continued"
+    FORGOTTEN = "forgotten"  # findings after the n-th no longer count; nothing is deleted
+    STORED = "stored"  # a result that outlives its run: mastering record, tool, frame
+    ENDED = "run_ended"
+
+
+class Effect(StrEnum):
+    """What a step does to the world."""
+
+    NONE = "none"
+    MOVE = "move"
+    WRITE = "write"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """The value of one step, with what it was asked for. JSON values."""
+
+    step: str
+    inputs: Any
+    value: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Past:
+    """Everything a resumed run starts from."""
+
+    findings: tuple[Finding, ...] = ()
+    attempts: Mapping[str, int] = field(default_factory=dict)
+    in_doubt: str | None = None  # a step that may have acted without an outcome
+    resumed: bool = False
+
+
+def fold(events: Iterable[tuple[str, Mapping[str, Any]]]) -> Past:
+    """Rebuild the past from (kind, body) in order."""
+    findings: list[Finding] = []
+    attempts: dict[str, int] = {}
+    in_doubt: str | None = None
+    seen = False
+    for kind, body in events:
+        seen = True
+        if kind in (Kind.ENTERED, Kind.INTENT):
+            attempts[body["step"]] = body["attempt"]
+        if kind == Kind.INTENT:
+            in_doubt = body["step"]
+        elif kind == Kind.FINDING:
+            findings.append(Finding(body["step"], body["inputs"], body["value"]))
+            in_doubt = None if in_doubt == body["step"] else in_doubt
+        elif kind == Kind.FAILED:
+            in_doubt = _doubt_after_failure(in_doubt, body)
+        elif kind == Kind.FORGOTTEN:
+            del findings[body["keep"] :]
+    return Past(tuple(findings), attempts, in_doubt, resumed=seen)
+
+
+def _doubt_after_failure(in_doubt: str | None, body: Mapping[str, Any]) -> str | None:
+    settled = body["stopped"] and body["effect"] != Effect.WRITE
+    return None if settled and in_doubt == body["step"] else in_doubt

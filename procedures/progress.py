@@ -1,0 +1,46 @@
+"""What a run shows while it goes on, and the gate where it can wait."""
+
+import asyncio
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """What a screen needs: which step, the how-manieth of how many, and what came of it."""
+
+    kind: str  # started, finding, replayed, condition, failed, asked, answered, paused, resumed, ended
+    step: str
+    index: int  # 1-based
+    expected: int
+    message: str = ""
+    value: Any = None  # JSON
+
+
+class Gate:
+    """Lets a run pause at the border between two steps."""
+
+    def __init__(self) -> None:
+        self._open = asyncio.Event()
+        self._open.set()
+
+    @property
+    def closed(self) -> bool:
+        """Whether the run will wait before its next step."""
+        return not self._open.is_set()
+
+    def pause(self) -> None:
+        """Let the present step finish, then wait."""
+        self._open.clear()
+
+    def resume(self) -> None:
+        """Go on."""
+        self._open.set()
+
+    async def passed(self) -> None:
+        """Wait until the gate is open."""
+        await self._open.wait()
+
+
+def ignore(_: Progress) -> None:
+    """Show nothing."""

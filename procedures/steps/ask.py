@@ -1,0 +1,32 @@
+"""Steps that ask the technician."""
+
+from drivers.errors import RefusedError
+from drivers.interfaces import Answer, Instruction, Question
+from procedures.cell import Cell
+from procedures.run import DeclinedError
+
+
+async def ask(cell: Cell, instruction: Instruction) -> Answer:
+    """Have a person do or look at something and say yes."""
+    try:
+        return await cell.operator.confirm(instruction)
+    except RefusedError as error:
+        raise DeclinedError(
+            f"declined: {instruction.text}", remedy="Resume the run when it can be done."
+        ) from error
+
+
+async def enter(cell: Cell, question: Question) -> Answer:
+    """Ask for a number or a text that only a person knows."""
+    try:
+        return await cell.operator.enter(question)
+    except RefusedError as error:
+        raise DeclinedError(
+            f"not answered: {question.text}", remedy="Resume the run when it is known."
+        ) from error
+
+
+async def accept(cell: Cell, instruction: Instruction, what_sha256: str) -> Answer:
+    """Have a person accept exactly what is shown: its hash is journalled with the answer."""
+    del what_sha256  # an input of the step: on replay it must be the same
+    return await ask(cell, instruction)

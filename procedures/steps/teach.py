@@ -1,0 +1,48 @@
+"""Steps in which the technician brings the arm somewhere and we read where it stands."""
+
+import asyncio
+from dataclasses import dataclass
+
+from calibration.geometry import Pose
+from drivers.interfaces import Instruction, JointReading, Joints
+from procedures.cell import Cell
+from procedures.run import ProcedureError
+from procedures.steps.ask import ask
+
+STILL_RAD = 1e-4
+STILL_TRIES = 20
+STILL_PAUSE_S = 0.1
+
+
+class StillMovingError(ProcedureError):
+    """A pose was asked for and the arm does not stand still."""
+
+    code = "procedure.still_moving"
+
+
+@dataclass(frozen=True, slots=True)
+class TaughtPose:
+    """Where the flange stood, how the joints stood, and who said it was right."""
+
+    base_flange: Pose
+    joints_rad: Joints
+    who: str
+
+
+async def teach(cell: Cell, instruction: Instruction) -> TaughtPose:
+    """Have a person place the arm; return where it stands still."""
+    answer = await ask(cell, instruction)
+    for _ in range(STILL_TRIES):
+        before = await cell.robot.joints()
+        base_flange = await cell.robot.flange_pose()
+        after = await cell.robot.joints()
+        if still(before, after):
+            return TaughtPose(base_flange, after.joints_rad, answer.who)
+        await asyncio.sleep(STILL_PAUSE_S)
+    raise StillMovingError("the arm is still moving", remedy="Let it come to rest, then confirm again.")
+
+
+def still(before: JointReading, after: JointReading) -> bool:
+    """Whether two readings show a resting arm."""
+    moved = max(abs(a - b) for a, b in zip(before.joints_rad, after.joints_rad, strict=True))
+    return not before.moving and not after.moving and moved <= STILL_RAD

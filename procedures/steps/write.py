@@ -1,0 +1,74 @@
+"""Steps that change a controller: each states a goal, writes only what does not hold yet, reads all back."""
+
+import math
+
+from calibration.geometry import Pose
+from drivers.interfaces import Counts, MasteringData
+from procedures.cell import Cell
+from procedures.run import NeedsUnmetError, ProcedureError
+
+WRITTEN_M = 5e-6  # controllers keep frames as float32 millimetres and degrees
+WRITTEN_RAD = 5e-6
+
+
+class ReadBackError(ProcedureError):
+    """The controller does not hold what was written."""
+
+    code = "procedure.read_back"
+
+
+async def write_and_read_back(cell: Cell, number: int, flange_tool: Pose) -> Pose:
+    """Make tool frame ``number`` be ``flange_tool`` and return what the controller then says."""
+    store = cell.tool_frames
+    if store is None:
+        raise NeedsUnmetError("this robot's tool frames cannot be written", missing=("writes_tool_frame",))
+    found = await store.read_tool_frame(number)
+    if not same_pose(found, flange_tool):
+        found = await store.write_tool_frame(number, flange_tool)
+    return _kept(f"tool frame {number}", found, flange_tool)
+
+
+async def write_user_frame(cell: Cell, number: int, base_user: Pose) -> Pose:
+    """Make user frame ``number`` be ``base_user`` and return what the controller then says."""
+    store = cell.user_frames
+    if store is None:
+        raise NeedsUnmetError("this robot's user frames cannot be written", missing=("writes_user_frame",))
+    found = await store.read_user_frame(number)
+    if not same_pose(found, base_user):
+        found = await store.write_user_frame(number, base_user)
+    return _kept(f"user frame {number}", found, base_user)
+
+
+async def write_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
+    """Make the controller's mastering be ``counts_at_zero`` and effective; return what it then says."""
+    store = cell.mastering
+    if store is None:
+        raise NeedsUnmetError("this robot's mastering cannot be written", missing=("writes_mastering",))
+    goal = MasteringData(tuple(counts_at_zero), mastered=True)
+    found = await store.mastering()
+    if found != goal:
+        await store.write_mastering(goal.counts_at_zero)
+        found = await store.mastering()
+    if found != goal:
+        raise ReadBackError(
+            f"mastering reads {found.counts_at_zero} after writing {goal.counts_at_zero}",
+            remedy="Do not move the robot in AUTO. Restore the old mastering data by hand.",
+        )
+    return found
+
+
+def same_pose(left: Pose, right: Pose) -> bool:
+    """Whether two poses are equal as far as a controller can store them."""
+    apart_m = math.dist(left.position_m, right.position_m)
+    cosine = min(abs(sum(a * b for a, b in zip(left.quaternion, right.quaternion, strict=True))), 1.0)
+    chord = math.sqrt(max(2.0 - 2.0 * cosine, 0.0))  # half the angle; acos would lose eight digits here
+    return apart_m <= WRITTEN_M and 2.0 * chord <= WRITTEN_RAD
+
+
+def _kept(what: str, found: Pose, goal: Pose) -> Pose:
+    if not same_pose(found, goal):
+        raise ReadBackError(
+            f"{what} reads {found} after writing {goal}",
+            remedy="Check that the frame is not write-protected.",
+        )
+    return found

@@ -1,0 +1,43 @@
+"""One run at a time per robot: a lock that the operating system takes back when its holder dies."""
+
+import fcntl
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from calibration.errors import CellError
+
+
+class LeaseHeldError(CellError):
+    """Somebody else is working on this robot."""
+
+    code = "busy"
+
+
+@contextmanager
+def lease(directory: Path, robot: str, holder: str) -> Iterator[None]:
+    """Hold the exclusive right to run procedures on a robot.
+
+    Raises
+    ------
+    LeaseHeldError
+        Another run holds it, in this process or another.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / f"{re.sub(r'[^A-Za-z0-9_-]', '_', robot)}.lock"
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            other = os.read(descriptor, 200).decode(errors="replace") or "somebody"
+            raise LeaseHeldError(
+                f"{other} is working on robot {robot}", remedy="Wait until that run has ended, or end it there."
+            ) from error
+        os.ftruncate(descriptor, 0)
+        os.write(descriptor, holder.encode())
+        yield
+    finally:
+        os.close(descriptor)
