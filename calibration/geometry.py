@@ -148,7 +148,7 @@ def exp_rotation(vector_rad: Array) -> Array:
 
 
 def log_rotation(rotation: Array) -> Array:
-    """Return (…, 3) rotation vectors [rad], at most pi long; at pi the first non-zero component is positive."""
+    """Return (…, 3) rotation vectors [rad], at most pi long; at pi, the first non-zero one is positive."""
     quaternion = quaternion_from_rotation(rotation)
     w, xyz = quaternion[..., :1], quaternion[..., 1:]
     sine = np.linalg.norm(xyz, axis=-1, keepdims=True)

@@ -263,13 +263,14 @@ def joint_columns(model: RobotModel, rotations: Array, origins: Array, tip: Arra
     return _couple(model, cross(rotations[:-1, :, 2], tip - origins[:-1]))
 
 
-def placement_columns(rotations: Array, origins: Array, tip: Array) -> Array:
+def placement_columns(rotations: Array, origins: Array, tip: Array, *, out: Array | None = None) -> Array:
     """Return (n + 1, 6, 3, N): d tip / d right twist (v, w) of each placement, from frames and tips (3, N).
 
-    ``reshape(6 * (n + 1), 3 * N)`` is free and gives the rows of the transposed design matrix.
+    ``reshape(6 * (n + 1), 3 * N)`` is free and gives the rows of the transposed design matrix. Iterations may
+    pass the last result as ``out``: touching fresh memory costs more than the arithmetic.
     """
     axes = rotations.swapaxes(1, 2)
-    columns = np.empty((len(rotations), 6, *origins.shape[1:]))
+    columns = np.empty((len(rotations), 6, *origins.shape[1:])) if out is None else out
     columns[:, :3] = axes
     cross(axes, (tip - origins)[:, None], out=columns[:, 3:])
     return columns
