@@ -1,0 +1,111 @@
+"""Coverage factors, and the rule that turns a value with an uncertainty into a verdict."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy.special import chdtri, ndtri, stdtrit
+
+from calibration.errors import CalibrationError
+
+
+class Verdict(StrEnum):
+    """What may be said about a limit. UNDECIDED means: measure more."""
+
+    PASS = "pass"
+    FAIL = "fail"
+    UNDECIDED = "undecided"
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """A verdict with everything that led to it; ``rule`` is a sentence for the certificate."""
+
+    verdict: Verdict
+    value: float
+    standard_uncertainty: float
+    guard_band: float
+    limit: float
+    rule: str
+
+
+def coverage_factor(degrees_of_freedom: float = float("inf"), probability: float = 0.95) -> float:
+    """Return the two-sided Student factor k: 2.45 for 6 degrees of freedom at 95 %.
+
+    With unlimited degrees of freedom and 95 % it is the conventional k = 2 rather than 1.96.
+    """
+    _require(
+        degrees_of_freedom > 0 and 0 < probability < 1, "coverage needs degrees of freedom > 0 and 0 < p < 1"
+    )
+    if np.isinf(degrees_of_freedom):
+        return 2.0 if probability == 0.95 else float(ndtri(0.5 + probability / 2.0))
+    return float(stdtrit(degrees_of_freedom, 0.5 + probability / 2.0))
+
+
+def effective_degrees_of_freedom(components: Sequence[tuple[float, float]]) -> float:
+    """Return the Welch-Satterthwaite degrees of freedom of (standard uncertainty, degrees of freedom) pairs.
+
+    References: JCGM 100:2008, Guide to the expression of uncertainty in measurement, G.4.1.
+    """
+    total = sum(u * u for u, _ in components)
+    spread = sum(u**4 / dof for u, dof in components if np.isfinite(dof))
+    return float("inf") if spread == 0.0 else total * total / spread
+
+
+def chi_square_limit(degrees_of_freedom: float, probability: float = 0.999) -> float:
+    """Return the value that chi square exceeds with probability ``1 - probability``."""
+    _require(degrees_of_freedom > 0, "chi square needs at least one degree of freedom")
+    return float(chdtri(degrees_of_freedom, 1.0 - probability))
+
+
+def decide(
+    value: float, standard_uncertainty: float, limit: float, *, degrees_of_freedom: float = float("inf")
+) -> Decision:
+    r"""Judge a value against an upper limit: conformity and non-conformity must both be proved.
+
+    PASS if ``x + g <= L``, FAIL if ``x - g > L``, otherwise UNDECIDED. The guard band is ``g = k u`` with the
+    one-sided 95 % factor (1.645, or Student's for few degrees of freedom).
+
+    Parameters
+    ----------
+    value : float
+        Magnitude x that must not exceed the limit, in any unit.
+    standard_uncertainty : float
+        u of the value, in the same unit, >= 0.
+    limit : float
+        L, in the same unit.
+    degrees_of_freedom : float
+        Of the uncertainty [1].
+
+    Returns
+    -------
+    Decision
+        The verdict and the rule in words.
+
+    Raises
+    ------
+    CalibrationError
+        An input is not finite or the uncertainty is negative.
+
+    References
+    ----------
+    ISO 14253-1, decision rules for verifying conformity or nonconformity with specifications.
+    """
+    finite = bool(np.isfinite([value, standard_uncertainty, limit]).all())
+    _require(finite and standard_uncertainty >= 0, "a decision needs finite numbers and an uncertainty >= 0")
+    _require(degrees_of_freedom > 0, "a decision needs at least one degree of freedom")
+    unlimited = np.isinf(degrees_of_freedom)
+    factor = float(ndtri(0.95)) if unlimited else float(stdtrit(degrees_of_freedom, 0.95))
+    guard = factor * standard_uncertainty
+    rule = f"proved at 95 % one-sided: guard band {factor:.2f} u (after ISO 14253-1)"
+    if value + guard <= limit:
+        verdict = Verdict.PASS
+    else:
+        verdict = Verdict.FAIL if value - guard > limit else Verdict.UNDECIDED
+    return Decision(verdict, value, standard_uncertainty, guard, limit, rule)
+
+
+def _require(holds: bool, message: str) -> None:
+    if not holds:
+        raise CalibrationError(message)
