@@ -1,0 +1,232 @@
+"""Modbus TCP, fenced: only the answer to this very request can become a value.
+
+What pymodbus leaves to its caller, and what is done about it here:
+
+* exception answers come back as values; each becomes a typed error from ``modbus_exceptions.tsv``
+* an answer with another function code, register count or transaction id 0 is handed over as if it were ours;
+  all three are compared
+* after a time-out the link stays up, and the late answer may meet the next request; a link that failed, or
+  whose request was cancelled, is dropped, and the next call makes a new one
+* a lost connection is noticed only at the end of the time-out; here it ends the request at once
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+from pymodbus.client import AsyncModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.pdu import ModbusPDU
+
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    RefusedError,
+    UnreachableError,
+    WireProtocolError,
+)
+from drivers.wire.backoff import Backoff
+from drivers.wire.tables import CodeEntry, code_table
+from drivers.wire.trace import FrameTrace
+
+Words = tuple[int, ...]
+Greeting = Callable[["ModbusLink"], Awaitable[None]]
+_Ask = Callable[[AsyncModbusTcpClient], Awaitable[ModbusPDU]]
+
+_READ, _WRITE = 3, 16
+_BUSY_PAUSES_S = (0.02, 0.05, 0.1)
+_CABLE = "Check its power and the network cable; the next call connects again by itself."
+_UNKNOWN = "Report this to the maker of the profile; the reading was not used."
+
+
+class _BusyAnswer(Exception):  # noqa: N818 - never leaves this module
+    def __init__(self, entry: CodeEntry) -> None:
+        self.entry = entry
+
+
+class ModbusLink:
+    """One Modbus TCP connection at a time, one request at a time, addresses counted from 1."""
+
+    def __init__(
+        self, device: str, host: str, port: int, *, deadline_s: float, greet: Greeting | None = None
+    ) -> None:
+        self.device = device
+        self.trace = FrameTrace(device)
+        self._host, self._port, self._deadline_s = host, port, deadline_s
+        self._greet = greet
+        self._client: AsyncModbusTcpClient | None = None
+        self._lost: asyncio.Future[None] | None = None
+        self._greeted = False
+        self._turn = asyncio.Lock()
+        self._backoff = Backoff()
+
+    async def open(self) -> None:
+        """Connect and check who answers; raises UnreachableError or what the greeting raises."""
+        async with self._turn:
+            await self._connect()
+
+    async def close(self) -> None:
+        """Hang up. May be called twice."""
+        self._drop()
+        await asyncio.sleep(0)  # lets the transport close its socket before the loop may end
+
+    async def read(self, address: int, count: int) -> Words:
+        """Read ``count`` holding registers (FC 3). A busy device is asked again a few times."""
+        async with self._turn:
+            for pause_s in _BUSY_PAUSES_S:
+                with suppress(_BusyAnswer):
+                    return await self._read_once(address, count)
+                await asyncio.sleep(pause_s)
+            try:
+                return await self._read_once(address, count)
+            except _BusyAnswer as busy:
+                raise self._refusal(busy.entry) from None
+
+    async def write(self, address: int, words: Sequence[int]) -> None:
+        """Write holding registers in one telegram (FC 16). Never repeated by itself."""
+        async with self._turn:
+            await self._connect()
+            try:
+                answer = await self._exchange(
+                    lambda client: client.write_registers(address - 1, list(words)), _WRITE
+                )
+            except _BusyAnswer as busy:
+                raise self._refusal(busy.entry) from None
+            if (answer.address, answer.count) != (address - 1, len(words)):
+                raise self._foreign(f"confirmed {answer.count} words at {answer.address + 1}")
+
+    async def read_during_greeting(self, address: int, count: int) -> Words:
+        """Read while the connection is being made; for greetings only."""
+        return await self._ask_registers(address, count)
+
+    async def _read_once(self, address: int, count: int) -> Words:
+        await self._connect()
+        return await self._ask_registers(address, count)
+
+    async def _ask_registers(self, address: int, count: int) -> Words:
+        answer = await self._exchange(
+            lambda client: client.read_holding_registers(address - 1, count=count), _READ
+        )
+        words = tuple(answer.registers)
+        if len(words) != count:
+            raise self._foreign(f"sent {len(words)} registers instead of {count}")
+        return words
+
+    async def _connect(self) -> None:
+        if self._client is not None and self._client.connected and self._greeted:
+            return
+        self._drop()
+        await self._backoff.wait()
+        try:
+            await self._dial()
+            if self._greet is not None:
+                await self._greet(self)
+            self._greeted = True
+        except BaseException:
+            self._backoff.failed()
+            self._drop()
+            raise
+        self._backoff.succeeded()
+
+    async def _dial(self) -> None:
+        self._lost = asyncio.get_running_loop().create_future()
+        self._client = AsyncModbusTcpClient(
+            self._host, port=self._port, timeout=self._deadline_s, retries=0, reconnect_delay=0,
+            trace_packet=self._seen, trace_connect=self._connection_changed,
+        )  # fmt: skip
+        if not await self._client.connect():
+            where = f"{self._host}:{self._port}"
+            raise UnreachableError(self.device, f"no connection to {where}.", remedy=_CABLE)
+
+    async def _exchange(self, ask: _Ask, function: int) -> ModbusPDU:
+        """Send one request and return its own answer; on anything else the connection is dropped."""
+        client, lost = self._client, self._lost
+        if client is None or lost is None:
+            raise UnreachableError(self.device, "the connection was closed.", remedy=_CABLE)
+        try:
+            answer = await self._answer_or_loss(ask, client, lost)
+            self._check(client, answer, function)
+        except BaseException as error:
+            if not isinstance(error, (RefusedError, _BusyAnswer)):
+                self._drop()
+            raise
+        return answer
+
+    async def _answer_or_loss(
+        self, ask: _Ask, client: AsyncModbusTcpClient, lost: asyncio.Future[None]
+    ) -> ModbusPDU:
+        try:
+            async with asyncio.timeout(self._deadline_s):
+                return await _first(ask(client), lost)
+        except TimeoutError:
+            raise self._silence() from None
+        except (ModbusException, OSError) as error:
+            if "No response" in str(error):
+                raise self._silence() from None
+            raise UnreachableError(self.device, f"the connection broke: {error}.", remedy=_CABLE) from error
+
+    def _check(self, client: AsyncModbusTcpClient, answer: ModbusPDU, function: int) -> None:
+        if answer.transaction_id != client.ctx.request_transaction_id:
+            raise self._foreign(f"answered request {answer.transaction_id}, which is not ours")
+        if answer.function_code == function:
+            return
+        if answer.function_code != function | 0x80:
+            raise self._foreign(f"answered function {answer.function_code} instead of {function}")
+        entry = code_table("drivers.wire", "modbus_exceptions.tsv").get(answer.exception_code)
+        if entry is None:
+            raise self._foreign(f"sent the unknown exception {answer.exception_code}")
+        if entry.kind == "busy":
+            raise _BusyAnswer(entry)
+        raise self._refusal(entry)
+
+    def _refusal(self, entry: CodeEntry) -> DeviceError:
+        message = f"Modbus exception {entry.code}: {entry.text}."
+        if entry.kind == "unreachable":
+            return UnreachableError(self.device, message, remedy=entry.remedy)
+        return RefusedError(
+            self.device, message, remedy=entry.remedy, vendor_code=entry.code, vendor_text=entry.text
+        )
+
+    def _foreign(self, what: str) -> WireProtocolError:
+        self._drop()
+        return WireProtocolError(
+            self.device, f"the device {what}.", remedy=_UNKNOWN, frame=self.trace.last_received()
+        )
+
+    def _silence(self) -> DeviceTimeoutError:
+        return DeviceTimeoutError(self.device, f"no answer within {self._deadline_s:g} s.", remedy=_CABLE)
+
+    def _seen(self, sending: bool, packet: bytes) -> bytes:
+        self.trace.add(">" if sending else "<", packet.hex())
+        return packet
+
+    def _connection_changed(self, connected: bool) -> None:
+        if not connected and self._lost is not None and not self._lost.done():
+            self._lost.set_result(None)
+
+    def _drop(self) -> None:
+        client, self._client, self._greeted = self._client, None, False
+        if client is None:
+            return
+        transport = client.ctx.transport
+        client.close()
+        if isinstance(transport, asyncio.Transport):
+            transport.abort()  # close() alone would wait for a peer that may never read again
+
+
+async def _first(asking: Awaitable[ModbusPDU], lost: asyncio.Future[None]) -> ModbusPDU:
+    """Return the answer, or raise as soon as the connection is lost; leave no request behind."""
+    request: asyncio.Future[ModbusPDU] = asyncio.ensure_future(asking)
+    try:
+        waiting: set[asyncio.Future[Any]] = {request, lost}
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        if request.done():
+            return request.result()
+        raise ConnectionResetError("it was closed during a request")
+    finally:
+        if not request.done():
+            request.cancel()
+            await asyncio.wait({request})
+        if not request.cancelled():
+            request.exception()  # consumed, so that nothing is reported about it later

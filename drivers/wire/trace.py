@@ -1,0 +1,36 @@
+"""The last frames of a link, kept so that a fault can be looked at afterwards."""
+
+import logging
+import time
+from collections import deque
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One frame as it went over the wire."""
+
+    at_s: float  # host monotonic clock
+    direction: str  # ">" to the device, "<" from it
+    data: str  # hex
+
+
+class FrameTrace:
+    """Ring buffer of the last frames; each also goes to the log ``wire.<device>`` at DEBUG."""
+
+    def __init__(self, device: str, *, keep: int = 200) -> None:
+        self._log = logging.getLogger(f"wire.{device}")
+        self._frames: deque[Frame] = deque(maxlen=keep)
+
+    def add(self, direction: str, data: str) -> None:
+        """Keep one frame."""
+        self._frames.append(Frame(time.monotonic(), direction, data))
+        self._log.debug("%s %s", direction, data)
+
+    def last_received(self) -> str:
+        """Return the newest frame from the device, for an error message."""
+        return next((frame.data for frame in reversed(self._frames) if frame.direction == "<"), "")
+
+    def frames(self) -> tuple[Frame, ...]:
+        """Return what is kept, oldest first."""
+        return tuple(self._frames)
