@@ -1,10 +1,10 @@
 """How each maker writes an orientation, by name.
 
-``rotation_from("fanuc_wpr", values)`` and ``values_from("fanuc_wpr", rotation)`` work on one orientation or on many;
+``rotation_from("fanuc_wpr", values)`` and ``values_from("fanuc_wpr", rotation)`` work on one or on many;
 angles are radians, rotations turn vectors of the inner frame into the outer one.
 
-Where three angles lose one freedom (gimbal lock, within 1e-9 rad), the *leftmost* factor of the product is set to
-zero and the rightmost angle carries the whole turn: FANUC's W 180, P -90, R 0 at all joints zero.
+Where three angles lose one freedom (gimbal lock, within 1e-9 rad), the *leftmost* factor of the product is
+set to zero and the rightmost angle carries the whole turn: FANUC's W 180, P -90, R 0 at all joints zero.
 """
 
 from collections.abc import Callable, Mapping
@@ -38,7 +38,7 @@ class Convention:
 
 
 def rotation_from(convention: str, values: Array) -> Array:
-    """Return (…, 3, 3) rotations from (…, k) numbers written in a named convention [rad, or a unit quaternion].
+    """Return (…, 3, 3) rotations from (…, k) numbers written in a named convention [rad or 1].
 
     Raises
     ------
@@ -168,7 +168,7 @@ _ALL = (
     _angles("ur_rpy", "RX RY RZ", "Rz(RZ) Ry(RY) Rx(RX)"),
     _quaternion("abb_quaternion", "q1 q2 q3 q4", [0, 1, 2, 3]),
     _angles("abb_euler_zyx", "EZ EY EX", "Rz(EZ) Ry(EY) Rx(EX)"),
-    # Common knowledge of the trade; no pair of joints and pose from a real controller has been recomputed here:
+    # Common knowledge of the trade; no real controller's pair of joints and pose was recomputed here:
     _angles("kuka_abc", "A B C", "Rz(A) Ry(B) Rx(C)"),
     _angles("yaskawa_rpy", "Rx Ry Rz", "Rz(Rz) Ry(Ry) Rx(Rx)"),
     _angles("staubli_rxryrz", "Rx Ry Rz", "Rx(Rx) Ry(Ry) Rz(Rz)"),
