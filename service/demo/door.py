@@ -11,12 +11,12 @@ class Door:
     """One JSON object a line in, one out. No procedure gets hold of this."""
 
     def __init__(self, host: str, port: int) -> None:
-        self._host, self._port = host, port
+        self.host, self.port = host, port
 
     async def ask(self, verb: str, **arguments: Any) -> dict[str, Any]:
         """Send one command and return its answer; raise CellError with the door's own words if it says no."""
         async with asyncio.timeout(20.0):
-            reader, writer = await asyncio.open_connection(self._host, self._port)
+            reader, writer = await asyncio.open_connection(self.host, self.port)
             try:
                 writer.write(json.dumps({"do": verb, **arguments}).encode() + b"\n")
                 await writer.drain()

@@ -1,0 +1,71 @@
+"""The composition root: a cell file becomes drivers, and drivers become the Cell that procedures are lent."""
+
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+from typing import Any, cast
+
+from drivers.interfaces import (
+    DistanceGauge,
+    JogsAxes,
+    MasteringStore,
+    Operator,
+    Robot,
+    ToolFrameStore,
+    UserFrameStore,
+)
+from procedures.cell import Cell, GaugeSetup, MotionLimits
+from service.config import CellConfig, GaugeEntry
+
+
+@asynccontextmanager
+async def open_cell(config: CellConfig, operator: Operator, robot: str | None = None) -> AsyncIterator[Cell]:
+    """Connect to one robot of the cell and to the gauge that is hooked to it; disconnect at the end.
+
+    Raises
+    ------
+    DeviceError
+        A device cannot be reached, or is not the one that the file names.
+    """
+    entry = config.robot(robot)
+    async with AsyncExitStack() as devices:
+        arm: Any = await devices.enter_async_context(entry.open())
+        gauge_entry = config.gauge_for(entry.name)
+        gauge: DistanceGauge | None = None
+        if gauge_entry is not None:
+            gauge = await devices.enter_async_context(gauge_entry.device.open())
+        yield _lend(config, entry, arm, operator, gauge, gauge_entry)
+
+
+def journal_path(config: CellConfig) -> Path:
+    """Return where the cell's journal lives."""
+    return config.cell.data_dir / "journal.db"
+
+
+def _lend(
+    config: CellConfig, entry: Any, arm: Robot, operator: Operator, gauge: DistanceGauge | None, at: GaugeEntry | None
+) -> Cell:
+    can = arm.capabilities
+    return Cell(
+        name=config.cell.name,
+        robot=arm,
+        operator=operator,
+        jogs=cast(JogsAxes, arm) if can.jogs_single_axes else None,
+        mastering=cast(MasteringStore, arm) if can.writes_mastering else None,
+        tool_frames=cast(ToolFrameStore, arm) if can.writes_tool_frame else None,
+        user_frames=cast(UserFrameStore, arm) if can.writes_user_frame else None,
+        gauge=gauge,
+        gauge_setup=None if at is None else _setup(at),
+        limits=MotionLimits(speed_rad_s=entry.speed_limit_rad_s, settle_s=getattr(entry, "settle_s", 1.0)),
+        config_sha256=config.sha256,
+    )
+
+
+def _setup(entry: GaugeEntry) -> GaugeSetup:
+    setup = entry.setup
+    return GaugeSetup(
+        anchor_in_base_m=setup.anchor_in_base_m,
+        hook_in_flange_m=setup.hook_in_flange_m,
+        sigma_anchor_m=setup.anchor_sigma_mm * 1e-3,
+        sigma_hook_m=setup.hook_sigma_mm * 1e-3,
+    )

@@ -1,0 +1,68 @@
+"""``cellcal check`` and ``cellcal fakes``: is the cell there, and a cell that is not."""
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+
+def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] = False) -> int:
+    """Validate a cell file, reach every device it names, and compare what each says of itself.
+
+    Parameters
+    ----------
+    cell
+        The cell file (TOML).
+    as_json
+        Print one JSON object on standard output.
+    """
+    import asyncio
+
+    from rich.table import Table
+
+    from service.check import check_cell
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.config import read_cell_file
+    from service.exit_codes import ExitCode
+
+    report = asyncio.run(check_cell(read_cell_file(cell)))
+    if as_json:
+        print_json(report.as_object())
+    else:
+        table = Table("device", "state", "what it says", "what to do", title=f"cell {report.cell}")
+        for device in report.devices:
+            colour = "green" if device.ready else "red"
+            table.add_row(device.name, f"[{colour}]{device.state}[/]", device.message, device.remedy)
+        EN_ROUTE.print(table)
+        for line in report.advice:
+            EN_ROUTE.print(f"[bold yellow]{line}[/]")
+    return ExitCode.PASS if report.all_reached else ExitCode.UNREACHABLE
+
+
+def fakes(cell: Path, /) -> int:
+    """Play the devices that a cell file names, on its (loopback) addresses, until interrupted.
+
+    Parameters
+    ----------
+    cell
+        The cell file (TOML); its [fake] table gives seed, time factor and control port.
+    """
+    import asyncio
+
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.config import read_cell_file
+    from service.demo.fake_cell import running_fakes
+
+    read_cell_file(cell)  # a fault in the file is said in our words, before anything starts
+
+    async def play() -> None:
+        async with running_fakes(cell) as door:
+            EN_ROUTE.print("The fake devices are up. Ctrl+C ends them.")
+            print_json({"ready": True, "control": [door.host, door.port]})
+            await asyncio.Event().wait()
+
+    try:
+        asyncio.run(play())
+    except KeyboardInterrupt:
+        EN_ROUTE.print("The fake devices have ended.")
+    return 0

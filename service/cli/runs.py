@@ -1,0 +1,317 @@
+"""``cellcal procedures | run | runs | show | resume``: do it, and look at what was done."""
+
+import asyncio
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from procedures.cell import Cell
+    from service.conduct import Outcome
+    from service.config import CellConfig
+
+Json = Annotated[bool, Parameter(name="--json", negative=())]
+
+
+def procedures(*, cell: Path | None = None, as_json: Json = False) -> int:
+    """List the procedures, and for a cell what it lacks for each.
+
+    Parameters
+    ----------
+    cell
+        The cell file (TOML); its devices are asked what they can do.
+    as_json
+        Print one JSON object on standard output.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from procedures.procedures import CATALOGUE
+    from service.cli.printing import print_json
+
+    lacking = asyncio.run(_lacking(cell)) if cell else {}
+    rows = [
+        {"name": entry.name, "title": entry.title, "version": entry.version, "lacks": lacking.get(entry.name)}
+        for entry in CATALOGUE.values()
+    ]
+    if as_json:
+        print_json({"procedures": rows})
+        return 0
+    table = Table("procedure", "what it does", *(["this cell"] if cell else []))
+    for row in rows:
+        state = [] if row["lacks"] is None else ["lacks " + ", ".join(row["lacks"]) if row["lacks"] else "ready"]
+        table.add_row(row["name"], row["title"], *state)
+    Console().print(table)
+    return 0
+
+
+def run(  # noqa: PLR0913 - one parameter per option
+    procedure: str,
+    /,
+    *,
+    cell: Path,
+    robot: str | None = None,
+    setting: Annotated[tuple[str, ...], Parameter(name=["--set", "-s"], negative=())] = (),
+    answers: Path | None = None,
+    as_json: Json = False,
+) -> int:
+    """Run a procedure on a cell, with progress; questions are asked in the terminal.
+
+    Parameters
+    ----------
+    procedure
+        A name from `cellcal procedures`.
+    cell
+        The cell file (TOML).
+    robot
+        Which robot of the cell; the first one when not said.
+    setting
+        KEY=VALUE of the procedure's spec, in SI units (VALUE is JSON or text); may be repeated.
+    answers
+        A JSON file {instruction key: answer} that answers instead of a person.
+    as_json
+        Print one JSON object on standard output.
+    """
+    from service.config import read_cell_file
+
+    config = read_cell_file(cell)
+    outcome = asyncio.run(_run(config, procedure, robot, _settings(setting), answers))
+    return _tell(outcome, as_json=as_json)
+
+
+def resume(
+    run_id: str, /, *, cell: Path, robot: str | None = None, answers: Path | None = None, as_json: Json = False
+) -> int:
+    """Go on with an interrupted run: what was found is kept, only what is missing is done.
+
+    Parameters
+    ----------
+    run_id
+        A run from `cellcal runs`, or `last`.
+    cell
+        The cell file (TOML); it must be the one the run was started with.
+    robot
+        Which robot of the cell; the first one when not said.
+    answers
+        A JSON file {instruction key: answer} that answers instead of a person.
+    as_json
+        Print one JSON object on standard output.
+    """
+    from service.config import read_cell_file
+
+    outcome = asyncio.run(_resume(read_cell_file(cell), run_id, robot, answers))
+    return _tell(outcome, as_json=as_json)
+
+
+def runs(*, cell: Path, as_json: Json = False) -> int:
+    """List the runs that a cell's journal holds.
+
+    Parameters
+    ----------
+    cell
+        The cell file (TOML).
+    as_json
+        Print one JSON object on standard output.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from service.cli.printing import print_json
+
+    with _journal(cell) as (_, store):
+        views = store.runs()
+    if as_json:
+        keys = ("run_id", "procedure", "started_utc", "state", "reason")
+        print_json({"runs": [{key: getattr(view, key) for key in keys} for view in views]})
+        return 0
+    table = Table("run", "procedure", "started (UTC)", "ended", "reason")
+    for view in views:
+        table.add_row(view.run_id, view.procedure, view.started_utc[:19], view.state, view.reason)
+    Console().print(table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`.")
+    return 0
+
+
+def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
+    """Show one run: its steps, findings and result; and whether the journal is unchanged.
+
+    Parameters
+    ----------
+    run_id
+        A run from `cellcal runs`, or `last`.
+    cell
+        The cell file (TOML).
+    as_json
+        Print one JSON object on standard output.
+    """
+    from rich.console import Console
+    from rich.table import Table
+    from rich.tree import Tree
+
+    from service.cli.printing import print_json
+
+    with _journal(cell) as (journal, store):
+        view = store.run(_last(store, run_id))
+        damage = journal.verify()
+        events = journal.events(view.run_id)
+    if as_json:
+        findings = [{"step": f.step, "value": f.value} for f in view.past.findings]
+        print_json(
+            {
+                "run_id": view.run_id, "procedure": view.procedure, "state": view.state, "reason": view.reason,
+                "spec": view.spec, "findings": findings, "result": view.result,
+                "journal": "unchanged" if damage is None else str(damage),
+            }
+        )  # fmt: skip
+        return 0
+    console = Console()
+    console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {view.reason}")
+    table = Table("event", "time (UTC)", "kind", "step", "who")
+    for event in events:
+        table.add_row(str(event.seq), event.wall_utc[11:23], event.kind, _step_of(event.body), event.actor)
+    console.print(table)
+    if isinstance(view.result, dict):
+        tree = Tree("result")
+        for key, value in view.result.items():
+            tree.add(f"{key}: {_short(value)}")
+        console.print(tree)
+    console.print("journal: unchanged" if damage is None else f"[bold red]journal: {damage}[/]")
+    return 0
+
+
+def _step_of(body: str) -> str:
+    import json
+
+    return str(json.loads(body).get("step", ""))
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 100 else text[:97] + "…"
+
+
+def _settings(pairs: tuple[str, ...]) -> dict[str, Any]:
+    import json
+
+    from calibration.errors import CellError
+
+    settings: dict[str, Any] = {}
+    for pair in pairs:
+        key, separator, text = pair.partition("=")
+        if not separator or not key:
+            raise CellError(f"--set {pair!r} is not KEY=VALUE", remedy="For example --set tool_number=2.", code="usage")
+        try:
+            settings[key] = json.loads(text, parse_constant=_refuse_constant)
+        except json.JSONDecodeError:
+            settings[key] = text
+    return settings
+
+
+def _refuse_constant(constant: str) -> Any:
+    from calibration.errors import CellError
+
+    raise CellError(f"{constant} is not a number that a robot can use", remedy="Give a finite number.", code="usage")
+
+
+class _Opened:
+    """A cell's journal for reading."""
+
+    def __init__(self, cell: Path) -> None:
+        from service.cell import journal_path
+        from service.config import read_cell_file
+        from service.journal import Journal
+
+        self._journal = Journal.open(journal_path(read_cell_file(cell)))
+
+    def __enter__(self) -> tuple[Any, Any]:
+        from service.store import Store
+
+        return self._journal, Store(self._journal)
+
+    def __exit__(self, *_: object) -> None:
+        self._journal.close()
+
+
+_journal = _Opened
+
+
+def _last(store: Any, run_id: str) -> str:
+    views = store.runs()
+    return views[-1].run_id if run_id == "last" and views else run_id
+
+
+async def _lacking(cell: Path) -> dict[str, list[str]]:
+    from drivers.operator.scripted import ScriptedOperator
+    from procedures.catalogue import missing
+    from procedures.procedures import CATALOGUE
+    from service.cell import open_cell
+    from service.config import read_cell_file
+
+    async with open_cell(read_cell_file(cell), ScriptedOperator({})) as opened:
+        return {entry.name: list(missing(entry, opened)) for entry in CATALOGUE.values()}
+
+
+async def _run(
+    config: "CellConfig", procedure: str, robot: str | None, settings: dict[str, Any], answers: Path | None
+) -> "Outcome":
+    from service.cell import journal_path, open_cell
+    from service.cli.progress import live_progress
+    from service.conduct import Conditions, run_procedure
+    from service.journal import Journal
+    from service.specs import build_spec
+
+    with Journal.open(journal_path(config)) as journal, live_progress(procedure) as show_event:
+        async with open_cell(config, _operator(answers), robot) as cell:
+            spec = await build_spec(config, cell, journal, procedure, settings)
+            return await run_procedure(cell, procedure, spec, journal, Conditions(on_event=show_event))
+
+
+async def _resume(config: "CellConfig", run_id: str, robot: str | None, answers: Path | None) -> "Outcome":
+    from service.cell import journal_path, open_cell
+    from service.cli.progress import live_progress
+    from service.conduct import Conditions
+    from service.conduct import resume as resume_run
+    from service.journal import Journal
+    from service.store import Store
+
+    with Journal.open(journal_path(config)) as journal, live_progress("resume") as show_event:
+        async with open_cell(config, _operator(answers), robot) as cell:
+            return await resume_run(cell, _last(Store(journal), run_id), journal, Conditions(on_event=show_event))
+
+
+def _operator(answers: Path | None) -> Any:
+    if answers is None:
+        from drivers.operator.terminal import TerminalOperator
+
+        return TerminalOperator()
+    import json
+
+    from drivers.operator.scripted import ScriptedOperator
+
+    return ScriptedOperator(json.loads(answers.read_text(encoding="utf-8")))
+
+
+def _tell(outcome: "Outcome", *, as_json: bool) -> int:
+    from pydantic_core import to_jsonable_python
+
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.conduct import Verdict
+    from service.exit_codes import ExitCode
+
+    codes = {
+        Verdict.PASSED: ExitCode.PASS,
+        Verdict.OUT_OF_TOLERANCE: ExitCode.OUT_OF_TOLERANCE,
+        Verdict.REFUSED: ExitCode.REFUSED,
+        Verdict.CELL_FAILED: ExitCode.UNREACHABLE,
+        Verdict.CANCELLED: ExitCode.CANCELLED,
+        Verdict.DECLINED: ExitCode.CANCELLED,
+    }
+    if as_json:
+        print_json(to_jsonable_python(outcome))
+    else:
+        colour = "green" if outcome.verdict is Verdict.PASSED else "red"
+        EN_ROUTE.print(f"[bold {colour}]{outcome.verdict}[/] {outcome.procedure}, run {outcome.run_id}")
+        for line in (outcome.reason, f"What to do: {outcome.remedy}" if outcome.remedy else ""):
+            if line:
+                EN_ROUTE.print(line)
+    return codes[outcome.verdict]

@@ -1,0 +1,110 @@
+"""The watch sees a loss by three witnesses, once, and an unreachable robot is no loss."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+from calibration.mastering import DriveTrain
+from drivers.errors import UnreachableError
+from drivers.interfaces import Alarm, Condition, MasteringData, Readiness
+from service.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch
+
+PER_COUNT = 2 * 3.141592653589793 / (524288 * 100)
+
+
+@dataclass
+class Controller:
+    """Two axes; only what the watch asks for."""
+
+    name: str = "arm"
+    counts: tuple[int, ...] = (1000, 2000)
+    epoch: int = 4
+    readiness: Readiness = Readiness.READY
+    alarms: tuple[Alarm, ...] = ()
+    link_is_up: bool = True
+    losses: list[PositionLoss] = field(default_factory=list)
+
+    async def condition(self) -> Condition:
+        if not self.link_is_up:
+            return Condition(Readiness.UNREACHABLE, "no answer")
+        return Condition(self.readiness, "position lost" if self.alarms else "", "", self.alarms)
+
+    async def encoder_counts(self) -> tuple[int, ...]:
+        if not self.link_is_up:
+            raise UnreachableError(self.name, "no answer")
+        return self.counts
+
+    async def encoder_epoch(self) -> int:
+        return self.epoch
+
+    async def mastering(self) -> MasteringData:
+        return MasteringData((0, 0), mastered=True)
+
+    async def drive_train(self) -> DriveTrain:
+        return DriveTrain(((PER_COUNT, 0.0), (0.0, PER_COUNT)), (524288, 524288))
+
+    async def on_loss(self, loss: PositionLoss) -> None:
+        self.losses.append(loss)
+
+
+@pytest.fixture
+def arm() -> Controller:
+    return Controller()
+
+
+@pytest.fixture
+def watch(arm: Controller, tmp_path: Path) -> Watch:
+    return Watch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01)  # type: ignore[arg-type]
+
+
+async def test_an_alarm_is_seen_once_with_the_counts_from_before(arm: Controller, watch: Watch) -> None:
+    assert await watch.look() is None
+    arm.counts, arm.readiness = (17, 23), Readiness.POSITION_LOST
+    arm.alarms = (Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:1)", 0),)
+    assert await watch.look() is not None
+    assert await watch.look() is None
+    (loss,) = arm.losses
+    assert "SRVO-062" in loss.detected_by
+    assert loss.last_healthy is not None
+    assert loss.last_healthy.counts == (1000, 2000)
+
+
+async def test_a_jump_without_motion_is_a_loss_even_without_an_alarm(arm: Controller, watch: Watch) -> None:
+    await watch.look()
+    arm.counts = (1000 + 60 * 524288, 2000)  # 216 degrees between two looks
+    found = await watch.look()
+    assert found is not None
+    assert "axis 1 jumped" in found.detected_by
+
+
+async def test_ordinary_motion_is_no_loss(arm: Controller, watch: Watch) -> None:
+    for step in range(5):
+        arm.counts = (1000 + step * 200_000, 2000 - step * 100_000)
+        assert await watch.look() is None
+
+
+async def test_a_new_epoch_is_a_loss_until_it_is_acknowledged(arm: Controller, watch: Watch) -> None:
+    await watch.look()
+    arm.epoch = 5
+    assert await watch.look() is not None
+    await watch.acknowledge()
+    assert await watch.look() is None
+
+
+async def test_a_lost_link_is_no_loss_and_the_next_look_does_not_compare(arm: Controller, watch: Watch) -> None:
+    await watch.look()
+    arm.link_is_up = False
+    assert await watch.look() is None
+    arm.link_is_up, arm.counts = True, (1000 + 60 * 524288, 2000)  # moved while we could not see
+    assert await watch.look() is None
+
+
+def test_the_memory_survives_a_restart_and_damage(tmp_path: Path) -> None:
+    memory = LastHealthyCounts(tmp_path)
+    assert memory.load("arm") is None
+    seen = HealthyCounts("arm", (1, -2), 7, "2026-01-01T00:00:00+00:00")
+    memory.save(seen)
+    assert LastHealthyCounts(tmp_path).load("arm") == seen
+    (tmp_path / "last_healthy_arm.json").write_text('{"counts": [1')
+    assert memory.load("arm") is None
