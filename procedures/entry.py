@@ -1,4 +1,4 @@
-"""What can be run: name, version, what it needs of a cell, what it will do."""
+"""The card of a procedure: name, version, what it needs of a cell, what it will do."""
 
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
@@ -7,18 +7,12 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter
 
 from procedures.cell import Cell
-from procedures.run import NeedsUnmetError, ProcedureError, Run
-
-
-class UnknownProcedureError(ProcedureError):
-    """No procedure has this name."""
-
-    code = "procedure.unknown"
+from procedures.run import NeedsUnmetError, Run
 
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A step of an outline. ``repeats`` steps are called ``name 1``, ``name 2``, …; None is one step ``name``.
+    """A step of an outline. ``repeats`` steps are called ``name 1``, ``name 2``; None is one step ``name``.
 
     When ``adaptive``, the number is what is expected; the measurements decide.
     """
