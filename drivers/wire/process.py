@@ -1,0 +1,214 @@
+"""A child process for a vendor library that can hang, crash, or hold the interpreter.
+
+Length-prefixed JSON over a socket pair; every call has a deadline. A child that misses one is killed: its
+library may hold a lock for ever, and nothing inside the process could end it. What happened becomes a
+DeviceError that names the device; starting a new child is the driver's decision, because it may touch the
+device.
+"""
+
+import asyncio
+import contextlib
+import itertools
+import json
+import logging
+import os
+import signal
+import socket
+import sys
+from collections import deque
+from pathlib import Path
+from typing import Any, Self
+
+from drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
+from drivers.wire.child import HEADER, LONGEST_FRAME, pack
+
+_log = logging.getLogger(__name__)
+
+_ROOT = str(Path(__file__).resolve().parents[2])  # the child must find the same packages, wherever we run
+_KEPT_LINES = 20
+_LEAVE_S = 0.5
+_REAP_S = 5.0
+
+
+class ChildProcess:
+    """One running child. Not restarted in place: a dead one is replaced by a new object.
+
+    ``module`` is run as ``python -m module``; it calls drivers.wire.child.serve with its handlers.
+    ``title`` names its job in a sentence: "the process that talks to the controller".
+    """
+
+    def __init__(self, device: str, module: str, *, title: str) -> None:
+        self.device, self._module, self._title = device, module, title
+        self._numbers = itertools.count()
+        self._waiting: dict[int, asyncio.Future[Any]] = {}
+        self._printed: deque[str] = deque(maxlen=_KEPT_LINES)
+        self._process: asyncio.subprocess.Process | None = None
+        self._writer: asyncio.StreamWriter | None = None
+        self._tasks: tuple[asyncio.Task[None], ...] = ()
+        self._reason = ""  # why we killed it, if we did
+
+    @classmethod
+    async def start(cls, device: str, module: str, *, title: str, start_s: float) -> Self:
+        """Start the child and wait until it answers; raise DeviceTimeoutError or UnreachableError."""
+        child = cls(device, module, title=title)
+        try:
+            await child._spawn()
+            await child.call("ping", deadline_s=start_s)
+        except BaseException:
+            await child.close()
+            raise
+        return child
+
+    @property
+    def alive(self) -> bool:
+        """Whether calls can still be answered."""
+        return self._process is not None and self._process.returncode is None and not self._reason
+
+    @property
+    def pid(self) -> int:
+        """Return the process id, for logs."""
+        return self._process.pid if self._process is not None else 0
+
+    async def call(self, verb: str, *, deadline_s: float, **arguments: Any) -> Any:
+        """Let the child do ``verb``; raise if it says no, ends, or misses the deadline (which kills it)."""
+        if self._writer is None or not self.alive:
+            raise self._ended_error()
+        number = next(self._numbers)
+        answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        self._waiting[number] = answer
+        request = {"number": number, "verb": verb, "deadline_s": deadline_s, "arguments": arguments}
+        try:
+            self._writer.write(pack(request))
+            async with asyncio.timeout(deadline_s):
+                return await answer
+        except TimeoutError:
+            self.kill(f"it did not answer '{verb}' within {deadline_s:g} s")
+            raise self._late_error() from None
+        finally:
+            self._waiting.pop(number, None)
+
+    def kill(self, reason: str) -> None:
+        """End the child at once; every call under way raises."""
+        if self._reason or self._process is None:
+            return
+        self._reason = reason
+        with contextlib.suppress(ProcessLookupError):
+            self._process.kill()
+        _log.warning("%s: ended %s (%d): %s", self.device, self._title, self.pid, reason)
+
+    async def close(self) -> None:
+        """Let the child leave; end it if it does not."""
+        if self._writer is not None:
+            self._writer.close()
+        process = self._process
+        if process is None:
+            return
+        try:
+            async with asyncio.timeout(_LEAVE_S):
+                await process.wait()
+        except TimeoutError:
+            self.kill("it did not leave when asked")
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+        with contextlib.suppress(TimeoutError):  # a killed process that cannot end is the kernel's matter
+            async with asyncio.timeout(_REAP_S):
+                await asyncio.gather(process.wait(), *self._tasks, return_exceptions=True)
+
+    async def _spawn(self) -> None:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            path = os.pathsep.join(p for p in (_ROOT, os.environ.get("PYTHONPATH", "")) if p)
+            try:
+                self._process = await asyncio.create_subprocess_exec(
+                    sys.executable, "-m", self._module, str(theirs.fileno()),
+                    pass_fds=(theirs.fileno(),), start_new_session=True,  # Ctrl-C is for the parent
+                    stdin=asyncio.subprocess.DEVNULL,
+                    stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT,
+                    env={**os.environ, "PYTHONPATH": path},
+                )  # fmt: skip
+            except OSError as error:
+                ours.close()
+                raise UnreachableError(
+                    self.device, f"{self._title} could not be started: {error}."
+                ) from error
+            except BaseException:
+                ours.close()
+                raise
+        reader, self._writer = await asyncio.open_connection(sock=ours)
+        self._tasks = (
+            asyncio.create_task(self._listen(reader), name=f"{self.device}: child answers"),
+            asyncio.create_task(self._keep_prints(), name=f"{self.device}: child prints"),
+        )
+
+    async def _listen(self, reader: asyncio.StreamReader) -> None:
+        assert self._process is not None
+        error: Exception | None = None
+        try:
+            while True:
+                (size,) = HEADER.unpack(await reader.readexactly(HEADER.size))
+                if size > LONGEST_FRAME:
+                    raise ValueError(f"a frame of {size} bytes")
+                self._settle(json.loads(await reader.readexactly(size)))
+        except (asyncio.IncompleteReadError, ConnectionError):
+            pass  # it ended; the exit code says how
+        except (ValueError, KeyError, TypeError) as fault:
+            error = WireProtocolError(self.device, f"{self._title} sent what it must not: {fault}.")
+            self.kill(str(fault))
+        await self._bury(error)
+
+    async def _bury(self, error: Exception | None) -> None:
+        assert self._process is not None
+        try:
+            async with asyncio.timeout(_LEAVE_S):
+                await self._process.wait()
+        except TimeoutError:
+            self.kill("it closed its channel")
+            await self._process.wait()
+        if self._writer is not None:
+            self._writer.close()
+        for answer in self._waiting.values():
+            if not answer.done():
+                answer.set_exception(error or self._ended_error())
+
+    def _settle(self, message: dict[str, Any]) -> None:
+        answer = self._waiting.get(message["number"])
+        if answer is None or answer.done():
+            return  # the caller was cancelled
+        if "refused" in message:
+            text = str(message["refused"])
+            answer.set_exception(RefusedError(self.device, f"{text.rstrip('. ')}.", vendor_text=text))
+        else:
+            answer.set_result(message["value"])
+
+    async def _keep_prints(self) -> None:
+        """Keep the last lines the library printed: they are all that is left after a crash."""
+        assert self._process is not None
+        assert self._process.stdout is not None
+        while chunk := await self._process.stdout.read(4096):
+            for line in chunk.decode(errors="replace").splitlines():
+                self._printed.append(line)
+                _log.debug("%s: child: %s", self.device, line)
+
+    def _late_error(self) -> DeviceTimeoutError:
+        return DeviceTimeoutError(
+            self.device,
+            f"{self._title} hung: {self._reason}. It was ended.",
+            remedy="Check the network cable and the controller, then try again: a new process is started.",
+        )
+
+    def _ended_error(self) -> UnreachableError:
+        last = f' Its last words: "{self._printed[-1]}".' if self._printed else ""
+        return UnreachableError(
+            self.device,
+            f"{self._title} ended: {self._reason or self._exit_sentence()}.{last}",
+            remedy="Try again: a new process is started. If it happens again, report it with the log.",
+        )
+
+    def _exit_sentence(self) -> str:
+        code = self._process.returncode if self._process is not None else None
+        if code is None:
+            return "it was not started"
+        if code >= 0:
+            return f"exit code {code}"
+        return f"signal {-code} ({signal.strsignal(-code) or 'unknown'})"

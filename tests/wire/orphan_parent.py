@@ -1,0 +1,20 @@
+"""Starts a child, lets it hang or idle, says its pid, and waits to be killed."""
+
+import asyncio
+import sys
+
+from drivers.wire.process import ChildProcess
+
+
+async def _main() -> None:
+    child = await ChildProcess.start("arm", "tests.wire.naughty_child", title="the child", start_s=20.0)
+    verb = sys.argv[1]
+    call = asyncio.create_task(child.call(verb, deadline_s=1.0)) if verb != "idle" else asyncio.sleep(0)
+    await asyncio.sleep(0.05)
+    print(child.pid, flush=True)
+    await asyncio.sleep(3600)
+    await call
+
+
+if __name__ == "__main__":
+    asyncio.run(_main())
