@@ -15,7 +15,6 @@ import os
 import signal
 import socket
 import sys
-from collections import deque
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,7 +24,7 @@ from drivers.wire.child import HEADER, LONGEST_FRAME, pack
 _log = logging.getLogger(__name__)
 
 _ROOT = str(Path(__file__).resolve().parents[2])  # the child must find the same packages, wherever we run
-_KEPT_LINES = 20
+_KEPT_BYTES = 4096
 _LEAVE_S = 0.5
 _REAP_S = 5.0
 
@@ -41,7 +40,7 @@ class ChildProcess:
         self.device, self._module, self._title = device, module, title
         self._numbers = itertools.count()
         self._waiting: dict[int, asyncio.Future[Any]] = {}
-        self._printed: deque[str] = deque(maxlen=_KEPT_LINES)
+        self._printed = b""
         self._process: asyncio.subprocess.Process | None = None
         self._writer: asyncio.StreamWriter | None = None
         self._tasks: tuple[asyncio.Task[None], ...] = ()
@@ -165,6 +164,7 @@ class ChildProcess:
         except TimeoutError:
             self.kill("it closed its channel")
             await self._process.wait()
+        await asyncio.wait(self._tasks[1:], timeout=_LEAVE_S)  # its last words are still in the pipe
         if self._writer is not None:
             self._writer.close()
         for answer in self._waiting.values():
@@ -182,13 +182,12 @@ class ChildProcess:
             answer.set_result(message["value"])
 
     async def _keep_prints(self) -> None:
-        """Keep the last lines the library printed: they are all that is left after a crash."""
+        """Keep what the library printed last: it is all that is left after a crash."""
         assert self._process is not None
         assert self._process.stdout is not None
-        while chunk := await self._process.stdout.read(4096):
-            for line in chunk.decode(errors="replace").splitlines():
-                self._printed.append(line)
-                _log.debug("%s: child: %s", self.device, line)
+        while chunk := await self._process.stdout.read(_KEPT_BYTES):
+            self._printed = (self._printed + chunk)[-_KEPT_BYTES:]
+            _log.debug("%s: child: %s", self.device, chunk.decode(errors="replace").rstrip())
 
     def _late_error(self) -> DeviceTimeoutError:
         return DeviceTimeoutError(
@@ -198,7 +197,9 @@ class ChildProcess:
         )
 
     def _ended_error(self) -> UnreachableError:
-        last = f' Its last words: "{self._printed[-1]}".' if self._printed else ""
+        lines = self._printed.decode(errors="replace").split("\n")
+        words = next((line.strip() for line in reversed(lines) if line.strip()), "")
+        last = f' Its last words: "{words}".' if words else ""
         return UnreachableError(
             self.device,
             f"{self._title} ended: {self._reason or self._exit_sentence()}.{last}",
