@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from calibration.kinematics import RobotModel
 from drivers.interfaces import (
     DistanceGauge,
     Identity,
@@ -65,6 +66,7 @@ class Cell:
     user_frames: UserFrameStore | None = None
     gauge: DistanceGauge | None = None
     gauge_setup: GaugeSetup | None = None
+    model: RobotModel | None = None  # nominal kinematics
     limits: MotionLimits = field(default_factory=MotionLimits)
     config_sha256: str = ""
 

@@ -23,7 +23,7 @@ from pydantic_core import to_jsonable_python
 from calibration.errors import CellError
 from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
 from drivers.interfaces import Instruction
-from procedures.canonical import alike
+from procedures.canonical import alike, sha256_of
 from procedures.cell import Cell
 from procedures.past import Effect, Finding, Kind, Past
 from procedures.progress import Gate, Progress, ignore
@@ -107,6 +107,18 @@ class _Book:
     cleared: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """One step as the journal sees it."""
+
+    name: str
+    effect: Effect
+    kind: Kind
+    inputs: Any
+    codec: TypeAdapter[Any]
+    act: Callable[[Cell], Awaitable[Any]]
+
+
 class Run:
     """Lends the cell to steps and hands their findings to the procedure.
 
@@ -155,6 +167,20 @@ class Run:
         """Do ``work`` that changes a controller once per run; it decides by reading back whether to write."""
         return await self._once(name, Effect.WRITE, work, *args, **kwargs)
 
+    async def solve(self, name: str, calculation: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Calculate once per run, beside the event loop; the journal keeps the result and an input hash.
+
+        The inputs must be findings: those come back exactly, so that the hash does.
+        """
+        inputs = {"sha256": sha256_of(to_jsonable_python([args, kwargs]))}
+
+        async def act(_: Cell) -> R:
+            return await asyncio.to_thread(calculation, *args, **kwargs)
+
+        task = _Task(self._claim(name), Effect.NONE, Kind.FINDING, inputs, _codec(calculation), act)
+        result: R = await self._answer(task)
+        return result
+
     async def ensure(
         self,
         name: str,
@@ -163,8 +189,12 @@ class Run:
         **kwargs: P.kwargs,
     ) -> None:
         """Check a standing condition on every entry, also when resuming."""
-        full = self._claim(name)
-        await self._perform(full, Effect.NONE, work, Kind.CONDITION, *args, **kwargs)
+        inputs = to_jsonable_python([args, kwargs])
+
+        async def act(cell: Cell) -> Any:
+            return await work(cell, *args, **kwargs)
+
+        await self._perform(_Task(self._claim(name), Effect.NONE, Kind.CONDITION, inputs, _codec(work), act))
 
     async def _once(
         self,
@@ -174,21 +204,28 @@ class Run:
         *args: P.args,
         **kwargs: P.kwargs,
     ) -> R:
-        full, book = self._claim(name), self._book
         inputs = to_jsonable_python([args, kwargs])
-        codec = _codec(work)
-        if book.done < len(book.past.findings):
-            finding = book.past.findings[book.done]
-            _refuse_mismatch(finding, full, inputs)
-            book.done += 1
-            self._announce("replayed", full, value=finding.value)
-        else:
-            stored = await self._perform(full, effect, work, Kind.FINDING, *args, **kwargs)
-            finding = Finding(full, inputs, stored)
-            book.done += 1
-            self._announce("finding", full, value=stored)
-        result: R = codec.validate_python(finding.value)  # a live step and a replayed one answer alike
+
+        async def act(cell: Cell) -> R:
+            return await work(cell, *args, **kwargs)
+
+        result: R = await self._answer(
+            _Task(self._claim(name), effect, Kind.FINDING, inputs, _codec(work), act)
+        )
         return result
+
+    async def _answer(self, task: _Task) -> Any:
+        book = self._book
+        replayed = book.done < len(book.past.findings)
+        if replayed:
+            finding = book.past.findings[book.done]
+            _refuse_mismatch(finding, task)
+            stored = finding.value
+        else:
+            stored = await self._perform(task)
+        book.done += 1
+        self._announce("replayed" if replayed else "finding", task.name, value=stored)
+        return task.codec.validate_python(stored)  # a live step and a replayed one answer alike
 
     def _claim(self, name: str) -> str:
         full = self._prefix + name
@@ -197,46 +234,28 @@ class Run:
         self._book.named.add(full)
         return full
 
-    async def _perform(
-        self,
-        name: str,
-        effect: Effect,
-        work: Callable[Concatenate[Cell, P], Awaitable[Any]],
-        kind: Kind,
-        *args: P.args,
-        **kwargs: P.kwargs,
-    ) -> Any:
-        await self._wait_at_the_gate(name)
-        await self._clear_doubt(name, effect)
+    async def _perform(self, task: _Task) -> Any:
+        await self._wait_at_the_gate(task.name)
+        await self._clear_doubt(task.name, task.effect)
         tries = 0
         while True:
             tries += 1
             try:
-                return await self._live(name, effect, work, kind, *args, **kwargs)
+                return await self._live(task)
             except RETRYABLE as error:
-                if tries == ATTEMPTS or not await self._may_retry(name, error):
+                if tries == ATTEMPTS or not await self._may_retry(task.name, error):
                     raise
 
-    async def _live(
-        self,
-        name: str,
-        effect: Effect,
-        work: Callable[Concatenate[Cell, P], Awaitable[Any]],
-        kind: Kind,
-        *args: P.args,
-        **kwargs: P.kwargs,
-    ) -> Any:
-        book = self._book
+    async def _live(self, task: _Task) -> Any:
+        book, name = self._book, task.name
         attempt = book.attempts[name] = book.attempts.get(name, 0) + 1
-        inputs = to_jsonable_python([args, kwargs])
-        body = {"step": name, "attempt": attempt, "effect": effect.value, "inputs": inputs}
-        opening = Kind.ENTERED if effect is Effect.NONE else Kind.INTENT
+        body = {"step": name, "attempt": attempt, "effect": task.effect.value, "inputs": task.inputs}
+        opening = Kind.ENTERED if task.effect is Effect.NONE else Kind.INTENT
         book.ledger.record(opening, body, key=f"{name}/{attempt}/{opening}")
         self._announce("started", name)
         try:
-            value = await work(book.cell, *args, **kwargs)
-            stored = _codec(work).dump_python(value, mode="json")
-            book.ledger.record(kind, body | {"value": stored}, key=f"{name}/{attempt}/{kind}")
+            stored = task.codec.dump_python(await task.act(book.cell), mode="json")
+            book.ledger.record(task.kind, body | {"value": stored}, key=f"{name}/{attempt}/{task.kind}")
         except BaseException as error:
             stopped = await self._stop_robot()
             self._record_failure(body, error, stopped)
@@ -323,15 +342,15 @@ async def _stopped(cell: Cell) -> bool:
     return True
 
 
-def _refuse_mismatch(finding: Finding, name: str, inputs: Any) -> None:
-    if finding.step != name:
+def _refuse_mismatch(finding: Finding, task: _Task) -> None:
+    if finding.step != task.name:
         raise ReplayMismatchError(
-            f"the journal has {finding.step!r} where the procedure asks for {name!r}",
+            f"the journal has {finding.step!r} where the procedure asks for {task.name!r}",
             remedy="The run was made by another version: start it anew.",
         )
-    if not alike(finding.inputs, inputs):
+    if not alike(finding.inputs, task.inputs):
         raise ReplayMismatchError(
-            f"step {name!r} was done with other inputs than it is asked for",
+            f"step {task.name!r} was done with other inputs than it is asked for",
             remedy="Redo the run from the step before it.",
         )
 
