@@ -1,0 +1,65 @@
+"""What the controller's alarms and switches mean for a technician."""
+
+import re
+
+from drivers.interfaces import Alarm, Condition, Readiness
+from drivers.modbus_robot.panel import Block, Panel
+from drivers.modbus_robot.program import Mode, ProgramState
+from drivers.wire.tables import CodeEntry, code_table
+
+_AXIS = re.compile(r"Axis:(\d+)")
+_ALARM_MEMBERS = ("alarm_id", "alarm_number", "alarm_text")
+_POWER_CYCLE = "Switch the controller off and on: the acknowledgement takes effect at power-on."
+_BY_KIND = {
+    "lost": Readiness.POSITION_LOST,
+    "stopped": Readiness.STOPPED,
+    "not_ready": Readiness.NOT_READY,
+    "warning": Readiness.READY,
+}
+
+
+async def read_alarms(panel: Panel) -> tuple[tuple[Alarm, CodeEntry], ...]:
+    """Read the active alarms, newest first, each with what it means."""
+    found: list[tuple[Alarm, CodeEntry]] = []
+    for number in range(1, panel.profile.registers["alarm_id"].repeats + 1):
+        block = await panel.read(*_ALARM_MEMBERS, number=number)
+        family, index = block.integer("alarm_id"), block.integer("alarm_number")
+        if family == 0:
+            break
+        code = f"{panel.profile.alarms.get(family, f'ID{family}')}-{index:03d}"
+        text = block.text("alarm_text")
+        axis = _AXIS.search(text)
+        alarm = Alarm(code, text, int(axis[1]) - 1 if axis else None)
+        meaning = code_table("drivers.modbus_robot", "alarms.tsv").get(family * 1000 + index)
+        unknown = CodeEntry(index, "not_ready", text, "Read the alarm on the pendant and reset it.")
+        found.append((alarm, meaning or unknown))
+    return tuple(found)
+
+
+def judge(position: Block, program: ProgramState, alarms: tuple[tuple[Alarm, CodeEntry], ...]) -> Condition:
+    """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
+    findings = [(_BY_KIND[entry.kind], f"{alarm.code} {alarm.text}", entry.remedy) for alarm, entry in alarms]
+    findings += _switches(position, program)
+    order = (Readiness.POSITION_LOST, Readiness.STOPPED, Readiness.NOT_READY, Readiness.READY)
+    findings.sort(key=lambda finding: order.index(finding[0]))
+    if not findings:
+        return Condition(Readiness.READY)
+    remedy = findings[0][2]
+    if position.integer("acknowledge") == 1:
+        remedy = _POWER_CYCLE
+    message = "; ".join(dict.fromkeys(text for _, text, _ in findings))
+    return Condition(findings[0][0], message, remedy, tuple(alarm for alarm, _ in alarms))
+
+
+def _switches(position: Block, program: ProgramState) -> list[tuple[Readiness, str, str]]:
+    found = []
+    if position.integer("mastered") != 1:
+        found.append((Readiness.POSITION_LOST, "the robot is not mastered", "Run the mastering recovery."))
+    if program.emergency:
+        remedy = "Look at the cell, release the emergency stop and reset on the pendant."
+        found.append((Readiness.STOPPED, "the emergency stop is pressed", remedy))
+    if program.mode != Mode.AUTO:
+        mode = Mode(program.mode).name if program.mode in set(Mode) else f"mode {program.mode}"
+        remedy = "Switch the teach pendant off and the mode switch to AUTO."
+        found.append((Readiness.NOT_READY, f"the controller is in {mode}, not in AUTO", remedy))
+    return found

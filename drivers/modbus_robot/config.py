@@ -1,0 +1,60 @@
+"""[[robot]] driver = "modbus_robot" in cell.toml. The model is the factory."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from drivers.modbus_robot.panel import Panel, SerialCheck
+from drivers.modbus_robot.profile import load_profile, profile_names
+from drivers.modbus_robot.program import CellProgram
+from drivers.modbus_robot.robot import ModbusRobot, MotionOptions
+from drivers.wire.modbus import ModbusLink
+
+_TELEGRAM_SHARE = 0.3  # of the deadline: a failed telegram leaves time for a stop and for saying so
+
+
+class ModbusRobotConfig(BaseModel):
+    """How to reach a controller behind Modbus TCP, and how fast its robot may move."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    driver: Literal["modbus_robot"]
+    name: str = Field(min_length=1, max_length=64)
+    profile: str
+    address: str = Field(min_length=1)
+    port: int = Field(default=502, ge=1, le=65535)
+    model: str = Field(min_length=1)  # name of the nominal robot model
+    serial: str = Field(min_length=1)
+    deadline_s: float = Field(default=2.0, gt=0, le=60)
+    speed_limit_rad_s: float = Field(gt=0, le=3.0)
+    settle_s: float = Field(default=1.0, ge=0, le=60)
+    motion_margin_s: float = Field(default=10.0, gt=0, le=600)
+
+    @field_validator("profile")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in profile_names():
+            raise ValueError(f"there is no profile {name!r}; known: {', '.join(profile_names())}")
+        return name
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[ModbusRobot]:
+        """Connect, check the serial number, and hang up at the end."""
+        profile = load_profile(self.profile)
+        link = ModbusLink(
+            self.name,
+            self.address,
+            self.port,
+            deadline_s=_TELEGRAM_SHARE * self.deadline_s,
+            greet=SerialCheck(profile, self.serial),
+        )
+        panel = Panel(link, profile)
+        options = MotionOptions(self.deadline_s, self.speed_limit_rad_s, self.settle_s, self.motion_margin_s)
+        robot = ModbusRobot(panel, CellProgram(panel, deadline_s=self.deadline_s), options)
+        try:
+            await robot.connect()
+            yield robot
+        finally:
+            await robot.close()

@@ -1,0 +1,94 @@
+"""The controller's mastering data: read, check that they agree with each other, write all or none."""
+
+import math
+from collections.abc import Sequence
+
+from calibration.mastering import DriveTrain
+from drivers.errors import CellError, DeviceError, RefusedError, WireProtocolError
+from drivers.interfaces import Counts, MasteringData
+from drivers.modbus_robot.panel import Panel
+from drivers.modbus_robot.program import CellProgram, Request
+
+_ROUNDING_COUNTS = 0.3  # three float32 factors of a count near 2^19
+_RELATIVE = 1e-4
+
+
+async def read_mastering(panel: Panel) -> MasteringData:
+    """Read counts at zero and the mastered flag in one telegram."""
+    block = await panel.read("counts_at_zero", "mastered")
+    return MasteringData(block.integers("counts_at_zero"), block.integer("mastered") == 1)
+
+
+async def read_drive_train(panel: Panel) -> DriveTrain:
+    """Learn the drive from the controller: interaction matrix; counts per turn from scale and ratio.
+
+    Raises
+    ------
+    WireProtocolError
+        The three tables contradict each other, so none of them is believed.
+    """
+    axes = panel.profile.axes
+    matrix = (await panel.read("interaction")).numbers("interaction")
+    block = await panel.block("drive")
+    scales, ratios = block.numbers("counts_per_radian"), block.numbers("inverse_ratio")
+    rows = tuple(matrix[axes * i : axes * (i + 1)] for i in range(axes))
+    turns = [scale * 2 * math.pi * abs(ratio) for scale, ratio in zip(scales, ratios, strict=True)]
+    for axis in range(axes):
+        whole = abs(turns[axis] - round(turns[axis])) < _ROUNDING_COUNTS and round(turns[axis]) > 0
+        same = math.isclose(abs(rows[axis][axis]) * scales[axis], 1.0, rel_tol=_RELATIVE)
+        if not (whole and same):
+            raise WireProtocolError(
+                panel.device,
+                f"scale, gear ratio and interaction of axis {axis + 1} contradict each other.",
+                remedy="Compare $ENCSCALES, $GEAR_RATIO and $INTERACTION with the data sheet.",
+                frame=block.hex("counts_per_radian"),
+            )
+    return DriveTrain(rows, tuple(round(turn) for turn in turns))
+
+
+async def write_mastering(
+    panel: Panel, program: CellProgram, counts_at_zero: Sequence[int], *, within_s: float
+) -> MasteringData:
+    """Write all axes, make them effective, read back; put the old data back if any of that fails."""
+    old = await read_mastering(panel)
+    try:
+        return await _write(panel, program, tuple(counts_at_zero), within_s)
+    except BaseException as error:
+        outcome = await _restore(panel, program, old, within_s)
+        if isinstance(error, CellError):
+            error.message = f"{error.message} {outcome}"
+        raise
+
+
+async def _write(panel: Panel, program: CellProgram, counts: Counts, within_s: float) -> MasteringData:
+    await panel.write({"counts_at_zero": counts})
+    stored = (await read_mastering(panel)).counts_at_zero
+    if stored != counts:
+        raise _not_written(panel, stored, counts)
+    await program.run(Request("calibrate", within_s=within_s))
+    found = await read_mastering(panel)
+    if found.counts_at_zero != counts or not found.mastered:
+        raise _not_written(panel, found.counts_at_zero, counts)
+    return found
+
+
+async def _restore(panel: Panel, program: CellProgram, old: MasteringData, within_s: float) -> str:
+    try:
+        await panel.write({"counts_at_zero": old.counts_at_zero})
+        if (await read_mastering(panel)).counts_at_zero != old.counts_at_zero:
+            return "The old data could NOT be restored: compare the counts with the record before moving."
+        if old.mastered:
+            await program.run(Request("calibrate", within_s=within_s))
+    except DeviceError as error:
+        return f"Whether the old data are back is not known ({error.message}): read them back before moving."
+    return "The old data were restored."
+
+
+def _not_written(panel: Panel, found: Counts, wanted: Counts) -> RefusedError:
+    axes = [str(i + 1) for i, pair in enumerate(zip(found, wanted, strict=True)) if pair[0] != pair[1]]
+    what = f"axis {', '.join(axes)} was not written" if axes else "the controller did not become mastered"
+    return RefusedError(
+        panel.device,
+        f"{what}.",
+        remedy="Check that mastering is not locked on the controller, then write again.",
+    )

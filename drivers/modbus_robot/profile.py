@@ -1,0 +1,71 @@
+"""A controller's register map as data: ``profiles/<name>.toml``, each line with its source."""
+
+import tomllib
+from collections.abc import Sequence
+from functools import cache
+from importlib.resources import files
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.modbus_robot.registers import Register
+
+Operation = Literal["move", "jog", "calibrate", "reset_alarms"]
+LONGEST_READ = 125  # registers in one telegram, Modbus Application Protocol 6.3
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Limits(_Table):
+    """Numbers that the document promises or demands."""
+
+    position_tolerance_deg: float = Field(gt=0)
+    jog_speed_unmastered_deg_s: float = Field(gt=0)
+    stale_after_s: float = Field(gt=0)
+    heartbeat_s: float = Field(gt=0)
+
+
+class Profile(_Table):
+    """One kind of controller behind Modbus TCP."""
+
+    name: str
+    title: str
+    vendor: str
+    axes: int = Field(ge=1, le=9)
+    blocks: dict[str, tuple[str, ...]]
+    operations: dict[Operation, int]
+    limits: Limits
+    alarms: dict[int, str]
+    registers: dict[str, Register]
+
+    @model_validator(mode="after")
+    def _blocks_fit(self) -> "Profile":
+        for name, members in self.blocks.items():
+            unknown = [member for member in members if member not in self.registers]
+            if unknown:
+                raise ValueError(f"block {name} names unknown registers: {', '.join(unknown)}")
+            first, count = self.span([self.registers[member] for member in members])
+            if count > LONGEST_READ:
+                raise ValueError(f"block {name} from {first} is {count} words, more than {LONGEST_READ}")
+        return self
+
+    @staticmethod
+    def span(registers: Sequence[Register]) -> tuple[int, int]:
+        """Return first address and number of words that cover all of ``registers``."""
+        first = min(register.address for register in registers)
+        return first, max(register.address + register.words for register in registers) - first
+
+
+@cache
+def load_profile(name: str) -> Profile:
+    """Read a profile that ships; FileNotFoundError for an unknown name."""
+    text = files("drivers.modbus_robot").joinpath("profiles", f"{name}.toml").read_text(encoding="utf-8")
+    return Profile.model_validate(tomllib.loads(text))
+
+
+def profile_names() -> tuple[str, ...]:
+    """Return the names of the profiles that ship."""
+    folder = files("drivers.modbus_robot").joinpath("profiles")
+    return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))

@@ -1,0 +1,22 @@
+"""Everything waits with a deadline, and a missed one says what was waited for."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from drivers.errors import DeviceTimeoutError
+
+_REMEDY = "Check the device and its cable, then try again."
+
+
+@asynccontextmanager
+async def deadline(device: str, seconds: float, doing: str) -> AsyncIterator[None]:
+    """Raise DeviceTimeoutError when the block takes longer than ``seconds``."""
+    limit = asyncio.timeout(seconds)
+    try:
+        async with limit:
+            yield
+    except TimeoutError:
+        if not limit.expired():
+            raise
+        raise DeviceTimeoutError(device, f"{doing} took longer than {seconds:g} s.", remedy=_REMEDY) from None
