@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from calibration.turn_recovery import MasteringRecord
+from calibration.mastering import MasteringRecord
 from procedures.canonical import sha256_of
 from procedures.past import Kind, Past, fold
 from service.journal import Event, Journal, StoreError
