@@ -12,6 +12,7 @@ _ALARM_MEMBERS = ("alarm_id", "alarm_number", "alarm_text")
 _POWER_CYCLE = "Switch the controller off and on: the acknowledgement takes effect at power-on."
 _BY_KIND = {
     "lost": Readiness.POSITION_LOST,
+    "index": Readiness.POSITION_LOST,
     "stopped": Readiness.STOPPED,
     "not_ready": Readiness.NOT_READY,
     "warning": Readiness.READY,

@@ -28,10 +28,15 @@ async def read_frame(panel: Panel, kind: Kind, number: int) -> Pose:
 
 async def write_frame(panel: Panel, kind: Kind, number: int, pose: Pose) -> Pose:
     """Write a frame in one telegram, read it back, return what was read."""
-    names = (f"{kind}_xyz", f"{kind}_wpr", f"{kind}_valid")
-    xyz, wpr = pose.position_m, values_from(_CONVENTION, pose.rotation())
-    await panel.write({names[0]: xyz, names[1]: tuple(float(angle) for angle in wpr)}, number=number)
-    await panel.write({names[2]: (1,)}, number=number)
+    rest = await panel.read(f"{kind}_rest", number=number)
+    wpr = values_from(_CONVENTION, pose.rotation())
+    values = {
+        f"{kind}_xyz": pose.position_m,
+        f"{kind}_wpr": tuple(float(angle) for angle in wpr),
+        f"{kind}_rest": rest.numbers(f"{kind}_rest"),
+        f"{kind}_valid": (1,),
+    }
+    await panel.write(values, number=number)
     found = await read_frame(panel, kind, number)
     if not _same(found, pose):
         raise RefusedError(

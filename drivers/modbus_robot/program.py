@@ -106,7 +106,6 @@ class CellProgram:
     async def run(self, request: Request) -> None:
         """Do one request to its end. Whatever goes wrong after its start, cancellation too, stops the arm."""
         stops = self._stops
-        await self._ready_for_request()
         number = await self._next_number()
         await self._panel.write(self._arguments(request))
         if self._stops != stops:
@@ -138,14 +137,14 @@ class CellProgram:
                 )
             await asyncio.sleep(_POLL_S)
 
-    async def _ready_for_request(self) -> None:
+    async def _next_number(self) -> int:
+        """Return a number that the program has not seen, while it is alive and idle."""
         state = await self.newer_than(await self.look())
         if state.moving or state.phase == Phase.RUNNING:
             raise self._error(4, stopped=False)
-
-    async def _next_number(self) -> int:
         asked = (await self._panel.read("request")).integer("request")
-        return asked + 1 if 0 <= asked < _LAST_NUMBER else 1
+        last = max(asked, state.answered)
+        return last + 1 if 0 <= last < _LAST_NUMBER else 1
 
     def _arguments(self, request: Request) -> dict[str, Sequence[float]]:
         target = (*request.arguments_rad, *(0.0,) * (_ARGUMENTS - len(request.arguments_rad)))

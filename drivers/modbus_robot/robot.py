@@ -31,7 +31,7 @@ from drivers.modbus_robot.program import CellProgram, ProgramState, Request
 from drivers.wire.deadline import deadline
 
 _LOG = logging.getLogger(__name__)
-VERIFIED_ON = ("CELLCAL-FAKE",)  # firmware strings, see README.md
+VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md
 _SLOWER = 1.5  # acceleration and joint coupling make a move longer than distance over speed
 _RESET_NEEDS_MORE = (2, 6, 11)  # reasons after which condition() says what is still to be done
 

@@ -1,0 +1,54 @@
+"""[[gauge]] driver = "draw_wire" in cell.toml. The model is the factory."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from drivers.draw_wire.gauge import DrawWire, GaugeOptions
+from drivers.draw_wire.objects import load_objects
+from drivers.wire.can_session import BusOptions
+from drivers.wire.canopen import CanopenLink
+
+
+class DrawWireConfig(BaseModel):
+    """How to reach a draw-wire on CANopen, and how good it is."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    driver: Literal["draw_wire"]
+    name: str = Field(min_length=1, max_length=64)
+    interface: Literal["socketcand", "socketcan"]
+    channel: str = Field(min_length=1)
+    host: str = ""
+    port: int = Field(default=29536, ge=1, le=65535)
+    node_id: int = Field(ge=1, le=127)
+    serial: int = Field(ge=0, lt=2**32)
+    range_m: float = Field(gt=0, le=100)
+    sigma_m: float = Field(gt=0, le=0.1)
+    end_margin_m: float = Field(default=0.005, ge=0, le=1)
+    deadline_s: float = Field(default=1.0, gt=0, le=60)
+    heartbeat_s: float = Field(default=0.1, ge=0.02, le=10)
+
+    @model_validator(mode="after")
+    def _gateway_has_a_host(self) -> "DrawWireConfig":
+        if self.interface == "socketcand" and not self.host:
+            raise ValueError("interface = 'socketcand' needs the host of the CAN gateway")
+        return self
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[DrawWire]:
+        """Connect, check the serial number, and leave the bus at the end."""
+        on_network = self.interface == "socketcand"
+        bus = BusOptions(self.interface, self.channel, self.host if on_network else "", self.port)
+        link = CanopenLink(
+            self.name, bus, self.node_id, deadline_s=self.deadline_s, heartbeat_s=self.heartbeat_s
+        )
+        options = GaugeOptions(self.serial, self.range_m, self.sigma_m, self.end_margin_m, self.deadline_s)
+        gauge = DrawWire(link, load_objects(), options)
+        try:
+            await gauge.connect()
+            yield gauge
+        finally:
+            await gauge.close()

@@ -1,0 +1,191 @@
+"""A draw-wire encoder on CANopen. Every length is asked for (SDO): it cannot be older than the question."""
+
+import logging
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from drivers.draw_wire.objects import ObjectTable, decode
+from drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
+from drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, Readiness, Reading
+from drivers.wire.can_session import Emergency
+from drivers.wire.canopen import CanopenLink
+from drivers.wire.deadline import deadline
+from drivers.wire.tables import CodeEntry, code_table
+
+_LOG = logging.getLogger(__name__)
+VERIFIED_ON: tuple[str, ...] = ()  # vendor:product:revision this driver has run on; none yet, see README.md
+_OBJECT_MISSING = (0x06020000, 0x06090011)
+_Read = Callable[[int, int], Awaitable[bytes]]
+
+
+@dataclass(frozen=True, slots=True)
+class GaugeOptions:
+    """What the cell file says about this gauge."""
+
+    serial: int
+    range_m: float
+    sigma_m: float
+    end_margin_m: float
+    deadline_s: float
+
+
+class DrawWire:
+    """DistanceGauge over one CANopen node."""
+
+    def __init__(self, link: CanopenLink, table: ObjectTable, options: GaugeOptions) -> None:
+        self._link, self._table, self._options = link, table, options
+        self._step_m = 0.0
+        self._offset: int | None = None
+        link.greet = self._greet
+
+    @property
+    def name(self) -> str:
+        return self._link.device
+
+    @property
+    def capabilities(self) -> GaugeCapabilities:
+        return GaugeCapabilities(self._options.range_m, self._step_m, self._options.sigma_m)
+
+    async def connect(self) -> None:
+        """Connect, check who answers, and note a device nobody has tried yet."""
+        async with deadline(self.name, self._options.deadline_s, "connecting"):
+            await self._link.open()
+        identity = await self.identify()
+        if not f"{identity.vendor}:{identity.model}:{identity.firmware}".startswith(VERIFIED_ON):
+            _LOG.warning(
+                "%s: not verified on product %s of vendor %s", self.name, identity.model, identity.vendor
+            )
+
+    async def close(self) -> None:
+        """Leave the bus."""
+        await self._link.close()
+
+    async def identify(self) -> Identity:
+        async with deadline(self.name, self._options.deadline_s, "asking who it is"):
+            vendor = await self._value("vendor", self._link.read)
+            product = await self._value("product", self._link.read)
+            revision = await self._value("revision", self._link.read)
+            serial = await self._value("serial", self._link.read)
+        return Identity(f"{vendor:#x}", f"{product:#x}", str(serial), f"{revision >> 16}.{revision & 0xFFFF}")
+
+    async def condition(self) -> Condition:
+        try:
+            async with deadline(self.name, self._options.deadline_s, "asking its condition"):
+                await self._value("error_register", self._link.read)
+        except DeviceError as error:
+            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+        emergency = self._link.emergency
+        if emergency is not None:
+            meaning = _meaning(emergency)
+            alarm = Alarm(f"EMCY-{emergency.code:04X}", meaning.text)
+            return Condition(Readiness.NOT_READY, f"{alarm.code}: {meaning.text}", meaning.remedy, (alarm,))
+        if self._link.foreign_master:
+            refusal = self._foreign()
+            return Condition(Readiness.NOT_READY, refusal.message, refusal.remedy)
+        return Condition(Readiness.READY)
+
+    async def distance(self) -> Reading:
+        async with deadline(self.name, self._options.deadline_s, "reading the length"):
+            raw = await self._value("position", self._link.read)
+        taken_at_s = time.monotonic()
+        self._require_trust()
+        value_m = raw * self._step_m
+        self._require_range(value_m)
+        return Reading(value_m, self._options.sigma_m, taken_at_s, raw)
+
+    async def _greet(self, link: CanopenLink) -> None:
+        read = link.read_during_greeting
+        device_type = await self._value("device_type", read)
+        if device_type & 0xFFFF != self._table.device_profile:
+            raise self._wrong(f"a device of profile {device_type & 0xFFFF}, not an encoder (406)")
+        serial = await self._value("serial", read)
+        if serial != self._options.serial:
+            raise self._wrong(f"serial number {serial}, cell.toml says {self._options.serial}")
+        self._step_m = await self._value("step", read) * self._table.objects["step"].scale
+        await self._check_offset(read)
+        if await self._value("error_register", read) == 0:
+            link.forget_emergency()
+
+    async def _check_offset(self, read: _Read) -> None:
+        """Refuse to go on when a lost preset has moved the zero under readings already taken."""
+        try:
+            offset = await self._value("offset", read)
+        except RefusedError as error:
+            if error.vendor_code in _OBJECT_MISSING:
+                return
+            raise
+        before, self._offset = self._offset, offset
+        if before is not None and before != offset:
+            moved_mm = (offset - before) * self._step_m * 1e3
+            raise RefusedError(
+                self.name,
+                f"the zero of the gauge moved by {moved_mm:.1f} mm at its restart.",
+                remedy="Readings from before cannot be combined with new ones: take the reference again.",
+            )
+
+    async def _value(self, name: str, read: _Read) -> int:
+        entry = self._table.objects[name]
+        data = await read(entry.index, entry.sub)
+        try:
+            return decode(entry, data)
+        except ValueError as error:
+            raise WireProtocolError(
+                self.name,
+                f"object {entry.index:04X}h: {error}.",
+                remedy="The object table does not fit this device; the reading was not used.",
+                frame=data.hex(),
+            ) from error
+
+    def _require_trust(self) -> None:
+        emergency = self._link.emergency
+        if emergency is not None:
+            meaning = _meaning(emergency)
+            raise RefusedError(
+                self.name,
+                f"the gauge reports error {emergency.code:04X}h: {meaning.text}.",
+                remedy=meaning.remedy,
+                vendor_code=emergency.code,
+                vendor_text=meaning.text,
+            )
+        if self._link.foreign_master:
+            raise self._foreign()
+
+    def _require_range(self, value_m: float) -> None:
+        margin_m = self._options.end_margin_m
+        if value_m <= margin_m:
+            raise RefusedError(
+                self.name,
+                f"the wire is all in ({value_m * 1e3:.1f} mm): it is not hooked, or it has snapped.",
+                remedy="Stop the robot, look at the wire without reaching into the cell, and hook it again.",
+            )
+        if value_m >= self._options.range_m - margin_m:
+            raise RefusedError(
+                self.name,
+                f"the wire is out to its end ({value_m * 1e3:.1f} mm).",
+                remedy="Move the arm towards the gauge and choose poses within its range.",
+            )
+
+    def _foreign(self) -> RefusedError:
+        return RefusedError(
+            self.name,
+            "another program controls this gauge.",
+            remedy="End the other program on the CAN bus, wait two seconds, then try again.",
+        )
+
+    def _wrong(self, found: str) -> WrongDeviceError:
+        return WrongDeviceError(
+            self.name,
+            f"at this node is {found}.",
+            remedy="Check node number and cables; change cell.toml only if the gauge was exchanged.",
+        )
+
+
+def _meaning(emergency: Emergency) -> CodeEntry:
+    """Return the most exact entry of the table for this code."""
+    table = code_table("drivers.draw_wire", "emergencies.tsv")
+    code = emergency.code
+    for key in (code, code & 0xFF00, code & 0xF000):
+        if key in table:
+            return table[key]
+    return CodeEntry(code, "fault", f"error {code:04X}h", "Look at the gauge's manual.")

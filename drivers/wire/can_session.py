@@ -1,0 +1,210 @@
+"""One connection to a CAN bus and one node on it, from opening to death. Lives in threads."""
+
+import struct
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import can
+import canopen
+
+from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
+from drivers.wire.trace import FrameTrace
+
+_POLL_S = 0.05
+_HEARTBEATS_MISSED = 2.5
+_BUS_OFF = 0x40  # CAN_ERR_BUSOFF in the identifier of an error frame, linux/can/error.h
+_FOREIGN_S = 2.0
+_WIRING = "Check the power and the cable of the device, and the CAN termination; then try again."
+
+
+@dataclass(frozen=True, slots=True)
+class BusOptions:
+    """Which bus, in python-can's words."""
+
+    interface: str
+    channel: str
+    host: str = ""
+    port: int = 0
+    bitrate: int = 0
+
+    def arguments(self) -> dict[str, Any]:
+        """Return keyword arguments for ``can.Bus``; configuration files are not looked at."""
+        found: dict[str, Any] = {"interface": self.interface, "channel": self.channel, "ignore_config": True}
+        if self.host:
+            found |= {"host": self.host, "port": self.port}
+        if self.bitrate:
+            found["bitrate"] = self.bitrate
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Emergency:
+    """An EMCY that the node has not taken back."""
+
+    code: int
+    register: int
+    data: str  # hex, as it came
+
+
+class CanSession:
+    """One open bus. When it dies it says why in ``dead`` and closes itself; it is never revived."""
+
+    def __init__(self, device: str, node_id: int, trace: FrameTrace, *, answer_s: float) -> None:
+        self.device, self._id, self._trace, self._answer_s = device, node_id, trace, answer_s
+        self.dead = ""
+        self.emergency: Emergency | None = None
+        self.emergencies_cleared = 0
+        self.foreign_at_s = float("-inf")
+        self._heartbeat_s = 0.0  # period that is watched; 0 while it is not
+        self._heard_s = time.monotonic()
+        self._quiet_until_s = 0.0
+        self._odd_frame = ""
+        self._closing = threading.Event()
+        self._reader = threading.Thread(target=self._read_frames, name=f"can reader {device}", daemon=True)
+
+    def open(self, options: BusOptions) -> None:
+        """Open the bus and begin to listen. Blocks."""
+        try:
+            self._bus = can.Bus(**options.arguments())
+        except (can.CanError, OSError, ValueError) as error:
+            message = f"the CAN bus cannot be opened ({error})."
+            raise UnreachableError(self.device, message, remedy=_WIRING) from error
+        self._network = canopen.Network(self._bus)
+        nothing_known = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]  # objects are our data
+        self._node = self._network.add_node(canopen.RemoteNode(self._id, nothing_known))
+        self._node.sdo.RESPONSE_TIMEOUT = self._answer_s
+        self._reader.start()
+
+    def close(self) -> None:
+        """End the reader; it closes the bus. Blocks for a moment; may be called twice."""
+        self._closing.set()
+        if self._reader.is_alive() and threading.current_thread() is not self._reader:
+            self._reader.join(10 * _POLL_S)
+
+    def watch_heartbeat(self, period_s: float) -> None:
+        """From here on the node has to be heard within 2.5 periods."""
+        self._heard_s = time.monotonic()
+        self._heartbeat_s = period_s
+
+    def heartbeat_age_s(self) -> float:
+        """Return how long ago the node was heard."""
+        return time.monotonic() - self._heard_s
+
+    def foreign_master(self) -> bool:
+        """Return whether somebody else has commanded this node lately."""
+        return time.monotonic() - self.foreign_at_s < _FOREIGN_S
+
+    def upload(self, index: int, subindex: int) -> bytes:
+        """Read one object (SDO). Blocks until its answer or the deadline."""
+        return bytes(self._sdo(lambda: self._node.sdo.upload(index, subindex)))
+
+    def download(self, index: int, subindex: int, data: bytes) -> None:
+        """Write one object (SDO)."""
+        self._sdo(lambda: self._node.sdo.download(index, subindex, data))
+
+    def _sdo(self, transfer: Any) -> Any:
+        self._require_life()
+        time.sleep(max(0.0, self._quiet_until_s - time.monotonic()))
+        self._odd_frame = ""
+        try:
+            result = transfer()
+        except canopen.SdoAbortedError as error:
+            raise RefusedError(
+                self.device,
+                f"the device refused: {error}.",
+                remedy="Check that model and object table in cell.toml fit this device.",
+                vendor_code=error.code,
+                vendor_text=str(error),
+            ) from error
+        except canopen.SdoCommunicationError as error:
+            raise self._no_answer(error) from error
+        except (can.CanError, OSError) as error:
+            self._die(f"sending failed ({error})")
+            raise UnreachableError(self.device, f"{self.dead}.", remedy=_WIRING) from error
+        except struct.error as error:
+            raise self._odd(str(error)) from error
+        self._require_life()
+        return result
+
+    def _no_answer(self, error: Exception) -> DeviceError:
+        self._require_life()
+        self._quiet_until_s = time.monotonic() + self._answer_s
+        if "No SDO response" not in str(error):
+            return self._odd(str(error))
+        if self._odd_frame:
+            return self._odd(f"an answer of {len(self._odd_frame) // 2} bytes instead of 8")
+        return DeviceTimeoutError(
+            self.device, f"no answer from node {self._id} within {self._answer_s:g} s.", remedy=_WIRING
+        )
+
+    def _odd(self, what: str) -> WireProtocolError:
+        return WireProtocolError(
+            self.device,
+            f"node {self._id} answered what the standard does not allow: {what}.",
+            remedy="Make sure that no other program talks to the device; the reading was not used.",
+            frame=self._odd_frame or self._trace.last_received(),
+        )
+
+    def _require_life(self) -> None:
+        if self.dead:
+            raise UnreachableError(self.device, f"{self.dead}.", remedy=_WIRING)
+
+    # ---- reader thread ----
+
+    def _read_frames(self) -> None:
+        while not self._closing.is_set() and not self.dead:
+            try:
+                message = self._bus.recv(_POLL_S)
+            except (can.CanError, OSError, ValueError) as error:
+                self._die(f"receiving from the CAN bus failed ({type(error).__name__})")
+                break
+            if message is not None:
+                self._take(message)
+            self._check_heartbeat(idle=message is None)
+        self._bus.shutdown()
+
+    def _check_heartbeat(self, *, idle: bool) -> None:
+        """Judge the silence only once everything received has been looked at."""
+        limit_s = _HEARTBEATS_MISSED * self._heartbeat_s * (1 if idle else 4)
+        if self._heartbeat_s and self.heartbeat_age_s() > limit_s:
+            self._die(f"node {self._id} has not been heard for {self.heartbeat_age_s():.2f} s")
+
+    def _take(self, message: can.Message) -> None:
+        if message.is_error_frame:
+            if message.arbitration_id & _BUS_OFF:
+                self._die("the CAN controller is bus-off: check termination and bit rate")
+            return
+        function, node = message.arbitration_id & ~0x7F, message.arbitration_id & 0x7F
+        if message.is_extended_id or (node != self._id and message.arbitration_id != 0):
+            return
+        data = bytes(message.data)
+        self._trace.add("<", f"{message.arbitration_id:03x}#{data.hex()}")
+        handle = {0x700: self._heartbeat, 0x080: self._emergency, 0x580: self._answer}.get(function)
+        if handle is not None:
+            handle(data)
+        elif function == 0x600 or message.arbitration_id == 0:
+            self.foreign_at_s = time.monotonic()
+
+    def _heartbeat(self, data: bytes) -> None:
+        self._heard_s = time.monotonic()
+        if data[:1] == b"\0":
+            self._die(f"node {self._id} has restarted; what it was told before is lost")
+
+    def _emergency(self, data: bytes) -> None:
+        code = int.from_bytes(data[:2], "little")
+        if code == 0 and len(data) >= 2:
+            self.emergency = None
+            self.emergencies_cleared += 1
+            return
+        self.emergency = Emergency(code, data[2] if len(data) > 2 else 0, data.hex())
+
+    def _answer(self, data: bytes) -> None:
+        if len(data) == 8:
+            self._network.notify(0x580 + self._id, bytearray(data), time.time())
+        else:
+            self._odd_frame = data.hex()
+
+    def _die(self, reason: str) -> None:
+        self.dead = self.dead or reason

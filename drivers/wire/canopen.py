@@ -1,0 +1,197 @@
+"""One CANopen node, fenced: python-can and canopen run in threads of their own and are watched.
+
+What the two libraries leave to their caller, and what is done about it here and in ``can_session.py``:
+
+* the death of a socketcand daemon is not noticed when receiving: the node's heartbeat has to come within 2.5
+  of its periods, or the bus is closed, and the next call opens it again
+* a malformed line blocks python-can's buffer for ever: any receive error closes the bus
+* a refused port is retried for 10 s in a busy loop, and a silent daemon is waited for without end: the daemon
+  is greeted by us first, with a deadline
+* canopen unpacks EMCY frames of eight bytes only: we take any length and latch it until the node says 0000h
+* an SDO answer that comes after its time-out may meet the next request for the same object: the node is left
+  quiet for as long again before anything else is asked
+* configuration files of python-can are not looked at
+"""
+
+import asyncio
+import struct
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
+
+from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
+from drivers.wire.backoff import Backoff
+from drivers.wire.can_session import BusOptions, CanSession, Emergency
+from drivers.wire.trace import FrameTrace
+from drivers.wire.worker import Worker
+
+T = TypeVar("T")
+Greeting = Callable[["CanopenLink"], Awaitable[None]]
+
+_HEARTBEAT_TIME = 0x1017
+_ANSWER_SHARE = 0.3  # of the deadline, for one SDO answer
+_READ_ONLY = (0x06010002, 0x06010000)
+_DAEMON = "Check that the CAN gateway is on, and host and port in cell.toml; then try again."
+
+
+class CanopenLink:
+    """Reads and writes objects of one node; reconnects by itself; one transfer at a time."""
+
+    def __init__(
+        self, device: str, options: BusOptions, node_id: int, *, deadline_s: float, heartbeat_s: float
+    ) -> None:
+        self.device = device
+        self.trace = FrameTrace(device)
+        self.greet: Greeting | None = None
+        self._options, self._id, self._heartbeat_s = options, node_id, heartbeat_s
+        self._deadline_s = deadline_s
+        self._session: CanSession | None = None
+        self._worker: Worker | None = None
+        self._emergency: Emergency | None = None
+        self._turn = asyncio.Lock()
+        self._backoff = Backoff()
+
+    @property
+    def emergency(self) -> Emergency | None:
+        """The last EMCY that was not taken back, also across a reconnect."""
+        if self._session is not None:
+            if self._session.emergency is not None:
+                return self._session.emergency
+            if self._session.emergencies_cleared:
+                return None
+        return self._emergency
+
+    def forget_emergency(self) -> None:
+        """Drop the latch: for a greeting that has read an empty error register."""
+        self._emergency = None
+        if self._session is not None:
+            self._session.emergency = None
+
+    @property
+    def foreign_master(self) -> bool:
+        """Whether somebody else has commanded this node lately."""
+        return self._session is not None and self._session.foreign_master()
+
+    async def open(self) -> None:
+        """Open the bus, switch the node's heartbeat on and greet it."""
+        async with self._turn:
+            await self._ready()
+
+    async def close(self) -> None:
+        """Close the bus and end the threads. May be called twice."""
+        session, self._session = self._session, None
+        worker, self._worker = self._worker, None
+        if worker is None:
+            return
+        if session is not None:
+            self._keep_emergency(session)
+            try:
+                async with asyncio.timeout(self._deadline_s):
+                    await worker.run(session.close)
+            except TimeoutError:
+                pass  # its threads are daemons and end with their socket
+        worker.stop()
+
+    async def read(self, index: int, subindex: int) -> bytes:
+        """Read one object."""
+        async with self._turn:
+            return await self._transfer(await self._ready(), lambda s: s.upload(index, subindex))
+
+    async def write(self, index: int, subindex: int, data: bytes) -> None:
+        """Write one object."""
+        async with self._turn:
+            await self._transfer(await self._ready(), lambda s: s.download(index, subindex, data))
+
+    async def read_during_greeting(self, index: int, subindex: int) -> bytes:
+        """Read while the connection is being made; for greetings only."""
+        if self._session is None:
+            raise UnreachableError(self.device, "the CAN bus was closed.", remedy=_DAEMON)
+        return await self._transfer(self._session, lambda s: s.upload(index, subindex))
+
+    async def _ready(self) -> CanSession:
+        if self._session is not None and not self._session.dead:
+            return self._session
+        await self.close()
+        await self._backoff.wait()
+        try:
+            session = await self._connect()
+            await self._start_heartbeat(session)
+            if self.greet is not None:
+                await self.greet(self)
+        except BaseException:
+            self._backoff.failed()
+            await self.close()
+            raise
+        self._backoff.succeeded()
+        return session
+
+    async def _connect(self) -> CanSession:
+        if self._options.interface == "socketcand":
+            await self._probe_daemon()
+        self._worker = Worker(f"can worker {self.device}")
+        session = CanSession(self.device, self._id, self.trace, answer_s=_ANSWER_SHARE * self._deadline_s)
+        self._session = session
+        await self._transfer(session, lambda s: s.open(self._options))
+        return session
+
+    async def _probe_daemon(self) -> None:
+        """Shake hands once with a deadline: python-can's own handshake has none."""
+        host, port = self._options.host, self._options.port
+        try:
+            async with asyncio.timeout(self._deadline_s / 2):
+                reader, writer = await asyncio.open_connection(host, port)
+                try:
+                    await reader.readuntil(b"< hi >")
+                finally:
+                    writer.close()
+                    await writer.wait_closed()
+        except TimeoutError:
+            raise self._no_daemon(f"the CAN gateway at {host}:{port} does not answer.") from None
+        except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError) as error:
+            raise self._no_daemon(f"no CAN gateway at {host}:{port}.") from error
+
+    def _no_daemon(self, message: str) -> DeviceError:
+        return UnreachableError(self.device, message, remedy=_DAEMON)
+
+    async def _start_heartbeat(self, session: CanSession) -> None:
+        """Ask for our period; a node with a fixed one tells us its own."""
+        period_ms = round(self._heartbeat_s * 1000)
+        try:
+            wanted = struct.pack("<H", period_ms)
+            await self._transfer(session, lambda s: s.download(_HEARTBEAT_TIME, 0, wanted))
+        except RefusedError as error:
+            if error.vendor_code not in _READ_ONLY:
+                raise
+            found = await self._transfer(session, lambda s: s.upload(_HEARTBEAT_TIME, 0))
+            period_ms = int.from_bytes(found[:2], "little")
+            if period_ms == 0:
+                raise RefusedError(
+                    self.device,
+                    "the device has no heartbeat and does not let us switch it on.",
+                    remedy="Switch its heartbeat (object 1017h) on with the maker's tool.",
+                ) from error
+        session.watch_heartbeat(period_ms * 1e-3)
+
+    async def _transfer(self, session: CanSession, call: Callable[[CanSession], T]) -> T:
+        worker = self._worker
+        if worker is None:
+            raise UnreachableError(self.device, "the CAN bus was closed.", remedy=_DAEMON)
+        try:
+            async with asyncio.timeout(self._deadline_s):
+                return await worker.run(lambda: call(session))
+        except TimeoutError as error:
+            if isinstance(error, DeviceError):
+                raise
+            self._abandon(session, worker)
+            message = f"the CAN bus did not react within {self._deadline_s:g} s."
+            raise DeviceTimeoutError(self.device, message, remedy=_DAEMON) from None
+
+    def _abandon(self, session: CanSession, worker: Worker) -> None:
+        """Leave a thread that hangs inside a library to itself; it ends when its socket does."""
+        self._keep_emergency(session)
+        session.dead = session.dead or "abandoned after a time-out"
+        worker.stop()
+        self._session = self._worker = None
+
+    def _keep_emergency(self, session: CanSession) -> None:
+        if session.emergency is not None or session.emergencies_cleared:
+            self._emergency = session.emergency
