@@ -75,6 +75,12 @@ def _coupling(name: str, data: dict[str, Any], n: int) -> Any:
     if signs.shape != (n,) or not (np.abs(signs) == 1.0).all():
         raise CalibrationError(f"robot model {name}: sign needs {n} times 1 or -1")
     coupling = np.diag(signs)
+    if "interaction" in data and "interaction_source" not in data:
+        raise CalibrationError(
+            f"robot model {name}: where does the interaction come from? Give interaction_source"
+        )
     for angle, joint, factor in data.get("interaction", []):
+        if not (1 <= angle <= n and 1 <= joint <= n):
+            raise CalibrationError(f"robot model {name}: the interaction names an axis that is not there")
         coupling[angle - 1, joint - 1] += factor
     return coupling

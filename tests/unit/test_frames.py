@@ -102,7 +102,7 @@ def test_three_two_one_points_give_the_frame_in_any_order_on_the_plane(order):
     found = frame_from_six_points([PLANE[i] for i in order], LINE, STOP, above_m=at(0, 0, 1), sigma_m=1e-4)
     assert np.allclose(found.base_frame.matrix(), TRUTH, atol=1e-12)
     # The stop is 0.3 m from the origin, and the line, 0.5 m long, turns the frame under it.
-    assert found.origin_sigma_m[0] == pytest.approx(1e-4 * math.sqrt(1 + 2 * (0.3 / 0.5) ** 2), rel=1e-3)
+    assert found.origin_sigma_m[0] == pytest.approx(1e-4 * math.sqrt(1 + 2 * (0.3 / 0.5) ** 2), rel=1e-2)
 
 
 @pytest.mark.parametrize(
