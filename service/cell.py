@@ -5,6 +5,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any, cast
 
+from calibration.kinematics import load_model
 from drivers.interfaces import (
     DistanceGauge,
     JogsAxes,
@@ -56,6 +57,7 @@ def _lend(
         user_frames=cast(UserFrameStore, arm) if can.writes_user_frame else None,
         gauge=gauge,
         gauge_setup=None if at is None else _setup(at),
+        model=load_model(entry.model),
         limits=MotionLimits(speed_rad_s=entry.speed_limit_rad_s, settle_s=getattr(entry, "settle_s", 1.0)),
         config_sha256=config.sha256,
     )

@@ -1,0 +1,138 @@
+"""The main job, end to end: a healthy cell, a loss, the service that notices, the recovery, and the world's verdict."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.errors import CellError
+from calibration.mastering import DriveTrain
+from procedures.cell import Cell
+from procedures.progress import Progress, ignore
+from service.cell import journal_path, open_cell
+from service.check import check_cell
+from service.conduct import Conditions, Outcome, Verdict, run_procedure
+from service.config import CellConfig, read_cell_file
+from service.demo.door import Door
+from service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from service.demo.report import DemoReport, JointReport, TcpError
+from service.demo.technician import DemoTechnician
+from service.journal import Journal
+from service.specs import build_spec
+from service.watch import LastHealthyCounts, PositionLoss, Watch
+
+ROBOT = "fanuc"
+NOTICE_WITHIN_S = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """Which story is told, how fast, and who listens."""
+
+    loss: str = "turns"
+    seed: int = 1
+    time_factor: float = 200.0
+    say: Callable[[str], None] = lambda _: None
+    on_event: Callable[[Progress], None] = ignore
+
+
+async def tell_story(folder: Path, plot: Plot) -> DemoReport:
+    """Tell the story on a fresh fake cell whose files live in ``folder``."""
+    fault, arguments = fault_of(plot.loss)
+    started_s = time.monotonic()
+    with free_address() as address:
+        path = write_cell_file(folder, address, seed=plot.seed, time_factor=plot.time_factor)
+    config = read_cell_file(path)
+    async with running_fakes(path) as door:
+        await _reach_everything(config, plot)
+        with Journal.open(journal_path(config)) as journal:
+            async with open_cell(config, DemoTechnician(door, plot.say), ROBOT) as cell:
+                await _take_record(config, cell, journal, plot)
+                seen = await _lose_and_notice(config, cell, door, (fault, arguments), plot)
+                lost = await _truth_of(door)
+                before = await _tcp_error(door, lost, cell)
+                outcome = await _recover(config, cell, journal, plot)
+                after = await _tcp_error(door, await _truth_of(door), cell)
+                drive = await cell.mastering.drive_train() if cell.mastering else None
+                truth = await _truth_of(door)
+    assert drive is not None
+    return _report(plot, seen, outcome, (lost, truth), (before, after), drive, time.monotonic() - started_s)
+
+
+def fault_of(loss: str) -> tuple[str, dict[str, Any]]:
+    """Return the world's fault for a loss: turns, motor:J3, all, crash."""
+    if loss == "turns":
+        return "battery_loss", {"axes": "all"}
+    if loss == "all":
+        return "reference_loss", {}
+    if loss == "crash":
+        return "crash", {}
+    kind, _, axis = loss.partition(":")
+    if kind == "motor" and axis in {f"J{i}" for i in range(1, 7)}:
+        return "motor_exchange", {"axis": axis}
+    raise CellError(
+        f"there is no loss {loss!r}", remedy="Choose turns, motor:J1 … motor:J6, all or crash.", code="usage"
+    )
+
+
+async def _reach_everything(config: CellConfig, plot: Plot) -> None:
+    plot.say("The fake cell is up; every device is asked who it is.")
+    report = await check_cell(config)
+    for device in report.devices:
+        plot.say(f"{device.name}: {device.message}")
+    if not report.all_reached:
+        raise CellError("the fake cell does not answer", remedy="Run `cellcal check` on its cell file.", code="fake")
+    for line in report.advice:
+        plot.say(line.split(":")[0] + ".")
+
+
+async def _take_record(config: CellConfig, cell: Cell, journal: Journal, plot: Plot) -> None:
+    plot.say("The robot is healthy: its mastering record is taken.")
+    spec = await build_spec(config, cell, journal, "mastering_record", {})
+    outcome = await run_procedure(
+        cell, "mastering_record", spec, journal, how=Conditions(on_event=plot.on_event, actor="demo")
+    )
+    if outcome.verdict is not Verdict.PASSED:
+        raise CellError(f"no mastering record: {outcome.reason}", remedy=outcome.remedy, code=outcome.code)
+
+
+async def _lose_and_notice(
+    config: CellConfig, cell: Cell, door: Door, fault: tuple[str, dict[str, Any]], plot: Plot
+) -> PositionLoss:
+    """Let the watch follow the healthy robot, pull the plug behind its back, and wait until it says so."""
+    noticed: asyncio.Future[PositionLoss] = asyncio.get_running_loop().create_future()
+
+    async def on_loss(loss: PositionLoss) -> None:
+        if not noticed.done():
+            noticed.set_result(loss)
+
+    memory = LastHealthyCounts(config.cell.data_dir)
+    robot: Any = cell.robot
+    watch = Watch(robot, memory, on_loss, period_s=config.watch.period_s)
+    await watch.look()  # the healthy state is on disk before anything happens
+    async with asyncio.TaskGroup() as tasks:
+        following = tasks.create_task(watch.run())
+        plot.say(f"The world lets it happen: {plot.loss}. The service is not told.")
+        await door.fault(fault[0], **fault[1])
+        async with asyncio.timeout(NOTICE_WITHIN_S):
+            seen = await noticed
+        following.cancel()
+    plot.say(f"The service noticed by itself: {seen.detected_by}")
+    return seen
+
+
+async def _recover(config: CellConfig, cell: Cell, journal: Journal, plot: Plot) -> Outcome:
+    plot.say("The recovery begins.")
+    spec = await build_spec(config, cell, journal, "mastering_recovery", {})
+    return await run_procedure(
+        cell, "mastering_recovery", spec, journal, how=Conditions(on_event=plot.on_event, actor="demo")
+    )
+
+
+async def _truth_of(door: Door) -> dict[str, Any]:
+    truth: dict[str, Any] = (await door.truth())["robots"][ROBOT]
+    return truth
