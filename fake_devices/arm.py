@@ -148,13 +148,18 @@ class Arm:
             return bool(np.abs(self._commanded[2]).max() > 1e-9) and now - self._commanded[0] < 0.02
         return now < self._motion.end_s
 
+    @property
+    def settled_at_s(self) -> float:
+        """World time at which the present motion ends; infinite for a speed without an end."""
+        return self._motion.end_s
+
     def base_flange(self) -> Array:
         """Return the true flange pose (4, 4) now, with backlash and what has not settled yet."""
         now = self.clock.now()
         joints = self._motion.position(now)
         lag = self._lagging(joints)
         rest = 0.0 if self._commanded else self.hidden.residue_rad * self._ringing(now)
-        return self.flange_at(joints + lag + rest)[0]
+        return np.asarray(self.flange_at(joints + lag + rest)[0])
 
     def flange_at(self, joints_rad: ArrayLike, *, as_delivered: bool = False) -> Array:
         """Return true flange poses (N, 4, 4) at motor-side joints, backlash excluded."""

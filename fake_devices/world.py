@@ -5,15 +5,31 @@ Imitates
 Source
     The [fake] table of a cell file: ``seed`` draws everything hidden, ``time_factor`` sets the clock.
 Modelled
-    Arms by name, each with its own hidden errors; any other things devices share, by their owners.
+    Arms by name, each with its own hidden errors; the masterings that can be lost; the true hooks of wires;
+    how far a tool tip is off when a controller works with a given mastering.
 Not modelled
     Collisions between arms, wire and furniture; people.
 """
+
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from fake_devices.arm import Arm, generator
 from fake_devices.clock import Clock
+from fake_devices.kinematics import Array, transform
+
+_TIP_IN_FLANGE_M = (0.06, 0.05, 0.12)
+_CHECK_POSES = 50
+
+
+class Mastering(Protocol):
+    """Whoever turns counts into joints."""
+
+    def true_offset_rad(self, counts_at_zero: tuple[int, ...] | None = None) -> Array:
+        """Return true minus commanded joints under a mastering; by default the one in use."""
+        ...
 
 
 class World:
@@ -23,6 +39,8 @@ class World:
         self.seed, self.hidden = seed, hidden
         self.clock = Clock(time_factor)
         self.arms: dict[str, Arm] = {}
+        self.masterings: dict[str, Mastering] = {}
+        self.hooks_in_flange_m: dict[str, Array] = {}
 
     def add_arm(self, name: str, model_name: str) -> Arm:
         """Put up one arm; ``name`` is its robot's name in the cell file."""
@@ -33,3 +51,27 @@ class World:
     def dice(self, *labels: str) -> np.random.Generator:
         """Return the random generator of one named purpose."""
         return generator(self.seed, *labels)
+
+    def tcp_error_m(
+        self,
+        robot: str,
+        counts_at_zero: Sequence[int] | None = None,
+        poses: Sequence[Sequence[float]] | None = None,
+    ) -> Array:
+        """Return how far the tip is from where the same commands put it before anything was lost, per pose.
+
+        Both sides without backlash. The tip is the true hook of the arm's wire where there is one.
+        """
+        arm = self.arms[robot]
+        tip = self.hooks_in_flange_m.get(robot, np.array(_TIP_IN_FLANGE_M))
+        if poses is None:
+            middle, half = (arm.upper_rad + arm.lower_rad) / 2.0, (arm.upper_rad - arm.lower_rad) / 2.0
+            shares = np.random.default_rng(7).uniform(-0.6, 0.6, (_CHECK_POSES, middle.size))
+            commanded = middle + shares * half
+        else:
+            commanded = np.atleast_2d(np.array(poses, dtype=float))
+        counts = None if counts_at_zero is None else tuple(int(count) for count in counts_at_zero)
+        offset = self.masterings[robot].true_offset_rad(counts)
+        before = transform(arm.flange_at(commanded, as_delivered=True), tip)
+        after = transform(arm.flange_at(commanded + offset), tip)
+        return np.asarray(np.linalg.norm(after - before, axis=1))

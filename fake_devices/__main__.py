@@ -1,0 +1,63 @@
+"""``python -m fake_devices CELL.toml``: play every device that the file names, until told to end.
+
+Prints one JSON line when ready: ``{"ready": true, "control": [host, port]}``. Ends on SIGTERM or SIGINT,
+and with ``--watch-stdin`` also when standard input closes, so that no fake outlives whoever started it.
+"""
+
+import argparse
+import asyncio
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+from fake_devices.cell import FakeCell
+from fake_devices.control import ControlDoor
+
+
+def main() -> int:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m fake_devices", description="Play the devices of a cell file."
+    )
+    parser.add_argument("cell", type=Path, help="the cell file")
+    parser.add_argument("--ready-fd", type=int, default=1, help="where to write the ready line (default: 1)")
+    parser.add_argument("--watch-stdin", action="store_true", help="end when standard input closes")
+    arguments = parser.parse_args()
+    try:
+        asyncio.run(play(arguments.cell, arguments.ready_fd, arguments.watch_stdin))
+    except (OSError, ValueError, KeyError) as error:
+        sys.stderr.write(f"the fake devices of {arguments.cell} cannot start: {error}\n")
+        return 2
+    return 0
+
+
+async def play(path: Path, ready_fd: int = 1, watch_stdin: bool = False) -> None:
+    """Play the cell until a signal or the end of standard input."""
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, ended.set)
+    async with FakeCell.from_file(path) as cell, ControlDoor(cell) as door:
+        if watch_stdin:
+            await _end_with_stdin(loop, ended)
+        line = json.dumps({"ready": True, "control": [door.host, door.port]})
+        os.write(ready_fd, line.encode() + b"\n")
+        await ended.wait()
+
+
+async def _end_with_stdin(loop: asyncio.AbstractEventLoop, ended: asyncio.Event) -> None:
+    class Watch(asyncio.Protocol):
+        def connection_lost(self, exc: Exception | None) -> None:
+            ended.set()
+
+        def eof_received(self) -> bool:
+            ended.set()
+            return False
+
+    await loop.connect_read_pipe(Watch, sys.stdin)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

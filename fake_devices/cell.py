@@ -1,0 +1,81 @@
+"""A fake cell: the devices that a cell file names, on one world, behind one control door.
+
+Imitates
+    A robot cell with its cabinet doors open.
+Source
+    The tables [[robot]], [[gauge]] and [fake] of a cell file.
+Modelled
+    Every driver that has a fake.
+Not modelled
+    Devices that are not in the file.
+"""
+
+import importlib
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import fake_devices.draw_wire.device
+import fake_devices.modbus_robot.device
+from fake_devices.device import FakeDevice
+from fake_devices.world import World
+
+Factory = Callable[[World, Mapping[str, Any]], FakeDevice]
+
+
+def _universal_robots(world: World, table: Mapping[str, Any]) -> FakeDevice:
+    module = importlib.import_module("fake_devices.universal_robots.device")
+    device: FakeDevice = module.create(world, table)
+    return device
+
+
+FACTORIES: dict[str, Factory] = {
+    "modbus_robot": fake_devices.modbus_robot.device.create,
+    "universal_robots": _universal_robots,
+    "draw_wire": fake_devices.draw_wire.device.create,
+}
+
+
+class FakeCell:
+    """All fake devices of one file; an async context."""
+
+    def __init__(self, document: Mapping[str, Any]) -> None:
+        fake = document.get("fake", {})
+        self.world = World(int(fake.get("seed", 1)), float(fake.get("time_factor", 1.0)))
+        self.control_port = int(fake.get("control_port", 0))
+        self.robots = self._build(document.get("robot", []))
+        self.gauges = self._build(document.get("gauge", []))
+
+    @classmethod
+    def from_file(cls, path: Path) -> "FakeCell":
+        """Read a cell file."""
+        with path.open("rb") as file:
+            return cls(tomllib.load(file))
+
+    @property
+    def devices(self) -> list[FakeDevice]:
+        """Robots first, because gauges hang on them."""
+        return [*self.robots, *self.gauges]
+
+    def _build(self, tables: list[Mapping[str, Any]]) -> list[FakeDevice]:
+        for table in tables:
+            if table["driver"] not in FACTORIES:
+                raise ValueError(f"there is no fake for the driver {table['driver']!r}")
+        return [FACTORIES[table["driver"]](self.world, table) for table in tables]
+
+    async def __aenter__(self) -> "FakeCell":
+        started: list[FakeDevice] = []
+        try:
+            for device in self.devices:
+                await device.start()
+                started.append(device)
+        except OSError:
+            for device in reversed(started):
+                await device.stop()
+            raise
+        return self
+
+    async def __aexit__(self, *_exc: object) -> None:
+        for device in reversed(self.devices):
+            await device.stop()

@@ -1,0 +1,116 @@
+"""The control door: truth and mischief for tests and the demo, one JSON object a line.
+
+Imitates
+    Nothing; no real cell has such a door, and no procedure can reach it.
+Source
+    Ours. ``{"do": "truth"}``, ``{"do": "fault", "name": …}``, ``{"do": "clear"}``, ``{"do": "faults"}``,
+    ``{"do": "advance", "seconds": …}``, ``{"do": "tcp_error", "robot": …, "counts_at_zero": […], "poses":
+    [[…]]}``.
+Modelled
+    A fault goes to the device that ``device`` names, or to the first one that knows it; ``link`` with a
+    ``kind`` is another way to name a link fault.
+Not modelled
+    Several questions on one line.
+"""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from fake_devices.cell import FakeCell
+from fake_devices.device import FakeDevice, FaultRefusedError, JsonObject
+
+_LINE_LIMIT = 1 << 20
+
+
+class ControlDoor:
+    """A TCP server on loopback for one cell; an async context."""
+
+    def __init__(self, cell: FakeCell, host: str = "127.0.0.1") -> None:
+        self._cell, self.host, self.port = cell, host, cell.control_port
+        self._server: asyncio.Server | None = None
+        self._writers: set[asyncio.StreamWriter] = set()
+        self._verbs: dict[str, Callable[[JsonObject], Awaitable[JsonObject]]] = {
+            "truth": self._truth,
+            "fault": self._fault,
+            "faults": self._faults,
+            "clear": self._clear,
+            "advance": self._advance,
+            "tcp_error": self._tcp_error,
+        }
+
+    async def __aenter__(self) -> "ControlDoor":
+        self._server = await asyncio.start_server(self._client, self.host, self.port, limit=_LINE_LIMIT)
+        self.port = self._server.sockets[0].getsockname()[1]
+        return self
+
+    async def __aexit__(self, *_exc: object) -> None:
+        if self._server is not None:
+            self._server.close()
+            for writer in list(self._writers):
+                writer.close()
+            await self._server.wait_closed()
+
+    async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._writers.add(writer)
+        try:
+            while line := await reader.readline():
+                writer.write(json.dumps(await self.answer(line)).encode() + b"\n")
+                await writer.drain()
+        except (ConnectionError, ValueError):  # gone, or a line beyond the limit
+            return
+        finally:
+            self._writers.discard(writer)
+            writer.close()
+
+    async def answer(self, line: bytes) -> JsonObject:
+        """Return the answer to one line; a refusal is ``{"error": …}``."""
+        try:
+            question = json.loads(line)
+            verb = self._verbs[question.pop("do")]
+            return {"ok": True, **await verb(question)}
+        except (FaultRefusedError, ValueError, TypeError, AttributeError) as error:
+            return {"error": f"{error}"}
+        except KeyError as error:
+            return {"error": f"unknown: {error}"}
+
+    async def _truth(self, _question: JsonObject) -> JsonObject:
+        return {
+            "time_s": self._cell.world.clock.now(),
+            "time_factor": self._cell.world.clock.time_factor,
+            "seed": self._cell.world.seed,
+            "robots": {device.name: device.truth() for device in self._cell.robots},
+            "gauges": {device.name: device.truth() for device in self._cell.gauges},
+        }
+
+    async def _fault(self, question: JsonObject) -> JsonObject:
+        name, wanted = str(question.pop("name")), question.pop("device", None)
+        if name == "link":
+            name = str(question.pop("kind"))
+        return await self._device_for(name, wanted).fault(name, question)
+
+    def _device_for(self, name: str, wanted: Any) -> FakeDevice:
+        for device in self._cell.devices:
+            if wanted in (None, device.name) and name in device.fault_names():
+                return device
+        where = "this cell" if wanted is None else repr(wanted)
+        raise FaultRefusedError(f"nothing in {where} can show the fault {name!r}")
+
+    async def _faults(self, _question: JsonObject) -> JsonObject:
+        return {"faults": {device.name: sorted(device.fault_names()) for device in self._cell.devices}}
+
+    async def _clear(self, _question: JsonObject) -> JsonObject:
+        for device in self._cell.devices:
+            device.clear()
+        return {}
+
+    async def _advance(self, question: JsonObject) -> JsonObject:
+        self._cell.world.clock.advance(float(question["seconds"]))
+        await asyncio.sleep(0.0)
+        return {"time_s": self._cell.world.clock.now()}
+
+    async def _tcp_error(self, question: JsonObject) -> JsonObject:
+        robot = question.get("robot") or next(iter(self._cell.world.masterings))
+        errors = self._cell.world.tcp_error_m(robot, question.get("counts_at_zero"), question.get("poses"))
+        return {"mean": float(errors.mean()), "max": float(errors.max()), "n": int(errors.size)}

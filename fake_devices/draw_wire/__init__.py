@@ -1,0 +1,1 @@
+"""A draw-wire gauge: the wire, its CANopen node, and the CAN daemon."""

@@ -1,0 +1,156 @@
+"""The socketcand daemon: a CAN bus behind a TCP port.
+
+Imitates
+    linux-can's socketcand in raw mode.
+Source
+    linux-can/socketcand doc/protocol.md; the python-can client's habits as collected in the project's wire
+    facts: handshake answers must arrive each by itself, a frame without data needs two blanks before ``>``.
+Modelled
+    ``< hi >``, open, rawmode, echo, send, frame; several clients, who hear each other as on a real bus;
+    error frames; a daemon that dies or hangs.
+Not modelled
+    Broadcast-manager and control mode (answered with an error), the UDP beacon, statistics, CAN FD, bit
+    timing.
+"""
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+log = logging.getLogger(__name__)
+
+_QUIET_S = 0.02  # between the last handshake answer and the first frame, so that they are separate reads
+_BUFFER_LIMIT = 4096
+
+
+def frame_text(can_id: int, data: bytes, seconds: float) -> str:
+    """Return one received frame as the daemon prints it."""
+    return f"< frame {can_id:03X} {seconds:.6f} {data.hex().upper()} >"
+
+
+def parse_send(words: list[str]) -> tuple[int, bytes] | None:
+    """Return identifier and data of ``send ID dlc b0 b1 …``; None for nonsense."""
+    try:
+        can_id, length = int(words[1], 16), int(words[2], 16)
+        data = bytes(int(word, 16) for word in words[3:])
+    except (ValueError, IndexError):
+        return None
+    return (can_id, data) if len(data) == length <= 8 else None
+
+
+@dataclass(eq=False)
+class _Client:
+    writer: asyncio.StreamWriter
+    opened: bool = False
+    raw_from_s: float | None = None
+
+
+class SocketCanDaemon:
+    """Carries frames between TCP clients and the nodes of one bus."""
+
+    def __init__(self, host: str, port: int, channel: str, real: Callable[[], float]) -> None:
+        self.host, self.port, self.channel = host, port, channel
+        self.hung = False
+        self.on_frame: Callable[[int, bytes], None] = lambda _can_id, _data: None
+        self._real = real
+        self._server: asyncio.Server | None = None
+        self._clients: list[_Client] = []
+        self._serving: set[asyncio.Task[None]] = set()
+
+    @property
+    def connections(self) -> int:
+        """How many clients are connected."""
+        return len(self._clients)
+
+    async def open(self) -> None:
+        """Listen; port 0 finds one and keeps it."""
+        if self._server is None:
+            self._server = await asyncio.start_server(self._client, self.host, self.port, reuse_address=True)
+            self.port = self._server.sockets[0].getsockname()[1]
+
+    def close(self) -> None:
+        """Die: no listener, every connection gone."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        for client in self._clients:
+            client.writer.transport.abort()
+
+    async def wait_closed(self) -> None:
+        """Wait until every connection has ended."""
+        self.close()
+        if self._serving:
+            await asyncio.wait(self._serving)
+
+    def send(self, can_id: int, data: bytes, *, sender: object = None) -> None:
+        """Put a frame on the bus: every client but the sender reads it."""
+        self._tell(frame_text(can_id, data, self._real()), sender)
+
+    def send_error_frame(self) -> None:
+        """Put an error frame on the bus."""
+        self._tell(f"< error 020 {self._real():.6f} >", None)
+
+    def _tell(self, text: str, sender: object) -> None:
+        now_s = self._real()
+        for client in self._clients:
+            if (
+                client is not sender
+                and client.raw_from_s is not None
+                and now_s >= client.raw_from_s
+                and not self.hung
+            ):
+                client.writer.write(text.encode())
+
+    async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        if task is not None:
+            self._serving.add(task)
+            task.add_done_callback(self._serving.discard)
+        client = _Client(writer)
+        self._clients.append(client)
+        try:
+            await self._answer(client, "< hi >")
+            await self._serve(client, reader)
+        except ConnectionError as error:
+            log.debug("client gone: %s", error)
+        finally:
+            self._clients.remove(client)
+            writer.close()
+            with contextlib.suppress(ConnectionError):
+                await writer.wait_closed()
+
+    async def _serve(self, client: _Client, reader: asyncio.StreamReader) -> None:
+        buffer = ""
+        while chunk := await reader.read(4096):
+            buffer += chunk.decode("ascii", "replace")
+            while (end := buffer.find(">")) >= 0:
+                start = buffer.rfind("<", 0, end)
+                command, buffer = buffer[start + 1 : end] if start >= 0 else "", buffer[end + 1 :]
+                if not self.hung:
+                    await self._obey(client, command.split())
+            buffer = buffer[-_BUFFER_LIMIT:]
+
+    async def _obey(self, client: _Client, words: list[str]) -> None:
+        match words:
+            case ["open", channel] if channel == self.channel:
+                client.opened = True
+                await self._answer(client, "< ok >")
+            case ["open", _]:
+                await self._answer(client, "< error could not open bus >")
+            case ["rawmode"] if client.opened:
+                client.raw_from_s = self._real() + _QUIET_S
+                await self._answer(client, "< ok >")
+            case ["echo"]:
+                await self._answer(client, "< echo >")
+            case ["send", *_] if client.raw_from_s is not None and (frame := parse_send(words)) is not None:
+                client.raw_from_s = 0.0  # who sends has read the last handshake answer
+                self.send(*frame, sender=client)
+                self.on_frame(*frame)
+            case _:
+                await self._answer(client, "< error unknown command >")
+
+    async def _answer(self, client: _Client, text: str) -> None:
+        client.writer.write(text.encode())
+        await client.writer.drain()

@@ -1,0 +1,74 @@
+"""Faults of a cable, a switch or a link processor, by name and for a while.
+
+Imitates
+    Everything between two devices that can go wrong without either being at fault.
+Source
+    The fault table of the design (F01-F18, F21-F26): link lost, slow, late, doubled, foreign, cut, refused.
+Modelled
+    Each fault lasts ``duration_s`` real seconds, or ``count`` telegrams, or until cleared.
+Not modelled
+    Bit errors that a checksum of the link would have caught.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fake_devices.device import FaultRefusedError
+
+
+@dataclass
+class _Active:
+    parameters: dict[str, Any]
+    until_real_s: float
+    left: float
+
+
+class LinkFaults:
+    """Which faults of one link are on."""
+
+    def __init__(self, kinds: Mapping[str, Mapping[str, Any]], real: Callable[[], float]) -> None:
+        self._kinds = {kind: dict(defaults) for kind, defaults in kinds.items()}
+        self._real = real
+        self._active: dict[str, _Active] = {}
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """Names of all faults this link can show."""
+        return frozenset(self._kinds)
+
+    def set(self, kind: str, parameters: Mapping[str, Any]) -> float:
+        """Switch one on; return how many real seconds it will last (infinite unless told)."""
+        if kind not in self._kinds:
+            raise FaultRefusedError(
+                f"no fault is called {kind!r}; there are {', '.join(sorted(self._kinds))}"
+            )
+        given = dict(parameters)
+        duration_s = float(given.pop("duration_s", float("inf")))
+        count = float(given.pop("count", float("inf")))
+        merged = {**self._kinds[kind], **given}
+        if unknown := set(given) - set(self._kinds[kind]):
+            raise FaultRefusedError(f"{kind} does not know {', '.join(sorted(unknown))}")
+        self._active[kind] = _Active(merged, self._real() + duration_s, count)
+        return duration_s
+
+    def look(self, kind: str) -> dict[str, Any] | None:
+        """Return the parameters of a fault that is on."""
+        active = self._active.get(kind)
+        if active is None:
+            return None
+        if active.left <= 0 or self._real() >= active.until_real_s:
+            del self._active[kind]
+            return None
+        return active.parameters
+
+    def take(self, kind: str) -> dict[str, Any] | None:
+        """As ``look``, and count one telegram as spoiled."""
+        parameters = self.look(kind)
+        if parameters is not None:
+            self._active[kind].left -= 1
+        return parameters
+
+    def clear(self) -> None:
+        """Take every fault away."""
+        self._active.clear()

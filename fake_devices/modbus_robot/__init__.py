@@ -1,0 +1,1 @@
+"""A robot controller behind Modbus TCP: firmware, registers, telegrams."""

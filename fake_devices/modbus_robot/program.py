@@ -1,0 +1,261 @@
+"""The background program CELLCAL: one request at a time, through registers.
+
+Imitates
+    Our own handshake program on the controller.
+Source
+    deploy/controller_setup/fanuc_hmi.md, "The handshake program".
+Modelled
+    All six operations, every refusal, hold, the host's heartbeat, override, hard stops at the end of an axis.
+Not modelled
+    Programs of the user beside it. The program's cycle is continuous: it sees a telegram when it arrives.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+
+from fake_devices.arm import Arm
+from fake_devices.kinematics import Array
+from fake_devices.modbus_robot.words import int32_words, words_float, words_int32
+
+HEARTBEAT_S = 0.5
+CYCLE_S = 0.01
+SETTLE_S = 0.05
+UNMASTERED_SPEED_RAD_S = float(np.radians(5.0))
+HARD_STOP_RAD = float(np.radians(8.0))
+_HOST_WORDS, _ROBOT_WORDS = 24, 14
+_ROUNDING_RAD = 1e-5  # a limit commanded in single-precision degrees is still the limit
+
+
+class State(IntEnum):
+    """R[122]."""
+
+    IDLE = 0
+    RUNNING = 1
+    DONE = 2
+    REFUSED = 3
+    STOPPED = 4
+
+
+class Reason(IntEnum):
+    """R[123]."""
+
+    NONE = 0
+    NOT_MASTERED = 1
+    PULSE_NOT_ESTABLISHED = 2
+    AXIS_LIMIT = 3
+    BUSY = 4
+    BAD_NUMBER = 5
+    ALARM_ACTIVE = 6
+    HEARTBEAT_MISSING = 7
+    HOST_STOP = 8
+    EMERGENCY_STOP = 9
+    NOT_AUTO = 10
+    POWER_CYCLE_NEEDED = 11
+    BAD_OPERATION = 12
+
+
+class RefusedError(Exception):
+    """The program does not obey; the reason goes to R[123]."""
+
+    def __init__(self, reason: Reason) -> None:
+        super().__init__(reason.name)
+        self.reason = reason
+
+
+class Firmware(Protocol):
+    """What the program needs of the controller."""
+
+    arm: Arm
+    override_percent: int
+    mode: int
+    emergency_stop: bool
+
+    @property
+    def mastered(self) -> bool: ...
+    def joints(self) -> Array: ...
+    def offset(self) -> Array: ...
+    def check_may_move(self) -> None: ...
+    def calibrate(self) -> None: ...
+    def reset_alarms(self) -> None: ...
+    def select_tool(self, number: int) -> None: ...
+    def select_frame(self, number: int) -> None: ...
+    def collided(self, axis: int) -> None: ...
+
+
+@dataclass
+class Program:
+    """State of CELLCAL; ``update`` brings it up to the clock."""
+
+    firmware: Firmware
+    host: list[int] = field(default_factory=lambda: [0] * _HOST_WORDS)
+    accepted: int = 0
+    state: State = State.IDLE
+    reason: Reason = Reason.NONE
+    heartbeat_ignored: bool = False
+    _running: bool = False
+    _reported: bool = True
+    _heartbeat_real_s: float = 0.0
+    _begun_s: float = 0.0
+    _stopping: Reason = Reason.NONE
+    _hits: int | None = None
+
+    # registers
+
+    def robot_words(self) -> list[int]:
+        """Return R[121] to R[127]."""
+        self.update()
+        firmware = self.firmware
+        counter = int(firmware.arm.clock.real() / CYCLE_S) & 0x7FFFFFFF
+        words = int32_words([
+            self.accepted, self.state, self.reason, int(firmware.arm.moving),
+            firmware.mode, int(firmware.emergency_stop), counter,
+        ])  # fmt: skip
+        return words[:_ROBOT_WORDS]
+
+    def write_host(self, words: list[int], touched: range) -> None:
+        """Take R[101] to R[112]; the request number counts last, wherever it stands in the telegram."""
+        self.update()
+        before, self.host = self.host, list(words)
+        if words[22:24] != before[22:24]:
+            self._heartbeat_real_s = self.firmware.arm.clock.real()
+        if self._int(20) == 1:
+            self.abort(Reason.HOST_STOP)
+        if touched.start < 2 and self._int(0) != self.accepted:
+            self._start(self._int(0))
+
+    def _int(self, offset: int) -> int:
+        return words_int32(self.host[offset : offset + 2])[0]
+
+    def _floats(self, offset: int, values: int) -> list[float]:
+        return words_float(self.host[offset : offset + 2 * values])
+
+    # running
+
+    def restart(self) -> None:
+        """Begin anew after a power cycle: nothing accepted, nothing under way."""
+        self.accepted, self.state, self.reason = 0, State.IDLE, Reason.NONE
+        self._stopping, self._hits, self._running = Reason.NONE, None, False
+        self.host = [0] * _HOST_WORDS
+
+    def update(self) -> None:
+        """Notice what has happened since: heartbeat gone, target reached, standstill, hard stop."""
+        if not self._running:
+            return
+        arm = self.firmware.arm
+        if self._stopping is Reason.NONE and arm.moving:
+            self._check_heartbeat()
+        if arm.moving or arm.clock.now() < arm.settled_at_s + SETTLE_S:
+            return
+        if self._stopping is Reason.NONE and self._hits is not None:
+            self.firmware.collided(self._hits)
+            self._stopping = Reason.ALARM_ACTIVE
+        self._running = False
+        if self._reported:
+            self.state = State.DONE if self._stopping is Reason.NONE else State.STOPPED
+            self.reason = self._stopping
+        self._stopping, self._hits = Reason.NONE, None
+
+    def _check_heartbeat(self) -> None:
+        clock = self.firmware.arm.clock
+        due_s = self._heartbeat_real_s + HEARTBEAT_S
+        if clock.real() > due_s and not self.heartbeat_ignored:
+            self.abort(
+                Reason.HEARTBEAT_MISSING, at_s=min(max(clock.at_real(due_s), self._begun_s), clock.now())
+            )
+
+    def abort(self, reason: Reason, *, at_s: float | None = None, deceleration: float = 8.0) -> None:
+        """Brake, and report the operation as stopped once the arm stands."""
+        if self._running and self._stopping is Reason.NONE:
+            self.firmware.arm.stop(deceleration, at_s)
+            self._stopping = reason
+
+    def _start(self, number: int) -> None:
+        self.accepted = number
+        try:
+            if self._running:  # the running operation goes on, but R[122] has to answer the newcomer
+                self._reported = False
+                raise RefusedError(Reason.BUSY)
+            if self._int(20) == 1:
+                raise RefusedError(Reason.HOST_STOP)
+            self._operate()
+        except RefusedError as refused:
+            self.state, self.reason = State.REFUSED, refused.reason
+
+    def _operate(self) -> None:
+        operation, number = self._int(2), self._int(4)
+        at_once: dict[int, Callable[[], None]] = {
+            3: self.firmware.calibrate,
+            4: self.firmware.reset_alarms,
+            5: lambda: self.firmware.select_tool(number),
+            6: lambda: self.firmware.select_frame(number),
+        }
+        if operation == 1:
+            self._joint_move()
+        elif operation == 2:
+            self._jog(number)
+        elif operation in at_once:
+            at_once[operation]()
+            self.state, self.reason = State.DONE, Reason.NONE
+        else:
+            raise RefusedError(Reason.BAD_OPERATION)
+
+    def _joint_move(self) -> None:
+        firmware = self.firmware
+        firmware.check_may_move()
+        if not firmware.mastered:
+            raise RefusedError(Reason.NOT_MASTERED)
+        target = np.radians(self._floats(6, 6))
+        self._check_limits(target)
+        self._move(target + firmware.offset(), self._speed())
+
+    def _jog(self, axis_number: int) -> None:
+        firmware = self.firmware
+        firmware.check_may_move()
+        amount = float(np.radians(self._floats(6, 1)[0]))
+        if not 1 <= axis_number <= 6 or not np.isfinite(amount):
+            raise RefusedError(Reason.BAD_NUMBER)
+        step = np.zeros(6)
+        step[axis_number - 1] = amount
+        speed = self._speed()
+        if firmware.mastered:
+            self._check_limits(firmware.joints() + step)
+        else:
+            speed = min(speed, UNMASTERED_SPEED_RAD_S)
+        self._move(firmware.arm.joints_rad + step, speed)
+
+    def _speed(self) -> float:
+        speed = float(np.radians(self._floats(18, 1)[0]))
+        if not np.isfinite(speed) or speed <= 0.0:
+            raise RefusedError(Reason.BAD_NUMBER)
+        return speed * max(self.firmware.override_percent, 1) / 100.0
+
+    def _check_limits(self, target: Array) -> None:
+        if not np.isfinite(target).all():
+            raise RefusedError(Reason.BAD_NUMBER)
+        arm = self.firmware.arm
+        if (target < arm.lower_rad - _ROUNDING_RAD).any() or (target > arm.upper_rad + _ROUNDING_RAD).any():
+            raise RefusedError(Reason.AXIS_LIMIT)
+
+    def _move(self, target: Array, speed: float) -> None:
+        """Move in true joints. An axis that runs into its stop ends the whole motion there."""
+        arm = self.firmware.arm
+        start = arm.joints_rad
+        way = target - start
+        beyond = np.maximum(
+            target - (arm.upper_rad + HARD_STOP_RAD), (arm.lower_rad - HARD_STOP_RAD) - target
+        )
+        hits = np.flatnonzero(beyond > 0.0)
+        shares = 1.0 - beyond[hits] / np.abs(way[hits]) if hits.size else np.ones(1)
+        share = float(np.clip(shares.min(), 0.0, 1.0))
+        self._hits = int(hits[int(np.argmin(shares))]) if hits.size else None
+        longest = float(np.abs(way).max())
+        if longest > 0.0:
+            speed = min(speed, float(np.min(arm.max_speed_rad_s / np.maximum(np.abs(way) / longest, 1e-9))))
+        arm.start_move(start + share * way, speed, max(speed / 0.2, 0.2))
+        self._heartbeat_real_s, self._begun_s = arm.clock.real(), arm.clock.now()
+        self.state, self.reason, self._stopping = State.RUNNING, Reason.NONE, Reason.NONE
+        self._running = self._reported = True

@@ -1,0 +1,200 @@
+"""What people, batteries and accidents do to the Modbus robot, by name.
+
+Imitates
+    A shop floor: a forgotten battery, a new motor, a collision, a hand on the pendant, the mains switch.
+Source
+    Loss modes M0 to M4 of the design's mastering page; rows F38-F46, F53 of its fault table.
+Modelled
+    The methods named in ``_HAPPEN``. Everything drawn comes from the world's seed and the number of the loss.
+Not modelled
+    Slow wear: gears, belts, bearings.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from fake_devices.arm_models import COUNTS_PER_TURN
+from fake_devices.device import FaultRefusedError, JsonObject
+from fake_devices.modbus_robot.controller import AUTO, T1, T2, Controller
+from fake_devices.world import World
+
+OFF_S = 5.0
+_EVERY_AXIS = "all"
+
+
+class WorldFaults:
+    """Named happenings around one controller."""
+
+    def __init__(self, world: World, controller: Controller) -> None:
+        self._world, self._controller = world, controller
+        self._losses = 0
+        self._boot_at_s: float | None = None
+        self._happen: dict[str, Callable[[dict[str, Any]], JsonObject | None]] = {
+            "battery_loss": self._battery_loss,
+            "motor_exchange": self._motor_exchange,
+            "reference_loss": self._reference_loss,
+            "crash": self._crash,
+            "new_battery": self._new_battery,
+            "battery_low": self._battery_low,
+            "alarm": self._alarm,
+            "power_off": self._power_off,
+            "power_on": self._power_on,
+            "power_cycle": self._power_cycle,
+            "emergency_stop": lambda _given: self._controller.press_emergency_stop(),
+            "release_emergency_stop": lambda _given: self._controller.release_emergency_stop(),
+            "auto_mode": lambda _given: self._controller.turn_mode_switch(AUTO),
+            "t1_mode": lambda _given: self._controller.turn_mode_switch(T1),
+            "t2_mode": lambda _given: self._controller.turn_mode_switch(T2),
+            "override": self._override,
+            "jog_by_hand": self._jog_by_hand,
+            "partial_write": self._partial_write,
+            "select": self._select,
+            "early_stop": self._early_stop,
+        }
+
+    def names(self) -> frozenset[str]:
+        """Return all happenings."""
+        return frozenset(self._happen)
+
+    def happen(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        """Let it happen; parameters that it does not know are refused."""
+        given = dict(parameters)
+        answer = self._happen[name](given) or {}
+        if given:
+            raise FaultRefusedError(f"{name} does not know {', '.join(sorted(given))}")
+        return answer
+
+    def clear(self) -> None:
+        """Take refusals of writes away."""
+        self._controller.refused_axes = frozenset()
+
+    def boot_when_due(self) -> None:
+        """Switch on again after a power cycle."""
+        if self._boot_at_s is not None and self._world.clock.now() >= self._boot_at_s:
+            self._boot_at_s = None
+            self._controller.switch_on()
+
+    # losses
+
+    def _battery_loss(self, given: dict[str, Any]) -> None:
+        self._lose(given, _axes(given.pop("axes", _EVERY_AXIS)))
+
+    def _motor_exchange(self, given: dict[str, Any]) -> None:
+        axis = _axis(given.pop("axis", "J3"))
+        self._lose(given, _axes(_EVERY_AXIS), new_motors=[axis], drift_turns=2.0)
+
+    def _reference_loss(self, given: dict[str, Any]) -> None:
+        every = _axes(_EVERY_AXIS)
+        self._lose(given, every, new_motors=every, drift_turns=2.0)
+
+    def _crash(self, given: dict[str, Any]) -> None:
+        dice = self._world.dice(self._controller.arm.name, "crash", str(self._losses))
+        signs = dice.choice([-1.0, 1.0], (6, 5))
+        angles, lengths = np.radians(dice.uniform(0.3, 0.6, (6, 5))), dice.uniform(2e-3, 5e-3, (6, 5))
+        bent = (
+            np.column_stack([angles[:, 0], lengths[:, 1], lengths[:, 2], angles[:, 3], np.zeros(6)]) * signs
+        )
+        hit = np.isin(np.arange(6), (1, 2, 3, 4))
+        self._controller.arm.bend(np.where(hit[:, None], bent, 0.0))
+        self._lose(given, _axes(_EVERY_AXIS))
+
+    def _lose(
+        self,
+        given: dict[str, Any],
+        axes: list[int],
+        *,
+        new_motors: list[int] | None = None,
+        drift_turns: float = 1.0,
+    ) -> None:
+        """Take power and battery away; the arm moves a little while nobody counts; the power comes back."""
+        controller, coders = self._controller, self._controller.coders
+        drift_turns = float(given.pop("drift_turns", drift_turns))
+        off_s, battery = float(given.pop("off_s", OFF_S)), str(given.pop("battery", "dead"))
+        dice = self._world.dice(controller.arm.name, "loss", str(self._losses))
+        self._losses += 1
+        controller.switch_off()
+        controller.battery_dead_axes = frozenset(axes) if battery == "dead" else frozenset()
+        drift = np.zeros(6)
+        drift[axes] = dice.uniform(-drift_turns, drift_turns, len(axes))
+        self._sag(coders.drift_joints(drift))
+        for axis in new_motors or []:
+            coders.replace_motor(axis, int(dice.integers(COUNTS_PER_TURN // 10, COUNTS_PER_TURN * 9 // 10)))
+        coders.lose(axes)
+        self._boot_after(off_s)
+
+    def _sag(self, joints_rad: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+        arm = self._controller.arm
+        arm.place(np.clip(arm.joints_rad + joints_rad, arm.lower_rad, arm.upper_rad))
+
+    # power and battery
+
+    def _boot_after(self, off_s: float) -> None:
+        self._boot_at_s = self._world.clock.now() + off_s
+        self.boot_when_due()
+
+    def _power_off(self, _given: dict[str, Any]) -> None:
+        self._boot_at_s = None
+        self._controller.switch_off()
+
+    def _power_on(self, _given: dict[str, Any]) -> None:
+        self._boot_at_s = None
+        self._controller.switch_on()
+
+    def _power_cycle(self, given: dict[str, Any]) -> None:
+        self._controller.switch_off()
+        self._boot_after(float(given.pop("off_s", OFF_S)))
+
+    def _new_battery(self, _given: dict[str, Any]) -> None:
+        self._controller.battery_dead_axes = frozenset()
+        self._controller.alarms = [a for a in self._controller.alarms if a.code != "SRVO-065"]
+
+    def _battery_low(self, given: dict[str, Any]) -> None:
+        for axis in reversed(_axes(given.pop("axes", _EVERY_AXIS))):
+            self._controller.raise_alarm("SRVO-065", axis)
+
+    def _alarm(self, given: dict[str, Any]) -> None:
+        axis = given.pop("axis", None)
+        self._controller.raise_alarm(
+            str(given.pop("code", "SRVO-038")), None if axis is None else _axis(axis)
+        )
+
+    # hands
+
+    def _override(self, given: dict[str, Any]) -> None:
+        self._controller.set_override(int(given.pop("percent", 100)))
+
+    def _jog_by_hand(self, given: dict[str, Any]) -> None:
+        """Another client, or a person at the pendant, moves one axis."""
+        arm = self._controller.arm
+        target = arm.joints_rad
+        target[_axis(given.pop("axis", "J1"))] += float(given.pop("rad", 0.01))
+        arm.start_move(target, float(given.pop("speed_rad_s", 0.5)), 2.0)
+
+    def _partial_write(self, given: dict[str, Any]) -> None:
+        self._controller.refused_axes = frozenset(_axes(given.pop("axes", given.pop("axis", "J4"))))
+
+    def _select(self, given: dict[str, Any]) -> None:
+        """Somebody selects another tool or frame at the pendant."""
+        if "tool" in given:
+            self._controller.select_tool(int(given.pop("tool")))
+        if "frame" in given:
+            self._controller.select_frame(int(given.pop("frame")))
+
+    def _early_stop(self, _given: dict[str, Any]) -> None:
+        """End a motion early, for no reason that the program knows: it will say done."""
+        self._controller.arm.stop(8.0)
+
+
+def _axis(name: Any) -> int:
+    text = str(name)
+    if text.startswith("J") and text[1:].isdigit() and 1 <= int(text[1:]) <= 6:
+        return int(text[1:]) - 1
+    raise FaultRefusedError(f"{name!r} is no axis; they are J1 to J6")
+
+
+def _axes(names: Any) -> list[int]:
+    if names == _EVERY_AXIS:
+        return list(range(6))
+    return sorted({_axis(name) for name in ([names] if isinstance(names, str) else names)})

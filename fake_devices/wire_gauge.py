@@ -1,0 +1,132 @@
+"""A draw-wire: how long it really is, and what its encoder makes of that.
+
+Imitates
+    A 3 m string-pull gauge of the better class, hooked to a robot's flange.
+Source
+    Data sheets: POSITAL LD0 (0.01 % of full scale), Kübler and SIKO draw-wires for the linearity classes;
+    the exit guide's effect is plain geometry: a wire bent by phi around a lip of radius r is r (phi - sin
+    phi) longer.
+Modelled
+    Where the wire really leaves and where it is really hooked, exit lip, scale, zero, linearity over the
+    drum, noise of every sample, slack, snap, a slipped hook, single outliers, both ends of the range.
+Not modelled
+    Wire sag and stretch, the wire touching the robot, speed limits of the drum, temperature.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fake_devices.arm import Arm
+from fake_devices.kinematics import Array, transform
+from fake_devices.world import World
+
+DRUM_M = 0.315  # one turn of the drum
+_AIM_IN_BASE_M = (0.75, 0.0, 0.55)
+
+
+class WireGauge:
+    """One wire between a fixed exit and a robot's hook."""
+
+    def __init__(self, world: World, table: Mapping[str, Any]) -> None:
+        self.name = str(table["name"])
+        self.range_m = float(table.get("range_m", 3.0))
+        self.robot = str(table.get("robot", "")) or next(iter(world.arms), "")
+        self._arm: Arm | None = world.arms.get(self.robot)
+        dice = world.dice(self.name, "wire")
+        amount = 1.0 if world.hidden else 0.0
+        anchor = np.array(table.get("anchor_in_base_mm", (900.0, -700.0, -450.0))) * 1e-3
+        hook = np.array(table.get("hook_in_flange_mm", (60.0, 50.0, 120.0))) * 1e-3
+        sigma_m = float(table.get("sigma_m", 2e-4))
+        anchor_sigma_m = float(table.get("anchor_sigma_mm", 10.0)) * 1e-3
+        hook_sigma_m = float(table.get("hook_sigma_mm", 2.0)) * 1e-3
+        self.anchor_in_base_m = anchor + amount * _draw(dice, anchor_sigma_m)
+        self.hook_in_flange_m = hook + amount * _draw(dice, hook_sigma_m)
+        world.hooks_in_flange_m.setdefault(self.robot, self.hook_in_flange_m)
+        aim = np.array(_AIM_IN_BASE_M) - self.anchor_in_base_m
+        self._exit_axis = aim / np.linalg.norm(aim)
+        self.exit_radius_m = amount * float(dice.uniform(1.0e-3, 2.0e-3))
+        self.scale_error = amount * float(dice.normal()) * 1e-4
+        self.zero_m = amount * float(dice.normal()) * 2e-3
+        self._waves_m = amount * dice.uniform(0.3, 1.0, 3) * np.array([0.25, 0.15, 0.15]) * sigma_m
+        self._phases_rad = dice.uniform(0.0, 2.0 * np.pi, 3)
+        self._noise_m = amount * 0.3 * sigma_m
+        self._noise = world.dice(self.name, "noise")
+        self.slipped_m = 0.0
+        self._outlier_m, self._outliers_left = 0.0, 0
+        self._slack_at_m: float | None = None
+        self.snapped = False
+
+    # truth
+
+    def hook_in_base_m(self) -> Array:
+        """Return where the hook is now."""
+        flange = np.eye(4) if self._arm is None else self._arm.base_flange()
+        return transform(flange, self.hook_in_flange_m)
+
+    def true_length_m(self) -> float:
+        """Return the length of wire from the exit's mouth to the hook."""
+        way = self.hook_in_base_m() - self.anchor_in_base_m
+        along = float(way @ self._exit_axis)
+        across = float(np.linalg.norm(way - along * self._exit_axis))
+        radius = self.exit_radius_m
+        straight = float(np.sqrt(max(along**2 + (across - radius) ** 2 - radius**2, 0.0)))
+        bend = np.arctan2(across - radius, along) + np.arctan2(radius, straight)
+        return straight + radius * max(float(bend), 0.0)
+
+    def exact_reading_m(self) -> float:
+        """Return what the drum shows without noise, outliers and ends of the range."""
+        length = self.true_length_m()
+        turns = 2.0 * np.pi * np.array([1.0, 2.0, DRUM_M / self.range_m]) * length / DRUM_M
+        linearity = float(self._waves_m @ np.sin(turns + self._phases_rad))
+        return length * (1.0 + self.scale_error) + self.zero_m + linearity + self.slipped_m
+
+    # reading
+
+    def read_m(self) -> tuple[float, bool]:
+        """Return one sample and whether it lies inside the range; beyond an end the drum stands there."""
+        length = self._drum_m()
+        if self._outliers_left > 0:
+            self._outliers_left -= 1
+            length += self._outlier_m
+        length += float(self._noise.normal()) * self._noise_m
+        inside = 0.0 <= length <= self.range_m
+        return min(max(length, 0.0), self.range_m), inside
+
+    def _drum_m(self) -> float:
+        if self.snapped:
+            return 5.0 * self._noise_m  # wound up, resting at its stop
+        exact = self.exact_reading_m()
+        if self._slack_at_m is None:
+            return exact
+        self._slack_at_m = max(self._slack_at_m, exact)  # a caught wire is still pulled out, never wound up
+        return self._slack_at_m
+
+    # what happens to it
+
+    def slacken(self) -> None:
+        """Let the wire catch on something: it no longer winds up."""
+        self._slack_at_m = self.exact_reading_m()
+
+    def snap(self) -> None:
+        """Let the wire go; it winds up completely."""
+        self.snapped = True
+
+    def restore(self) -> None:
+        """Put the hook back where it was."""
+        self.snapped, self._slack_at_m = False, None
+        self.slipped_m, self._outliers_left = 0.0, 0
+
+    def slip(self, metres: float) -> None:
+        """Lengthen every reading from now on: a hook that sits elsewhere, a drum that has slipped."""
+        self.slipped_m += metres
+
+    def spoil_next(self, metres: float, count: int) -> None:
+        """Put the next readings off."""
+        self._outlier_m, self._outliers_left = metres, count
+
+
+def _draw(dice: np.random.Generator, sigma_m: float) -> Array:
+    """Return a displacement, at most two sigma in every direction: somebody did use a tape measure."""
+    return np.asarray(np.clip(dice.normal(size=3), -2.0, 2.0) * sigma_m)
