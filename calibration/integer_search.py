@@ -36,7 +36,7 @@ def search_integers(estimate: Array, covariance: Array) -> IntegerFix:
 
     Minimise ``(z - a)' Q^-1 (z - a)`` over integer z. With ``Q^-1 = R' R`` this is the closest point of the
     lattice R; its basis is reduced first (unimodular Z, ``B = R Z``), which decorrelates the unknowns, so
-    that the depth-first search ends after a few nodes and successive rounding is nearly as good as the search.
+    that the depth-first search ends after a few nodes and successive rounding is nearly as good.
 
     Parameters
     ----------

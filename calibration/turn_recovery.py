@@ -1,0 +1,436 @@
+"""Lost motor turns, found again from wire lengths: exactly, or to a stated uncertainty, or not at all."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.integer_search import success_probability
+from calibration.kinematics import RobotModel
+from calibration.mastering import MasteringRecord, WireCapture
+from calibration.pose_design import next_poses, predict, turn_covariances
+from calibration.turn_hypotheses import Local, LossProblem, Story, Storyteller, solve_real
+from calibration.uncertainty import chi_square_limit
+from calibration.wire_model import WireSeen
+from calibration.wire_reference import WirePredictor
+
+__all__ = [
+    "GateCheck",
+    "MasteringRecord",
+    "TurnRecovery",
+    "WireCapture",
+    "next_poses",
+    "predict",
+    "recover_turns",
+    "verification_power",
+    "verify_recovery",
+]
+
+SUCCESS_PROBABILITY = 0.9999
+RATIO = 3.0
+SPARE_CAPTURES = 4  # captures beyond the unknown turns, so that the residuals can object
+VERIFICATION_POWER = 6.0
+HIDDEN_OUTLIER_M = 0.006  # a wrong length of this size must show in every capture …
+HIDDEN_POWER = 6.0  # … at so many deviations
+REAL_LIMIT_RAD = 0.0087266  # 0.5 deg: coarser offsets are not worth writing back
+_CLEARLY_BETTER = 5.0  # log of the evidence ratio at which another story blocks an exact fix
+_DECISIVE = 4.6  # log of the evidence ratio (100 to 1) needed to name what happened
+_MOST_FURTHER = 12
+
+
+@dataclass(frozen=True, slots=True)
+class GateCheck:
+    """One condition of acceptance, with a sentence for a technician."""
+
+    name: str
+    passed: bool
+    found: float
+    limit: float
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class TurnRecovery:
+    """What the captures say about the lost counts, and whether it may be used.
+
+    ``mode`` is "turns" (whole turns only: exact), "motor" (``replaced_axes`` are off by real amounts), "all"
+    (every reference lost), "geometry" (the robot or the wire changed: refused) or "undecided". The true count
+    of motor j is ``read + counts_per_turn * offset_turns[j]``; ``turns`` are the nearest whole ones.
+    """
+
+    mode: str
+    accepted: bool
+    reason: str
+    turns: tuple[int, ...]
+    replaced_axes: tuple[int, ...]
+    offset_turns: tuple[float, ...]
+    offset_u_rad: tuple[float, ...]  # of the joints, k = 2; 0.0 where exact
+    counts_at_zero: tuple[int, ...]
+    gate: tuple[GateCheck, ...]
+    poses_needed: int
+    next_joints_rad: tuple[tuple[float, ...], ...]  # where to measure next; joints of the healthy robot
+    suspect_capture: int | None
+    changed_part: str
+    success_probability: float
+    sigma_turns: tuple[float, ...]
+    chi_square: float
+    degrees_of_freedom: int
+    captures: int
+    offset_covariance: tuple[tuple[float, ...], ...]  # turns^2
+
+
+def recover_turns(
+    model: RobotModel,
+    record: MasteringRecord,
+    captures: Sequence[WireCapture],
+    *,
+    provisional_turns: Sequence[int],
+    max_turns: float = 10.0,
+) -> TurnRecovery:
+    r"""Find the turns that motors lost, or refuse with the reason and the poses still needed.
+
+    A real-valued solution for all motors comes first, in the metric of the whole covariance (the record's
+    posterior, what the model does not know, noise). Then stories compete: only whole turns were lost; one or
+    two motors were exchanged; all references are lost; a link, the anchor or the hook moved; one length is wrong.
+    Whole turns are accepted if the gate holds and no other story is clearly better; anything else must beat
+    every rival 100 to 1.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal model of the record.
+    record : MasteringRecord
+        Taken while the robot was healthy.
+    captures : sequence of WireCapture
+        Counts as the controller reads them after the loss, with wire lengths.
+    provisional_turns : (n,)
+        Best guess of the lost turns, from the last healthy counts [turns].
+    max_turns : float
+        How far the guess may be off (one deviation); a weak belief that only matters with few captures [turns].
+
+    Returns
+    -------
+    TurnRecovery
+        Never a guess: ``accepted`` only if every check of the gate passed.
+
+    Raises
+    ------
+    CalibrationError
+        Captures or guesses of another robot, or none.
+
+    Notes
+    -----
+    The fifth condition, check poses that were not fitted, is ``verify_recovery``.
+
+    References
+    ----------
+    Derived in calibration/README.md after the integer methods of satellite positioning.
+    """
+    guess = np.asarray(provisional_turns, dtype=float)
+    if guess.shape != (model.axes,) or not np.isfinite(guess).all():
+        raise CalibrationError(f"{model.axes} provisional turns are needed")
+    if not captures:
+        raise CalibrationError("nothing was captured")
+    problem = LossProblem(model, record, captures)
+    local = solve_real(problem, guess, free=range(model.axes), towards=guess, doubt_turns=max_turns)
+    return _Case(model, record, problem, local, guess, max_turns).judge()
+
+
+def verify_recovery(
+    model: RobotModel, record: MasteringRecord, recovery: TurnRecovery, check_captures: Sequence[WireCapture]
+) -> TurnRecovery:
+    """Judge a recovery at captures that were not fitted: the fifth condition of the gate.
+
+    The counts of the captures are the controller's before the correction. The poses must be able to see one
+    wrong turn of every motor, and of every two motors in either sense, at six deviations; and the lengths must
+    agree with the record at 99.9 %.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal model of the record.
+    record : MasteringRecord
+        Taken while the robot was healthy.
+    recovery : TurnRecovery
+        Of ``recover_turns``.
+    check_captures : sequence of WireCapture
+        At other poses than those fitted.
+
+    Returns
+    -------
+    TurnRecovery
+        The same with two more gate checks; ``accepted`` only if they and all earlier ones passed.
+
+    Raises
+    ------
+    CalibrationError
+        No check captures.
+    """
+    if not check_captures:
+        raise CalibrationError("nothing was captured to verify the recovery with")
+    problem = LossProblem(model, record, check_captures)
+    local = problem.at(np.array(recovery.offset_turns))
+    spread = local.by_turn @ np.array(recovery.offset_covariance) @ local.by_turn.T
+    local = replace(local, scatter=local.scatter + spread)
+    found, limit = local.chi_square(), chi_square_limit(len(check_captures))
+    power = float(_detection(problem, local).max(axis=0).min())
+    largest_mm = 1e3 * float(np.abs(local.residuals).max())
+    checks = (
+        GateCheck(
+            "verification power",
+            power >= VERIFICATION_POWER,
+            power,
+            VERIFICATION_POWER,
+            f"the check poses see a wrong turn of any one or two motors at {power:.0f} deviations or more",
+        ),
+        GateCheck(
+            "verification",
+            found <= limit,
+            found,
+            limit,
+            f"{len(check_captures)} lengths that were not fitted agree within {largest_mm:.2f} mm",
+        ),
+    )
+    passed = all(check.passed for check in checks)
+    reason = recovery.reason if passed else "the check poses do not confirm the result"
+    accepted = recovery.accepted and passed
+    return replace(recovery, accepted=accepted, reason=reason, gate=(*recovery.gate, *checks))
+
+
+def verification_power(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> Array:
+    """Return (V, n): by how many deviations one wrong turn of each motor would show at each check pose."""
+    predictor = WirePredictor(model, record.wire, record.prior)
+    terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
+    deviations = np.sqrt(np.diag(predictor.expect(terms)[1]))
+    shifts = []
+    for turn in record.drive.radians_per_turn().T:
+        moved = predictor.terms(WireSeen.of(terms.seen.joints_rad + turn, predictor.sigma_m)).lengths
+        shifts.append(np.abs(moved - terms.lengths) / deviations)
+    return np.stack(shifts, axis=1)
+
+
+def _detection(problem: LossProblem, local: Local) -> Array:
+    """Return (V, patterns): how far a wrong turn of one motor, or of two in either sense, shows at each pose."""
+    n = len(local.turns)
+    unit = np.eye(n)
+    pairs = [(i, j) for i in range(n) for j in range(i)]
+    patterns = [*unit, *(unit[i] + unit[j] for i, j in pairs), *(unit[i] - unit[j] for i, j in pairs)]
+    deviations = np.sqrt(np.diag(local.scatter))
+    shifted = [np.abs(problem.lengths(local.turns + p) - local.terms.lengths) / deviations for p in patterns]
+    return np.stack(shifted, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """One set of captures on trial."""
+
+    model: RobotModel
+    record: MasteringRecord
+    problem: LossProblem
+    local: Local
+    guess: Array
+    doubt_turns: float
+
+    def judge(self) -> TurnRecovery:
+        teller = Storyteller(self.local, self.doubt_turns)
+        real, whole = teller.real(), self._refined(teller.turns())
+        if self._count - self.model.axes < SPARE_CAPTURES:
+            words = f"{self._count} captures are too few to notice a mistake"
+            return self._undecided(whole, real, words)
+        if whole.fix.success_probability <= SUCCESS_PROBABILITY:
+            return self._undecided(whole, real, self._weak_words(real))
+        rivals = [*teller.motors(1), real, *teller.changes()]
+        gate = self._gate(whole, real)
+        clear = max(s.log_evidence for s in rivals) > whole.log_evidence + _CLEARLY_BETTER
+        if not clear and all(check.passed for check in gate):
+            return self._result(whole, real, ("turns", True, self._words(whole)), gate=gate)
+        return self._diagnose(teller, [whole, *rivals], real)
+
+    def _diagnose(self, teller: Storyteller, stories: list[Story], real: Story) -> TurnRecovery:
+        stories += [*teller.outliers(), *teller.motors(2)]
+        possible = [s for s in stories if _explains(s)]
+        if not possible:
+            motor = max(teller.motors(1), key=lambda s: s.log_evidence)
+            possible = [s for s in teller.outliers(motor.real_axes) if _explains(s)]
+        if not possible:
+            nearest = max(teller.changes(), key=lambda s: s.log_evidence)
+            return self._changed(nearest, real)
+        best = max(possible, key=lambda s: s.log_evidence)
+        rivals = [s for s in possible if _consequence(s) != _consequence(best)]
+        rival = max(rivals, key=lambda s: s.log_evidence, default=None)
+        if rival is not None and best.log_evidence - rival.log_evidence < _DECISIVE:
+            words = f"{self._words(best)}, or {self._words(rival)}: not decidable yet"
+            return self._undecided(best, real, words)
+        return self._conclude(best, real)
+
+    def _conclude(self, story: Story, real: Story) -> TurnRecovery:
+        if story.kind == "geometry":
+            return self._changed(story, real)
+        if story.kind == "outlier":
+            return self._undecided(story, real, self._words(story))
+        story = self._refined(story)
+        gate = self._gate(story, real)
+        failed = "; ".join(check.sentence for check in gate if not check.passed)
+        if failed:
+            return self._undecided(story, real, failed, gate=gate)
+        return self._result(story, real, (story.kind, True, self._words(story)), gate=gate)
+
+    @property
+    def _count(self) -> int:
+        return len(self.local.residuals)
+
+    def _refined(self, story: Story) -> Story:
+        """Judge a story again at its own turns, where nothing is linearised."""
+        if not story.real_axes:
+            return replace(story, chi_square=self.problem.at(story.turns).chi_square())
+        local = solve_real(
+            self.problem, story.turns, free=story.real_axes, towards=self.guess, doubt_turns=self.doubt_turns
+        )
+        return replace(story, turns=local.turns, chi_square=local.chi_square())
+
+    def _gate(self, story: Story, real: Story) -> tuple[GateCheck, ...]:
+        limit, real_limit = _limit(story), _limit(real)
+        fits = story.chi_square <= limit and real.chi_square <= real_limit
+        checks = [] if story.kind == "all" else _integer_checks(story)
+        words = f"the lengths fit: {story.chi_square:.1f} of at most {limit:.1f}"
+        words += f" (all motors free: {real.chi_square:.1f} of at most {real_limit:.1f})"
+        words = words if fits else words.replace("fit:", "do not fit:")
+        checks.append(GateCheck("chi square", fits, story.chi_square, limit, words))
+        if story.real_axes:
+            largest = max(self._u_rad(story))
+            words = f"the real offset is known to {np.rad2deg(largest):.4f} deg (k = 2)"
+            checks.append(GateCheck("uncertainty", largest <= REAL_LIMIT_RAD, largest, REAL_LIMIT_RAD, words))
+            hidden = Storyteller(self.local, self.doubt_turns).detectable_m(story.real_axes, HIDDEN_POWER)
+            words = f"a length wrong by {1e3 * hidden:.1f} mm would show in any capture"
+            checks.append(
+                GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, words)
+            )
+        return tuple(checks)
+
+    def _u_rad(self, story: Story) -> tuple[float, ...]:
+        """Return the expanded uncertainty of the joints (k = 2), widened where the lengths scatter more."""
+        per_turn = self.record.drive.radians_per_turn()
+        variance = np.diag(per_turn @ story.covariance @ per_turn.T)
+        widened = max(1.0, story.chi_square / max(story.degrees_of_freedom, 1))
+        return tuple(2.0 * float(np.sqrt(max(v, 0.0) * widened)) for v in variance)
+
+    def _changed(self, story: Story, real: Story) -> TurnRecovery:
+        part = story.subject
+        words = f"the robot or the wire is not as recorded (most likely {part}): full calibration advised"
+        return self._result(
+            replace(story, chi_square=real.chi_square), real, ("geometry", False, words), part=part
+        )
+
+    def _undecided(
+        self, story: Story, real: Story, words: str, *, gate: tuple[GateCheck, ...] | None = None
+    ) -> TurnRecovery:
+        gate = self._gate(story, real) if gate is None else gate
+        if story.kind == "outlier":
+            again = (tuple(float(v) for v in self.local.terms.seen.joints_rad[story.capture]),)
+            return self._result(story, real, ("undecided", False, words), gate=gate, further=again)
+        further = self._further()
+        words = f"{words}; measure {len(further)} more"
+        return self._result(story, real, ("undecided", False, words), gate=gate, further=further)
+
+    def _further(self) -> tuple[tuple[float, ...], ...]:
+        """Return the poses of the record that are still needed, best first; at least one."""
+        kit = self.record.capture_joints_rad()
+        measured = self.local.terms.seen.joints_rad
+        order = next_poses(self.model, self.record, measured, kit, _MOST_FURTHER)
+        joints = np.vstack([measured, kit[list(order)]])
+        covariance_of = turn_covariances(self.record, self.problem.predictor, joints)
+        needed = max(1, self.model.axes + SPARE_CAPTURES - self._count)
+        while (
+            needed < len(order)
+            and success_probability(covariance_of(self._count + needed)) <= SUCCESS_PROBABILITY
+        ):
+            needed += 1
+        return tuple(tuple(float(v) for v in row) for row in kit[list(order[:needed])])
+
+    def _weak_words(self, real: Story) -> str:
+        sigma = np.sqrt(np.diag(real.covariance))
+        worst = int(np.argmax(sigma))
+        name = self.model.joint_names[worst]
+        return f"these poses leave the motor of {name} open to {sigma[worst]:.2f} turns"
+
+    def _words(self, story: Story) -> str:
+        names = self.model.joint_names
+        if story.kind == "turns":
+            moved = [f"{names[j]} {round(t):+d}" for j, t in enumerate(story.turns) if round(t)]
+            return f"whole turns only: {', '.join(moved) or 'none lost'}; zero offsets unchanged"
+        if story.kind == "motor":
+            return f"the reference of {' and '.join(names[j] for j in story.real_axes)} is new, the others lost turns"
+        if story.kind == "all":
+            return "every reference is lost: all offsets are real"
+        if story.kind == "outlier":
+            return f"capture {story.capture + 1} does not fit the others: measure it again"
+        return f"{story.subject} is not where it was"
+
+    def _result(
+        self,
+        story: Story,
+        real: Story,
+        outcome: tuple[str, bool, str],
+        *,
+        gate: tuple[GateCheck, ...] = (),
+        further: tuple[tuple[float, ...], ...] = (),
+        part: str = "",
+    ) -> TurnRecovery:
+        mode, accepted, reason = outcome
+        offsets = tuple(float(t) for t in story.turns)
+        return TurnRecovery(
+            mode=mode,
+            accepted=accepted,
+            reason=reason,
+            turns=tuple(round(t) for t in offsets),
+            replaced_axes=story.real_axes,
+            offset_turns=offsets,
+            offset_u_rad=self._u_rad(story),
+            counts_at_zero=self.record.drive.shifted_zero(self.record.counts_at_zero, offsets),
+            gate=gate,
+            poses_needed=len(further),
+            next_joints_rad=further,
+            suspect_capture=story.capture if story.kind == "outlier" else None,
+            changed_part=part,
+            success_probability=story.fix.success_probability,
+            sigma_turns=tuple(float(v) for v in np.sqrt(np.diag(real.covariance))),
+            chi_square=story.chi_square,
+            degrees_of_freedom=story.degrees_of_freedom,
+            captures=self._count,
+            offset_covariance=tuple(tuple(float(v) for v in row) for row in story.covariance),
+        )
+
+
+def _integer_checks(story: Story) -> list[GateCheck]:
+    fix = story.fix
+    ratio = min(fix.ratio, 1e6)
+    chance = f"the chance that all whole turns are right is {fix.success_probability:.6f}"
+    rounding = "search and rounding agree" if story.rounded_same else "search and rounding disagree"
+    return [
+        GateCheck(
+            "success probability",
+            fix.success_probability > SUCCESS_PROBABILITY,
+            fix.success_probability,
+            SUCCESS_PROBABILITY,
+            chance,
+        ),
+        GateCheck(
+            "ratio", ratio > RATIO, ratio, RATIO, f"the next best turns are {ratio:.3g} times further away"
+        ),
+        GateCheck("rounding", story.rounded_same, float(story.rounded_same), 1.0, rounding),
+    ]
+
+
+def _limit(story: Story) -> float:
+    return chi_square_limit(max(story.degrees_of_freedom, 1))
+
+
+def _explains(story: Story) -> bool:
+    return story.chi_square <= _limit(story)
+
+
+def _consequence(story: Story) -> tuple[str, tuple[int, ...]]:
+    """Return what a story leads to: stories with the same consequence do not compete."""
+    return story.kind, story.real_axes if story.kind == "motor" else ()

@@ -1,0 +1,1 @@
+"""Worlds and builders for the unit tests."""
