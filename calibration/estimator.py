@@ -1,0 +1,184 @@
+"""Maximum a posteriori estimation of an arm from observations: Gauss-Newton on normal equations, in blocks."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.geometry import Array
+from calibration.joint_terms import term_values
+from calibration.kinematics import chain_frames, placement_columns
+from calibration.observations import Observations, Rows, TipFrames
+from calibration.parameters import ArmState, Layout
+
+_BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the cache
+_MAX_ITERATIONS = 40
+_SETTLED = 1e-3  # of a posterior standard deviation: nobody can see the rest of the step
+_MAX_DAMPING = 1e8
+
+Block: TypeAlias = tuple[int, Rows]  # mounting and its rows
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """An estimate with its uncertainty, before anything is said about how good it is."""
+
+    state: ArmState
+    layout: Layout
+    covariance: Array  # (p, p), in the units of the parameters, for the sigmas as given
+    deviations: Array  # (p,): how far each parameter is from its prior mean; zero for places
+    cost: float
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Observations with everything about them that does not change while the parameters do."""
+
+    observations: Observations
+    values: Array  # (K, N) of the joint terms
+    blocks: tuple[Block, ...]
+
+    @classmethod
+    def of(cls, state: ArmState, observations: Observations) -> "Problem":
+        """Prepare the observations for states with the same nominal arm and joint terms."""
+        values = term_values(state.nominal, observations.joints_rad, state.terms)
+        return cls(observations, values, tuple(_blocks(observations)))
+
+    def take(self, rows: Rows) -> "Problem":
+        """Return the same for some of the rows."""
+        taken = self.observations.take(rows)
+        return Problem(taken, self.values[:, rows], tuple(_blocks(taken)))
+
+
+def whitened_residuals(state: ArmState, problem: Problem) -> Array:
+    """Return measured minus predicted of every row, in sigmas, (channels, N)."""
+    observations = problem.observations
+    residuals = np.empty((observations.channels, len(observations)))
+    for mounting, rows in problem.blocks:
+        _, _, tip = _frames(state, problem, mounting, rows)
+        residuals[:, rows] = observations.residuals(tip, state.devices[mounting], rows)
+    return residuals
+
+
+def errors_m(state: ArmState, problem: Problem) -> Array:
+    """Return the size of the position or length error of every row (N,) [m]."""
+    return problem.observations.errors_m(whitened_residuals(state, problem))
+
+
+def estimate(layout: Layout, state: ArmState, problem: Problem, weights: Array | None = None) -> Fit:
+    r"""Minimise ``sum w r^2 + sum (x / prior)^2`` from a start, by damped Gauss-Newton.
+
+    Parameters
+    ----------
+    layout : Layout
+        The unknowns and their priors.
+    state : ArmState
+        Start; its joint terms must be those of the layout.
+    problem : Problem
+        Observations.
+    weights : (N,) or None
+        Weight of each row's squared residual [1].
+
+    Returns
+    -------
+    Fit
+        Estimate and posterior covariance for the sigmas and weights given.
+
+    Raises
+    ------
+    DegenerateDataError
+        No step improves anything and the equations are singular.
+
+    Notes
+    -----
+    Steps are taken in units of prior deviations, so that metres and radians meet on one scale.
+    """
+    root = None if weights is None else np.sqrt(weights)
+    information, gradient, cost = _equations(layout, state, problem, root)
+    damping = 0.0
+    for iteration in range(1, _MAX_ITERATIONS + 1):
+        step, spread = _solve(information, gradient, damping)
+        candidate = layout.step(state, step * layout.prior)
+        equations = _equations(layout, candidate, problem, root)
+        settled = bool(np.max(np.abs(step) / spread) < _SETTLED)
+        if equations[2] <= cost * (1 + 1e-12) or settled:
+            state, (information, gradient, cost) = candidate, equations
+            damping = 0.0 if damping < 1e-3 else damping / 10
+            if settled:
+                break
+        else:
+            damping = max(1e-3, damping * 10)
+            if damping > _MAX_DAMPING:
+                break
+    covariance = np.linalg.inv(information) * np.outer(layout.prior, layout.prior)
+    return Fit(state, layout, covariance, layout.deviations(state), cost, iteration)
+
+
+def _blocks(observations: Observations) -> Iterator[Block]:
+    for mounting in range(int(observations.mounting.max(initial=0)) + 1):
+        rows = np.flatnonzero(observations.mounting == mounting)
+        for start in range(0, len(rows), _BLOCK):
+            yield mounting, rows[start : start + _BLOCK]
+
+
+def _frames(state: ArmState, problem: Problem, mounting: int, rows: Rows) -> tuple[Array, Array, TipFrames]:
+    joints = state.moved_joints(problem.observations.joints_rad[rows], problem.values[:, rows])
+    rotations, origins = chain_frames(state.seen_from(mounting), joints)
+    return rotations, origins, (origins[-1], rotations[-1])
+
+
+def _equations(
+    layout: Layout, state: ArmState, problem: Problem, root: Array | None
+) -> tuple[Array, Array, float]:
+    """Return information and gradient in units of prior deviations, and twice the negative log posterior."""
+    deviations = layout.deviations(state) / layout.prior
+    information, gradient = np.eye(len(layout)), -deviations
+    cost = float(deviations @ deviations)
+    for mounting, rows in problem.blocks:
+        columns, residuals = _block(state, problem, mounting, rows)
+        if root is not None:
+            columns, residuals = columns * root[rows], residuals * root[rows]
+        flat, residual = columns.reshape(len(columns), -1), residuals.reshape(-1)
+        tangent = layout.tangent(state, mounting) * layout.prior[:, None]
+        information += tangent @ (flat @ flat.T) @ tangent.T
+        gradient += tangent @ (flat @ residual)
+        cost += float(residual @ residual)
+    if not np.isfinite(cost):
+        raise CalibrationError("the model left the numbers: is the robot model the right one?")
+    return information, gradient, cost
+
+
+def _block(state: ArmState, problem: Problem, mounting: int, rows: Rows) -> tuple[Array, Array]:
+    """Return whitened columns (6 (n + 1) + K + D, channels, N) and residuals (channels, N) of a block."""
+    observations, device = problem.observations, state.devices[mounting]
+    rotations, origins, tip = _frames(state, problem, mounting, rows)
+    linear = placement_columns(rotations, origins, tip[0]).reshape(-1, 3, len(rows))
+    angular = _angular_columns(rotations) if observations.needs_rotation else None
+    columns = observations.project(linear, angular, tip, device)
+    joints = np.array([term.joint for term in state.terms], dtype=np.intp)
+    moved = columns[6 * joints + 5] * problem.values[:, rows][:, None]
+    own = observations.own_columns(tip, device)
+    scales = observations.scales(rows)
+    every = np.concatenate([columns, moved, own]) if len(moved) or len(own) else columns
+    return every * scales, observations.residuals(tip, device, rows)
+
+
+def _angular_columns(rotations: Array) -> Array:
+    """Return (6 (n + 1), 3, N): how right twists of the placements turn the tip."""
+    axes = rotations.swapaxes(1, 2)
+    columns = np.zeros((len(rotations), 6, *axes.shape[2:]))
+    columns[:, 3:] = axes
+    return columns.reshape(-1, *axes.shape[2:])
+
+
+def _solve(information: Array, gradient: Array, damping: float) -> tuple[Array, Array]:
+    """Return the step and the posterior deviation of every unknown, both in prior deviations."""
+    damped = information + damping * np.diag(np.diag(information))
+    try:
+        inverse = np.linalg.inv(damped)
+    except np.linalg.LinAlgError as error:
+        raise DegenerateDataError("the measurements cannot determine anything") from error
+    return inverse @ gradient, np.sqrt(np.maximum(np.diag(inverse), 1e-300))

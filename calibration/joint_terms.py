@@ -1,0 +1,92 @@
+"""What a joint does beside turning by its angle: sagging under weight, and ripple of its gear.
+
+A term adds ``coefficient * f(q)`` to one DH angle. ``f`` is taken from the nominal arm, so that it is a fixed
+column of numbers for given joints: its own change with the errors being sought is of second order.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.geometry import Array
+from calibration.kinematics import RobotModel, chain_frames
+
+_SHORT_LINK_M = 0.02
+_ALONG_GRAVITY = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class JointTerm:
+    """One term: which joint it moves (0-based), by what."""
+
+    kind: str  # gravity | harmonic
+    joint: int
+    link: int = 0  # gravity: the link whose weight it is
+    order: int = 0  # harmonic: periods per turn of the joint
+    phase: str = ""  # harmonic: cos | sin
+
+    @property
+    def name(self) -> str:
+        """A name for people: joints and links count from one."""
+        if self.kind == "gravity":
+            return f"J{self.joint + 1} sag under link {self.link + 1}"
+        return f"J{self.joint + 1} ripple {self.phase} {self.order}"
+
+
+def gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
+    """Return the sag of every joint that carries links and is not upright, except the last two of the wrist.
+
+    Joint i sags by ``c_ik z_i . (g x l_k)``: the lever of link vector l_k under its weight, for each link k at
+    or after the joint. Links shorter than 20 mm are left out, and so is a joint that always stands upright.
+    """
+    n = model.axes
+    spread = np.linspace(-1.0, 1.0, 7)[:, None] * np.ones(n)
+    rotations, origins = chain_frames(model, spread)
+    links = np.linalg.norm(np.diff(origins, axis=0), axis=1)[:, 0]
+    upright = np.abs(rotations[:-1, 2, 2]).min(axis=1) > 1.0 - _ALONG_GRAVITY
+    return tuple(
+        JointTerm("gravity", joint, link)
+        for joint in range(n - 2)
+        if not upright[joint]
+        for link in range(joint, n - 2)
+        if links[link] > _SHORT_LINK_M
+    )
+
+
+def harmonic_terms(model: RobotModel, orders: tuple[int, ...] = (1, 2)) -> tuple[JointTerm, ...]:
+    """Return cosine and sine of every joint's angle, for each order."""
+    return tuple(
+        JointTerm("harmonic", joint, order=order, phase=phase)
+        for joint in range(model.axes)
+        for order in orders
+        for phase in ("cos", "sin")
+    )
+
+
+def term_values(
+    model: RobotModel,
+    joints_rad: Array,
+    terms: tuple[JointTerm, ...],
+    gravity_in_base: tuple[float, float, float] = (0.0, 0.0, -1.0),
+) -> Array:
+    """Return ``f`` of every term for every posture, (K, N): metres of lever, or 1."""
+    joints = np.asarray(joints_rad, dtype=float)
+    values = np.empty((len(terms), len(joints)))
+    if any(term.kind == "gravity" for term in terms):
+        rotations, origins = chain_frames(model, joints)
+        links = np.diff(origins, axis=0)
+        axes = rotations[:-1, :, 2]
+        down = np.asarray(gravity_in_base)
+        # z . (l x g) = g . (z x l)
+        across = {
+            (t.joint, t.link): down @ np.cross(axes[t.joint].T, links[t.link].T).T
+            for t in terms
+            if t.kind == "gravity"
+        }
+    for row, term in enumerate(terms):
+        if term.kind == "gravity":
+            values[row] = across[term.joint, term.link]
+        else:
+            wave = np.cos if term.phase == "cos" else np.sin
+            values[row] = wave(term.order * joints[:, term.joint])
+    return values

@@ -1,0 +1,222 @@
+"""What a measuring device saw of the moving arm, and how it depends on the place of the target.
+
+Each kind is one class with the same few verbs, so that one estimator fits any of them. All arrays have the
+pose first. ``mounting`` says, row by row, which mounting of the device the row belongs to: a device that is
+taken down and put up again has a new place and the same scale.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Array, inverse_transform, log_rotation
+
+Rows: TypeAlias = NDArray[np.intp]
+
+# Tip frames of a block of rows: position (3, N), rotation (3, 3, N), components first.
+TipFrames: TypeAlias = tuple[Array, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Device:
+    """Where one mounting of a device is: a frame for points and poses, an anchor for lengths."""
+
+    device_base: Array  # (4, 4); identity for a length gauge
+    anchor_in_base_m: Array  # (3,); used by a length gauge
+    zero_m: float = 0.0
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class PointObservations:
+    """Positions of one target on the end-effector in the frame of a tracker or camera [m]."""
+
+    joints_rad: Array  # (N, n)
+    positions_m: Array  # (N, 3)
+    sigma_m: Array  # (N,)
+    mounting: Rows  # (N,)
+
+    kind = "point"
+    channels = 3
+    device_columns = 0
+    needs_rotation = False
+
+    def __post_init__(self) -> None:
+        _check(self.joints_rad, self.positions_m, (3,))
+
+    def __len__(self) -> int:
+        return len(self.joints_rad)
+
+    def take(self, rows: Rows) -> Self:
+        """Return these rows only."""
+        return replace(
+            self,
+            joints_rad=self.joints_rad[rows],
+            positions_m=self.positions_m[rows],
+            sigma_m=self.sigma_m[rows],
+            mounting=self.mounting[rows],
+        )
+
+    def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
+        """Return measured minus predicted (channels, N), in units of each row's sigma."""
+        residual: Array = (self.positions_m[rows].T - tip[0]) / self.sigma_m[rows]
+        return residual
+
+    def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
+        """Return how the channels follow motions of the tip: (P, 3, N) to (P, channels, N)."""
+        return linear
+
+    def scales(self, rows: Rows | slice) -> Array:
+        """Return 1 / sigma of every channel (channels or 1, N)."""
+        scales: Array = 1.0 / self.sigma_m[None, rows]
+        return scales
+
+    def own_columns(self, tip: TipFrames, device: Device) -> Array:
+        """Return how the channels follow the device's own parameters (D, channels, N)."""
+        return np.empty((0, self.channels, tip[0].shape[-1]))
+
+    def errors_m(self, residuals: Array) -> Array:
+        """Return the size of the error of every row [m] from whitened residuals (channels, N)."""
+        sizes: Array = np.linalg.norm(residuals[:3], axis=0) * self.sigma_m
+        return sizes
+
+
+@dataclass(frozen=True, eq=False)
+class PoseObservations(PointObservations):
+    """Full poses of one target; attitudes are compared as rotation vectors in the device's frame [rad]."""
+
+    rotations: Array  # (N, 3, 3)
+    sigma_rad: Array  # (N,)
+
+    kind = "pose"
+    channels = 6
+    needs_rotation = True
+
+    def take(self, rows: Rows) -> Self:
+        taken = super().take(rows)
+        return replace(taken, rotations=self.rotations[rows], sigma_rad=self.sigma_rad[rows])
+
+    def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
+        linear = super().residuals(tip, device, rows)
+        predicted = np.moveaxis(tip[1], -1, 0)
+        turn = log_rotation(self.rotations[rows] @ np.swapaxes(predicted, -1, -2))
+        return np.concatenate([linear, turn.T / self.sigma_rad[rows]])
+
+    def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
+        if angular is None:
+            raise CalibrationError("poses need the turning of the tip, too")
+        return np.concatenate([linear, angular], axis=1)
+
+    def scales(self, rows: Rows | slice) -> Array:
+        position, turn = 1.0 / self.sigma_m[rows], 1.0 / self.sigma_rad[rows]
+        return np.stack([position] * 3 + [turn] * 3)
+
+
+@dataclass(frozen=True, eq=False)
+class LengthObservations:
+    """Lengths of a draw-wire between its anchor and a hook on the end-effector [m]."""
+
+    joints_rad: Array  # (N, n)
+    lengths_m: Array  # (N,)
+    sigma_m: Array  # (N,)
+    mounting: Rows  # (N,)
+
+    kind = "length"
+    channels = 1
+    device_columns = 5  # anchor x y z, zero, scale
+    needs_rotation = False
+
+    def __post_init__(self) -> None:
+        _check(self.joints_rad, self.lengths_m, ())
+
+    def __len__(self) -> int:
+        return len(self.joints_rad)
+
+    def take(self, rows: Rows) -> Self:
+        """Return these rows only."""
+        return replace(
+            self,
+            joints_rad=self.joints_rad[rows],
+            lengths_m=self.lengths_m[rows],
+            sigma_m=self.sigma_m[rows],
+            mounting=self.mounting[rows],
+        )
+
+    def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
+        """Return measured minus predicted (1, N), in units of each row's sigma."""
+        length = np.linalg.norm(device.anchor_in_base_m[:, None] - tip[0], axis=0)
+        predicted = device.zero_m + device.scale * length
+        residual: Array = ((self.lengths_m[rows] - predicted) / self.sigma_m[rows])[None]
+        return residual
+
+    def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
+        """Return how the length follows motions of the tip: (P, 3, N) to (P, 1, N)."""
+        direction = -device.scale * _directions(tip, device)
+        return np.einsum("pcn,cn->pn", linear, direction)[:, None]
+
+    def scales(self, rows: Rows | slice) -> Array:
+        """Return 1 / sigma (1, N)."""
+        scales: Array = 1.0 / self.sigma_m[None, rows]
+        return scales
+
+    def own_columns(self, tip: TipFrames, device: Device) -> Array:
+        """Return how the length follows anchor, zero and scale (5, 1, N)."""
+        direction = _directions(tip, device)
+        length = np.linalg.norm(device.anchor_in_base_m[:, None] - tip[0], axis=0)
+        return np.concatenate([device.scale * direction, np.ones_like(length)[None], length[None]])[:, None]
+
+    def errors_m(self, residuals: Array) -> Array:
+        """Return the size of the error of every row [m] from whitened residuals (1, N)."""
+        sizes: Array = np.abs(residuals[0]) * self.sigma_m
+        return sizes
+
+
+Observations: TypeAlias = PointObservations | PoseObservations | LengthObservations
+
+
+def pose_from_points(points: PointObservations, rotations: Array, sigma_rad: Array) -> PoseObservations:
+    """Return the same rows with their attitudes."""
+    return PoseObservations(
+        points.joints_rad, points.positions_m, points.sigma_m, points.mounting, rotations, sigma_rad
+    )
+
+
+def with_mounting(observations: Observations, mounting: Rows) -> Observations:
+    """Return the rows with another assignment to mountings of the device."""
+    return replace(observations, mounting=np.asarray(mounting, dtype=np.intp))
+
+
+def with_joints(observations: Observations, joints_rad: Array) -> Observations:
+    """Return the rows with other joint angles (rounding removed, say)."""
+    return replace(observations, joints_rad=joints_rad)
+
+
+def with_sigma(observations: Observations, factor: Array | float) -> Observations:
+    """Return the rows with standard deviations multiplied by ``factor`` (scalar or (N,))."""
+    changed = {"sigma_m": observations.sigma_m * factor}
+    if isinstance(observations, PoseObservations):
+        changed["sigma_rad"] = observations.sigma_rad * factor
+    return replace(observations, **changed)
+
+
+def tip_of(base_device: Array, pose: Array) -> Array:
+    """Return a measured pose (…, 4, 4) seen from the robot's base."""
+    return inverse_transform(base_device) @ pose
+
+
+def _directions(tip: TipFrames, device: Device) -> Array:
+    away = device.anchor_in_base_m[:, None] - tip[0]
+    unit: Array = away / np.linalg.norm(away, axis=0)
+    return unit
+
+
+def _check(joints_rad: Array, values: Array, shape: tuple[int, ...]) -> None:
+    if joints_rad.ndim != 2 or values.shape != (len(joints_rad), *shape):
+        raise CalibrationError(
+            f"observations of shape {values.shape} do not belong to joints {joints_rad.shape}"
+        )
+    if not (np.isfinite(joints_rad).all() and np.isfinite(values).all()):
+        raise CalibrationError("joints and observations must be finite")
