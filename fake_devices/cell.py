@@ -10,7 +10,6 @@ Not modelled
     Devices that are not in the file.
 """
 
-import importlib
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -18,21 +17,15 @@ from typing import Any
 
 import fake_devices.draw_wire.device
 import fake_devices.modbus_robot.device
+import fake_devices.universal_robots.device
 from fake_devices.device import FakeDevice
 from fake_devices.world import World
 
 Factory = Callable[[World, Mapping[str, Any]], FakeDevice]
 
-
-def _universal_robots(world: World, table: Mapping[str, Any]) -> FakeDevice:
-    module = importlib.import_module("fake_devices.universal_robots.device")
-    device: FakeDevice = module.create(world, table)
-    return device
-
-
 FACTORIES: dict[str, Factory] = {
     "modbus_robot": fake_devices.modbus_robot.device.create,
-    "universal_robots": _universal_robots,
+    "universal_robots": fake_devices.universal_robots.device.create,
     "draw_wire": fake_devices.draw_wire.device.create,
 }
 

@@ -59,7 +59,8 @@ class DrawWireNode:
         self._faults, self._send = faults, send
         self.settings = Settings({
             "heartbeat_ms": 0, "pdo_cob": 0x180 + node_id, "pdo_type": 255, "pdo_timer_ms": 0,
-            "cycle_ms": 100, "direction": 0, "step_nm": 10_000, "speed_step": 100, "offset": 0, "mapping": _POSITION,
+            "cycle_ms": 100, "direction": 0, "step_nm": 10_000,
+            "speed_step": 100, "offset": 0, "mapping": _POSITION,
         })  # fmt: skip
         self.powered = True
         self.state = PRE_OPERATIONAL
