@@ -7,6 +7,8 @@ from drivers.modbus_robot.panel import Block, Panel
 from drivers.modbus_robot.program import Mode, ProgramState
 from drivers.wire.tables import CodeEntry, code_table
 
+Findings = tuple[tuple[Alarm, CodeEntry], ...]
+
 _AXIS = re.compile(r"Axis:(\d+)")
 _ALARM_MEMBERS = ("alarm_id", "alarm_number", "alarm_text")
 _POWER_CYCLE = "Switch the controller off and on: the acknowledgement takes effect at power-on."
@@ -19,7 +21,7 @@ _BY_KIND = {
 }
 
 
-async def read_alarms(panel: Panel) -> tuple[tuple[Alarm, CodeEntry], ...]:
+async def read_alarms(panel: Panel) -> Findings:
     """Read the active alarms, newest first, each with what it means."""
     found: list[tuple[Alarm, CodeEntry]] = []
     for number in range(1, panel.profile.registers["alarm_id"].repeats + 1):
@@ -37,9 +39,9 @@ async def read_alarms(panel: Panel) -> tuple[tuple[Alarm, CodeEntry], ...]:
     return tuple(found)
 
 
-def judge(position: Block, program: ProgramState, alarms: tuple[tuple[Alarm, CodeEntry], ...]) -> Condition:
+def judge(position: Block, program: ProgramState, alarms: Findings) -> Condition:
     """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
-    findings = [(_BY_KIND[entry.kind], f"{alarm.code} {alarm.text}", entry.remedy) for alarm, entry in alarms]
+    findings = [(_BY_KIND[entry.kind], _sentence(alarm, alarms), entry.remedy) for alarm, entry in alarms]
     findings += _switches(position, program)
     order = (Readiness.POSITION_LOST, Readiness.STOPPED, Readiness.NOT_READY, Readiness.READY)
     findings.sort(key=lambda finding: order.index(finding[0]))
@@ -50,6 +52,16 @@ def judge(position: Block, program: ProgramState, alarms: tuple[tuple[Alarm, Cod
         remedy = _POWER_CYCLE
     message = "; ".join(dict.fromkeys(text for _, text, _ in findings))
     return Condition(findings[0][0], message, remedy, tuple(alarm for alarm, _ in alarms))
+
+
+def _sentence(alarm: Alarm, alarms: Findings) -> str:
+    """Say an alarm once, with all the axes that have it."""
+    axes = sorted(
+        {other.axis + 1 for other, _ in alarms if other.code == alarm.code and other.axis is not None}
+    )
+    if len(axes) < 2:
+        return f"{alarm.code} {alarm.text}"
+    return f"{alarm.code} {alarm.text.split(' (')[0]} (axes {', '.join(map(str, axes))})"
 
 
 def _switches(position: Block, program: ProgramState) -> list[tuple[Readiness, str, str]]:

@@ -129,8 +129,12 @@ class ModbusRobot:
             position, _ = await self._status()
             speed = self._jog_speed(speed_rad_s, position)
             patience_s = self._patience_s(abs(delta_rad), speed, position)
+            finding_index = any(entry.kind == "index" for _, entry in await read_alarms(self._panel))
             await self._program.run(Request("jog", axis, (delta_rad,), speed, patience_s))
-            await self._settle_jog(axis, delta_rad, drive, position.integers("counts"))
+            turn_rad = float(np.abs(drive.radians_per_turn()[axis]).sum()) if finding_index else 0.0
+            moved_rad = await self._moved(axis, drive, position.integers("counts"))
+            if abs(moved_rad - delta_rad) > self._tolerance_rad + turn_rad:
+                raise self._short(axis, abs(moved_rad - delta_rad))
 
     async def encoder_counts(self) -> Counts:
         async with self._deadline("reading the counts"):
@@ -210,14 +214,20 @@ class ModbusRobot:
         if reading.moving or float(errors.max()) > self._tolerance_rad:
             raise self._short(int(errors.argmax()), float(errors.max()))
 
-    async def _settle_jog(self, axis: int, delta_rad: float, drive: DriveTrain, before: Counts) -> None:
-        """Judge a jog by the counts: they are there without mastering too."""
+    async def _moved(self, axis: int, drive: DriveTrain, before: Counts) -> float:
+        """Return how far an axis has turned, by the counts: they are there without mastering too.
+
+        While a motor has not found its index, its count may jump by a part of a turn when it does.
+        """
         await asyncio.sleep(self._options.settle_s)
         position, program = await self._status()
-        after = np.array(position.integers("counts"))
-        error = abs(float(drive.joints(after, np.array(before))[axis]) - delta_rad)
-        if program.moving or error > self._tolerance_rad:
-            raise self._short(axis, error)
+        if program.moving:
+            raise MotionStoppedError(
+                self.name,
+                "the arm moves although its jog is done.",
+                remedy="Make sure that nobody else commands the robot, then repeat the step.",
+            )
+        return float(drive.joints(np.array(position.integers("counts")), np.array(before))[axis])
 
     def _short(self, axis: int, error_rad: float) -> MotionStoppedError:
         return MotionStoppedError(
