@@ -1,0 +1,130 @@
+"""Port 29999: commands for people and for PLCs, one line each.
+
+Imitates
+    The dashboard server of PolyScope 5.
+Source
+    links/universal_robots.md section 6.
+Modelled
+    The commands of that table; remote and local control.
+Not modelled
+    User roles, installations, generating support files; programs on the controller's disk have no content.
+"""
+
+from collections.abc import Callable
+
+from fake_devices.universal_robots.controller import Controller
+from fake_devices.universal_robots.ports import Connection, Port
+from fake_devices.universal_robots.states import RuntimeState, SafetyMode
+
+_GREETING = "Connected: Universal Robots Dashboard Server"
+_FIXED = {
+    "close popup": "closing popup",
+    "close safety popup": "closing safety popup",
+    "restart safety": "Restarting safety",
+    "shutdown": "Shutting down",
+}
+_LOCAL_REFUSAL = "Command is not allowed due to safety reasons. The robot is not in remote control mode"
+_REMOTE_ONLY = frozenset(
+    {"play", "stop", "pause", "power on", "power off", "brake release", "unlock protective stop", "shutdown"}
+)
+_STATES = {RuntimeState.PLAYING: "PLAYING", RuntimeState.PAUSED: "PAUSED"}
+
+
+class DashboardConnection(Connection):
+    """One dashboard client."""
+
+    def __init__(self, port: Port, controller: Controller) -> None:
+        super().__init__(port)
+        self._c = controller
+        self._rest = b""
+        self._commands = self._questions() | self._orders()
+
+    def greet(self) -> None:
+        self._say(_GREETING)
+
+    def received(self, data: bytes) -> None:
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            text = line.decode("utf-8", "replace").strip()
+            if text == "quit":
+                self._say("Disconnected")
+                self.finish()
+                return
+            self._say(self._reply(text))
+
+    def _say(self, text: str) -> None:
+        self.send(text.encode() + b"\n")
+
+    def _reply(self, text: str) -> str:
+        if text in _REMOTE_ONLY and not self._c.remote:
+            return _LOCAL_REFUSAL
+        if text in self._commands:
+            return self._commands[text]()
+        if text in _FIXED:
+            return _FIXED[text]
+        word, _, rest = text.partition(" ")
+        if word == "load":
+            self._c.loaded_program = rest
+            return f"Loading program: {rest}"
+        answers = {
+            "popup": "showing popup",
+            "addToLog": "Added log message",
+            "setUserRole": "Setting user role",
+        }
+        return answers.get(word, f"could not understand: '{text}'")
+
+    def _questions(self) -> dict[str, Callable[[], str]]:
+        c = self._c
+        return {
+            "PolyscopeVersion": lambda: c.identity.software,
+            "version": lambda: c.identity.software,
+            "get serial number": lambda: c.identity.serial,
+            "get robot model": lambda: c.identity.family,
+            "is in remote control": lambda: str(c.remote).lower(),
+            "robotmode": lambda: f"Robotmode: {c.robot_mode.name}",
+            "safetymode": lambda: f"Safetymode: {c.safety_mode.name}",
+            "safetystatus": lambda: f"Safetystatus: {c.safety_mode.name}",
+            "programState": lambda: f"{_STATES.get(c.runtime, 'STOPPED')} {c.loaded_program}",
+            "running": lambda: f"Program running: {str(c.runtime is RuntimeState.PLAYING).lower()}",
+            "isProgramSaved": lambda: f"true {c.loaded_program}",
+            "get loaded program": lambda: f"Loaded program: {c.loaded_program}",
+        }
+
+    def _orders(self) -> dict[str, Callable[[], str]]:
+        return {
+            "play": self._play,
+            "stop": self._stop,
+            "pause": self._pause,
+            "power on": lambda: self._power(on=True),
+            "power off": lambda: self._power(on=False),
+            "brake release": self._release_brakes,
+            "unlock protective stop": self._unlock,
+        }
+
+    def _play(self) -> str:
+        return "Starting program" if self._c.resume_program() else "Failed to execute: play"
+
+    def _stop(self) -> str:
+        self._c.end_program()
+        return "Stopped"
+
+    def _pause(self) -> str:
+        return "Pausing program" if self._c.pause_program() else "Failed to execute: pause"
+
+    def _power(self, *, on: bool) -> str:
+        self._c.power(on=on)
+        return "Powering on" if on else "Powering off"
+
+    def _release_brakes(self) -> str:
+        self._c.release_brakes()
+        return "Brake releasing"
+
+    def _unlock(self) -> str:
+        if self._c.unlock_protective_stop():
+            return "Protective stop releasing"
+        if self._c.safety_mode is SafetyMode.PROTECTIVE_STOP:
+            return (
+                "Cannot unlock protective stop until 5s after occurrence."
+                " Always inspect cause of protective stop before unlocking"
+            )
+        return "Cannot unlock: no protective stop"

@@ -1,0 +1,83 @@
+"""The Universal Robots arm of a cell: arm and controller put together, and what can happen to them.
+
+Imitates
+    A UR e-Series robot, software 5.11 unless the cell file says otherwise.
+Source
+    links/universal_robots.md.
+Modelled
+    The faults of ``fake_devices.universal_robots.faults.FAULTS``.
+Not modelled
+    See the modules of this package.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from fake_devices.device import FaultRefusedError, JsonObject
+from fake_devices.universal_robots.faults import FAULTS, Faults
+from fake_devices.universal_robots.identity import Identity
+from fake_devices.universal_robots.server import UniversalRobotServer
+from fake_devices.world import World
+
+
+class UniversalRobot:
+    """One robot on one loopback address."""
+
+    def __init__(self, world: World, table: Mapping[str, Any]) -> None:
+        self._name = str(table["name"])
+        model = str(table.get("model", "ur10e"))
+        self._arm = world.add_arm(self._name, model)
+        shown = model[:2].upper() + model[2:]
+        identity = Identity(model=shown, serial=str(table.get("serial", "20225500042")))
+        address = str(table.get("address", "127.0.0.1"))
+        self.server = UniversalRobotServer(self._arm, address, identity, world.clock.now)
+        self._faults = Faults(self.server)
+
+    @property
+    def name(self) -> str:
+        """Name in the cell file."""
+        return self._name
+
+    async def start(self) -> None:
+        await self.server.start()
+
+    async def stop(self) -> None:
+        await self.server.close()
+
+    def fault_names(self) -> frozenset[str]:
+        return frozenset(FAULTS)
+
+    async def fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        try:
+            return await self._faults.happen(name, parameters)
+        except (TypeError, ValueError) as problem:
+            raise FaultRefusedError(str(problem)) from problem
+
+    def clear(self) -> None:
+        self._faults.clear()
+
+    def truth(self) -> JsonObject:
+        arm, c = self._arm, self.server.controller
+        return {
+            "joints_rad": arm.joints_rad.tolist(),
+            "controller_joints_rad": arm.controller_joints_rad.tolist(),
+            "moving": any(c.point.velocity_rad_s),
+            "dh": arm.dh.tolist(),
+            "known_dh": arm.known_dh.tolist(),
+            "nominal_dh": arm.nominal_dh.tolist(),
+            "base_flange": arm.base_flange().tolist(),
+            "tcp": list(c.tcp),
+            "robot_mode": c.robot_mode.name,
+            "safety_mode": c.safety_mode.name,
+            "runtime": c.runtime.name,
+            "program": c.program.name if c.program is not None else None,
+            "remote": c.remote,
+            "speed_fraction": c.speed_fraction,
+            "digital_outputs": c.digital_outputs,
+            "connections": {str(n): len(port.connections) for n, port in self.server.ports.items()},
+        }
+
+
+def create(world: World, table: Mapping[str, Any]) -> UniversalRobot:
+    """Build the robot that a cell file names."""
+    return UniversalRobot(world, table)

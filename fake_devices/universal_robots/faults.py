@@ -1,0 +1,169 @@
+"""What can happen to a fake controller, by name, at run time.
+
+Imitates
+    Stops, operators, other clients, cables and programs that die.
+Source
+    links/universal_robots.md sections 8, 9 and 14.
+Modelled
+    The table ``FAULTS``; each entry names its parameters and their defaults.
+Not modelled
+    Faults of the arm itself: those are the world's.
+"""
+
+from collections.abc import Awaitable, Callable, Mapping
+from typing import Any
+
+from fake_devices.device import FaultRefusedError, JsonObject
+from fake_devices.universal_robots.controller import Controller
+from fake_devices.universal_robots.frames import Vector
+from fake_devices.universal_robots.motion import JointMove
+from fake_devices.universal_robots.server import RTDE, UniversalRobotServer
+
+FAULTS: dict[str, dict[str, Any]] = {
+    "protective_stop": {"unlock_after_s": 0.0},
+    "unlock_protective_stop": {},
+    "emergency_stop": {},
+    "release_emergency_stop": {"power": True},
+    "program_stop": {},
+    "program_pause": {},
+    "link_loss_rtde": {},
+    "link_loss_all": {},
+    "link_stall": {},
+    "link_restore": {},
+    "in_use": {},
+    "other_client_moves": {"joints": None, "axis": None, "rad": 0.1, "speed": 0.5},
+    "silent_accept": {"port": RTDE},
+    "not_found": {"variable": "actual_q"},
+    "local_mode": {},
+    "remote_mode": {},
+    "ik_failure": {},
+    "late_script": {"delay_s": 2.0},
+    "touch": {},
+}
+
+
+class _OtherProgram:
+    """A program that somebody else has sent in place of ours: one joint move."""
+
+    name = "other_client"
+
+    def __init__(self, controller: Controller, move: JointMove) -> None:
+        self._controller, self._move = controller, move
+
+    def step(self, dt_s: float) -> bool:
+        return not self._move.advance(self._controller.point, dt_s)
+
+
+class Faults:
+    """The faults of one controller."""
+
+    def __init__(self, server: UniversalRobotServer) -> None:
+        self._server, self._c = server, server.controller
+        self._acts: dict[str, Callable[[Mapping[str, Any]], Awaitable[None] | None]] = {
+            "protective_stop": lambda p: self._c.protective_stop(float(p["unlock_after_s"])),
+            "unlock_protective_stop": self._unlock,
+            "emergency_stop": lambda _: self._c.emergency_stop(),
+            "release_emergency_stop": self._release,
+            "program_stop": lambda _: self._c.end_program(),
+            "program_pause": self._pause,
+            "link_loss_rtde": lambda _: server.ports[RTDE].drop(),
+            "link_loss_all": lambda _: server.close_ports(),
+            "link_stall": lambda _: self._stall(on=True),
+            "link_restore": lambda _: self._restore(),
+            "in_use": self._in_use,
+            "other_client_moves": self._other_client_moves,
+            "silent_accept": self._silent_accept,
+            "not_found": lambda p: server.rtde.hidden_names.add(str(p["variable"])),
+            "local_mode": lambda _: self._remote(on=False),
+            "remote_mode": lambda _: self._remote(on=True),
+            "ik_failure": self._ik_failure,
+            "late_script": self._late_script,
+            "touch": self._touch,
+        }
+
+    async def happen(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        """Let one fault happen; refuse unknown names and parameters."""
+        if name not in FAULTS:
+            raise FaultRefusedError(f"no fault is called {name!r}; there are {', '.join(sorted(FAULTS))}")
+        if unknown := set(parameters) - set(FAULTS[name]):
+            raise FaultRefusedError(f"{name} does not know {', '.join(sorted(unknown))}")
+        pending = self._acts[name]({**FAULTS[name], **parameters})
+        if pending is not None:
+            await pending
+        return {}
+
+    def clear(self) -> None:
+        """Take back everything that is not a state of the robot."""
+        self._server.cable_in = True  # closed ports open with the next step
+        self._stall(on=False)
+        for port in self._server.ports.values():
+            port.silent = False
+        self._server.rtde.hidden_names.clear()
+        self._c.registers.foreign_owner = False
+        self._c.no_inverse_kinematics = False
+        self._c.contact_steps = 0
+        self._server.loader.start_delay_s = 0.0
+        self._c.remote = True
+
+    def _unlock(self, _: Mapping[str, Any]) -> None:
+        self._c.unlock_protective_stop()
+
+    def _release(self, parameters: Mapping[str, Any]) -> None:
+        self._c.release_emergency_stop()
+        if parameters["power"]:
+            self._c.release_brakes()
+
+    def _pause(self, _: Mapping[str, Any]) -> None:
+        self._c.pause_program()
+
+    def _stall(self, *, on: bool) -> None:
+        for port in self._server.ports.values():
+            port.stall(on=on)
+
+    async def _restore(self) -> None:
+        self._stall(on=False)
+        for port in self._server.ports.values():
+            port.silent = False
+        await self._server.open_ports()
+
+    def _in_use(self, _: Mapping[str, Any]) -> None:
+        self._c.registers.foreign_owner = True
+
+    def _silent_accept(self, parameters: Mapping[str, Any]) -> None:
+        port = self._server.ports.get(int(parameters["port"]))
+        if port is None:
+            raise FaultRefusedError(f"there is no port {parameters['port']}")
+        port.silent = True
+
+    def _remote(self, *, on: bool) -> None:
+        self._c.remote = on
+
+    def _ik_failure(self, _: Mapping[str, Any]) -> None:
+        self._c.no_inverse_kinematics = True
+
+    def _late_script(self, parameters: Mapping[str, Any]) -> None:
+        self._server.loader.start_delay_s = float(parameters["delay_s"])
+
+    def _touch(self, _: Mapping[str, Any]) -> None:
+        self._c.contact_steps = 1
+
+    def _other_client_moves(self, parameters: Mapping[str, Any]) -> None:
+        c = self._c
+        target = _target(c.joints_rad, parameters)
+        move = JointMove(c.joints_rad, target, float(parameters["speed"]), 1.0, c.limits_rad_s)
+        c.start_program(_OtherProgram(c, move))
+
+
+def _target(joints_rad: Vector, parameters: Mapping[str, Any]) -> Vector:
+    if parameters["joints"] is not None:
+        target = tuple(float(value) for value in parameters["joints"])
+        if len(target) != 6:
+            raise FaultRefusedError("joints must be six angles in rad")
+        return target
+    axis = parameters["axis"]
+    if axis is None:
+        raise FaultRefusedError("say joints, or axis and rad")
+    index = int(str(axis).upper().removeprefix("J")) - 1
+    if not 0 <= index < 6:
+        raise FaultRefusedError("axis is J1 to J6")
+    return tuple(q + (float(parameters["rad"]) if i == index else 0.0) for i, q in enumerate(joints_rad))

@@ -1,0 +1,177 @@
+"""Port 30004: real-time data exchange with any number of clients.
+
+Imitates
+    The RTDE server of the controller.
+Source
+    links/universal_robots.md section 3; the maker's RTDE guide.
+Modelled
+    Protocol 1 and 2, the handshake in any order, one output recipe and up to 255 input recipes per client,
+    frequencies that divide the base rate, IN_USE, NOT_FOUND.
+Not modelled
+    Several output recipes of one client (a new one replaces the old); text messages to clients without fault.
+"""
+
+import logging
+import struct
+from typing import Any
+
+from fake_devices.universal_robots.controller import Controller
+from fake_devices.universal_robots.ports import Connection, Port
+from fake_devices.universal_robots.readings import Readings
+from fake_devices.universal_robots.rtde import (
+    MAX_NAME_BYTES,
+    InputRecipe,
+    Kind,
+    OutputRecipe,
+    Packer,
+    Telegrams,
+    message,
+    names_in,
+    telegram,
+)
+from fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES
+
+_log = logging.getLogger(__name__)
+_PROTOCOL_1_HZ = 125.0
+NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
+
+
+class RtdeServer:
+    """What all RTDE clients share."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self.readings = Readings(controller)
+        self.hidden_names: set[str] = set()
+        self.clients: set[RtdeConnection] = set()
+
+    @property
+    def fastest_hz(self) -> float:
+        """Return the highest rate that a started client asked for; 0 without clients."""
+        rate = self.controller.identity.base_rate_hz
+        return max((rate / client.every for client in self.clients if client.started), default=0.0)
+
+    def publish(self, step: int, previous: int) -> None:
+        """Send the present state to everyone whose turn came between two controller steps."""
+        for client in list(self.clients):
+            client.publish(step, previous)
+
+
+class RtdeConnection(Connection):
+    """One RTDE client."""
+
+    def __init__(self, port: Port, server: RtdeServer) -> None:
+        super().__init__(port)
+        self.started = False
+        self.every = 1
+        self._server, self._controller = server, server.controller
+        self._telegrams = Telegrams()
+        self._protocol = 1
+        self._packer: Packer | None = None
+        self._inputs: dict[int, InputRecipe] = {}
+        self._answers = {
+            Kind.PROTOCOL: self._negotiate,
+            Kind.VERSION: self._version,
+            Kind.OUTPUTS: self._set_up_outputs,
+            Kind.INPUTS: self._set_up_inputs,
+            Kind.START: self._start,
+            Kind.PAUSE: self._pause,
+        }
+
+    def greet(self) -> None:
+        self._server.clients.add(self)
+
+    def left(self) -> None:
+        self._server.clients.discard(self)
+        self._controller.registers.release(self)
+
+    def received(self, data: bytes) -> None:
+        for kind, payload in self._telegrams.feed(data):
+            if kind == Kind.DATA:
+                self._take_inputs(payload)
+            elif kind == Kind.MESSAGE:
+                _log.info("RTDE client says %r", payload)
+            else:
+                self._answer(kind, payload)
+
+    def _answer(self, kind: int, payload: bytes) -> None:
+        try:
+            act = self._answers[Kind(kind)]
+        except ValueError:
+            self.send(message(f"Unsupported package type {kind}", level=1, protocol=self._protocol))
+            return
+        self.send(telegram(kind, act(payload)))
+
+    def _negotiate(self, payload: bytes) -> bytes:
+        wanted = struct.unpack(">H", payload)[0] if len(payload) == 2 else 0
+        if wanted not in (1, 2):
+            return b"\0"
+        self._protocol = wanted
+        return b"\1"
+
+    def _version(self, _payload: bytes) -> bytes:
+        return struct.pack(">IIII", *self._controller.identity.version)
+
+    def _set_up_outputs(self, payload: bytes) -> bytes:
+        frequency_hz, names = _PROTOCOL_1_HZ, payload
+        if self._protocol > 1:
+            if len(payload) < 8:
+                return b"\0"
+            frequency_hz, names = struct.unpack_from(">d", payload)[0], payload[8:]
+        recipe_id, kinds = self._output_recipe(frequency_hz, names_in(names[:MAX_NAME_BYTES]))
+        listed = ",".join(kinds).encode()
+        return listed if self._protocol == 1 else bytes([recipe_id]) + listed
+
+    def _output_recipe(self, frequency_hz: float, names: list[str]) -> tuple[int, list[str]]:
+        getters = [
+            None if name in self._server.hidden_names else self._server.readings.getter(name)
+            for name in names
+        ]
+        kinds = [
+            OUTPUT_TYPES[name] if get is not None else NOT_FOUND
+            for name, get in zip(names, getters, strict=True)
+        ]
+        found = tuple(get for get in getters if get is not None)
+        self.started, self._packer = False, None
+        if len(found) != len(names) or not names:
+            return 0, kinds
+        base_hz = self._controller.identity.base_rate_hz
+        self.every = max(1, round(base_hz / min(max(frequency_hz, 1.0), base_hz)))
+        recipe_id = None if self._protocol == 1 else 1
+        self._packer = Packer(OutputRecipe(tuple(kinds), found, self.every, recipe_id))
+        return 1, kinds
+
+    def _set_up_inputs(self, payload: bytes) -> bytes:
+        names = names_in(payload[:MAX_NAME_BYTES])
+        hidden = self._server.hidden_names
+        kinds = [NOT_FOUND if name in hidden else INPUT_TYPES.get(name, NOT_FOUND) for name in names]
+        taken: set[str] = set()
+        if NOT_FOUND not in kinds:
+            taken = set(self._controller.registers.claim(names, self))
+        kinds = [IN_USE if name in taken else kind for name, kind in zip(names, kinds, strict=True)]
+        recipe_id = 0
+        if names and len(self._inputs) < 255 and not {NOT_FOUND, IN_USE} & set(kinds):
+            recipe_id = len(self._inputs) + 1
+            self._inputs[recipe_id] = InputRecipe(tuple(names), tuple(kinds))
+        return bytes([recipe_id]) + ",".join(kinds).encode()
+
+    def _start(self, _payload: bytes) -> bytes:
+        self.started = self._packer is not None
+        return bytes([self.started])
+
+    def _pause(self, _payload: bytes) -> bytes:
+        self.started = False
+        return b"\1"
+
+    def _take_inputs(self, payload: bytes) -> None:
+        recipe = self._inputs.get(payload[0]) if payload else None
+        values: dict[str, Any] | None = recipe.values(payload[1:]) if recipe is not None else None
+        if values is None:
+            _log.warning("RTDE data package of %d bytes fits no input recipe: ignored", len(payload))
+            return
+        self._controller.apply_inputs(values)
+
+    def publish(self, step: int, previous: int) -> None:
+        """Send the recipe if its turn came; the next one is not late for it."""
+        if self.started and self._packer is not None and step // self.every > previous // self.every:
+            self.send(self._packer.telegram())

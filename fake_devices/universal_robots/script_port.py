@@ -1,0 +1,60 @@
+"""Ports that take programs: 30003, and 30001 and 30002 which also talk.
+
+Imitates
+    Program upload over the network.
+Source
+    links/universal_robots.md section 5.
+Modelled
+    A program replaces the running one; it is ignored in local control and while stopped for safety; it can be
+    told to start late.
+Not modelled
+    The state stream of 30003: ur_rtde never reads it, and a full buffer would stop the controller.
+"""
+
+import logging
+
+from fake_devices.universal_robots.commands import ACTS
+from fake_devices.universal_robots.control_script import ControlScript, ForeignProgram
+from fake_devices.universal_robots.controller import Controller, RunningProgram
+from fake_devices.universal_robots.ports import Connection, Port
+from fake_devices.universal_robots.programs import Programs, understand
+
+_log = logging.getLogger(__name__)
+
+
+class Loader:
+    """Turns texts into running programs."""
+
+    def __init__(self, controller: Controller) -> None:
+        self.start_delay_s = 0.0
+        self._controller = controller
+        self._waiting: list[tuple[float, RunningProgram]] = []
+
+    def load(self, text: str) -> None:
+        """Start a program, now or after the delay."""
+        program = understand(text)
+        running: RunningProgram
+        if program.is_control_script:
+            running = ControlScript(self._controller, program, ACTS)
+        else:
+            running = ForeignProgram(self._controller, program)
+        _log.info("program %s, register offset %d", program.name, program.register_offset)
+        self._waiting.append((self._controller.timestamp_s + self.start_delay_s, running))
+
+    def step(self) -> None:
+        """Start what is due."""
+        while self._waiting and self._waiting[0][0] <= self._controller.timestamp_s:
+            self._controller.start_program(self._waiting.pop(0)[1])
+
+
+class ScriptConnection(Connection):
+    """A client that uploads programs."""
+
+    def __init__(self, port: Port, loader: Loader) -> None:
+        super().__init__(port)
+        self._loader = loader
+        self._programs = Programs()
+
+    def received(self, data: bytes) -> None:
+        for text in self._programs.feed(data):
+            self._loader.load(text)

@@ -1,0 +1,133 @@
+"""One fake controller on one loopback address: its five ports and its beat.
+
+Imitates
+    The network side of the control box.
+Source
+    links/universal_robots.md sections 1, 2, 3, 10 and 12.
+Modelled
+    30001 and 30002 (state ten times a second), 30003 (programs), 30004 (RTDE), 29999 (dashboard). Controller
+    steps by absolute deadlines: at the base rate when a client asks for more than 125 Hz, else at 125 Hz.
+Not modelled
+    Modbus on 502, the URCap port 50002, SFTP.
+"""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+
+from fake_devices.universal_robots.controller import ArmPort, Controller
+from fake_devices.universal_robots.dashboard import DashboardConnection
+from fake_devices.universal_robots.identity import Identity
+from fake_devices.universal_robots.ports import Port
+from fake_devices.universal_robots.primary import PrimaryConnection, RobotState
+from fake_devices.universal_robots.rtde_port import RtdeConnection, RtdeServer
+from fake_devices.universal_robots.script_port import Loader, ScriptConnection
+
+PRIMARY, SECONDARY, SCRIPT, RTDE, DASHBOARD = 30001, 30002, 30003, 30004, 29999
+_SLOW_HZ = 125
+_STATE_PERIOD_S = 0.1
+_LATEST_S = 0.25  # further behind than this, steps are left out
+
+
+class UniversalRobotServer:
+    """The handle of a fake controller: ``start``, ``close``, and its parts for the faults."""
+
+    def __init__(self, arm: ArmPort, address: str, identity: Identity, world_s: Callable[[], float]) -> None:
+        self.address = address
+        self.controller = Controller(arm, identity)
+        self.rtde = RtdeServer(self.controller)
+        self.loader = Loader(self.controller)
+        self._state = RobotState(self.controller, self.rtde.readings)
+        self._world_s = world_s
+        self.ports: dict[int, Port] = {
+            PRIMARY: Port(address, PRIMARY, self._primary),
+            SECONDARY: Port(address, SECONDARY, self._primary),
+            SCRIPT: Port(address, SCRIPT, lambda port: ScriptConnection(port, self.loader)),
+            RTDE: Port(address, RTDE, lambda port: RtdeConnection(port, self.rtde)),
+            DASHBOARD: Port(address, DASHBOARD, lambda port: DashboardConnection(port, self.controller)),
+        }
+        self._beat: asyncio.Task[None] | None = None
+        self._state_due_s = 0.0
+        self.cable_in = True
+
+    def _primary(self, port: Port) -> PrimaryConnection:
+        return PrimaryConnection(port, self.loader, self._state)
+
+    async def start(self) -> None:
+        """Open every port and begin to beat; raise OSError when the address is taken."""
+        try:
+            await self.open_ports()
+        except OSError:
+            await self.close()
+            raise
+        self._beat = asyncio.create_task(self._run())
+
+    async def open_ports(self) -> None:
+        """Listen on every port that does not."""
+        self.cable_in = True
+        for port in self.ports.values():
+            await port.open()
+
+    async def _listen(self) -> None:
+        """Open again after a fault was cleared; the address may not be free at once."""
+        if not all(port.is_open for port in self.ports.values()):
+            with suppress(OSError):
+                await self.open_ports()
+
+    async def close_ports(self) -> None:
+        """Cut every connection and stop listening; the controller goes on."""
+        self.cable_in = False
+        for port in self.ports.values():
+            await port.close()
+
+    async def close(self) -> None:
+        """Switch the control box off."""
+        beat, self._beat = self._beat, None
+        if beat is not None:
+            beat.cancel()
+            with suppress(asyncio.CancelledError):
+                await beat
+        await self.close_ports()
+
+    async def _run(self) -> None:
+        loop = asyncio.get_running_loop()
+        rate_hz = self.controller.identity.base_rate_hz
+        origin_s, step = loop.time(), 0
+        while True:
+            target = step + self._stride(rate_hz)
+            delay_s = origin_s + target / rate_hz - loop.time()
+            if delay_s < -_LATEST_S:
+                target = int((loop.time() - origin_s) * rate_hz)
+            await asyncio.sleep(max(0.0, delay_s))
+            self._step(target, step)
+            if self.cable_in:
+                await self._listen()
+            step = target
+
+    def _stride(self, rate_hz: int) -> int:
+        return 1 if self.rtde.fastest_hz > _SLOW_HZ else max(1, rate_hz // _SLOW_HZ)
+
+    def _step(self, step: int, previous: int) -> None:
+        timestamp_s = step / self.controller.identity.base_rate_hz
+        self.loader.step()
+        self.controller.step(timestamp_s, self._world_s())
+        self.rtde.publish(step, previous)
+        if timestamp_s >= self._state_due_s:
+            self._state_due_s = timestamp_s + _STATE_PERIOD_S
+            self._tell_state()
+
+    def _tell_state(self) -> None:
+        listeners = [c for number in (PRIMARY, SECONDARY) for c in self.ports[number].connections]
+        if listeners:
+            package = self._state.package()
+            for listener in listeners:
+                listener.send(package)
+
+
+async def serve_universal_robot(
+    arm: ArmPort, address: str, identity: Identity, world_s: Callable[[], float]
+) -> UniversalRobotServer:
+    """Start a fake controller on an address; ``world_s`` tells the time in which its arm moves."""
+    server = UniversalRobotServer(arm, address, identity, world_s)
+    await server.start()
+    return server
