@@ -2,11 +2,11 @@
 
 from difflib import get_close_matches
 
-from procedures import six_point_tcp, three_point_frame
+from procedures import mastering_record, six_point_tcp, three_point_frame
 from procedures.entry import Entry
 from procedures.run import ProcedureError
 
-ENTRIES: tuple[Entry, ...] = (six_point_tcp.ENTRY, three_point_frame.ENTRY)
+ENTRIES: tuple[Entry, ...] = (mastering_record.ENTRY, six_point_tcp.ENTRY, three_point_frame.ENTRY)
 
 
 class UnknownProcedureError(ProcedureError):

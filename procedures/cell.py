@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from calibration.kinematics import RobotModel
+from calibration.mastering import MasteringRecord
 from drivers.interfaces import (
     DistanceGauge,
     Identity,
@@ -67,6 +68,7 @@ class Cell:
     gauge: DistanceGauge | None = None
     gauge_setup: GaugeSetup | None = None
     model: RobotModel | None = None  # nominal kinematics
+    record: MasteringRecord | None = None  # the latest of this robot
     limits: MotionLimits = field(default_factory=MotionLimits)
     config_sha256: str = ""
 

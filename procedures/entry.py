@@ -68,6 +68,7 @@ NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
     "writes_tool_frame": ("access to the tool frames", lambda cell: cell.tool_frames is not None),
     "writes_user_frame": ("access to the user frames", lambda cell: cell.user_frames is not None),
     "gauge": ("a length gauge", lambda cell: cell.gauge is not None),
+    "model": ("a kinematic model of the robot", lambda cell: cell.model is not None),
     "gauge_setup": ("where the wire is fixed (cell.toml)", lambda cell: cell.gauge_setup is not None),
 }
 

@@ -1,0 +1,187 @@
+"""The mastering record: taken while the robot is healthy, so that lost turns can be found again."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from pydantic_core import to_jsonable_python
+
+from calibration.kinematics import load_model
+from calibration.mastering import MasteringRecord, WireCapture
+from calibration.pose_design import predict
+from calibration.wire_reference import WireReference, fit_wire_reference
+from drivers.interfaces import Instruction, Readiness
+from procedures.canonical import sha256_of
+from procedures.entry import Entry, Keepsake, Phase
+from procedures.plans import MotionPlan, Room, plan_kit, wire_prior
+from procedures.run import RefusalError, Run
+from procedures.steps.ask import accept, ask
+from procedures.steps.capture import StillCapture, capture
+from procedures.steps.mastering import MotorState, read_motors, same_epoch
+from procedures.steps.motion import go_to
+
+HOOK_WIRE = Instruction("wire_is_hooked", "Hook the draw-wire to the flange; nothing may touch the wire.")
+GOOD_PROBABILITY = 0.9999
+
+
+@dataclass(frozen=True, slots=True)
+class MasteringRecordSpec:
+    """How many poses to capture, how carefully, and what motion must keep to."""
+
+    poses: int = 30
+    samples: int = 5
+    tolerance_counts: int = 50
+    retakes: int = 2  # of captures that the others contradict
+    seed: int = 1
+    room: Room = field(default_factory=Room)
+
+
+@dataclass(frozen=True, slots=True)
+class Prospect:
+    """What a recovery could reach with this record."""
+
+    success_probability: float
+    sigma_turns: tuple[float, ...]
+    captures: int
+
+
+@dataclass(frozen=True, slots=True)
+class RecordResult:
+    """The record, and what it promises."""
+
+    record: MasteringRecord
+    prospect: Prospect
+
+
+async def mastering_record(run: Run, spec: MasteringRecordSpec) -> RecordResult:
+    """Measure wire lengths over the whole reach of a healthy robot and store them with its counts."""
+    await run.ensure("the wire is hooked", ask, HOOK_WIRE)
+    state = await run.step("read the motors", read_motors)
+    _refuse_sick(state)
+    await run.ensure("the robot kept its position", same_epoch, state.epoch)
+
+    plan = await run.solve("plan the poses", plan_kit, state, spec.room, spec.poses, spec.seed)
+    await run.step("accept the plan", accept, shown(plan), sha256_of(to_jsonable_python(plan)))
+
+    taken: list[StillCapture] = []
+    for k, pose in enumerate(plan.poses_rad, 1):
+        await run.move(f"go to pose {k}", go_to, pose, plan.speed_rad_s)
+        taken.append(
+            await run.step(f"capture {k}", capture, f"pose {k}", spec.samples, spec.tolerance_counts)
+        )
+
+    captures = [still.wire for still in taken]
+    wire = await run.solve("fit the wire 1", fit_wire, state, tuple(captures))
+    for retake in range(1, spec.retakes + 1):
+        if wire.consistent():
+            break
+        worst = wire.worst_capture
+        await run.move(f"go again to pose {retake}", go_to, plan.poses_rad[worst], plan.speed_rad_s)
+        label = f"pose {worst + 1}, again"
+        still = await run.step(f"capture again {retake}", capture, label, spec.samples, spec.tolerance_counts)
+        captures[worst] = still.wire
+        wire = await run.solve(f"fit the wire {retake + 1}", fit_wire, state, tuple(captures))
+    _refuse_inconsistent(wire)
+
+    record = sealed(state, tuple(captures), wire)
+    prospect = await run.solve("predict a recovery", predict_recovery, record)
+    return RecordResult(record, prospect)
+
+
+def fit_wire(state: MotorState, captures: tuple[WireCapture, ...]) -> WireReference:
+    """Fit anchor, hook, zero and geometry to the lengths of a healthy robot."""
+    counts = np.array([c.counts for c in captures])
+    joints = state.drive.joints(counts, np.array(state.mastering.counts_at_zero))
+    lengths = np.array([c.length_m for c in captures])
+    sigmas = np.array([c.sigma_m for c in captures])
+    return fit_wire_reference(load_model(state.model), joints, lengths, sigmas, wire_prior(state))
+
+
+def predict_recovery(record: MasteringRecord) -> Prospect:
+    """Say how surely lost turns would be found by measuring all poses of the record again."""
+    probability, sigmas = predict(load_model(record.model), record, record.capture_joints_rad())
+    return Prospect(probability, tuple(float(s) for s in sigmas), len(record.captures))
+
+
+def sealed(state: MotorState, captures: tuple[WireCapture, ...], wire: WireReference) -> MasteringRecord:
+    """Put a record together and seal it with the hash of everything in it."""
+    record = MasteringRecord(
+        robot_serial=state.identity.serial,
+        model=state.model,
+        epoch=state.epoch,
+        drive=state.drive,
+        counts_at_zero=state.mastering.counts_at_zero,
+        reference_joints_rad=state.joints_rad,
+        reference_counts=state.counts,
+        captures=captures,
+        wire=wire,
+        prior=wire_prior(state),
+        taken_by="mastering_record 1",
+        sha256="",
+    )
+    return seal(record)
+
+
+def seal(record: MasteringRecord) -> MasteringRecord:
+    """Return the record with the hash of its canonical JSON."""
+    return replace(record, sha256=seal_of(record))
+
+
+def seal_of(record: MasteringRecord) -> str:
+    """Return the hash that a record must carry."""
+    return sha256_of(to_jsonable_python(replace(record, sha256="")))
+
+
+def shown(plan: MotionPlan) -> Instruction:
+    """Return the plan as a question for the technician."""
+    minutes = plan.travel_rad / plan.speed_rad_s / 60.0
+    degrees = float(np.degrees(plan.speed_rad_s))
+    return Instruction(
+        "accept_plan",
+        f"The robot will move to {len(plan.poses_rad)} poses at up to {degrees:.1f} deg/s per joint, about "
+        f"{minutes:.0f} minutes. {'; '.join(plan.not_checked)}. May it move?",
+    )
+
+
+def _refuse_sick(state: MotorState) -> None:
+    if not state.mastering.mastered or state.condition.readiness is not Readiness.READY:
+        raise RefusalError(
+            f"the robot is not ready or not mastered: {state.condition.message or 'mastering data invalid'}",
+            code="procedure.not_healthy",
+            remedy="A record must be taken while the robot knows where it is.",
+        )
+
+
+def _refuse_inconsistent(wire: WireReference) -> None:
+    if not wire.consistent():
+        raise RefusalError(
+            f"the lengths contradict each other: residual {wire.residual_rms_m * 1e3:.2f} mm RMS, capture "
+            f"{wire.worst_capture + 1} stands out by {wire.worst_deviation:.1f} deviations",
+            code="procedure.record_inconsistent",
+            remedy="Check the hook, the anchor and the wire's path; compare their places with the cell file.",
+        )
+
+
+def _outline(spec: MasteringRecordSpec) -> tuple[Phase, ...]:
+    return (
+        *(Phase("read the motors"), Phase("plan the poses"), Phase("accept the plan")),
+        *(Phase("go to pose", spec.poses), Phase("capture", spec.poses)),
+        *(Phase("fit the wire", 1, adaptive=True), Phase("go again to pose", 0, adaptive=True)),
+        *(Phase("capture again", 0, adaptive=True), Phase("predict a recovery")),
+    )
+
+
+def _keeps(spec: MasteringRecordSpec, result: RecordResult) -> Keepsake:
+    del spec
+    return Keepsake("mastering_record", result.record.robot_serial, result.record)
+
+
+ENTRY = Entry(
+    name="mastering_record",
+    title="Mastering record",
+    version=1,
+    procedure=mastering_record,
+    spec_type=MasteringRecordSpec,
+    needs=("moves_joints", "writes_mastering", "gauge", "gauge_setup", "model"),
+    outline=_outline,
+    keeps=_keeps,
+)

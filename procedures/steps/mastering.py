@@ -1,0 +1,151 @@
+"""Steps that read what a robot knows about its motors."""
+
+import asyncio
+from dataclasses import dataclass
+
+from calibration.kinematics import RobotModel
+from calibration.mastering import DriveTrain, MasteringRecord
+from drivers.errors import UnreachableError
+from drivers.interfaces import (
+    Condition,
+    Counts,
+    DistanceGauge,
+    Identity,
+    JogsAxes,
+    Joints,
+    MasteringData,
+    MasteringStore,
+    Readiness,
+)
+from procedures.cell import Cell, GaugeSetup, MotionLimits
+from procedures.run import NeedsUnmetError, ProcedureError, RefusalError
+
+BOOT_DEADLINE_S = 300.0
+BOOT_PAUSE_S = 0.5
+
+
+class PositionLostAgainError(ProcedureError):
+    """The encoders lost their position while the run was under way: its captures cannot be combined."""
+
+    code = "procedure.position_lost_again"
+
+
+@dataclass(frozen=True, slots=True)
+class MotorState:
+    """What the controller says about itself at one moment."""
+
+    identity: Identity
+    condition: Condition
+    model: str
+    counts: Counts
+    joints_rad: Joints
+    mastering: MasteringData
+    drive: DriveTrain
+    epoch: int
+    gauge_setup: GaugeSetup
+    gauge_range_m: float
+    gauge_sigma_m: float
+    limits: MotionLimits
+
+
+async def read_motors(cell: Cell) -> MotorState:
+    """Read identity, counts, mastering, gears and epoch, and where the wire is fixed."""
+    store, gauge = motor_store(cell), length_gauge(cell)
+    if cell.gauge_setup is None:
+        raise NeedsUnmetError("the cell file does not say where the wire is fixed", missing=("gauge_setup",))
+    return MotorState(
+        identity=await cell.robot.identify(),
+        condition=await cell.robot.condition(),
+        model=nominal_model(cell).name,
+        counts=await store.encoder_counts(),
+        joints_rad=(await cell.robot.joints()).joints_rad,
+        mastering=await store.mastering(),
+        drive=await store.drive_train(),
+        epoch=await store.encoder_epoch(),
+        gauge_setup=cell.gauge_setup,
+        gauge_range_m=gauge.capabilities.range_m,
+        gauge_sigma_m=gauge.capabilities.sigma_m,
+        limits=cell.limits,
+    )
+
+
+async def stored_record(cell: Cell) -> MasteringRecord:
+    """Return the mastering record of this very robot."""
+    record, identity = cell.record, await cell.robot.identify()
+    if record is None:
+        raise RefusalError(
+            "no mastering record was taken before the loss: lost turns cannot be found by measurement",
+            code="procedure.no_record",
+            remedy="Master the robot by its marks or pins, then take a mastering record at once.",
+        )
+    if record.robot_serial != identity.serial:
+        raise RefusalError(
+            f"the record is of robot {record.robot_serial}, this is {identity.serial}",
+            code="procedure.wrong_record",
+            remedy="Import the record of this robot.",
+        )
+    return record
+
+
+async def look_at_alarms(cell: Cell) -> Condition:
+    """Return the robot's condition in the maker's words."""
+    return await cell.robot.condition()
+
+
+async def wait_for_the_robot(cell: Cell) -> Condition:
+    """Wait until the robot answers after a power cycle."""
+    for _ in range(round(BOOT_DEADLINE_S / BOOT_PAUSE_S)):
+        condition = await cell.robot.condition()
+        if condition.readiness is not Readiness.UNREACHABLE:
+            return condition
+        await asyncio.sleep(BOOT_PAUSE_S)
+    raise UnreachableError(
+        cell.robot.name,
+        "the controller did not come back after the power cycle",
+        remedy="Look at its screen.",
+    )
+
+
+async def same_epoch(cell: Cell, epoch: int) -> int:
+    """Hold that the encoders have not lost their position since ``epoch`` was read."""
+    found = await motor_store(cell).encoder_epoch()
+    if found != epoch:
+        raise PositionLostAgainError(
+            f"the robot lost its position during this run (encoder epoch {epoch}, now {found})",
+            remedy="Start the recovery anew; the points measured before cannot be combined with later ones.",
+        )
+    return found
+
+
+async def reset_alarms(cell: Cell) -> Condition:
+    """Acknowledge position alarms and say what is left."""
+    await motor_store(cell).reset_position_alarms()
+    return await cell.robot.condition()
+
+
+def motor_store(cell: Cell) -> MasteringStore:
+    """Return the robot's mastering, which the catalogue has made sure of."""
+    if cell.mastering is None:
+        raise NeedsUnmetError("the robot's mastering is out of reach", missing=("writes_mastering",))
+    return cell.mastering
+
+
+def axis_jog(cell: Cell) -> JogsAxes:
+    """Return the robot's jog."""
+    if cell.jogs is None:
+        raise NeedsUnmetError("the robot does not jog single axes", missing=("jogs_single_axes",))
+    return cell.jogs
+
+
+def length_gauge(cell: Cell) -> DistanceGauge:
+    """Return the cell's length gauge."""
+    if cell.gauge is None:
+        raise NeedsUnmetError("the cell has no length gauge", missing=("gauge",))
+    return cell.gauge
+
+
+def nominal_model(cell: Cell) -> RobotModel:
+    """Return the robot's nominal model."""
+    if cell.model is None:
+        raise NeedsUnmetError("no kinematic model of the robot is known", missing=("model",))
+    return cell.model
