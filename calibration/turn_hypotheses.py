@@ -119,8 +119,8 @@ class Story:
 class Storyteller:
     """Evaluates stories around the real-valued solution."""
 
-    def __init__(self, local: Local, doubt_turns: float) -> None:
-        self._local = local
+    def __init__(self, local: Local, doubt_turns: float, replaced_axes: Sequence[int] = ()) -> None:
+        self._local, self._replaced = local, tuple(sorted(set(replaced_axes)))
         self._loose = np.eye(len(local.turns)) / doubt_turns**2
         factor = np.linalg.cholesky(local.scatter)
         stacked = np.column_stack(
@@ -138,21 +138,23 @@ class Storyteller:
         return self._tell("all", tuple(range(len(self._local.turns))))
 
     def turns(self) -> "Story":
-        """Only whole turns were lost."""
-        return self._tell("turns", ())
+        """Only whole turns were lost, except by the motors that are known to be replaced."""
+        return self._tell("motor" if self._replaced else "turns", self._replaced)
 
     def motors(self, together: int) -> "Iterator[Story]":
-        """So many motors were exchanged or slipped; the others lost whole turns."""
-        for axes in combinations(range(len(self._local.turns)), together):
-            yield self._tell("motor", axes)
+        """So many more motors were exchanged or slipped; the others lost whole turns."""
+        others = [j for j in range(len(self._local.turns)) if j not in self._replaced]
+        for axes in combinations(others, together):
+            yield self._tell("motor", tuple(sorted((*self._replaced, *axes))))
 
     def changes(self) -> "Iterator[Story]":
         """Whole turns were lost, and a link, the anchor or the hook is not where it was."""
         for name, columns in self._columns.items():
-            yield self._tell("geometry", (), name, extra=self._white[:, columns])
+            yield self._tell("geometry", self._replaced, name, extra=self._white[:, columns])
 
     def outliers(self, real_axes: tuple[int, ...] = ()) -> "Iterator[Story]":
-        """One length is wrong."""
+        """One length is wrong; besides, motors may be replaced."""
+        real_axes = real_axes or self._replaced
         for capture in range(len(self._local.residuals)):
             impulse = _OUTLIER_M * self._white[:, self._impulses + capture, None]
             yield self._tell("outlier", real_axes, str(capture), extra=impulse)
@@ -212,7 +214,8 @@ class Storyteller:
             rounded_same=fix.best == tuple(int(v) for v in np.rint(estimate[whole])),
             chi_square=chi_square,
             degrees_of_freedom=len(self._local.residuals) - len(real) - int(kind == "outlier"),
-            log_evidence=-0.5 * (chi_square + penalty) + _RARER * min(max(len(real) - 1, 0), 2),
+            log_evidence=-0.5 * (chi_square + penalty)
+            + _RARER * min(max(len(real) - max(len(self._replaced), 1), 0), 2),
             covariance=spread,
         )
 

@@ -35,7 +35,7 @@ VERIFICATION_POWER = 6.0
 HIDDEN_OUTLIER_M = 0.006  # a wrong length of this size must show in every capture …
 HIDDEN_POWER = 6.0  # … at so many deviations
 REAL_LIMIT_RAD = 0.0087266  # 0.5 deg: coarser offsets are not worth writing back
-_CLEARLY_BETTER = 5.0  # log of the evidence ratio at which another story blocks an exact fix
+_CHANGE_LIKELIER = 3.0  # log of the evidence ratio at which a change of geometry blocks whole turns
 _DECISIVE = 4.6  # log of the evidence ratio (100 to 1) needed to name what happened
 _MOST_FURTHER = 12
 
@@ -88,6 +88,7 @@ def recover_turns(
     *,
     provisional_turns: Sequence[int],
     max_turns: float = 10.0,
+    replaced_axes: Sequence[int] = (),
 ) -> TurnRecovery:
     r"""Find the turns that motors lost, or refuse with the reason and the poses still needed.
 
@@ -109,6 +110,10 @@ def recover_turns(
         Best guess of the lost turns, from the last healthy counts [turns].
     max_turns : float
         How far the guess may be off (one deviation); a weak belief that only matters with few captures [turns].
+
+    replaced_axes : sequence of int
+        Motors known to have lost their reference (an exchange that somebody reports): these get a real offset
+        even where it happens to be near a whole turn.
 
     Returns
     -------
@@ -135,7 +140,8 @@ def recover_turns(
         raise CalibrationError("nothing was captured")
     problem = LossProblem(model, record, captures)
     local = solve_real(problem, guess, free=range(model.axes), towards=guess, doubt_turns=max_turns)
-    return _Case(model, record, problem, local, guess, max_turns).judge()
+    teller = Storyteller(local, max_turns, replaced_axes)
+    return _Case(model, record, problem, local, teller, guess, max_turns).judge()
 
 
 def verify_recovery(
@@ -230,11 +236,12 @@ class _Case:
     record: MasteringRecord
     problem: LossProblem
     local: Local
+    teller: Storyteller
     guess: Array
     doubt_turns: float
 
     def judge(self) -> TurnRecovery:
-        teller = Storyteller(self.local, self.doubt_turns)
+        teller = self.teller
         real, whole = teller.real(), self._refined(teller.turns())
         if self._count - self.model.axes < SPARE_CAPTURES:
             words = f"{self._count} captures are too few to notice a mistake"
@@ -243,12 +250,12 @@ class _Case:
             return self._undecided(whole, real, self._weak_words(real))
         rivals = [*teller.motors(1), real, *teller.changes()]
         gate = self._gate(whole, real)
-        clear = max(s.log_evidence for s in rivals) > whole.log_evidence + _CLEARLY_BETTER
-        if not clear and all(check.passed for check in gate):
-            return self._result(whole, real, ("turns", True, self._words(whole)), gate=gate)
-        return self._diagnose(teller, [whole, *rivals], real)
+        if all(check.passed for check in gate) and not any(_blocks(rival, whole) for rival in rivals):
+            return self._result(whole, real, (whole.kind, True, self._words(whole)), gate=gate)
+        return self._diagnose([whole, *rivals], real)
 
-    def _diagnose(self, teller: Storyteller, stories: list[Story], real: Story) -> TurnRecovery:
+    def _diagnose(self, stories: list[Story], real: Story) -> TurnRecovery:
+        teller = self.teller
         stories += [*teller.outliers(), *teller.motors(2)]
         possible = [s for s in stories if _explains(s)]
         if not possible:
@@ -260,7 +267,10 @@ class _Case:
         best = max(possible, key=lambda s: s.log_evidence)
         rivals = [s for s in possible if _consequence(s) != _consequence(best)]
         rival = max(rivals, key=lambda s: s.log_evidence, default=None)
-        if rival is not None and best.log_evidence - rival.log_evidence < _DECISIVE:
+        close = rival is not None and best.log_evidence - rival.log_evidence < _DECISIVE
+        # A change of geometry is refused either way; it need not be told from an exchanged motor for that.
+        bent = best.kind == "geometry" and self._count - self.model.axes >= 2 * SPARE_CAPTURES
+        if rival is not None and close and not bent:
             words = f"{self._words(best)}, or {self._words(rival)}: not decidable yet"
             return self._undecided(best, real, words)
         return self._conclude(best, real)
@@ -302,7 +312,7 @@ class _Case:
             largest = max(self._u_rad(story))
             words = f"the real offset is known to {np.rad2deg(largest):.4f} deg (k = 2)"
             checks.append(GateCheck("uncertainty", largest <= REAL_LIMIT_RAD, largest, REAL_LIMIT_RAD, words))
-            hidden = Storyteller(self.local, self.doubt_turns).detectable_m(story.real_axes, HIDDEN_POWER)
+            hidden = self.teller.detectable_m(story.real_axes, HIDDEN_POWER)
             words = f"a length wrong by {1e3 * hidden:.1f} mm would show in any capture"
             checks.append(
                 GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, words)
@@ -425,6 +435,12 @@ def _integer_checks(story: Story) -> list[GateCheck]:
 
 def _limit(story: Story) -> float:
     return chi_square_limit(max(story.degrees_of_freedom, 1))
+
+
+def _blocks(rival: Story, whole: Story) -> bool:
+    """Tell whether a rival forbids to accept whole turns: a fraction of a turn does as soon as it is likelier."""
+    margin = _CHANGE_LIKELIER if rival.kind == "geometry" else 0.0
+    return rival.log_evidence > whole.log_evidence + margin
 
 
 def _explains(story: Story) -> bool:

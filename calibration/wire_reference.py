@@ -15,6 +15,7 @@ __all__ = ["WirePredictor", "WirePrior", "WireReference", "fit_wire_reference", 
 
 _MAX_ITERATIONS = 12
 _SETTLED = 1e-4  # of a parameter's deviation
+_BELIEF_WORTH = 10.0  # captures that the prior deviations count for, against the record's own scatter
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +47,10 @@ class WireReference:
         """Return the parameter vector in the order of the covariance."""
         first = (*self.anchor_in_base_m, *self.hook_in_flange_m, self.zero_m, self.scale)
         return np.array([*first, *self.geometry_errors])
+
+    def variance_factor(self) -> float:
+        """Return by how much the record found variances larger than believed, drawn towards 1."""
+        return (self.chi_square + _BELIEF_WORTH) / (self.degrees_of_freedom + _BELIEF_WORTH)
 
     def consistent(self) -> bool:
         """Tell whether the record fits its model at 99.9 % and no capture stands out at 4.5 deviations."""
@@ -189,13 +194,14 @@ class WirePredictor:
 
     The expectation is the fitted model plus what the record's residuals say about the disturbance nearby; the
     covariance carries the whole posterior of the record, the disturbances that are not shared with it, and
-    the noise of the new captures (universal kriging).
+    the noise of the new captures (universal kriging). All of it is scaled by how well the record fitted.
     """
 
     def __init__(self, model: RobotModel, reference: WireReference, prior: WirePrior) -> None:
         self._model, self._prior = model, prior
         self._parameters = reference.parameters()
         self._posterior = np.array(reference.covariance)
+        self._factor = reference.variance_factor()
         if len(self._parameters) != len(parameter_sigmas(model, prior)):
             raise CalibrationError(f"the reference was not fitted with the model {model.name}")
         seen = WireSeen.of(np.array(reference.joints_rad), np.array(reference.sigma_m))
@@ -221,4 +227,5 @@ class WirePredictor:
         covariance = disturbance_covariance(prior, terms, terms) - gain @ shared.T
         covariance += free @ self._posterior @ free.T + hung_in_again @ hung_in_again.T
         covariance += np.diag(terms.noise(prior))
-        return terms.lengths + shared @ self._weighted_residuals, (covariance + covariance.T) / 2.0
+        scatter = self._factor * (covariance + covariance.T) / 2.0
+        return terms.lengths + shared @ self._weighted_residuals, scatter
