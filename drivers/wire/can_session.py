@@ -60,7 +60,6 @@ class CanSession:
         self.foreign_at_s = float("-inf")
         self._heartbeat_s = 0.0  # period that is watched; 0 while it is not
         self._heard_s = time.monotonic()
-        self._quiet_until_s = 0.0
         self._odd_frame = ""
         self._closing = threading.Event()
         self._reader = threading.Thread(target=self._read_frames, name=f"can reader {device}", daemon=True)
@@ -118,7 +117,6 @@ class CanSession:
 
     def _sdo(self, transfer: Any) -> Any:
         self._require_life()
-        time.sleep(max(0.0, self._quiet_until_s - time.monotonic()))
         self._odd_frame = ""
         try:
             result = transfer()
@@ -142,7 +140,7 @@ class CanSession:
 
     def _no_answer(self, error: Exception) -> DeviceError:
         self._require_life()
-        self._quiet_until_s = time.monotonic() + self._answer_s
+        self._die("an answer of the node is outstanding, and it must not be taken for the next one")
         if "No SDO response" not in str(error):
             return self._odd(str(error))
         if self._odd_frame:

@@ -8,17 +8,18 @@ What the two libraries leave to their caller, and what is done about it here and
 * a refused port is retried for 10 s in a busy loop, and a silent daemon is waited for without end: the daemon
   is greeted by us first, with a deadline
 * canopen unpacks EMCY frames of eight bytes only: we take any length and latch it until the node says 0000h
-* an SDO answer that comes after its time-out may meet the next request for the same object: the node is left
-  quiet for as long again before anything else is asked
+* an SDO answer that comes after its time-out may meet the next request for the same object: the session ends,
+  the node is left quiet for as long again, and the greeting of the next session asks for other objects first
 * configuration files of python-can are not looked at
 """
 
 import asyncio
 import struct
+import time
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
-from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
+from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from drivers.wire.backoff import Backoff
 from drivers.wire.can_session import BusOptions, CanSession, Emergency
 from drivers.wire.trace import FrameTrace
@@ -49,6 +50,7 @@ class CanopenLink:
         self._emergency: Emergency | None = None
         self._turn = asyncio.Lock()
         self._backoff = Backoff()
+        self._quiet_until_s = 0.0
 
     @property
     def emergency(self) -> Emergency | None:
@@ -112,6 +114,7 @@ class CanopenLink:
             return self._session
         await self.close()
         await self._backoff.wait()
+        await asyncio.sleep(self._quiet_until_s - time.monotonic())
         try:
             session = await self._connect()
             await self._start_heartbeat(session)
@@ -178,9 +181,10 @@ class CanopenLink:
         try:
             async with asyncio.timeout(self._deadline_s):
                 return await worker.run(lambda: call(session))
-        except TimeoutError as error:
-            if isinstance(error, DeviceError):
-                raise
+        except (DeviceTimeoutError, WireProtocolError):
+            self._quiet_until_s = time.monotonic() + _ANSWER_SHARE * self._deadline_s
+            raise
+        except TimeoutError:
             self._abandon(session, worker)
             message = f"the CAN bus did not react within {self._deadline_s:g} s."
             raise DeviceTimeoutError(self.device, message, remedy=_DAEMON) from None

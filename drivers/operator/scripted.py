@@ -1,0 +1,42 @@
+"""A technician who answers from a script: for demos, tests and runs without a person."""
+
+from collections.abc import Awaitable, Callable, Mapping
+
+from drivers.errors import RefusedError
+from drivers.interfaces import Answer, Instruction, Question
+
+Hook = Callable[[], Awaitable[None]]
+
+
+class ScriptedOperator:
+    """Operator. Answers by key; ``hooks`` do what the person would do, before the answer is given.
+
+    An instruction or question without an answer is refused, never guessed; ``"no"`` declines.
+    """
+
+    def __init__(
+        self, answers: Mapping[str, str], *, hooks: Mapping[str, Hook] | None = None, who: str = "script"
+    ) -> None:
+        self._answers, self._hooks, self._who = dict(answers), dict(hooks or {}), who
+
+    async def confirm(self, instruction: Instruction) -> Answer:
+        return await self._answer(instruction.key, instruction.text)
+
+    async def enter(self, question: Question) -> Answer:
+        return await self._answer(question.key, question.text)
+
+    async def _answer(self, key: str, text: str) -> Answer:
+        value = self._answers.get(key)
+        if value is None:
+            raise RefusedError(
+                "operator", f"the script has no answer to {key!r}: {text}", remedy="Add it to the script."
+            )
+        if value.strip().lower() in ("n", "no"):
+            raise RefusedError(
+                "operator",
+                f"the script says no to {key!r}: {text}",
+                remedy="Resume the run when it can be done.",
+            )
+        if key in self._hooks:
+            await self._hooks[key]()
+        return Answer(self._who, value)
