@@ -3,7 +3,14 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+)
 
 from procedures.progress import Progress as Event
 from service.cli.printing import EN_ROUTE
@@ -15,13 +22,21 @@ def live_progress(title: str) -> Iterator[Callable[[Event], None]]:
     if not EN_ROUTE.is_terminal:
         yield _print_line
         return
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
     with Progress(*columns, console=EN_ROUTE, transient=True) as bars:
         task = bars.add_task(title, total=None)
 
         def update(event: Event) -> None:
             done = event.index if event.kind in ("finding", "replayed") else event.index - 1
-            bars.update(task, description=f"{title}: {event.step}", completed=done, total=event.expected or None)
+            bars.update(
+                task, description=f"{title}: {event.step}", completed=done, total=event.expected or None
+            )
             if event.kind in ("failed", "paused"):
                 bars.console.print(f"[red]{event.kind}[/] {event.step}: {event.message}")
 

@@ -40,7 +40,9 @@ def procedures(*, cell: Path | None = None, as_json: Json = False) -> int:
         return 0
     table = Table("procedure", "what it does", *(["this cell"] if cell else []))
     for row in rows:
-        state = [] if row["lacks"] is None else ["lacks " + ", ".join(row["lacks"]) if row["lacks"] else "ready"]
+        state = (
+            [] if row["lacks"] is None else ["lacks " + ", ".join(row["lacks"]) if row["lacks"] else "ready"]
+        )
         table.add_row(row["name"], row["title"], *state)
     Console().print(table)
     return 0
@@ -81,7 +83,13 @@ def run(  # noqa: PLR0913 - one parameter per option
 
 
 def resume(
-    run_id: str, /, *, cell: Path, robot: str | None = None, answers: Path | None = None, as_json: Json = False
+    run_id: str,
+    /,
+    *,
+    cell: Path,
+    robot: str | None = None,
+    answers: Path | None = None,
+    as_json: Json = False,
 ) -> int:
     """Go on with an interrupted run: what was found is kept, only what is missing is done.
 
@@ -199,7 +207,9 @@ def _settings(pairs: tuple[str, ...]) -> dict[str, Any]:
     for pair in pairs:
         key, separator, text = pair.partition("=")
         if not separator or not key:
-            raise CellError(f"--set {pair!r} is not KEY=VALUE", remedy="For example --set tool_number=2.", code="usage")
+            raise CellError(
+                f"--set {pair!r} is not KEY=VALUE", remedy="For example --set tool_number=2.", code="usage"
+            )
         try:
             settings[key] = json.loads(text, parse_constant=_refuse_constant)
         except json.JSONDecodeError:
@@ -210,7 +220,9 @@ def _settings(pairs: tuple[str, ...]) -> dict[str, Any]:
 def _refuse_constant(constant: str) -> Any:
     from calibration.errors import CellError
 
-    raise CellError(f"{constant} is not a number that a robot can use", remedy="Give a finite number.", code="usage")
+    raise CellError(
+        f"{constant} is not a number that a robot can use", remedy="Give a finite number.", code="usage"
+    )
 
 
 class _Opened:
@@ -276,7 +288,9 @@ async def _resume(config: "CellConfig", run_id: str, robot: str | None, answers:
 
     with Journal.open(journal_path(config)) as journal, live_progress("resume") as show_event:
         async with open_cell(config, _operator(answers), robot) as cell:
-            return await resume_run(cell, _last(Store(journal), run_id), journal, Conditions(on_event=show_event))
+            return await resume_run(
+                cell, _last(Store(journal), run_id), journal, Conditions(on_event=show_event)
+            )
 
 
 def _operator(answers: Path | None) -> Any:

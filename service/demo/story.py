@@ -85,7 +85,9 @@ async def _reach_everything(config: CellConfig, plot: Plot) -> None:
     for device in report.devices:
         plot.say(f"{device.name}: {device.message}")
     if not report.all_reached:
-        raise CellError("the fake cell does not answer", remedy="Run `cellcal check` on its cell file.", code="fake")
+        raise CellError(
+            "the fake cell does not answer", remedy="Run `cellcal check` on its cell file.", code="fake"
+        )
     for line in report.advice:
         plot.say(line.split(":")[0] + ".")
 

@@ -1,0 +1,54 @@
+"""``cellcal demo``: the main job on a fake cell, told in the terminal."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from service.demo.report import DemoReport
+
+
+def demo(
+    *,
+    headless: Annotated[bool, Parameter(negative=())] = False,
+    loss: str = "turns",
+    seed: int = 1,
+    time_factor: float = 200.0,
+    keep: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+) -> int:
+    """Let a fake cell lose its encoders and get its zero back, over real sockets.
+
+    Parameters
+    ----------
+    headless
+        Tell the story in the terminal.
+    loss
+        turns (battery), motor:J1 … motor:J6 (motor exchanged), all (every reference gone), crash (arm bent).
+    seed
+        The world's hidden truth; another seed is another robot.
+    time_factor
+        How much faster than real the world's clock runs.
+    keep
+        Keep the cell file and the journal in this folder.
+    as_json
+        Print one JSON object on standard output; the story goes to standard error.
+    """
+    import asyncio
+    import tempfile
+
+    from service.cli.printing import print_json
+    from service.cli.story import Teller
+    from service.demo.story import Plot, fault_of, tell_story
+    from service.exit_codes import ExitCode
+
+    fault_of(loss)  # a misspelt loss is said before anything starts
+    with tempfile.TemporaryDirectory(prefix="cellcal-demo-") as scratch, Teller() as teller:
+        plot = Plot(loss, seed, time_factor, teller.say, teller.on_event)
+        report = asyncio.run(tell_story(keep or Path(scratch), plot))
+    if as_json:
+        print_json(report.as_object())
+    else:
+        teller.close_with(report)
+    return ExitCode.PASS if report.verdict == "PASS" else ExitCode.REFUSED
