@@ -46,7 +46,7 @@ def predict(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> tu
 def turn_covariances(
     record: MasteringRecord, predictor: WirePredictor, joints_rad: Array
 ) -> Callable[[int], Array]:
-    """Return a function: the covariance (n, n) [turns^2] of real estimates from the first so many captures."""
+    """Return a function: covariance (n, n) [turns^2] of real estimates from the first so many captures."""
     terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
     scatter = predictor.expect(terms)[1]
     by_turn = terms.by_joint @ record.drive.radians_per_turn()
@@ -89,7 +89,7 @@ def next_poses(
 
     References
     ----------
-    Derived in calibration/README.md; the criterion: V. V. Fedorov, Theory of optimal experiments, 1972.
+    V. V. Fedorov, Theory of optimal experiments, 1972: the criterion.
     """
     candidates = np.asarray(candidates_joints, dtype=float)
     measured = np.asarray(measured_joints, dtype=float).reshape(-1, model.axes)
@@ -115,8 +115,8 @@ def kit_poses(
 ) -> Array:
     r"""Choose the k poses of a mastering record: reachable, and D-optimal for turns and nuisance together.
 
-    Candidates are drawn evenly between the joint limits, those that break a limit are dropped; a greedy choice
-    is then improved by exchanging one pose after another while the information grows.
+    Candidates are drawn evenly between the joint limits, those that break a limit are dropped; a greedy
+    choice is then improved by exchanging one pose after another while the information grows.
 
     Parameters
     ----------

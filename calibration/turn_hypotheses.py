@@ -100,7 +100,7 @@ def solve_real(
 class Story:
     """One explanation: which motors are off by real amounts, and what else is wrong.
 
-    ``kind`` is turns, motor, all, geometry or outlier; ``subject`` names the part or the capture that is wrong.
+    ``kind`` is turns, motor, all, geometry or outlier; ``subject`` names the part or capture that is wrong.
     """
 
     kind: str
@@ -187,7 +187,7 @@ class Storyteller:
     def _tell(
         self, kind: str, real_axes: tuple[int, ...], subject: str = "", *, extra: Array | None = None
     ) -> Story:
-        """Judge one story; ``extra`` (m, p) are whitened columns of what else may be wrong, unit deviations."""
+        """Judge one story; ``extra`` (m, p) are whitened columns of what else may be wrong, unit size."""
         n = len(self._local.turns)
         gram, penalty = _gram(self._white[:, : n + 1], extra)
         information, gradient, square = gram[:n, :n], gram[:n, n], float(gram[n, n])
@@ -221,7 +221,7 @@ class Storyteller:
 
 
 def _gram(columns: Array, extra: Array | None) -> tuple[Array, float]:
-    """Return inner products of whitened columns in the presence of extra unknowns, and their log determinant."""
+    """Return inner products of whitened columns in the presence of extra unknowns, and log determinant."""
     gram = columns.T @ columns
     if extra is None:
         return gram, 0.0

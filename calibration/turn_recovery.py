@@ -12,9 +12,9 @@ from calibration.kinematics import RobotModel
 from calibration.mastering import MasteringRecord, WireCapture
 from calibration.pose_design import next_poses, predict, turn_covariances
 from calibration.turn_hypotheses import Local, LossProblem, Story, Storyteller, solve_real
+from calibration.turn_results import GateCheck, TurnRecovery
+from calibration.turn_verification import verification_power, verify_recovery
 from calibration.uncertainty import chi_square_limit
-from calibration.wire_model import WireSeen
-from calibration.wire_reference import WirePredictor
 
 __all__ = [
     "GateCheck",
@@ -30,55 +30,14 @@ __all__ = [
 
 SUCCESS_PROBABILITY = 0.9999
 RATIO = 3.0
-SPARE_CAPTURES = 4  # captures beyond the unknown turns, so that the residuals can object
-VERIFICATION_POWER = 6.0
+SPARE_CAPTURES = 6  # captures beyond the unknown turns, so that the residuals can object
 HIDDEN_OUTLIER_M = 0.006  # a wrong length of this size must show in every capture …
 HIDDEN_POWER = 6.0  # … at so many deviations
 REAL_LIMIT_RAD = 0.0087266  # 0.5 deg: coarser offsets are not worth writing back
 _CHANGE_LIKELIER = 3.0  # log of the evidence ratio at which a change of geometry blocks whole turns
 _DECISIVE = 4.6  # log of the evidence ratio (100 to 1) needed to name what happened
+_SPARE_FOR_CHANGE = 8  # captures beyond the turns before a change of geometry may be stated
 _MOST_FURTHER = 12
-
-
-@dataclass(frozen=True, slots=True)
-class GateCheck:
-    """One condition of acceptance, with a sentence for a technician."""
-
-    name: str
-    passed: bool
-    found: float
-    limit: float
-    sentence: str
-
-
-@dataclass(frozen=True, slots=True)
-class TurnRecovery:
-    """What the captures say about the lost counts, and whether it may be used.
-
-    ``mode`` is "turns" (whole turns only: exact), "motor" (``replaced_axes`` are off by real amounts), "all"
-    (every reference lost), "geometry" (the robot or the wire changed: refused) or "undecided". The true count
-    of motor j is ``read + counts_per_turn * offset_turns[j]``; ``turns`` are the nearest whole ones.
-    """
-
-    mode: str
-    accepted: bool
-    reason: str
-    turns: tuple[int, ...]
-    replaced_axes: tuple[int, ...]
-    offset_turns: tuple[float, ...]
-    offset_u_rad: tuple[float, ...]  # of the joints, k = 2; 0.0 where exact
-    counts_at_zero: tuple[int, ...]
-    gate: tuple[GateCheck, ...]
-    poses_needed: int
-    next_joints_rad: tuple[tuple[float, ...], ...]  # where to measure next; joints of the healthy robot
-    suspect_capture: int | None
-    changed_part: str
-    success_probability: float
-    sigma_turns: tuple[float, ...]
-    chi_square: float
-    degrees_of_freedom: int
-    captures: int
-    offset_covariance: tuple[tuple[float, ...], ...]  # turns^2
 
 
 def recover_turns(
@@ -94,7 +53,8 @@ def recover_turns(
 
     A real-valued solution for all motors comes first, in the metric of the whole covariance (the record's
     posterior, what the model does not know, noise). Then stories compete: only whole turns were lost; one or
-    two motors were exchanged; all references are lost; a link, the anchor or the hook moved; one length is wrong.
+    two motors were exchanged; all references are lost; a link, the anchor or the hook moved; one length is
+    wrong.
     Whole turns are accepted if the gate holds and no other story is clearly better; anything else must beat
     every rival 100 to 1.
 
@@ -109,7 +69,7 @@ def recover_turns(
     provisional_turns : (n,)
         Best guess of the lost turns, from the last healthy counts [turns].
     max_turns : float
-        How far the guess may be off (one deviation); a weak belief that only matters with few captures [turns].
+        How far the guess may be off (one deviation) [turns]; it only matters with few captures.
 
     replaced_axes : sequence of int
         Motors known to have lost their reference (an exchange that somebody reports): these get a real offset
@@ -131,7 +91,8 @@ def recover_turns(
 
     References
     ----------
-    Derived in calibration/README.md after the integer methods of satellite positioning.
+    P. J. G. Teunissen, O. Montenbruck (eds.), Springer Handbook of Global Navigation Satellite Systems, 2017,
+    ch. 23: integer estimation and its validation. The stories and their comparison are ours.
     """
     guess = np.asarray(provisional_turns, dtype=float)
     if guess.shape != (model.axes,) or not np.isfinite(guess).all():
@@ -142,90 +103,6 @@ def recover_turns(
     local = solve_real(problem, guess, free=range(model.axes), towards=guess, doubt_turns=max_turns)
     teller = Storyteller(local, max_turns, replaced_axes)
     return _Case(model, record, problem, local, teller, guess, max_turns).judge()
-
-
-def verify_recovery(
-    model: RobotModel, record: MasteringRecord, recovery: TurnRecovery, check_captures: Sequence[WireCapture]
-) -> TurnRecovery:
-    """Judge a recovery at captures that were not fitted: the fifth condition of the gate.
-
-    The counts of the captures are the controller's before the correction. The poses must be able to see one
-    wrong turn of every motor, and of every two motors in either sense, at six deviations; and the lengths must
-    agree with the record at 99.9 %.
-
-    Parameters
-    ----------
-    model : RobotModel
-        Nominal model of the record.
-    record : MasteringRecord
-        Taken while the robot was healthy.
-    recovery : TurnRecovery
-        Of ``recover_turns``.
-    check_captures : sequence of WireCapture
-        At other poses than those fitted.
-
-    Returns
-    -------
-    TurnRecovery
-        The same with two more gate checks; ``accepted`` only if they and all earlier ones passed.
-
-    Raises
-    ------
-    CalibrationError
-        No check captures.
-    """
-    if not check_captures:
-        raise CalibrationError("nothing was captured to verify the recovery with")
-    problem = LossProblem(model, record, check_captures)
-    local = problem.at(np.array(recovery.offset_turns))
-    spread = local.by_turn @ np.array(recovery.offset_covariance) @ local.by_turn.T
-    local = replace(local, scatter=local.scatter + spread)
-    found, limit = local.chi_square(), chi_square_limit(len(check_captures))
-    power = float(_detection(problem, local).max(axis=0).min())
-    largest_mm = 1e3 * float(np.abs(local.residuals).max())
-    checks = (
-        GateCheck(
-            "verification power",
-            power >= VERIFICATION_POWER,
-            power,
-            VERIFICATION_POWER,
-            f"the check poses see a wrong turn of any one or two motors at {power:.0f} deviations or more",
-        ),
-        GateCheck(
-            "verification",
-            found <= limit,
-            found,
-            limit,
-            f"{len(check_captures)} lengths that were not fitted agree within {largest_mm:.2f} mm",
-        ),
-    )
-    passed = all(check.passed for check in checks)
-    reason = recovery.reason if passed else "the check poses do not confirm the result"
-    accepted = recovery.accepted and passed
-    return replace(recovery, accepted=accepted, reason=reason, gate=(*recovery.gate, *checks))
-
-
-def verification_power(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> Array:
-    """Return (V, n): by how many deviations one wrong turn of each motor would show at each check pose."""
-    predictor = WirePredictor(model, record.wire, record.prior)
-    terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
-    deviations = np.sqrt(np.diag(predictor.expect(terms)[1]))
-    shifts = []
-    for turn in record.drive.radians_per_turn().T:
-        moved = predictor.terms(WireSeen.of(terms.seen.joints_rad + turn, predictor.sigma_m)).lengths
-        shifts.append(np.abs(moved - terms.lengths) / deviations)
-    return np.stack(shifts, axis=1)
-
-
-def _detection(problem: LossProblem, local: Local) -> Array:
-    """Return (V, patterns): how far a wrong turn of one motor, or of two in either sense, shows at each pose."""
-    n = len(local.turns)
-    unit = np.eye(n)
-    pairs = [(i, j) for i in range(n) for j in range(i)]
-    patterns = [*unit, *(unit[i] + unit[j] for i, j in pairs), *(unit[i] - unit[j] for i, j in pairs)]
-    deviations = np.sqrt(np.diag(local.scatter))
-    shifted = [np.abs(problem.lengths(local.turns + p) - local.terms.lengths) / deviations for p in patterns]
-    return np.stack(shifted, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,8 +146,7 @@ class _Case:
         rival = max(rivals, key=lambda s: s.log_evidence, default=None)
         close = rival is not None and best.log_evidence - rival.log_evidence < _DECISIVE
         # A change of geometry is refused either way; it need not be told from an exchanged motor for that.
-        bent = best.kind == "geometry" and self._count - self.model.axes >= 2 * SPARE_CAPTURES
-        if rival is not None and close and not bent:
+        if rival is not None and close and best.kind != "geometry":
             words = f"{self._words(best)}, or {self._words(rival)}: not decidable yet"
             return self._undecided(best, real, words)
         return self._conclude(best, real)
@@ -328,6 +204,8 @@ class _Case:
 
     def _changed(self, story: Story, real: Story) -> TurnRecovery:
         part = story.subject
+        if self._count - self.model.axes < _SPARE_FOR_CHANGE:
+            return self._undecided(story, real, f"{part} may not be where it was: not decidable yet")
         words = f"the robot or the wire is not as recorded (most likely {part}): full calibration advised"
         return self._result(
             replace(story, chi_square=real.chi_square), real, ("geometry", False, words), part=part
@@ -371,7 +249,8 @@ class _Case:
             moved = [f"{names[j]} {round(t):+d}" for j, t in enumerate(story.turns) if round(t)]
             return f"whole turns only: {', '.join(moved) or 'none lost'}; zero offsets unchanged"
         if story.kind == "motor":
-            return f"the reference of {' and '.join(names[j] for j in story.real_axes)} is new, the others lost turns"
+            renewed = " and ".join(names[j] for j in story.real_axes)
+            return f"the reference of {renewed} is new, the others lost turns"
         if story.kind == "all":
             return "every reference is lost: all offsets are real"
         if story.kind == "outlier":
@@ -438,7 +317,7 @@ def _limit(story: Story) -> float:
 
 
 def _blocks(rival: Story, whole: Story) -> bool:
-    """Tell whether a rival forbids to accept whole turns: a fraction of a turn does as soon as it is likelier."""
+    """Tell whether a rival forbids to accept whole turns: a fraction of a turn does once it is likelier."""
     margin = _CHANGE_LIKELIER if rival.kind == "geometry" else 0.0
     return rival.log_evidence > whole.log_evidence + margin
 

@@ -1,0 +1,44 @@
+"""What a recovery of lost turns answers."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class GateCheck:
+    """One condition of acceptance, with a sentence for a technician."""
+
+    name: str
+    passed: bool
+    found: float
+    limit: float
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class TurnRecovery:
+    """What the captures say about the lost counts, and whether it may be used.
+
+    ``mode`` is "turns" (whole turns only: exact), "motor" (``replaced_axes`` are off by real amounts), "all"
+    (every reference lost), "geometry" (the robot or the wire changed: refused) or "undecided". The true count
+    of motor j is ``read + counts_per_turn * offset_turns[j]``; ``turns`` are the nearest whole ones.
+    """
+
+    mode: str
+    accepted: bool
+    reason: str
+    turns: tuple[int, ...]
+    replaced_axes: tuple[int, ...]
+    offset_turns: tuple[float, ...]
+    offset_u_rad: tuple[float, ...]  # of the joints, k = 2; 0.0 where exact
+    counts_at_zero: tuple[int, ...]
+    gate: tuple[GateCheck, ...]
+    poses_needed: int
+    next_joints_rad: tuple[tuple[float, ...], ...]  # where to measure next; joints of the healthy robot
+    suspect_capture: int | None
+    changed_part: str
+    success_probability: float
+    sigma_turns: tuple[float, ...]
+    chi_square: float
+    degrees_of_freedom: int
+    captures: int
+    offset_covariance: tuple[tuple[float, ...], ...]  # turns^2

@@ -1,0 +1,102 @@
+"""Whether recovered turns are right, judged at captures that were not fitted."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.kinematics import RobotModel
+from calibration.mastering import MasteringRecord, WireCapture
+from calibration.turn_hypotheses import Local, LossProblem
+from calibration.turn_results import GateCheck, TurnRecovery
+from calibration.uncertainty import chi_square_limit
+from calibration.wire_model import WireSeen
+from calibration.wire_reference import WirePredictor
+
+VERIFICATION_POWER = 6.0
+
+
+def verify_recovery(
+    model: RobotModel, record: MasteringRecord, recovery: TurnRecovery, check_captures: Sequence[WireCapture]
+) -> TurnRecovery:
+    """Judge a recovery at captures that were not fitted: the fifth condition of the gate.
+
+    The counts of the captures are the controller's before the correction. The poses must be able to see one
+    wrong turn of every motor, and of every two motors in either sense, at six deviations; and the lengths
+    must agree with the record at 99.9 %.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal model of the record.
+    record : MasteringRecord
+        Taken while the robot was healthy.
+    recovery : TurnRecovery
+        Of ``recover_turns``.
+    check_captures : sequence of WireCapture
+        At other poses than those fitted.
+
+    Returns
+    -------
+    TurnRecovery
+        The same with two more gate checks; ``accepted`` only if they and all earlier ones passed.
+
+    Raises
+    ------
+    CalibrationError
+        No check captures.
+    """
+    if not check_captures:
+        raise CalibrationError("nothing was captured to verify the recovery with")
+    problem = LossProblem(model, record, check_captures)
+    local = problem.at(np.array(recovery.offset_turns))
+    spread = local.by_turn @ np.array(recovery.offset_covariance) @ local.by_turn.T
+    local = replace(local, scatter=local.scatter + spread)
+    found, limit = local.chi_square(), chi_square_limit(len(check_captures))
+    power = float(_detection(problem, local).max(axis=0).min())
+    largest_mm = 1e3 * float(np.abs(local.residuals).max())
+    checks = (
+        GateCheck(
+            "verification power",
+            power >= VERIFICATION_POWER,
+            power,
+            VERIFICATION_POWER,
+            f"the check poses see a wrong turn of any one or two motors at {power:.0f} deviations or more",
+        ),
+        GateCheck(
+            "verification",
+            found <= limit,
+            found,
+            limit,
+            f"{len(check_captures)} lengths that were not fitted agree within {largest_mm:.2f} mm",
+        ),
+    )
+    passed = all(check.passed for check in checks)
+    reason = recovery.reason if passed else "the check poses do not confirm the result"
+    accepted = recovery.accepted and passed
+    return replace(recovery, accepted=accepted, reason=reason, gate=(*recovery.gate, *checks))
+
+
+def verification_power(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> Array:
+    """Return (V, n): by how many deviations one wrong turn of each motor would show at each check pose."""
+    predictor = WirePredictor(model, record.wire, record.prior)
+    terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
+    deviations = np.sqrt(np.diag(predictor.expect(terms)[1]))
+    shifts = []
+    for turn in record.drive.radians_per_turn().T:
+        moved = predictor.terms(WireSeen.of(terms.seen.joints_rad + turn, predictor.sigma_m)).lengths
+        shifts.append(np.abs(moved - terms.lengths) / deviations)
+    return np.stack(shifts, axis=1)
+
+
+def _detection(problem: LossProblem, local: Local) -> Array:
+    """Return (V, patterns): how far a wrong turn of one motor, or two in either sense, shows at each pose."""
+    n = len(local.turns)
+    unit = np.eye(n)
+    pairs = [(i, j) for i in range(n) for j in range(i)]
+    patterns = [*unit, *(unit[i] + unit[j] for i, j in pairs), *(unit[i] - unit[j] for i, j in pairs)]
+    deviations = np.sqrt(np.diag(local.scatter))
+    shifted = [np.abs(problem.lengths(local.turns + p) - local.terms.lengths) / deviations for p in patterns]
+    return np.stack(shifted, axis=1)
