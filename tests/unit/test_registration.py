@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import TypeAdapter
 
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Pose, exp_rotation, homogeneous, log_transform
+from calibration.frames import frame_from_three_points
+from calibration.geometry import Pose, exp_rotation, exp_twist, homogeneous, log_transform
 from calibration.registration import best_fit_transform, trilaterate
+from calibration.tool_point import locate_tool_point
 
 RNG = np.random.default_rng(5)
 POINTS = RNG.uniform(-1, 1, (8, 3))
@@ -150,3 +153,18 @@ def test_the_stated_sigma_is_the_scatter():
 def test_lengths_that_fix_no_point_are_refused(stations, lengths):
     with pytest.raises(CalibrationError):
         trilaterate(stations, lengths)
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        best_fit_transform(POINTS, carried(POINTS)),
+        trilaterate(STATIONS, LENGTHS),
+        frame_from_three_points(*POINTS[:3], sigma_m=1e-4),
+        locate_tool_point([Pose.from_matrix(exp_twist(np.array([0, 0, 0, *turn]))) for turn in np.eye(3)]),
+    ],
+    ids=["fit", "trilateration", "frame", "tool point"],
+)
+def test_every_result_survives_the_journal(found):
+    adapter = TypeAdapter(type(found))
+    assert adapter.validate_json(adapter.dump_json(found)) == found
