@@ -97,6 +97,7 @@ class Arm:
         start = np.radians(model.park_deg)
         self._motion: Motion = Standstill(start, clock.now())
         self._lag, self._lag_at = np.zeros(len(start)), start
+        self._direction = np.zeros(len(start))
         self._loaded = np.isin(np.arange(len(start)), _GRAVITY_AXES)
         self._factory = hidden
         self._commanded: tuple[float, Array, Array] | None = None
@@ -224,6 +225,8 @@ class Arm:
         self._lag = self._lagging(joints)
         self._lag_at = joints
         self._motion, self._commanded = motion, None
+        ahead_s = motion.end_s if np.isfinite(motion.end_s) else self.clock.now() + 1.0
+        self._direction = np.sign(motion.position(ahead_s) - joints)
 
     def _lagging(self, joints: Array) -> Array:
         """Return how far the joint side lags: a play of the backlash's width, exact on monotone paths."""
@@ -233,9 +236,7 @@ class Arm:
 
     def _ringing(self, now: float) -> Array:
         gone = max(now - self._motion.end_s, 0.0) if np.isfinite(self._motion.end_s) else 0.0
-        if gone <= 0.0 and not self.moving:
-            return np.zeros(len(self._lag))
-        return np.asarray(np.sign(self._lag) * np.exp(-gone / _SETTLE_TIME_S) * np.cos(60.0 * gone))
+        return np.asarray(self._direction * np.exp(-gone / _SETTLE_TIME_S) * np.cos(60.0 * gone))
 
     def _link_angles(self, joints: Array, dh: Array) -> Array:
         """Return the links' axis angles (N, n) for motor-side joints: ripple, flank, compliance added."""
