@@ -2,11 +2,19 @@
 
 from difflib import get_close_matches
 
-from procedures import mastering_record, six_point_tcp, three_point_frame
-from procedures.entry import Entry
+from procedures import mastering_record, mastering_recovery, six_point_tcp, three_point_frame
+from procedures.entry import Entry, missing
 from procedures.run import ProcedureError
 
-ENTRIES: tuple[Entry, ...] = (mastering_record.ENTRY, six_point_tcp.ENTRY, three_point_frame.ENTRY)
+__all__ = ["CATALOGUE", "ENTRIES", "UnknownProcedureError", "entry_named", "missing"]
+
+ENTRIES: tuple[Entry, ...] = (
+    mastering_record.ENTRY,
+    mastering_recovery.ENTRY,
+    six_point_tcp.ENTRY,
+    three_point_frame.ENTRY,
+)
+CATALOGUE: dict[str, Entry] = {entry.name: entry for entry in ENTRIES}
 
 
 class UnknownProcedureError(ProcedureError):
@@ -23,8 +31,7 @@ def entry_named(name: str) -> Entry:
     UnknownProcedureError
         There is none of that name; the remedy names the nearest.
     """
-    known = {entry.name: entry for entry in ENTRIES}
-    if name not in known:
-        near = get_close_matches(name, known, n=1) or sorted(known)
+    if name not in CATALOGUE:
+        near = get_close_matches(name, CATALOGUE, n=1) or sorted(CATALOGUE)
         raise UnknownProcedureError(f"there is no procedure {name!r}.", remedy=f"Did you mean {near[0]}?")
-    return known[name]
+    return CATALOGUE[name]

@@ -57,6 +57,16 @@ async def write_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
     return found
 
 
+async def restore_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
+    """Put earlier counts at zero back; return what the controller then says."""
+    store = cell.mastering
+    if store is None:
+        raise NeedsUnmetError("this robot's mastering cannot be written", missing=("writes_mastering",))
+    if (await store.mastering()).counts_at_zero != tuple(counts_at_zero):
+        await store.write_mastering(tuple(counts_at_zero))
+    return await store.mastering()
+
+
 def same_pose(left: Pose, right: Pose) -> bool:
     """Whether two poses are equal as far as a controller can store them."""
     apart_m = math.dist(left.position_m, right.position_m)

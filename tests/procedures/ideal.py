@@ -86,6 +86,11 @@ class IdealArm:
         self.battery_flat, self.unestablished = True, set(range(6))
         self.epoch += 1
 
+    def power_cycle(self) -> None:
+        """Switch off and on: a new battery holds, and the controller counts a new epoch."""
+        self.battery_flat = False
+        self.epoch += 1
+
     @property
     def true_joints(self) -> np.ndarray:
         return self.drive.joints(np.array(self.true_counts), np.array(self.true_zero))

@@ -1,0 +1,89 @@
+"""The first part of a recovery: from position alarms to encoders whose readings within a turn are known."""
+
+from dataclasses import dataclass
+
+from calibration.mastering import MasteringRecord
+from drivers.interfaces import Condition, Counts, Instruction
+from procedures.plans import index_travel
+from procedures.run import ProcedureError, Run
+from procedures.steps.ask import ask
+from procedures.steps.mastering import look_at_alarms, reset_alarms, wait_for_the_robot
+from procedures.steps.motion import CountsToJoints, pass_index
+
+NEW_BATTERY = Instruction("new_battery", "Exchange the encoder batteries. Leave the brakes closed.")
+POWER_CYCLE = Instruction("power_cycle", "Switch the controller off, wait ten seconds, switch it on again.")
+SLOW_MOTION = Instruction(
+    "may_move",
+    "The robot does not know where it is. It will turn one joint after the other, slowly, by one motor turn "
+    "each. Look at the robot: is there room, and is the draw-wire free? May it move?",
+)
+ROUNDS = 5
+INDEX_TURNS = 1.1
+
+
+class StillAlarmedError(ProcedureError):
+    """The position alarms do not go away."""
+
+    code = "procedure.still_alarmed"
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmCodes:
+    """The maker's names of alarms that a recovery knows how to answer."""
+
+    battery: tuple[str, ...] = ("SRVO-062",)
+    power_cycle: tuple[str, ...] = ("SRVO-038",)
+    index: tuple[str, ...] = ("SRVO-075",)
+
+
+async def wake_encoders(
+    run: Run, record: MasteringRecord, last_counts: Counts, codes: AlarmCodes, speed_rad_s: float
+) -> Condition:
+    """Clear the position alarms: battery, power cycle, one turn of every motor past its index.
+
+    Raises
+    ------
+    StillAlarmedError
+        An alarm stays that this procedure cannot answer.
+    """
+    for k in range(1, ROUNDS + 1):
+        condition = await run.step(f"look at the alarms {k}", look_at_alarms)
+        active = {alarm.code for alarm in condition.alarms}
+        if active & {*codes.battery, *codes.power_cycle}:
+            if active & {*codes.battery}:
+                await run.step(f"new battery {k}", ask, NEW_BATTERY)
+            await run.write(f"acknowledge the lost position {k}", reset_alarms)
+            await run.step(f"power cycle {k}", ask, POWER_CYCLE)
+            await run.step(f"wait for the robot {k}", wait_for_the_robot)
+        elif active & {*codes.index}:
+            await _pass_indices(
+                run, record, last_counts, _blind_axes(condition, codes, record), (k, speed_rad_s)
+            )
+        elif active:
+            await run.write(f"reset the alarms {k}", reset_alarms)
+        else:
+            return condition
+    raise StillAlarmedError(
+        f"the robot still reports {', '.join(sorted(active))}",
+        remedy="Clear the alarm by the controller's manual, then resume.",
+    )
+
+
+async def _pass_indices(
+    run: Run, record: MasteringRecord, last_counts: Counts, axes: tuple[int, ...], how: tuple[int, float]
+) -> None:
+    k, speed_rad_s = how
+    healthy = CountsToJoints(record.drive, record.counts_at_zero, (0,) * len(last_counts))
+    last_joints = healthy.joints(last_counts)
+    travel = index_travel(record, last_joints, INDEX_TURNS)
+    await run.step(f"slow motion {k}", ask, SLOW_MOTION)
+    for axis in axes:
+        await run.move(f"pass the index of J{axis + 1}, {k}", pass_index, axis, travel[axis], speed_rad_s)
+    await run.write(f"clear the alarms {k}", reset_alarms)
+
+
+def _blind_axes(condition: Condition, codes: AlarmCodes, record: MasteringRecord) -> tuple[int, ...]:
+    """Return the axes without an index, J1 first: a wrist motor turns the joints after it too."""
+    named = [alarm.axis for alarm in condition.alarms if alarm.code in codes.index]
+    known = sorted({axis for axis in named if axis is not None})
+    return tuple(known) if None not in named else tuple(range(len(record.counts_at_zero)))
