@@ -71,7 +71,7 @@ class ChildProcess:
     async def call(self, verb: str, *, deadline_s: float, **arguments: Any) -> Any:
         """Let the child do ``verb``; raise if it says no, ends, or misses the deadline (which kills it)."""
         if self._writer is None or not self.alive:
-            raise self._ended_error()
+            raise self.ended_error()
         number = next(self._numbers)
         answer: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
@@ -88,7 +88,7 @@ class ChildProcess:
 
     def kill(self, reason: str) -> None:
         """End the child at once; every call under way raises."""
-        if self._reason or self._process is None:
+        if self._reason or self._process is None or self._process.returncode is not None:
             return
         self._reason = reason
         with contextlib.suppress(ProcessLookupError):
@@ -169,7 +169,7 @@ class ChildProcess:
             self._writer.close()
         for answer in self._waiting.values():
             if not answer.done():
-                answer.set_exception(error or self._ended_error())
+                answer.set_exception(error or self.ended_error())
 
     def _settle(self, message: dict[str, Any]) -> None:
         answer = self._waiting.get(message["number"])
@@ -196,7 +196,8 @@ class ChildProcess:
             remedy="Check the network cable and the controller, then try again: a new process is started.",
         )
 
-    def _ended_error(self) -> UnreachableError:
+    def ended_error(self) -> UnreachableError:
+        """Return how the child ended, as an error to raise."""
         lines = self._printed.decode(errors="replace").split("\n")
         words = next((line.strip() for line in reversed(lines) if line.strip()), "")
         last = f' Its last words: "{words}".' if words else ""

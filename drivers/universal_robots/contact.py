@@ -1,0 +1,118 @@
+"""The reading side of one robot: its state stream and its name plate, found again when the link was lost.
+
+A lost stream is connected anew by the next call that needs it, and the name plate is checked each time:
+another robot may answer at the same address.
+"""
+
+import asyncio
+import logging
+import time
+from dataclasses import dataclass
+
+from drivers.errors import RefusedError, UnreachableError, WrongDeviceError
+from drivers.interfaces import Identity
+from drivers.universal_robots.dashboard import Dashboard
+from drivers.universal_robots.state import ControllerVersion, Sample, StateClient
+
+_log = logging.getLogger(__name__)
+
+VENDOR = "Universal Robots"
+VERIFIED_ON: tuple[str, ...] = ()  # controller software tried with a real arm; none so far, see README.md
+_OLDEST, _NEWEST_MAJOR = (5, 6), 5
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """How often the controller reports, and how long we wait."""
+
+    rate_hz: float
+    stale_s: float
+    deadline_s: float
+
+
+class Contact:
+    """One robot that answers at an address, proved to be the one of the cell file."""
+
+    def __init__(self, device: str, address: str, expected: tuple[str, str], timing: Timing) -> None:
+        self.device, self._address, self._timing = device, address, timing
+        self._model, self._serial = expected
+        self.dashboard = Dashboard(device, address, deadline_s=timing.deadline_s / 4)
+        self._state: StateClient | None = None
+        self._identity: Identity | None = None
+        self._remote: tuple[float, bool] = (float("-inf"), False)
+        self._connecting = asyncio.Lock()
+        self._closed = False
+
+    @property
+    def stands(self) -> bool:
+        """Whether the state stream is connected, as far as anybody knows without waiting."""
+        return self._state is not None and self._state.alive
+
+    async def state(self) -> StateClient:
+        """Return the state stream, connected; connect it when it is not."""
+        async with self._connecting:
+            if self._closed:
+                raise UnreachableError(self.device, "the connection has been closed by us.")
+            if self._state is None or not self._state.alive:
+                self._state = await self._connect()
+            return self._state
+
+    async def sample(self) -> Sample:
+        """Return a state that was sent after this call."""
+        return await (await self.state()).fresh()
+
+    async def identity(self) -> Identity:
+        """Return the name plate that was read when the stream was connected."""
+        await self.state()
+        if self._identity is None:
+            raise UnreachableError(self.device, "the robot has not told who it is.")
+        return self._identity
+
+    async def in_remote_control(self, *, known_s: float = 0.0) -> bool:
+        """Whether the pendant is in Remote; an answer not older than ``known_s`` will do."""
+        asked_s, remote = self._remote
+        if time.monotonic() - asked_s > known_s:
+            remote = await self.dashboard.in_remote_control()
+            self._remote = (time.monotonic(), remote)
+        return remote
+
+    def close(self) -> None:
+        """Hang up for good."""
+        self._closed = True
+        if self._state is not None:
+            self._state.close()
+
+    async def _connect(self) -> StateClient:
+        timing = self._timing
+        state = StateClient(self.device, self._address, rate_hz=timing.rate_hz, stale_s=timing.stale_s)
+        version = await state.connect(deadline_s=timing.deadline_s / 2)
+        try:
+            self._check_version(version)
+            self._identity = await self._name_plate(version)
+        except BaseException:
+            state.close()
+            raise
+        return state
+
+    async def _name_plate(self, version: ControllerVersion) -> Identity:
+        serial, family = await asyncio.gather(self.dashboard.serial_number(), self.dashboard.model())
+        model = family.lower().removesuffix("e") + "e"  # 5.x is e-Series; the dashboard leaves it out
+        if (model, serial) != (self._model, self._serial):
+            raise WrongDeviceError(
+                self.device,
+                f"at {self._address} answers a {model} with serial {serial}; "
+                f"the cell file names a {self._model} with serial {self._serial}.",
+                remedy="Correct the address or the serial in the cell file.",
+            )
+        if self._identity is None and not str(version).startswith(VERIFIED_ON):
+            _log.warning("%s: not verified on controller software %s", self.device, version)
+        return Identity(VENDOR, model, serial, str(version))
+
+    def _check_version(self, version: ControllerVersion) -> None:
+        if (version.major, version.minor) < _OLDEST or version.major > _NEWEST_MAJOR:
+            raise RefusedError(
+                self.device,
+                f"the controller runs software {version}; this driver knows 5.6 to 5.25.",
+                remedy="Use a controller with PolyScope 5.6 or later, not PolyScope X.",
+                vendor_text=str(version),
+            )

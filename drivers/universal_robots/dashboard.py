@@ -1,0 +1,91 @@
+"""The controller's dashboard: one question, one line of answer.
+
+Each question uses a connection of its own, so that ``stop`` has a path to the robot that nothing else can
+block: not a hanging library, not a dead child process, not a lost RTDE link.
+
+Source: the maker's dashboard server article for e-Series.
+"""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from drivers.errors import RefusedError, UnreachableError, WireProtocolError
+from drivers.universal_robots.state import CABLE
+
+PORT = 29999
+_LONGEST_LINE = 4096
+_ASK_TO_REPORT = "Report this with the controller's version; nothing in the cell is at fault."
+
+
+class Dashboard:
+    """What we ask of the dashboard, and no more: it could also release brakes and clear stops."""
+
+    def __init__(self, device: str, address: str, *, deadline_s: float) -> None:
+        self._device, self._address, self._deadline_s = device, address, deadline_s
+
+    async def serial_number(self) -> str:
+        """Return the serial number of the arm."""
+        return await self._ask("get serial number")
+
+    async def model(self) -> str:
+        """Return the size of the arm, ``UR10`` also for a UR10e."""
+        return await self._ask("get robot model")
+
+    async def in_remote_control(self) -> bool:
+        """Whether the pendant has handed control to the network."""
+        reply = await self._ask("is in remote control")
+        if reply.lower() not in ("true", "false"):
+            raise WireProtocolError(
+                self._device, "the dashboard answered neither true nor false.",
+                remedy=_ASK_TO_REPORT, frame=reply.encode().hex(),
+            )  # fmt: skip
+        return reply.lower() == "true"
+
+    async def stop(self) -> None:
+        """Stop whatever program runs; the arm decelerates and stays where it is."""
+        reply = await self._ask("stop")
+        if not reply.lower().startswith("stopped"):
+            raise RefusedError(
+                self._device, f'the controller refused to stop its program: "{reply}".',
+                remedy="Stop the robot at the pendant.", vendor_text=reply,
+            )  # fmt: skip
+
+    async def _ask(self, question: str) -> str:
+        async with self._connection() as (reader, writer):
+            await _line(reader)  # the greeting
+            writer.write(question.encode() + b"\n")
+            return await _line(reader)
+
+    @asynccontextmanager
+    async def _connection(self) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+        writer: asyncio.StreamWriter | None = None
+        try:
+            async with asyncio.timeout(self._deadline_s):
+                reader, writer = await asyncio.open_connection(self._address, PORT, limit=_LONGEST_LINE)
+                yield reader, writer
+        except TimeoutError:
+            raise self._unreachable(f"did not answer within {self._deadline_s:g} s") from None
+        except (OSError, EOFError) as error:
+            raise self._unreachable(f"cannot be reached ({error})") from error
+        except ValueError as error:
+            raise WireProtocolError(
+                self._device, f"the dashboard sent a line that is too long ({error}).", remedy=_ASK_TO_REPORT
+            ) from error
+        finally:
+            if writer is not None:
+                writer.close()
+                with contextlib.suppress(OSError):
+                    await writer.wait_closed()
+
+    def _unreachable(self, what: str) -> UnreachableError:
+        where = f"the dashboard of the controller at {self._address}"
+        return UnreachableError(self._device, f"{where} {what}.", remedy=CABLE)
+
+
+async def _line(reader: asyncio.StreamReader) -> str:
+    line = await reader.readline()
+    if not line.endswith(b"\n"):
+        raise EOFError("it hung up")
+    return line.decode("utf-8", errors="replace").strip()

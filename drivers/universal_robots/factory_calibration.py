@@ -1,0 +1,108 @@
+"""The arm's own kinematics, measured by the maker at the factory, from the controller's primary interface.
+
+Source: the maker's description of the primary client interface (port 30001): packets of i32 length and u8
+type; type 16 holds sub-packages of u32 length and u8 type; sub-package 5 holds checksums, theta, a, d, alpha.
+The numbers are absolute, not differences to the nominal arm. d of the parallel joints may be hundreds of
+metres that cancel: see calibration.ur_factory before using them as they are.
+"""
+
+import asyncio
+import contextlib
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from drivers.errors import UnreachableError, WireProtocolError
+from drivers.universal_robots.state import CABLE, Six
+
+PORT = 30001
+_PACKET = struct.Struct(">iB")
+_SUB_PACKET = struct.Struct(">IB")
+_KINEMATICS = struct.Struct(">6I6d6d6d6dI")
+_ROBOT_STATE = 16
+_KINEMATICS_INFO = 5
+_LONGEST_PACKET = 1 << 16
+_HEX_SHOWN = 48
+
+
+@dataclass(frozen=True, slots=True)
+class FactoryKinematics:
+    """DH parameters as the controller uses them: Rz(theta + q) Tz(d) Tx(a) Rx(alpha), joint by joint."""
+
+    theta_rad: Six
+    a_m: Six
+    d_m: Six
+    alpha_rad: Six
+    checksums: tuple[int, int, int, int, int, int]
+    status: int  # 0 not initialised, 1 not linearised, 2 linearised
+
+
+async def read_factory_kinematics(device: str, address: str, *, deadline_s: float) -> FactoryKinematics:
+    """Connect to the primary interface and take the first kinematics it sends; change nothing."""
+    try:
+        async with asyncio.timeout(deadline_s):
+            reader, writer = await asyncio.open_connection(address, PORT)
+            try:
+                return await _first_kinematics(device, reader)
+            finally:
+                writer.transport.abort()
+                with contextlib.suppress(OSError):
+                    await writer.wait_closed()
+    except TimeoutError:
+        what = f"sent no factory calibration within {deadline_s:g} s"
+    except (OSError, EOFError) as error:
+        what = f"cannot be reached ({error})"
+    raise UnreachableError(device, f"the primary interface of {address} {what}.", remedy=CABLE)
+
+
+async def _first_kinematics(device: str, reader: asyncio.StreamReader) -> FactoryKinematics:
+    while True:
+        header = await reader.readexactly(_PACKET.size)
+        size, kind = _PACKET.unpack(header)
+        if not _PACKET.size <= size <= _LONGEST_PACKET:
+            raise _unreadable(device, f"a packet of {size} bytes", header)
+        body = await reader.readexactly(size - _PACKET.size)
+        if kind == _ROBOT_STATE:
+            for sub_kind, data in sub_packages(device, body):
+                if sub_kind == _KINEMATICS_INFO:
+                    return decode(device, data)
+
+
+def sub_packages(device: str, body: bytes) -> Iterator[tuple[int, bytes]]:
+    """Yield (type, data) of the sub-packages of a robot state packet."""
+    start = 0
+    while start < len(body):
+        if len(body) - start < _SUB_PACKET.size:
+            raise _unreadable(device, "half a sub-package", body[start:])
+        size, kind = _SUB_PACKET.unpack_from(body, start)
+        if not _SUB_PACKET.size <= size <= len(body) - start:
+            raise _unreadable(device, f"a sub-package of {size} bytes", body[start:])
+        yield kind, body[start + _SUB_PACKET.size : start + size]
+        start += size
+
+
+def decode(device: str, data: bytes) -> FactoryKinematics:
+    """Read the kinematics sub-package."""
+    if len(data) != _KINEMATICS.size:
+        raise _unreadable(device, f"kinematics of {len(data)} bytes", data)
+    values = _KINEMATICS.unpack(data)
+    if not all(map(math.isfinite, values[6:30])):
+        raise _unreadable(device, "kinematics that are not numbers", data)
+    return FactoryKinematics(
+        theta_rad=values[6:12],
+        a_m=values[12:18],
+        d_m=values[18:24],
+        alpha_rad=values[24:30],
+        checksums=values[:6],
+        status=values[30],
+    )
+
+
+def _unreadable(device: str, what: str, frame: bytes) -> WireProtocolError:
+    return WireProtocolError(
+        device,
+        f"the primary interface sent {what}.",
+        remedy="Report this with the controller's version; nothing in the cell is at fault.",
+        frame=frame[:_HEX_SHOWN].hex(),
+    )

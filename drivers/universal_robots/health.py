@@ -1,0 +1,79 @@
+"""What the arm's state means to a technician.
+
+Rests on the safety bits and the program's state. The robot mode only explains why an otherwise healthy arm
+cannot move.
+"""
+
+from drivers.errors import DeviceError, MotionStoppedError, RefusedError
+from drivers.interfaces import Condition, Readiness
+from drivers.universal_robots.rtde import MODE_RUNNING, RuntimeState
+from drivers.universal_robots.state import Sample
+from drivers.wire.tables import CodeEntry, code_table
+
+_PACKAGE = "drivers.universal_robots"
+_LOWEST_SLIDER = 0.01
+
+LOCAL = Condition(
+    Readiness.NOT_READY,
+    "the pendant is in Local.",
+    "Switch the pendant to Remote, or continue by hand.",
+)
+
+
+def condition_of(sample: Sample, *, program_is_ours: bool) -> Condition:
+    """Tell whether the arm could move now, and if not, who must do what."""
+    entry = _safety_entry(sample) or _mode_entry(sample)
+    if entry is not None:
+        return Condition(Readiness(entry.kind), f"{entry.text}.", entry.remedy)
+    if sample.runtime_state != RuntimeState.STOPPED and not program_is_ours:
+        return Condition(
+            Readiness.NOT_READY,
+            "a program of somebody else runs or waits on the robot.",
+            "Stop that program at the pendant; starting ours would end it.",
+        )
+    if sample.speed_fraction < _LOWEST_SLIDER:
+        return Condition(
+            Readiness.NOT_READY,
+            f"the speed slider stands at {sample.speed_fraction:.0%}.",
+            "Raise the speed slider at the pendant.",
+        )
+    return Condition(Readiness.READY)
+
+
+def stop_of(device: str, sample: Sample) -> MotionStoppedError | None:
+    """Return the safety stop that this state shows, if any."""
+    entry = _safety_entry(sample)
+    return None if entry is None else MotionStoppedError(device, f"{entry.text}.", remedy=entry.remedy)
+
+
+def error_of(device: str, condition: Condition) -> DeviceError:
+    """Return the error of a command that this condition forbids."""
+    kind = MotionStoppedError if condition.readiness is Readiness.STOPPED else RefusedError
+    return kind(device, condition.message, remedy=condition.remedy)
+
+
+def refusal_of(error: RefusedError) -> RefusedError:
+    """Return what ur-rtde said in our words; its own where we have none."""
+    for entry in code_table(_PACKAGE, "refusals.tsv").values():
+        if entry.kind in error.vendor_text.lower():
+            return RefusedError(
+                error.device,
+                f"{entry.text}.",
+                remedy=entry.remedy,
+                vendor_code=entry.code,
+                vendor_text=error.vendor_text,
+            )
+    return error
+
+
+def _safety_entry(sample: Sample) -> CodeEntry | None:
+    table = code_table(_PACKAGE, "safety_bits.tsv")
+    return next((entry for bit, entry in table.items() if sample.safety_status_bits >> bit & 1), None)
+
+
+def _mode_entry(sample: Sample) -> CodeEntry | None:
+    if sample.robot_mode == MODE_RUNNING:
+        return None
+    text = f"the arm is in the unknown mode {sample.robot_mode}"
+    unknown = CodeEntry(sample.robot_mode, "not_ready", text, "Look at the pendant.")
+    return code_table(_PACKAGE, "robot_modes.tsv").get(sample.robot_mode, unknown)

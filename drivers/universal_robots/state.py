@@ -1,0 +1,249 @@
+"""The arm's state from our own RTDE connection: every packet, in order, with the controller's time.
+
+All decisions of the driver rest on this stream. ur-rtde keeps only the newest packet, serves old values after
+a lost link, and says "running" of a program on a controller that is gone.
+"""
+
+import asyncio
+import contextlib
+import math
+import struct
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from drivers.universal_robots.rtde import PORT, Link, Message, pack
+from drivers.wire.trace import FrameTrace
+
+CABLE = "Check that the controller is switched on and the network cable is plugged in."
+
+_KEPT_SAMPLES = 512
+_HEX_SHOWN = 48
+
+# Name and RTDE type: the order of the packet.
+_RECIPE: tuple[tuple[str, str], ...] = (
+    ("timestamp", "DOUBLE"),
+    ("actual_q", "VECTOR6D"),
+    ("actual_qd", "VECTOR6D"),
+    ("actual_TCP_pose", "VECTOR6D"),
+    ("tcp_offset", "VECTOR6D"),
+    ("speed_scaling", "DOUBLE"),
+    ("target_speed_fraction", "DOUBLE"),
+    ("robot_mode", "INT32"),
+    ("runtime_state", "UINT32"),
+    ("robot_status_bits", "UINT32"),
+    ("safety_status_bits", "UINT32"),
+)
+_NAMES = ",".join(name for name, _ in _RECIPE)
+_TYPES = ",".join(kind for _, kind in _RECIPE)
+_PACKET = struct.Struct(">Bd6d6d6d6dddiIII")  # recipe id, then the fields
+
+Six = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One packet of the stream."""
+
+    timestamp_s: float  # the controller's clock
+    joints_rad: Six
+    joint_speeds_rad_s: Six
+    tcp_pose: Six  # base_tcp: x, y, z [m], rotation vector [rad]
+    tcp_offset: Six  # flange_tcp, written alike
+    speed_scaling: float
+    speed_fraction: float  # the speed slider
+    robot_mode: int
+    runtime_state: int
+    robot_status_bits: int
+    safety_status_bits: int
+    received_at_s: float  # host monotonic clock
+    raw: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerVersion:
+    """Version of the controller's software."""
+
+    major: int
+    minor: int
+    bugfix: int
+    build: int
+
+    def __str__(self) -> str:
+        return f"{self.major}.{self.minor}.{self.bugfix}.{self.build}"
+
+
+class StateClient:
+    """One RTDE connection that only reads. Connect once; a lost one is replaced by a new object."""
+
+    def __init__(self, device: str, address: str, *, rate_hz: float, stale_s: float) -> None:
+        self.device, self.address, self.stale_s = device, address, stale_s
+        self.samples: deque[Sample] = deque(maxlen=_KEPT_SAMPLES)
+        self.trace = FrameTrace(device, keep=20)
+        self._rate_hz = rate_hz
+        self._transport: asyncio.Transport | None = None
+        self._replies: asyncio.Queue[tuple[int, bytes]] = asyncio.Queue()
+        self._arrived = asyncio.Event()
+        self._error: DeviceError | None = None
+        self._recipe_id = -1
+        self._newest_s = -math.inf
+
+    @property
+    def alive(self) -> bool:
+        """Whether the connection stands, as far as anybody knows without waiting."""
+        return self._transport is not None and self._error is None
+
+    async def connect(self, *, deadline_s: float) -> ControllerVersion:
+        """Connect, agree on the fields, wait for the first state; return the controller's version."""
+        loop = asyncio.get_running_loop()
+        try:
+            async with asyncio.timeout(deadline_s):
+                self._transport, _ = await loop.create_connection(
+                    lambda: Link(self._on_message, self._on_lost), self.address, PORT
+                )
+                version = await self._shake_hands()
+                await self.fresh()
+        except TimeoutError:
+            self.close()
+            raise self._unreachable(f"did not answer within {deadline_s:g} s") from None
+        except OSError as error:
+            raise self._unreachable(f"cannot be reached ({error.strerror or error})") from error
+        except BaseException:
+            self.close()
+            raise
+        return version
+
+    def close(self) -> None:
+        """Hang up; readers that wait raise. Harmless when done twice."""
+        self._fail(UnreachableError(self.device, "the connection was closed."))
+        if self._transport is not None:
+            self._transport.abort()
+
+    async def fresh(self) -> Sample:
+        """Return a sample that arrives after this call; raise if none does within ``stale_s``."""
+        before_s = self._newest_s
+        deadline_s = asyncio.get_running_loop().time() + self.stale_s
+        while self._newest_s <= before_s:
+            if self._error is not None:
+                raise self._error
+            if not await self._arrival(deadline_s) and self._newest_s <= before_s:
+                self._fail(self._unreachable(f"sent no new state for {self.stale_s:g} s"))
+                self.close()
+        return self.samples[-1]
+
+    def last_seconds(self, span_s: float) -> list[Sample]:
+        """Return the kept samples of the last ``span_s`` of the controller's time, oldest first."""
+        return [sample for sample in self.samples if sample.timestamp_s >= self._newest_s - span_s]
+
+    async def _arrival(self, deadline_s: float) -> bool:
+        self._arrived.clear()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout_at(deadline_s):
+                return await self._arrived.wait()
+        return False
+
+    async def _shake_hands(self) -> ControllerVersion:
+        if await self._ask(Message.PROTOCOL, struct.pack(">H", 2)) != b"\x01":
+            raise self._refused("does not speak version 2 of RTDE", "Update it to PolyScope 5.6 or later.")
+        version = await self._ask(Message.VERSION)
+        if len(version) != 16:
+            raise self._protocol_error("a version of another size", version)
+        wish = struct.pack(">d", self._rate_hz) + _NAMES.encode()
+        self._accept_recipe(await self._ask(Message.OUTPUTS, wish))
+        if await self._ask(Message.START) != b"\x01":
+            raise self._refused("refused to send its state", "Disconnect other RTDE clients, or restart it.")
+        return ControllerVersion(*struct.unpack(">4I", version))
+
+    def _accept_recipe(self, reply: bytes) -> None:
+        types = reply[1:].decode("ascii", errors="replace").rstrip(",")
+        if types == _TYPES:
+            self._recipe_id = reply[0]
+            return
+        pairs = zip(_RECIPE, types.split(","), strict=False)
+        unknown = [name for (name, _), kind in pairs if kind == "NOT_FOUND"]
+        if not unknown:
+            raise self._protocol_error(f"fields of other types ({types})", reply)
+        raise self._refused(f"does not know {', '.join(unknown)}", "Update it to PolyScope 5.6 or later.")
+
+    async def _ask(self, kind: Message, payload: bytes = b"") -> bytes:
+        assert self._transport is not None
+        self.trace.add(">", f"{chr(kind)} {payload.hex()}")
+        self._transport.write(pack(kind, payload))
+        answered, reply = await self._replies.get()
+        if self._error is not None:
+            raise self._error
+        if answered != kind:
+            raise self._protocol_error(f"{chr(answered)!r} in answer to {chr(kind)!r}", reply)
+        return reply
+
+    def _on_message(self, kind: int, payload: bytes) -> None:
+        if kind == Message.DATA:
+            self._on_data(payload)
+            return
+        self.trace.add("<", f"{chr(kind)} {payload.hex()}")
+        if kind != Message.TEXT:  # the controller's remarks may come at any time
+            self._replies.put_nowait((kind, payload))
+
+    def _on_data(self, payload: bytes) -> None:
+        if len(payload) != _PACKET.size or payload[0] != self._recipe_id:
+            self._fail(self._protocol_error(f"a state of {len(payload)} bytes", payload))
+            self.close()
+            return
+        sample = _sample(payload)
+        if not all(map(math.isfinite, (sample.timestamp_s, *sample.joints_rad, *sample.joint_speeds_rad_s))):
+            self._fail(self._protocol_error("a joint state that is not a number", payload))
+            self.close()
+            return
+        if sample.timestamp_s > self._newest_s:  # a clock that stands still brings no news
+            self._newest_s = sample.timestamp_s
+            self.samples.append(sample)
+            self._arrived.set()
+
+    def _on_lost(self, error: Exception | None) -> None:
+        self._fail(self._unreachable(f"closed the connection{f' ({error})' if error else ''}"))
+
+    def _fail(self, error: DeviceError) -> None:
+        if self._error is None:
+            self._error = error
+            self._replies.put_nowait((0, b""))
+        self._arrived.set()
+
+    def _unreachable(self, what: str) -> UnreachableError:
+        return UnreachableError(self.device, f"the controller at {self.address} {what}.", remedy=CABLE)
+
+    def _refused(self, what: str, remedy: str) -> RefusedError:
+        return RefusedError(self.device, f"the controller at {self.address} {what}.", remedy=remedy)
+
+    def _protocol_error(self, what: str, frame: bytes) -> WireProtocolError:
+        return WireProtocolError(
+            self.device,
+            f"the controller sent {what}.",
+            remedy="Report this with the controller's version; nothing in the cell is at fault.",
+            frame=frame[:_HEX_SHOWN].hex(),
+        )
+
+
+def _sample(payload: bytes) -> Sample:
+    values = _PACKET.unpack(payload)
+    return Sample(
+        timestamp_s=values[1],
+        joints_rad=_six(values, 2),
+        joint_speeds_rad_s=_six(values, 8),
+        tcp_pose=_six(values, 14),
+        tcp_offset=_six(values, 20),
+        speed_scaling=values[26],
+        speed_fraction=values[27],
+        robot_mode=values[28],
+        runtime_state=values[29],
+        robot_status_bits=values[30],
+        safety_status_bits=values[31],
+        received_at_s=time.monotonic(),
+        raw=payload,
+    )
+
+
+def _six(values: tuple[Any, ...], start: int) -> Six:
+    a, b, c, d, e, f = values[start : start + 6]
+    return (a, b, c, d, e, f)
