@@ -128,6 +128,11 @@ class ModbusServer:
         """How many clients are connected."""
         return len(self._writers)
 
+    @property
+    def listening(self) -> bool:
+        """Whether new clients are welcome."""
+        return self._server is not None
+
     async def open(self) -> None:
         """Listen; port 0 finds one and keeps it."""
         if self._server is None:

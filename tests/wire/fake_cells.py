@@ -1,0 +1,73 @@
+"""Fake cells for wire tests: built in this process, on ports that the system picks."""
+
+import asyncio
+import struct
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+from fake_devices.cell import FakeCell
+from fake_devices.control import ControlDoor
+from fake_devices.device import FakeDevice
+
+ROBOT = {"name": "fanuc", "driver": "modbus_robot", "address": "127.0.0.1", "port": 0, "serial": "F-104711"}
+GAUGE = {
+    "name": "wire", "driver": "draw_wire", "host": "127.0.0.1", "port": 0, "channel": "can0",
+    "node_id": 7, "serial": 4711, "range_m": 3.0, "sigma_m": 0.0002, "robot": "fanuc",
+}  # fmt: skip
+
+
+def document(**fake: Any) -> dict[str, Any]:
+    """Return the cell file of a robot and its wire; the clock runs 500 times as fast unless told."""
+    return {"robot": [ROBOT], "gauge": [GAUGE], "fake": {"seed": 1, "time_factor": 500.0, **fake}}
+
+
+@asynccontextmanager
+async def running(**fake: Any) -> AsyncIterator[FakeCell]:
+    """Run that cell."""
+    async with FakeCell(document(**fake)) as cell:
+        yield cell
+
+
+@asynccontextmanager
+async def behind_a_door(**fake: Any) -> AsyncIterator[ControlDoor]:
+    """Run that cell with its control door."""
+    async with FakeCell(document(**fake)) as cell, ControlDoor(cell) as door:
+        yield door
+
+
+async def until(true: Callable[[], bool], *, within_s: float = 10.0) -> None:
+    """Wait for something that will become true."""
+    async with asyncio.timeout(within_s):
+        while not true():  # noqa: ASYNC110 - the world changes without telling
+            await asyncio.sleep(0.002)
+
+
+async def happen(device: FakeDevice, fault: str, **parameters: Any) -> None:
+    """Let a fault happen to a device."""
+    await device.fault(fault, parameters)
+
+
+def int32(*values: int) -> list[int]:
+    """Return registers, low word first."""
+    return [word for value in values for word in struct.unpack("<HH", struct.pack("<i", value))]
+
+
+def float32(*values: float) -> list[int]:
+    """Return registers, low word first."""
+    return [word for value in values for word in struct.unpack("<HH", struct.pack("<f", value))]
+
+
+def integers(words: list[int]) -> list[int]:
+    """Return the signed 32-bit values of registers."""
+    return list(struct.unpack(f"<{len(words) // 2}i", struct.pack(f"<{len(words)}H", *words)))
+
+
+def floats(words: list[int]) -> list[float]:
+    """Return the single-precision values of registers."""
+    return list(struct.unpack(f"<{len(words) // 2}f", struct.pack(f"<{len(words)}H", *words)))
+
+
+def text(words: list[int]) -> str:
+    """Return the string in registers, low byte first."""
+    return struct.pack(f"<{len(words)}H", *words).split(b"\0")[0].decode("latin-1")
