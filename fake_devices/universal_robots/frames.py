@@ -11,7 +11,7 @@ Not modelled
 """
 
 from collections.abc import Sequence
-from math import atan2, cos, pi, sin, sqrt
+from math import atan2, cos, sin, sqrt
 
 Vector = tuple[float, ...]
 Row = tuple[float, float, float, float]
@@ -69,19 +69,22 @@ def rotation_vector(a: Frame) -> tuple[float, float, float]:
     trace = a[0][0] + a[1][1] + a[2][2]
     raw = (a[2][1] - a[1][2], a[0][2] - a[2][0], a[1][0] - a[0][1])
     sine2 = sqrt(raw[0] ** 2 + raw[1] ** 2 + raw[2] ** 2)  # 2 sin(angle)
-    if sine2 < 1e-5:
-        return _half_turn(a) if trace < 0.0 else (raw[0] / 2.0, raw[1] / 2.0, raw[2] / 2.0)
+    if sine2 < 1e-5 and trace > 0.0:
+        return raw[0] / 2.0, raw[1] / 2.0, raw[2] / 2.0
     angle = atan2(sine2, trace - 1.0)
-    return raw[0] / sine2 * angle, raw[1] / sine2 * angle, raw[2] / sine2 * angle
+    x, y, z = _half_turn_axis(a, raw) if sine2 < 1e-5 else (raw[0] / sine2, raw[1] / sine2, raw[2] / sine2)
+    return x * angle, y * angle, z * angle
 
 
-def _half_turn(a: Frame) -> tuple[float, float, float]:
+def _half_turn_axis(a: Frame, raw: Sequence[float]) -> tuple[float, float, float]:
+    """Return the axis where the antisymmetric part only gives its sign."""
     axis = [sqrt(max(0.0, (a[i][i] + 1.0) / 2.0)) for i in range(3)]
     lead = axis.index(max(axis))
     for i in range(3):
         if i != lead:
             axis[i] = (a[lead][i] + a[i][lead]) / (4.0 * axis[lead])
-    return axis[0] * pi, axis[1] * pi, axis[2] * pi
+    sign = -1.0 if raw[lead] < 0.0 else 1.0
+    return sign * axis[0], sign * axis[1], sign * axis[2]
 
 
 def frame_of(pose: Sequence[float]) -> Frame:

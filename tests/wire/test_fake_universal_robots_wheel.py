@@ -1,0 +1,105 @@
+"""The unmodified ur_rtde wheel connects to the fake controller, moves it, reads it, and sees its stops."""
+
+import asyncio
+
+import pytest
+
+from tests.wire.fake_ur import fake_ur, wheel
+from tests.wire.rtde_client import watching
+
+pytestmark = pytest.mark.timeout(110)
+
+
+async def test_every_kind_of_move_arrives() -> None:
+    async with fake_ur(time_factor=20.0) as robot, wheel(robot, "moves") as child:
+        found = await child.line()
+        assert [name for name, good in found.items() if good is not True] == []
+
+
+async def test_answers_of_the_control_program_are_right_and_stale_where_the_real_ones_are() -> None:
+    async with fake_ur() as robot, wheel(robot, "answers") as child:
+        found = await child.line()
+    assert max(found["fk"], found["fk of q"]) < 1e-12
+    assert found["ik"] < 1e-9
+    assert found["tcp"] == [0.0, 0.0, 0.1, 0.0, 0.0, 0.0]
+    assert found["pose trans"] == pytest.approx([1.0, 2.0, 0.0, 0.0, 0.0, 0.5])
+    assert (found["ik far"], found["outside"]) == (False, False)
+    assert found["stale"] == pytest.approx([1.0, 2.0, 0.0, 0.0, 0.0, 0.5])
+    assert found["flange to tip"] == pytest.approx(0.1)
+    assert found["unreachable"] == []
+    assert [found[key] for key in ("script died", "back", "watchdog bit")] == [True] * 3
+
+
+async def test_the_dashboard_and_the_inputs_and_outputs() -> None:
+    async with fake_ur() as robot, wheel(robot, "dashboard") as child:
+        found = await child.line()
+    assert found == {
+        "version": "5.11.1.108318",
+        "serial": "20225500042",
+        "model": "UR10",
+        "remote": True,
+        "mode": "Robotmode: RUNNING",
+        "safety": "Safetymode: NORMAL",
+        "state": "STOPPED cell.urp",
+        "output": True,
+        "slider": True,
+    }
+
+
+@pytest.mark.parametrize(
+    ("fault", "cure", "seen"),
+    [
+        ("protective_stop", "unlock_protective_stop", {"protective": True, "emergency": False}),
+        ("emergency_stop", "release_emergency_stop", {"protective": False, "emergency": True}),
+        ("program_stop", None, {"protective": False, "emergency": False}),
+        ("program_pause", None, {"protective": False, "emergency": False}),
+    ],
+)
+async def test_a_stopped_move_is_false_and_the_robot_moves_again_after_the_cure(
+    fault: str, cure: str | None, seen: dict[str, bool]
+) -> None:
+    async with fake_ur(time_factor=2.0) as robot, wheel(robot, "stopped_in_a_move") as child:
+        assert await child.line() == {"ready": True}
+        watch = await watching(robot.server.address, ["actual_qd"])
+        async with watch:
+            await child.go_on()
+            while (await watch.read())["actual_qd"][0] < 0.01:
+                pass
+        await robot.fault(fault, {})
+        found = await child.line()
+        assert found["arrived"] is False
+        assert {key: found[key] for key in seen} == seen
+        assert 0.0 < found["gone"] < 1.0
+        if cure is not None:
+            await robot.fault(cure, {})
+        await child.go_on()
+        assert await child.line() == {"home": True}
+
+
+async def test_registers_in_use_are_refused() -> None:
+    async with fake_ur() as robot:
+        await robot.fault("in_use", {})
+        async with wheel(robot, "second_client") as child:
+            assert "in use" in (await child.line())["refused"].lower()
+
+
+async def test_a_receiver_sees_a_cut_link_and_comes_back() -> None:
+    async with fake_ur() as robot, wheel(robot, "receive_only") as child:
+        assert await child.line() == {"connected": True}
+        await robot.fault("link_loss_all", {})
+        await child.go_on()
+        assert await child.line() == {"lost": True}
+        await robot.fault("link_restore", {})
+        await child.go_on()
+        found = await child.line()
+        assert found["again"] is True
+        assert found["q"] == pytest.approx(robot.truth()["joints_rad"])
+
+
+async def test_a_silent_controller_hangs_the_wheel_not_us() -> None:
+    async with fake_ur() as robot:
+        await robot.fault("silent_accept", {})
+        async with wheel(robot, "second_client") as child:
+            with pytest.raises(TimeoutError):
+                await asyncio.wait_for(child.line(), 1.5)
+            assert child.process.returncode is None
