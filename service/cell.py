@@ -2,6 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +18,8 @@ from drivers.interfaces import (
 )
 from procedures.cell import Cell, GaugeSetup, MotionLimits
 from service.config import CellConfig, GaugeEntry
+from service.journal import Journal
+from service.store import Store
 
 
 @asynccontextmanager
@@ -38,13 +41,24 @@ async def open_cell(config: CellConfig, operator: Operator, robot: str | None = 
         yield _lend(config, entry, arm, operator, gauge, gauge_entry)
 
 
+async def lend_record(cell: Cell, journal: Journal) -> Cell:
+    """Return the cell with the latest mastering record of its very robot, as the journal has it."""
+    serial = (await cell.robot.identify()).serial
+    return replace(cell, record=Store(journal).mastering_record(serial))
+
+
 def journal_path(config: CellConfig) -> Path:
     """Return where the cell's journal lives."""
     return config.cell.data_dir / "journal.db"
 
 
 def _lend(
-    config: CellConfig, entry: Any, arm: Robot, operator: Operator, gauge: DistanceGauge | None, at: GaugeEntry | None
+    config: CellConfig,
+    entry: Any,
+    arm: Robot,
+    operator: Operator,
+    gauge: DistanceGauge | None,
+    at: GaugeEntry | None,
 ) -> Cell:
     can = arm.capabilities
     return Cell(

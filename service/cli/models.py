@@ -1,8 +1,11 @@
 """``cellcal models``: the nominal robots that ship."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from calibration.kinematics import DhTable, RobotModel
 
 
 def models(name: str | None = None, /, *, as_json: Annotated[bool, Parameter(name="--json")] = False) -> int:
@@ -52,20 +55,19 @@ def models(name: str | None = None, /, *, as_json: Annotated[bool, Parameter(nam
     return 0
 
 
-def _as_object(model: "RobotModel") -> dict[str, "Any"]:
-    import numpy as np
-
-    dh = model.dh
-    rows = []
-    for i in range(model.axes if dh is not None else 0):
-        rows.append(
-            {
-                "theta_deg": float(np.rad2deg(dh.theta_rad[i])),
-                "d_mm": float(dh.d_m[i] * 1e3),
-                "a_mm": float(dh.a_m[i] * 1e3),
-                "alpha_deg": float(np.rad2deg(dh.alpha_rad[i])),
-                "beta_deg": float(np.rad2deg(dh.beta_rad[i])),
-                "limits_deg": [float(np.rad2deg(model.lower_rad[i])), float(np.rad2deg(model.upper_rad[i]))],
-            }
-        )
+def _as_object(model: "RobotModel") -> dict[str, Any]:
+    rows = [] if model.dh is None else [_row(model, model.dh, i) for i in range(model.axes)]
     return {"name": model.name, "title": model.title, "axes": model.axes, "dh": rows}
+
+
+def _row(model: "RobotModel", dh: "DhTable", i: int) -> dict[str, Any]:
+    from math import degrees
+
+    return {
+        "theta_deg": degrees(dh.theta_rad[i]),
+        "d_mm": float(dh.d_m[i]) * 1e3,
+        "a_mm": float(dh.a_m[i]) * 1e3,
+        "alpha_deg": degrees(dh.alpha_rad[i]),
+        "beta_deg": degrees(dh.beta_rad[i]),
+        "limits_deg": [degrees(model.lower_rad[i]), degrees(model.upper_rad[i])],
+    }

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from procedures.cell import Cell
     from service.conduct import Outcome
     from service.config import CellConfig
 
@@ -27,13 +26,13 @@ def procedures(*, cell: Path | None = None, as_json: Json = False) -> int:
     from rich.console import Console
     from rich.table import Table
 
-    from procedures.procedures import CATALOGUE
+    from procedures.catalogue import ENTRIES
     from service.cli.printing import print_json
 
     lacking = asyncio.run(_lacking(cell)) if cell else {}
-    rows = [
+    rows: list[dict[str, Any]] = [
         {"name": entry.name, "title": entry.title, "version": entry.version, "lacks": lacking.get(entry.name)}
-        for entry in CATALOGUE.values()
+        for entry in ENTRIES
     ]
     if as_json:
         print_json({"procedures": rows})
@@ -48,7 +47,7 @@ def procedures(*, cell: Path | None = None, as_json: Json = False) -> int:
     return 0
 
 
-def run(  # noqa: PLR0913 - one parameter per option
+def run(
     procedure: str,
     /,
     *,
@@ -166,8 +165,8 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         findings = [{"step": f.step, "value": f.value} for f in view.past.findings]
         print_json(
             {
-                "run_id": view.run_id, "procedure": view.procedure, "state": view.state, "reason": view.reason,
-                "spec": view.spec, "findings": findings, "result": view.result,
+                "run_id": view.run_id, "procedure": view.procedure, "state": view.state,
+                "reason": view.reason, "spec": view.spec, "findings": findings, "result": view.result,
                 "journal": "unchanged" if damage is None else str(damage),
             }
         )  # fmt: skip
@@ -254,43 +253,41 @@ def _last(store: Any, run_id: str) -> str:
 
 async def _lacking(cell: Path) -> dict[str, list[str]]:
     from drivers.operator.scripted import ScriptedOperator
-    from procedures.catalogue import missing
-    from procedures.procedures import CATALOGUE
+    from procedures.catalogue import ENTRIES
+    from procedures.entry import missing
     from service.cell import open_cell
     from service.config import read_cell_file
 
     async with open_cell(read_cell_file(cell), ScriptedOperator({})) as opened:
-        return {entry.name: list(missing(entry, opened)) for entry in CATALOGUE.values()}
+        return {entry.name: list(missing(entry, opened)) for entry in ENTRIES}
 
 
 async def _run(
     config: "CellConfig", procedure: str, robot: str | None, settings: dict[str, Any], answers: Path | None
 ) -> "Outcome":
-    from service.cell import journal_path, open_cell
+    from service.cell import journal_path, lend_record, open_cell
     from service.cli.progress import live_progress
-    from service.conduct import Conditions, run_procedure
+    from service.conduct import run_procedure
     from service.journal import Journal
     from service.specs import build_spec
 
     with Journal.open(journal_path(config)) as journal, live_progress(procedure) as show_event:
         async with open_cell(config, _operator(answers), robot) as cell:
-            spec = await build_spec(config, cell, journal, procedure, settings)
-            return await run_procedure(cell, procedure, spec, journal, Conditions(on_event=show_event))
+            spec = build_spec(config, cell.robot.name, procedure, settings)
+            return await run_procedure(await lend_record(cell, journal), procedure, spec, journal, show_event)
 
 
 async def _resume(config: "CellConfig", run_id: str, robot: str | None, answers: Path | None) -> "Outcome":
-    from service.cell import journal_path, open_cell
+    from service.cell import journal_path, lend_record, open_cell
     from service.cli.progress import live_progress
-    from service.conduct import Conditions
     from service.conduct import resume as resume_run
     from service.journal import Journal
     from service.store import Store
 
     with Journal.open(journal_path(config)) as journal, live_progress("resume") as show_event:
         async with open_cell(config, _operator(answers), robot) as cell:
-            return await resume_run(
-                cell, _last(Store(journal), run_id), journal, Conditions(on_event=show_event)
-            )
+            run = _last(Store(journal), run_id)
+            return await resume_run(await lend_record(cell, journal), run, journal, show_event)
 
 
 def _operator(answers: Path | None) -> Any:

@@ -27,7 +27,8 @@ class Teller:
     def __init__(self, console: Console = EN_ROUTE) -> None:
         self._console = console
         columns = (
-            SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+            SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
+            TimeElapsedColumn(),
         )  # fmt: skip
         self._bars = Progress(*columns, console=console, transient=True)
         self._task = self._bars.add_task("", total=None, visible=False)

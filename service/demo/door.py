@@ -1,4 +1,4 @@
-"""The fake cell's control door, seen from outside: set a fault, advance time, and, for tests and the demo, the truth."""
+"""The fake cell's control door, seen from outside: faults, time, and for tests and the demo the truth."""
 
 import asyncio
 import json

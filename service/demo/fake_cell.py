@@ -83,7 +83,7 @@ def free_address() -> Iterator[str]:
             return
     raise CellError(
         "no loopback address is free for the fake cell.",
-        remedy="Linux gives 127.0.0.0/8 to everybody; on macOS add one with `sudo ifconfig lo0 alias 127.0.0.2`.",
+        remedy="Linux gives 127.0.0.0/8 to everybody; on macOS: `sudo ifconfig lo0 alias 127.0.0.2`.",
         code="fake",
     )
 

@@ -1,4 +1,4 @@
-"""The main job, end to end: a healthy cell, a loss, the service that notices, the recovery, and the world's verdict."""
+"""The main job, end to end: a healthy cell, a loss, the service that notices, the recovery, the truth."""
 
 import asyncio
 import time
@@ -13,7 +13,8 @@ from calibration.errors import CellError
 from calibration.mastering import DriveTrain
 from procedures.cell import Cell
 from procedures.progress import Progress, ignore
-from service.cell import journal_path, open_cell
+from procedures.recovery_result import RecoveryResult
+from service.cell import journal_path, lend_record, open_cell
 from service.check import check_cell
 from service.conduct import Conditions, Outcome, Verdict, run_procedure
 from service.config import CellConfig, read_cell_file
@@ -40,9 +41,23 @@ class Plot:
     on_event: Callable[[Progress], None] = ignore
 
 
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """What happened, and the world's truth before and after."""
+
+    loss: PositionLoss
+    outcome: Outcome
+    truth_before: dict[str, Any]
+    truth_after: dict[str, Any]
+    error_before: TcpError
+    error_after: TcpError
+    drive: DriveTrain
+    seconds: float
+
+
 async def tell_story(folder: Path, plot: Plot) -> DemoReport:
     """Tell the story on a fresh fake cell whose files live in ``folder``."""
-    fault, arguments = fault_of(plot.loss)
+    fault = fault_of(plot.loss)
     started_s = time.monotonic()
     with free_address() as address:
         path = write_cell_file(folder, address, seed=plot.seed, time_factor=plot.time_factor)
@@ -52,15 +67,15 @@ async def tell_story(folder: Path, plot: Plot) -> DemoReport:
         with Journal.open(journal_path(config)) as journal:
             async with open_cell(config, DemoTechnician(door, plot.say), ROBOT) as cell:
                 await _take_record(config, cell, journal, plot)
-                seen = await _lose_and_notice(config, cell, door, (fault, arguments), plot)
-                lost = await _truth_of(door)
-                before = await _tcp_error(door, lost, cell)
+                loss = await _lose_and_notice(config, cell, door, fault, plot)
+                truth_before, error_before = await _truth_of(door), await _tcp_error(door)
                 outcome = await _recover(config, cell, journal, plot)
-                after = await _tcp_error(door, await _truth_of(door), cell)
-                drive = await cell.mastering.drive_train() if cell.mastering else None
-                truth = await _truth_of(door)
-    assert drive is not None
-    return _report(plot, seen, outcome, (lost, truth), (before, after), drive, time.monotonic() - started_s)
+                truth_after, error_after = await _truth_of(door), await _tcp_error(door)
+                assert cell.mastering is not None
+                drive = await cell.mastering.drive_train()
+    seconds = time.monotonic() - started_s
+    told = _Told(loss, outcome, truth_before, truth_after, error_before, error_after, drive, seconds)
+    return _report(plot, told)
 
 
 def fault_of(loss: str) -> tuple[str, dict[str, Any]]:
@@ -94,7 +109,7 @@ async def _reach_everything(config: CellConfig, plot: Plot) -> None:
 
 async def _take_record(config: CellConfig, cell: Cell, journal: Journal, plot: Plot) -> None:
     plot.say("The robot is healthy: its mastering record is taken.")
-    spec = await build_spec(config, cell, journal, "mastering_record", {})
+    spec = build_spec(config, ROBOT, "mastering_record", {})
     outcome = await run_procedure(
         cell, "mastering_record", spec, journal, how=Conditions(on_event=plot.on_event, actor="demo")
     )
@@ -129,12 +144,45 @@ async def _lose_and_notice(
 
 async def _recover(config: CellConfig, cell: Cell, journal: Journal, plot: Plot) -> Outcome:
     plot.say("The recovery begins.")
-    spec = await build_spec(config, cell, journal, "mastering_recovery", {})
-    return await run_procedure(
-        cell, "mastering_recovery", spec, journal, how=Conditions(on_event=plot.on_event, actor="demo")
-    )
+    spec = build_spec(config, ROBOT, "mastering_recovery", {})
+    how = Conditions(on_event=plot.on_event, actor="demo")
+    return await run_procedure(await lend_record(cell, journal), "mastering_recovery", spec, journal, how=how)
 
 
 async def _truth_of(door: Door) -> dict[str, Any]:
     truth: dict[str, Any] = (await door.truth())["robots"][ROBOT]
     return truth
+
+
+async def _tcp_error(door: Door) -> TcpError:
+    answer = await door.ask("tcp_error", robot=ROBOT)
+    return TcpError(answer["mean"], answer["max"])
+
+
+def _report(plot: Plot, told: "_Told") -> DemoReport:
+    result: RecoveryResult | None = told.outcome.result
+    if result is None:
+        outcome = told.outcome
+        raise CellError(f"the recovery broke off: {outcome.reason}", remedy=outcome.remedy, code=outcome.code)
+    zero_error_rad = told.drive.joints(
+        np.array(told.truth_after["true_counts_at_zero"]), np.array(told.truth_after["counts_at_zero"])
+    )
+    joints = tuple(
+        JointReport(joint.name, lost, joint.turns_restored, float(error), joint.offset_u_rad)
+        for joint, lost, error in zip(
+            result.joints, told.truth_before["turns_lost"], zero_error_rad, strict=True
+        )
+    )
+    passed = told.outcome.verdict is Verdict.PASSED
+    return DemoReport(
+        loss=plot.loss,
+        detected_by=told.loss.detected_by,
+        captures=result.captures + result.check_captures,
+        joints=joints,
+        tcp_error_before_m=told.error_before,
+        tcp_error_after_m=told.error_after,
+        verdict="PASS" if passed else "REFUSED",
+        reason=result.reason if passed else f"{told.outcome.reason} {told.outcome.remedy}".strip(),
+        seconds=told.seconds,
+        gate=tuple((check.name, check.passed, check.sentence) for check in result.gate),
+    )

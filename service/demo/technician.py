@@ -29,6 +29,6 @@ class DemoTechnician:
         return Answer(self.name)
 
     async def enter(self, question: Question) -> Answer:
-        """The demo's procedures ask no question that only a person can answer."""
+        """Answer nothing: the demo asks no question that only a person can answer."""
         self._say(question.text)
         return Answer(self.name, "")
