@@ -19,7 +19,7 @@ _CONNECT_SHARE = 0.75
 class UniversalRobotConfig(BaseModel):
     """How to reach a UR controller, and how its arm may move. Its ports are the maker's and fixed."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
     keeps_mastering: ClassVar[bool] = False  # absolute encoders: nothing to master
 
     driver: Literal["universal_robots"]
@@ -28,7 +28,7 @@ class UniversalRobotConfig(BaseModel):
     model: str
     serial: str = Field(min_length=1)
     deadline_s: float = Field(default=2.0, ge=1.0, le=60)
-    speed_limit_rad_s: float = Field(gt=0, le=3.0)
+    speed_limit_rad_s: float = Field(default=0.5, gt=0, le=3.0)
     acceleration_rad_s2: float = Field(default=1.0, gt=0, le=10)
     stop_deceleration_rad_s2: float = Field(default=2.0, gt=0, le=20)
     settle_tolerance_rad: float = Field(default=5e-4, gt=0, le=0.01)
