@@ -56,9 +56,7 @@ async def wake_encoders(
             await run.step(f"power cycle {k}", ask, POWER_CYCLE)
             await run.step(f"wait for the robot {k}", wait_for_the_robot)
         elif active & {*codes.index}:
-            await _pass_indices(
-                run, record, last_counts, _blind_axes(condition, codes, record), (k, speed_rad_s)
-            )
+            await _pass_indices(run, record, last_counts, (k, speed_rad_s))
         elif active:
             await run.write(f"reset the alarms {k}", reset_alarms)
         else:
@@ -70,20 +68,17 @@ async def wake_encoders(
 
 
 async def _pass_indices(
-    run: Run, record: MasteringRecord, last_counts: Counts, axes: tuple[int, ...], how: tuple[int, float]
+    run: Run, record: MasteringRecord, last_counts: Counts, how: tuple[int, float]
 ) -> None:
+    """Turn every motor past its index: a controller names its newest alarms only, so all axes are suspect.
+
+    J1 first: a wrist motor turns the joints after it too.
+    """
     k, speed_rad_s = how
     healthy = CountsToJoints(record.drive, record.counts_at_zero, (0,) * len(last_counts))
     last_joints = healthy.joints(last_counts)
     travel = index_travel(record, last_joints, INDEX_TURNS)
     await run.step(f"slow motion {k}", ask, SLOW_MOTION)
-    for axis in axes:
+    for axis in range(len(last_counts)):
         await run.move(f"pass the index of J{axis + 1}, {k}", pass_index, axis, travel[axis], speed_rad_s)
     await run.write(f"clear the alarms {k}", reset_alarms)
-
-
-def _blind_axes(condition: Condition, codes: AlarmCodes, record: MasteringRecord) -> tuple[int, ...]:
-    """Return the axes without an index, J1 first: a wrist motor turns the joints after it too."""
-    named = [alarm.axis for alarm in condition.alarms if alarm.code in codes.index]
-    known = sorted({axis for axis in named if axis is not None})
-    return tuple(known) if None not in named else tuple(range(len(record.counts_at_zero)))
