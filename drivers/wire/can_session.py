@@ -10,13 +10,13 @@ import can
 import canopen
 
 from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
+from drivers.wire.socketcand import GuardedSocketcandBus
 from drivers.wire.trace import FrameTrace
 
 _POLL_S = 0.05
 _HEARTBEATS_MISSED = 2.5
 _BUS_OFF = 0x40  # CAN_ERR_BUSOFF in the identifier of an error frame, linux/can/error.h
 _FOREIGN_S = 2.0
-_OPENINGS = 3
 _WIRING = "Check the power and the cable of the device, and the CAN termination; then try again."
 
 
@@ -28,16 +28,12 @@ class BusOptions:
     channel: str
     host: str = ""
     port: int = 0
-    bitrate: int = 0
 
-    def arguments(self) -> dict[str, Any]:
-        """Return keyword arguments for ``can.Bus``; configuration files are not looked at."""
-        found: dict[str, Any] = {"interface": self.interface, "channel": self.channel, "ignore_config": True}
-        if self.host:
-            found |= {"host": self.host, "port": self.port}
-        if self.bitrate:
-            found["bitrate"] = self.bitrate
-        return found
+    def open(self, *, handshake_s: float) -> can.BusABC:
+        """Open the bus; configuration files of python-can are not looked at."""
+        if self.interface == "socketcand":
+            return GuardedSocketcandBus(self.channel, self.host, self.port, handshake_s=handshake_s)
+        return can.Bus(channel=self.channel, interface=self.interface, ignore_config=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,27 +62,16 @@ class CanSession:
 
     def open(self, options: BusOptions) -> None:
         """Open the bus and begin to listen. Blocks."""
-        self._bus = self._open_bus(options)
+        try:
+            self._bus = options.open(handshake_s=self._answer_s)
+        except (can.CanError, OSError, ValueError) as error:
+            message = f"the CAN bus cannot be opened ({error})."
+            raise UnreachableError(self.device, message, remedy=_WIRING) from error
         self._network = canopen.Network(self._bus)
         nothing_known = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]  # objects are our data
         self._node = self._network.add_node(canopen.RemoteNode(self._id, nothing_known))
         self._node.sdo.RESPONSE_TIMEOUT = self._answer_s
         self._reader.start()
-
-    def _open_bus(self, options: BusOptions) -> can.BusABC:
-        """Try a few times: a frame that comes with the last handshake answer spoils the handshake."""
-        for attempt in range(_OPENINGS):
-            try:
-                return can.Bus(**options.arguments())
-            except can.CanError as error:
-                if attempt + 1 == _OPENINGS:
-                    raise self._not_opened(error) from error
-            except (OSError, ValueError) as error:
-                raise self._not_opened(error) from error
-        raise AssertionError("unreachable")
-
-    def _not_opened(self, error: Exception) -> UnreachableError:
-        return UnreachableError(self.device, f"the CAN bus cannot be opened ({error}).", remedy=_WIRING)
 
     def close(self) -> None:
         """End the reader; it closes the bus. Blocks for a moment; may be called twice."""

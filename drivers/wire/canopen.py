@@ -2,11 +2,11 @@
 
 What the two libraries leave to their caller, and what is done about it here and in ``can_session.py``:
 
-* the death of a socketcand daemon is not noticed when receiving: the node's heartbeat has to come within 2.5
-  of its periods, or the bus is closed, and the next call opens it again
+* a node that falls silent is not noticed: its heartbeat has to come within 2.5 of its periods, or the bus is
+  closed, and the next call opens it again
 * a malformed line blocks python-can's buffer for ever: any receive error closes the bus
-* a refused port is retried for 10 s in a busy loop, and a silent daemon is waited for without end: the daemon
-  is greeted by us first, with a deadline
+* a refused port is retried for 10 s in a busy loop: the daemon is greeted by us first, with a deadline; its
+  other traps are closed in ``socketcand.py``
 * canopen unpacks EMCY frames of eight bytes only: we take any length and latch it until the node says 0000h
 * an SDO answer that comes after its time-out may meet the next request for the same object: the session ends,
   the node is left quiet for as long again, and the greeting of the next session asks for other objects first
@@ -137,7 +137,7 @@ class CanopenLink:
         return session
 
     async def _probe_daemon(self) -> None:
-        """Shake hands once with a deadline: python-can's own handshake has none."""
+        """Look whether a daemon is there at all: python-can would knock for 10 s."""
         host, port = self._options.host, self._options.port
         try:
             async with asyncio.timeout(self._deadline_s / 2):

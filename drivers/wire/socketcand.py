@@ -1,0 +1,60 @@
+"""python-can's socketcand client with its traps closed; written against the pinned 4.6.1.
+
+* the handshake waits for ever for a silent daemon: here the socket has a time-out until the bus is open
+* an answer that arrives together with a frame spoils the handshake: here it is cut at its own end
+* a failed handshake leaves the socket open: here it is closed
+* the death of the daemon is not noticed when receiving, and the reader spins: here it raises at once
+"""
+
+import select
+import socket
+from collections import deque
+
+import can
+from can.interfaces.socketcand import SocketCanDaemonBus
+
+_LONGEST_ANSWER = 256
+
+
+class GuardedSocketcandBus(SocketCanDaemonBus):
+    """A CAN bus behind a socketcand daemon that may be silent, slow or dead."""
+
+    _SocketCanDaemonBus__socket: socket.socket  # python-can's own; there is no public way to them
+    _SocketCanDaemonBus__message_buffer: deque[can.Message]
+
+    def __init__(self, channel: str, host: str, port: int, *, handshake_s: float) -> None:
+        self._handshake_s = handshake_s
+        try:
+            super().__init__(channel=channel, host=host, port=port)  # type: ignore[no-untyped-call]
+        except BaseException:
+            self._connection.close()
+            self._is_shutdown = True  # nothing is left that python-can could warn about
+            raise
+        self._connection.settimeout(None)
+
+    @property
+    def _connection(self) -> socket.socket:
+        return self._SocketCanDaemonBus__socket
+
+    def _expect_msg(self, msg: str) -> None:
+        """Read one answer, and leave what follows it to the receiver."""
+        self._connection.settimeout(self._handshake_s)
+        answer = b""
+        while not answer.endswith(b">") and len(answer) < _LONGEST_ANSWER:
+            byte = self._connection.recv(1)
+            if not byte:
+                raise can.CanInitializationError("the daemon closed the connection")
+            answer += byte
+        if answer.decode("ascii", "replace").strip() != msg:
+            raise can.CanInitializationError(f"the daemon answered {answer!r} instead of {msg!r}")
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        readable, _, _ = select.select([self._connection], [], [], 0.0 if self._waiting() else timeout)
+        if readable and not self._connection.recv(1, socket.MSG_PEEK):
+            raise can.CanOperationError("the daemon closed the connection")
+        found: tuple[can.Message | None, bool] = super()._recv_internal(0.0)  # type: ignore[no-untyped-call]
+        return found
+
+    def _waiting(self) -> bool:
+        """Return whether messages of an earlier read are still to be handed out."""
+        return bool(self._SocketCanDaemonBus__message_buffer)

@@ -1,0 +1,111 @@
+"""What the contract suites need to know of each driver: a new one is an entry here and in the cell file."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.errors import DeviceError
+from drivers.interfaces import Condition, Readiness
+from service.demo.door import Door
+
+Fault = tuple[str, dict[str, Any]]
+Truth = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RobotCase:
+    """One robot of the cell file, by the name it has there."""
+
+    name: str
+    home_rad: tuple[float, ...]
+    away_rad: tuple[float, ...]  # far enough that a move at ``slow_rad_s`` can be interrupted
+    slow_rad_s: float
+    heal: Callable[[Door, Any], Awaitable[None]]  # robot ready again, whatever a test did to it
+    link_faults: tuple[Fault, ...]  # every way in which the cable can fail
+    stop_fault: Fault  # somebody presses the emergency stop
+    believed_joints: Callable[[Truth], list[float]] = lambda truth: truth["controller_joints_rad"]
+
+
+@dataclass(frozen=True)
+class GaugeCase:
+    """One gauge of the cell file, by the name it has there."""
+
+    name: str
+    heal: Callable[[Door], Awaitable[None]]
+    link_faults: tuple[Fault, ...]
+    true_length_m: Callable[[Truth], float] = lambda truth: truth["reading_m"]
+
+
+async def until(holds: Callable[[], Awaitable[bool]]) -> None:
+    """Ask again and again until it holds; the world is another process and cannot tell us."""
+    async with asyncio.timeout(10.0):
+        while not await holds():  # noqa: ASYNC110
+            await asyncio.sleep(0.01)
+
+
+@asynccontextmanager
+async def opened(config: Any) -> AsyncIterator[Any]:
+    """Open a device that may still be coming back from what an earlier test did to it."""
+    async with AsyncExitStack() as stack:
+        found: list[Any] = []
+
+        async def is_there() -> bool:
+            try:
+                found.append(await stack.enter_async_context(config.open()))
+            except DeviceError:
+                return False
+            return True
+
+        await until(is_there)
+        yield found[0]
+
+
+async def until_ready(device: Any, readiness: Readiness) -> Condition:
+    """Wait for one readiness and return the condition that had it."""
+    found: list[Condition] = []
+
+    async def as_wanted() -> bool:
+        found.append(await device.condition())
+        return found[-1].readiness is readiness
+
+    await until(as_wanted)
+    return found[-1]
+
+
+async def _heal_modbus_robot(door: Door, robot: Any) -> None:
+    await door.ask("clear")
+    await door.fault("release_emergency_stop", device="fanuc")
+    await door.fault("auto_mode", device="fanuc")
+    await door.fault("override", device="fanuc", percent=100)
+    await door.fault("select", device="fanuc", tool=1, frame=0)
+    await robot.reset_position_alarms()
+
+
+async def _heal_draw_wire(door: Door) -> None:
+    await door.ask("clear")
+    await door.fault("node_on", device="wire")
+    await door.fault("wire_restore", device="wire")
+    await door.fault("emcy_clear", device="wire")
+
+
+ROBOTS: dict[str, RobotCase] = {
+    "modbus_robot": RobotCase(
+        name="fanuc",
+        home_rad=(-0.35, 0.17, -0.44, 0.26, -1.05, 0.35),
+        away_rad=(0.45, 0.3, -0.3, 0.3, -0.9, 0.2),
+        slow_rad_s=0.01,
+        heal=_heal_modbus_robot,
+        link_faults=(("silent", {}), ("reset", {}), ("refuse", {})),
+        stop_fault=("emergency_stop", {}),
+    ),
+}
+
+GAUGES: dict[str, GaugeCase] = {
+    "draw_wire": GaugeCase(
+        name="wire",
+        heal=_heal_draw_wire,
+        link_faults=(("daemon_stop", {}), ("daemon_hang", {}), ("sdo_silent", {}), ("node_off", {})),
+    ),
+}

@@ -1,0 +1,78 @@
+"""One process of fake devices for all wire tests of a worker; each test finds its devices healthy."""
+
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.config import CellConfig, read_cell_file
+from service.demo.door import Door
+from tests.wire.cases import GAUGES, ROBOTS, GaugeCase, RobotCase, opened
+from tests.wire.fakes import running
+
+pytest.register_assert_rewrite(
+    "tests.wire.contract_robot", "tests.wire.contract_gauge", "tests.wire.contract_mastering"
+)
+
+
+@pytest.fixture(scope="session")
+def fakes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Door]]:
+    with running(tmp_path_factory.mktemp("cell")) as cell:
+        yield cell
+
+
+@pytest.fixture
+def cell(fakes: tuple[Path, Door]) -> CellConfig:
+    return read_cell_file(fakes[0])
+
+
+@pytest.fixture
+async def door(fakes: tuple[Path, Door]) -> Door:
+    await fakes[1].ask("clear")
+    return fakes[1]
+
+
+@pytest.fixture(params=sorted(ROBOTS))
+def robot_case(request: pytest.FixtureRequest) -> RobotCase:
+    return ROBOTS[request.param]
+
+
+@pytest.fixture
+async def robot(robot_case: RobotCase, cell: CellConfig, door: Door) -> AsyncIterator[Any]:
+    """A connected robot at its home position, its cell healthy."""
+    async with opened(cell.robot(robot_case.name)) as robot:
+        await robot_case.heal(door, robot)
+        await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+        yield robot
+
+
+@pytest.fixture(params=sorted(GAUGES))
+def gauge_case(request: pytest.FixtureRequest) -> GaugeCase:
+    return GAUGES[request.param]
+
+
+@pytest.fixture
+async def gauge(gauge_case: GaugeCase, cell: CellConfig, door: Door) -> AsyncIterator[Any]:
+    """A connected gauge, its cell healthy."""
+    await gauge_case.heal(door)
+    entry = next(entry for entry in cell.gauges if entry.device.name == gauge_case.name)
+    async with opened(entry.device) as gauge:
+        yield gauge
+
+
+@pytest.fixture
+async def fanuc(cell: CellConfig, door: Door) -> AsyncIterator[Any]:
+    """The Modbus robot, healthy and at home."""
+    case = ROBOTS["modbus_robot"]
+    async with opened(cell.robot(case.name)) as robot:
+        await case.heal(door, robot)
+        await robot.move_joints(case.home_rad, speed_rad_s=0.5)
+        yield robot
+
+
+@pytest.fixture
+def fresh_fakes(tmp_path: Path) -> Iterator[tuple[Path, Door]]:
+    """A cell of its own, for a test that spoils the robot for others."""
+    with running(tmp_path) as cell:
+        yield cell

@@ -1,0 +1,79 @@
+"""Every sentence of the DistanceGauge interface as a test; ``test_contracts.py`` runs them."""
+
+import asyncio
+import time
+from typing import Any
+
+import pytest
+
+from drivers.errors import DeviceError, WrongDeviceError
+from drivers.interfaces import Readiness
+from service.config import CellConfig
+from service.demo.door import Door
+from tests.wire.cases import GaugeCase, until_ready
+
+
+async def truth_of(door: Door, case: GaugeCase) -> dict[str, Any]:
+    return dict((await door.truth())["gauges"][case.name])
+
+
+def config_of(cell: CellConfig, case: GaugeCase) -> Any:
+    return next(entry.device for entry in cell.gauges if entry.device.name == case.name)
+
+
+class GaugeContract:
+    """Mixed into a test class."""
+
+    async def test_a_reading_is_the_length_within_its_uncertainty(
+        self, gauge: Any, gauge_case: GaugeCase, door: Door
+    ) -> None:
+        for _ in range(20):
+            reading = await gauge.distance()
+            expected = gauge_case.true_length_m(await truth_of(door, gauge_case))
+            assert reading.value_m == pytest.approx(expected, abs=5 * reading.sigma_m)
+            assert reading.sigma_m == gauge.capabilities.sigma_m
+            assert abs(reading.raw * gauge.capabilities.resolution_m - reading.value_m) < 1e-9
+
+    async def test_a_reading_is_taken_after_the_call_began(self, gauge: Any) -> None:
+        for _ in range(5):
+            began_s = time.monotonic()
+            assert began_s <= (await gauge.distance()).taken_at_s <= time.monotonic()
+
+    async def test_a_reading_is_as_new_as_the_wire(
+        self, gauge: Any, gauge_case: GaugeCase, door: Door
+    ) -> None:
+        before = (await gauge.distance()).value_m
+        await door.fault("wire_offset", device=gauge_case.name, m=0.05)
+        assert (await gauge.distance()).value_m - before == pytest.approx(0.05, abs=0.002)
+
+    async def test_the_serial_number_is_checked_at_connect(
+        self, gauge: Any, gauge_case: GaugeCase, cell: CellConfig
+    ) -> None:
+        config = config_of(cell, gauge_case)
+        assert (await gauge.identify()).serial == str(config.serial)
+        with pytest.raises(WrongDeviceError, match=r"cell\.toml"):
+            async with config.model_copy(update={"serial": config.serial + 1}).open():
+                pytest.fail("a stranger was let in")
+
+    async def test_a_healthy_gauge_is_ready(self, gauge: Any) -> None:
+        assert (await gauge.condition()).readiness is Readiness.READY
+        capabilities = gauge.capabilities
+        assert 0 < capabilities.resolution_m < capabilities.sigma_m < capabilities.range_m
+
+    @pytest.mark.parametrize("way", range(4))
+    async def test_a_lost_link_is_an_error_within_the_deadline_and_heals(
+        self, gauge: Any, gauge_case: GaugeCase, cell: CellConfig, door: Door, way: int
+    ) -> None:
+        fault, parameters = gauge_case.link_faults[way]
+        await door.fault(fault, device=gauge_case.name, **parameters)
+        async with asyncio.timeout(2 * config_of(cell, gauge_case).deadline_s):
+            with pytest.raises(DeviceError) as failure:
+                await gauge.distance()
+        assert gauge_case.name in str(failure.value)
+        assert failure.value.remedy
+        condition = await gauge.condition()
+        assert condition.readiness is Readiness.UNREACHABLE
+        assert condition.remedy
+        await gauge_case.heal(door)
+        await until_ready(gauge, Readiness.READY)
+        assert (await gauge.distance()).value_m > 0

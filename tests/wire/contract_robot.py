@@ -1,0 +1,222 @@
+"""Every sentence of the Robot interface as a test, run against every driver by ``test_contracts.py``."""
+
+import asyncio
+import math
+from typing import Any
+
+import pytest
+
+from drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError, WrongDeviceError
+from drivers.interfaces import Readiness
+from service.config import CellConfig
+from service.demo.door import Door
+from tests.wire.cases import RobotCase, until, until_ready
+
+AT_TARGET_RAD = math.radians(0.1)
+ABILITIES = {
+    "jogs_single_axes": ("jog_axis",),
+    "writes_mastering": ("encoder_counts", "mastering", "drive_train", "write_mastering"),
+    "writes_tool_frame": ("read_tool_frame", "write_tool_frame"),
+    "writes_user_frame": ("read_user_frame", "write_user_frame"),
+}
+
+
+async def truth_of(door: Door, case: RobotCase) -> dict[str, Any]:
+    return dict((await door.truth())["robots"][case.name])
+
+
+async def moving(door: Door, case: RobotCase, *, expected: bool = True) -> None:
+    """Wait until the arm moves, or stands."""
+
+    async def as_expected() -> bool:
+        return bool((await truth_of(door, case))["moving"]) is expected
+
+    await until(as_expected)
+
+
+async def until_reading_fails(robot: Any) -> None:
+    """Read on: a driver may hand out readings that are younger than its limit for a moment."""
+    while True:
+        await robot.joints()
+        await asyncio.sleep(0.02)
+
+
+def far_move(robot: Any, case: RobotCase) -> asyncio.Task[None]:
+    return asyncio.create_task(robot.move_joints(case.away_rad, speed_rad_s=case.slow_rad_s))
+
+
+class RobotContract:
+    """Mixed into a test class."""
+
+    async def test_a_move_returns_when_the_arm_has_settled_at_the_target(
+        self, robot: Any, robot_case: RobotCase, door: Door
+    ) -> None:
+        await robot.move_joints(robot_case.away_rad, speed_rad_s=0.5)
+        truth = await truth_of(door, robot_case)
+        assert not truth["moving"]
+        assert robot_case.believed_joints(truth) == pytest.approx(robot_case.away_rad, abs=AT_TARGET_RAD)
+        reading = await robot.joints()
+        assert not reading.moving
+        assert reading.joints_rad == pytest.approx(robot_case.away_rad, abs=AT_TARGET_RAD)
+
+    async def test_a_move_may_be_asked_for_twice(self, robot: Any, robot_case: RobotCase) -> None:
+        await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+        await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+
+    async def test_a_move_that_is_stopped_raises(self, robot: Any, robot_case: RobotCase, door: Door) -> None:
+        move = far_move(robot, robot_case)
+        await moving(door, robot_case)
+        name, parameters = robot_case.stop_fault
+        await door.fault(name, device=robot_case.name, **parameters)
+        with pytest.raises(MotionStoppedError) as failure:
+            await move
+        assert failure.value.remedy
+        condition = await robot.condition()
+        assert condition.readiness is Readiness.STOPPED
+        assert condition.remedy
+
+    async def test_a_cancelled_move_stops_the_arm_waits_for_standstill_and_re_raises(
+        self, robot: Any, robot_case: RobotCase, door: Door
+    ) -> None:
+        move = far_move(robot, robot_case)
+        await moving(door, robot_case)
+        move.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await move
+        truth = await truth_of(door, robot_case)
+        assert not truth["moving"]
+        assert robot_case.believed_joints(truth) != pytest.approx(robot_case.away_rad, abs=0.05)
+        await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+
+    async def test_a_second_command_during_a_move_raises_busy_at_once(
+        self, robot: Any, robot_case: RobotCase, door: Door
+    ) -> None:
+        move = far_move(robot, robot_case)
+        await moving(door, robot_case)
+        with pytest.raises(BusyError):
+            await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+        assert (await truth_of(door, robot_case))["moving"], "the first move was disturbed"
+        move.cancel()
+        await asyncio.wait({move})
+
+    async def test_stop_may_be_called_at_any_time_also_twice(
+        self, robot: Any, robot_case: RobotCase, door: Door
+    ) -> None:
+        await robot.stop()
+        move = far_move(robot, robot_case)
+        await moving(door, robot_case)
+        await robot.stop()
+        assert not (await truth_of(door, robot_case))["moving"]
+        await robot.stop()
+        with pytest.raises(MotionStoppedError):
+            await move
+        await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+
+    async def test_reading_never_moves_the_arm(self, robot: Any, robot_case: RobotCase, door: Door) -> None:
+        before = (await truth_of(door, robot_case))["joints_rad"]
+        await robot.identify()
+        await robot.condition()
+        await robot.joints()
+        await robot.flange_pose()
+        truth = await truth_of(door, robot_case)
+        assert truth["joints_rad"] == pytest.approx(before, abs=1e-9)
+        assert not truth["moving"]
+
+    async def test_a_reading_is_what_the_controller_believes(
+        self, robot: Any, robot_case: RobotCase, door: Door
+    ) -> None:
+        reading = await robot.joints()
+        believed = robot_case.believed_joints(await truth_of(door, robot_case))
+        assert reading.joints_rad == pytest.approx(believed, abs=1e-5)
+        assert reading.raw
+
+    async def test_the_flange_pose_is_near_where_the_flange_is(
+        self, robot: Any, robot_case: RobotCase, door: Door
+    ) -> None:
+        pose = await robot.flange_pose()
+        truth = (await truth_of(door, robot_case))["base_flange"]
+        for row in range(3):  # the world's hidden errors are some millimetres and tenths of a degree
+            assert pose.position_m[row] == pytest.approx(truth[row][3], abs=0.03)
+            assert list(pose.rotation()[row]) == pytest.approx(truth[row][:3], abs=0.03)
+
+    @pytest.mark.parametrize("bad", [math.nan, math.inf])
+    async def test_a_target_that_is_no_number_is_refused_and_nothing_moves(
+        self, robot: Any, robot_case: RobotCase, door: Door, bad: float
+    ) -> None:
+        before = (await truth_of(door, robot_case))["joints_rad"]
+        with pytest.raises(RefusedError):
+            await robot.move_joints((bad, *robot_case.home_rad[1:]), speed_rad_s=0.5)
+        with pytest.raises(RefusedError):
+            await robot.move_joints(robot_case.home_rad, speed_rad_s=bad)
+        with pytest.raises(RefusedError):
+            await robot.move_joints(robot_case.home_rad[:-1], speed_rad_s=0.5)
+        assert (await truth_of(door, robot_case))["joints_rad"] == pytest.approx(before, abs=1e-9)
+
+    @pytest.mark.parametrize("way", range(3))
+    async def test_every_call_ends_within_its_deadline_when_the_link_is_cut(
+        self, robot: Any, robot_case: RobotCase, cell: CellConfig, door: Door, way: int
+    ) -> None:
+        fault, parameters = robot_case.link_faults[way]
+        await door.fault(fault, device=robot_case.name, **parameters)
+        async with asyncio.timeout(2 * cell.robot(robot_case.name).deadline_s):
+            with pytest.raises(DeviceError) as failure:
+                await until_reading_fails(robot)
+        assert robot_case.name in str(failure.value)
+        assert failure.value.remedy
+        await door.ask("clear")
+
+    @pytest.mark.parametrize("way", range(3))
+    async def test_a_link_lost_during_a_move_is_an_error_that_says_what_to_do(
+        self, robot: Any, robot_case: RobotCase, cell: CellConfig, door: Door, way: int
+    ) -> None:
+        move = far_move(robot, robot_case)
+        await moving(door, robot_case)
+        fault, parameters = robot_case.link_faults[way]
+        await door.fault(fault, device=robot_case.name, **parameters)
+        async with asyncio.timeout(2 * cell.robot(robot_case.name).deadline_s):
+            with pytest.raises(DeviceError) as failure:
+                await move
+        assert failure.value.remedy
+        await door.ask("clear")
+        await moving(door, robot_case, expected=False)
+        believed = robot_case.believed_joints(await truth_of(door, robot_case))
+        assert believed != pytest.approx(robot_case.away_rad, abs=0.05), "the arm went on without us"
+
+    @pytest.mark.parametrize("way", range(3))
+    async def test_an_unreachable_robot_has_a_condition_too_and_comes_back(
+        self, robot: Any, robot_case: RobotCase, door: Door, way: int
+    ) -> None:
+        fault, parameters = robot_case.link_faults[way]
+        await door.fault(fault, device=robot_case.name, **parameters)
+        condition = await until_ready(robot, Readiness.UNREACHABLE)
+        assert condition.message
+        assert condition.remedy
+        await door.ask("clear")
+        await until_ready(robot, Readiness.READY)
+        assert (await robot.joints()).joints_rad
+
+    async def test_the_serial_number_is_checked_at_connect(
+        self, robot: Any, robot_case: RobotCase, cell: CellConfig
+    ) -> None:
+        config = cell.robot(robot_case.name)
+        assert (await robot.identify()).serial == config.serial
+        wrong = config.model_copy(update={"serial": "X-000000"})
+        with pytest.raises(WrongDeviceError, match="X-000000"):
+            async with wrong.open():
+                pytest.fail("a stranger was let in")
+
+    async def test_flags_and_methods_agree(self, robot: Any) -> None:
+        for flag, methods in ABILITIES.items():
+            has = [callable(getattr(robot, method, None)) for method in methods]
+            assert all(has) if getattr(robot.capabilities, flag) else not any(has), flag
+
+    async def test_frames_that_are_written_are_read_back(self, robot: Any) -> None:
+        from calibration.geometry import Pose
+
+        frame = Pose((0.1, -0.02, 0.3), (0.5, 0.5, -0.5, 0.5))
+        for kind in ("tool", "user"):
+            if getattr(robot.capabilities, f"writes_{kind}_frame"):
+                found = await getattr(robot, f"write_{kind}_frame")(2, frame)
+                assert found == await getattr(robot, f"read_{kind}_frame")(2)
+                assert found.position_m == pytest.approx(frame.position_m, abs=1e-6)
+                assert found.quaternion == pytest.approx(frame.quaternion, abs=1e-6)

@@ -1,0 +1,88 @@
+"""Fake devices in a process of their own, and one small cell file for all wire tests."""
+
+import itertools
+import json
+import os
+import select
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from service.demo.door import Door
+
+TIME_FACTOR = 30.0
+_START_S = 30.0
+_numbers = itertools.count()
+
+CELL = """\
+[cell]
+name = "wire tests"
+data_dir = "{folder}"
+
+[[robot]]
+name = "fanuc"
+driver = "modbus_robot"
+profile = "fanuc_hmi"
+address = "{address}"
+port = 1502
+model = "fanuc_m6ib"
+serial = "F-104711"
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+settle_s = 0.04
+
+[[gauge]]
+name = "wire"
+driver = "draw_wire"
+interface = "socketcand"
+host = "{address}"
+port = 29536
+channel = "can0"
+node_id = 7
+serial = 4711
+range_m = 3.0
+sigma_m = 0.0002
+deadline_s = 1.0
+robot = "fanuc"
+anchor_in_base_mm = [900.0, -700.0, -450.0]
+hook_in_flange_mm = [60.0, 50.0, 120.0]
+
+[fake]
+seed = 1
+time_factor = {time_factor}
+control_port = 0
+"""
+
+
+def own_address() -> str:
+    """Return a loopback address that no other test process uses, so that fixed ports do not meet."""
+    pid = os.getpid()
+    return f"127.{100 + next(_numbers) % 100}.{pid >> 8 & 0xFF}.{pid & 0xFF}"
+
+
+@contextmanager
+def running(folder: Path, text: str = CELL) -> Iterator[tuple[Path, Door]]:
+    """Play the devices of a cell file until the block ends."""
+    path = folder / "cell.toml"
+    path.write_text(
+        text.format(address=own_address(), folder=folder, time_factor=TIME_FACTOR), encoding="utf-8"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "fake_devices", str(path), "--watch-stdin"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        readable, _, _ = select.select([process.stdout], [], [], _START_S)
+        assert readable, "the fake devices did not start"
+        host, port = json.loads(process.stdout.readline())["control"]
+        yield path, Door(host, port)
+    finally:
+        process.stdin.close()
+        process.wait(timeout=_START_S)
+        process.stdout.close()

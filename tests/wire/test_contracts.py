@@ -1,0 +1,21 @@
+"""Runs the contract of each interface against every driver, over the wire."""
+
+import pytest
+
+from tests.wire.cases import ROBOTS
+from tests.wire.contract_gauge import GaugeContract
+from tests.wire.contract_mastering import MasteringContract
+from tests.wire.contract_robot import RobotContract
+
+
+class TestRobots(RobotContract):
+    """All robots."""
+
+
+@pytest.mark.parametrize("robot_case", [ROBOTS["modbus_robot"]], ids=["modbus_robot"])
+class TestMasteringStores(MasteringContract):
+    """Robots that keep mastering data."""
+
+
+class TestGauges(GaugeContract):
+    """All gauges."""
