@@ -1,6 +1,6 @@
 """The length of a draw-wire between a fixed anchor and a hook on the flange, and what blurs it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,16 @@ class WirePrior:
             raise CalibrationError("the places and deviations of a wire must be finite")
         if min(sigmas) < 0 or min(sigmas[:6]) == 0:
             raise CalibrationError("the deviations of a wire must be above zero")
+
+    def scaled(self, factor: float) -> "WirePrior":
+        """Return the prior with all that no parameter describes larger by a factor; noise stays."""
+        return replace(
+            self,
+            sigma_unmodelled_m=factor * self.sigma_unmodelled_m,
+            sigma_linearity_m=factor * self.sigma_linearity_m,
+            sigma_flex_rad=factor * self.sigma_flex_rad,
+            sigma_ripple_rad=factor * self.sigma_ripple_rad,
+        )
 
 
 _SIGMAS = (

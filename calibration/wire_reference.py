@@ -15,7 +15,7 @@ __all__ = ["WirePredictor", "WirePrior", "WireReference", "fit_wire_reference", 
 
 _MAX_ITERATIONS = 12
 _SETTLED = 1e-4  # of a parameter's deviation
-_BELIEF_WORTH = 10.0  # captures that the prior deviations count for, against the record's own scatter
+_LOG_FACTOR_SIGMA, _MOST_LOG_FACTOR, _FACTOR_STEPS = 0.5, 1.5, 31  # belief in the size of the disturbances
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +37,7 @@ class WireReference:
     chi_square: float  # of residuals and prior together
     degrees_of_freedom: int
     n: int
+    disturbance_factor: float  # how much larger the record found the disturbances than its prior says
     worst_capture: int  # the capture that its fellows predict worst …
     worst_deviation: float  # … and by how many deviations
     joints_rad: tuple[tuple[float, ...], ...]
@@ -47,10 +48,6 @@ class WireReference:
         """Return the parameter vector in the order of the covariance."""
         first = (*self.anchor_in_base_m, *self.hook_in_flange_m, self.zero_m, self.scale)
         return np.array([*first, *self.geometry_errors])
-
-    def variance_factor(self) -> float:
-        """Return by how much the record found variances larger than believed, drawn towards 1."""
-        return (self.chi_square + _BELIEF_WORTH) / (self.degrees_of_freedom + _BELIEF_WORTH)
 
     def consistent(self) -> bool:
         """Tell whether the record fits its model at 99.9 % and no capture stands out at 4.5 deviations."""
@@ -113,23 +110,65 @@ def fit_wire_reference(
     joints, lengths = np.asarray(joints_rad, dtype=float), np.asarray(lengths_m, dtype=float)
     sigmas = np.broadcast_to(np.asarray(sigma_m, dtype=float), lengths.shape)
     _check_record(model, joints, lengths, sigmas)
-    seen, sigma_x = WireSeen.of(joints, sigmas), parameter_sigmas(model, prior)
+    fit = _solve(model, WireSeen.of(joints, sigmas), lengths, prior)
+    factor = _disturbance_factor(fit, prior)
+    fitted = prior.scaled(factor)
+    return _reference(_solve(model, fit.terms.seen, lengths, fitted), fitted, factor)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Fit:
+    """A solved record: terms at the estimate, measured minus modelled, and against the prior."""
+
+    terms: WireTerms
+    x: Array
+    covariance: Array
+    sigma_x: Array
+    residuals: Array
+    innovation: Array  # measured minus what the nominal parameters predict, linearised
+
+
+def _solve(model: RobotModel, seen: WireSeen, lengths: Array, prior: WirePrior) -> _Fit:
+    sigma_x = parameter_sigmas(model, prior)
     nominal: Array = np.zeros(len(sigma_x))
     nominal[:8] = [*prior.anchor_in_base_m, *prior.hook_in_flange_m, prior.zero_m, 1.0]
     x = nominal.copy()
     for _ in range(_MAX_ITERATIONS):
         terms = wire_terms(model, x, seen)
         by_x = terms.by_parameter
-        weight = np.linalg.inv(disturbance_covariance(prior, terms, terms) + np.diag(terms.noise(prior)))
-        covariance = np.asarray(
-            np.linalg.inv(by_x.T @ weight @ by_x + np.diag(sigma_x**-2.0)), dtype=np.float64
+        weight = np.linalg.inv(_scatter(prior, terms))
+        information = by_x.T @ weight @ by_x + np.diag(sigma_x**-2.0)
+        step = np.linalg.solve(
+            information, by_x.T @ weight @ (lengths - terms.lengths) - (x - nominal) / sigma_x**2
         )
-        step = covariance @ (by_x.T @ weight @ (lengths - terms.lengths) - (x - nominal) / sigma_x**2)
         x = x + step
         if float(np.max(np.abs(step) / sigma_x)) < _SETTLED:
             break
     terms = wire_terms(model, x, seen)
-    return _reference(terms, (nominal, x, covariance), lengths, (prior, sigma_x))
+    residuals = lengths - terms.lengths
+    innovation = residuals + terms.by_parameter @ (x - nominal)
+    covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+    return _Fit(terms, x, covariance, sigma_x, residuals, innovation)
+
+
+def _scatter(prior: WirePrior, terms: WireTerms) -> Array:
+    scatter: Array = disturbance_covariance(prior, terms, terms) + np.diag(terms.noise(prior))
+    return scatter
+
+
+def _disturbance_factor(fit: _Fit, prior: WirePrior) -> float:
+    """Return by what factor the disturbances are most likely larger than believed (marginal likelihood)."""
+    weighted = fit.terms.by_parameter * fit.sigma_x
+    frame = weighted @ weighted.T + np.diag(fit.terms.noise(prior))
+    disturbance = disturbance_covariance(prior, fit.terms, fit.terms)
+    factors = np.exp(np.linspace(-_MOST_LOG_FACTOR, _MOST_LOG_FACTOR, _FACTOR_STEPS))
+    totals = frame + factors[:, None, None] ** 2 * disturbance
+    squares = np.linalg.solve(totals, np.broadcast_to(fit.innovation[:, None], (*totals.shape[:2], 1)))[
+        ..., 0
+    ]
+    misfit = squares @ fit.innovation + np.linalg.slogdet(totals)[1]
+    surprise = (np.log(factors) / _LOG_FACTOR_SIGMA) ** 2
+    return float(factors[np.argmin(misfit + surprise)])
 
 
 def _check_record(model: RobotModel, joints: Array, lengths: Array, sigmas: Array) -> None:
@@ -146,37 +185,31 @@ def _check_record(model: RobotModel, joints: Array, lengths: Array, sigmas: Arra
         )
 
 
-def _reference(
-    terms: WireTerms, fit: tuple[Array, Array, Array], lengths: Array, beliefs: tuple[WirePrior, Array]
-) -> WireReference:
-    (nominal, x, covariance), (prior, sigma_x) = fit, beliefs
-    residuals, by_x = lengths - terms.lengths, terms.by_parameter
-    # Before the fit the lengths scatter by ``total`` around the nominal prediction: chi square and the
-    # deviation of each capture from what all others predict follow from this one matrix.
-    total = (
-        disturbance_covariance(prior, terms, terms)
-        + np.diag(terms.noise(prior))
-        + (by_x * sigma_x**2) @ by_x.T
-    )
-    precision = np.linalg.inv(total)
-    innovation = residuals + by_x @ (x - nominal)
-    deviations = np.abs(precision @ innovation) / np.sqrt(np.diag(precision))
+def _reference(fit: _Fit, prior: WirePrior, factor: float) -> WireReference:
+    terms, x = fit.terms, fit.x
+    # Before the fit the lengths scatter by this much around the nominal prediction: chi square, and the
+    # deviation of each capture from what all others predict, follow from this one matrix.
+    weighted = terms.by_parameter * fit.sigma_x
+    precision = np.linalg.inv(_scatter(prior, terms) + weighted @ weighted.T)
+    deviations = np.abs(precision @ fit.innovation) / np.sqrt(np.diag(precision))
     worst = int(np.argmax(deviations))
+    count = len(fit.residuals)
     return WireReference(
         anchor_in_base_m=_triple(x[:3]),
         hook_in_flange_m=_triple(x[3:6]),
         zero_m=float(x[6]),
         scale=float(x[7]),
         geometry_errors=_floats(x[8:]),
-        covariance=tuple(_floats(row) for row in covariance),
-        residual_rms_m=float(np.sqrt(np.mean(residuals**2))),
-        chi_square=float(innovation @ precision @ innovation),
-        degrees_of_freedom=len(lengths),
-        n=len(lengths),
+        covariance=tuple(_floats(row) for row in fit.covariance),
+        residual_rms_m=float(np.sqrt(np.mean(fit.residuals**2))),
+        chi_square=float(fit.innovation @ precision @ fit.innovation),
+        degrees_of_freedom=count,
+        n=count,
+        disturbance_factor=factor,
         worst_capture=worst,
         worst_deviation=float(deviations[worst]),
         joints_rad=tuple(_floats(row) for row in terms.seen.joints_rad),
-        lengths_m=_floats(lengths),
+        lengths_m=_floats(terms.lengths + fit.residuals),
         sigma_m=_floats(terms.seen.sigma_m),
     )
 
@@ -194,22 +227,19 @@ class WirePredictor:
 
     The expectation is the fitted model plus what the record's residuals say about the disturbance nearby; the
     covariance carries the whole posterior of the record, the disturbances that are not shared with it, and
-    the noise of the new captures (universal kriging). All of it is scaled by how well the record fitted.
+    the noise of the new captures (universal kriging). The disturbances
+    are as large as the record found them.
     """
 
     def __init__(self, model: RobotModel, reference: WireReference, prior: WirePrior) -> None:
-        self._model, self._prior = model, prior
+        self._model, self._prior = model, prior.scaled(reference.disturbance_factor)
         self._parameters = reference.parameters()
         self._posterior = np.array(reference.covariance)
-        self._factor = reference.variance_factor()
         if len(self._parameters) != len(parameter_sigmas(model, prior)):
             raise CalibrationError(f"the reference was not fitted with the model {model.name}")
         seen = WireSeen.of(np.array(reference.joints_rad), np.array(reference.sigma_m))
         self._record = self.terms(seen)
-        scatter = disturbance_covariance(prior, self._record, self._record) + np.diag(
-            self._record.noise(prior)
-        )
-        self._weight = np.linalg.inv(scatter)
+        self._weight = np.linalg.inv(_scatter(self._prior, self._record))
         self._weighted_residuals = self._weight @ (np.array(reference.lengths_m) - self._record.lengths)
         self.sigma_m = float(np.median(reference.sigma_m))  # of a typical capture
 
@@ -227,5 +257,4 @@ class WirePredictor:
         covariance = disturbance_covariance(prior, terms, terms) - gain @ shared.T
         covariance += free @ self._posterior @ free.T + hung_in_again @ hung_in_again.T
         covariance += np.diag(terms.noise(prior))
-        scatter = self._factor * (covariance + covariance.T) / 2.0
-        return terms.lengths + shared @ self._weighted_residuals, scatter
+        return terms.lengths + shared @ self._weighted_residuals, (covariance + covariance.T) / 2.0
