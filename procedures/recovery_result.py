@@ -23,7 +23,7 @@ class JointRecovery:
     turns_restored: int
     offset_rad: float  # by which the joint would have been wrong
     offset_u_rad: float  # of the restored zero, k = 2; 0.0 where whole turns were restored
-    exact: bool
+    exact: bool  # its motor lost whole turns only
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,9 +118,9 @@ def _result(
 ) -> RecoveryResult:
     names = load_model(record.model).joint_names
     offsets = record.drive.radians_per_turn() @ np.array(recovery.offset_turns)
-    exact = recovery.mode == "turns"
+    real = set(range(len(names))) if recovery.mode == "all" else set(recovery.replaced_axes)
     joints = tuple(
-        JointRecovery(name, recovery.turns[j], float(offsets[j]), recovery.offset_u_rad[j], exact)
+        JointRecovery(name, recovery.turns[j], float(offsets[j]), recovery.offset_u_rad[j], j not in real)
         for j, name in enumerate(names)
     )
     return RecoveryResult(

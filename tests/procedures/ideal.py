@@ -101,9 +101,11 @@ class IdealArm:
         self.true_counts = tuple(int(c) for c in np.rint(turns) + np.array(self.true_zero))
 
     async def identify(self) -> Identity:
+        await asyncio.sleep(0)
         return Identity("ideal", self.model.name, self.serial, "1.0")
 
     async def condition(self) -> Condition:
+        await asyncio.sleep(0)
         if self.battery_flat:
             alarms = tuple(Alarm("SRVO-062", f"BZAL alarm (Group:1 Axis:{k + 1})", k) for k in range(6))
             return Condition(Readiness.POSITION_LOST, "encoder battery", "exchange it", alarms)
@@ -159,16 +161,20 @@ class IdealArm:
         await asyncio.sleep(0)
 
     async def encoder_counts(self) -> Counts:
+        await asyncio.sleep(0)
         lost = zip(self.true_counts, self.lost_turns, self.drive.counts_per_turn, strict=True)
         return tuple(count - turns * per_turn for count, turns, per_turn in lost)
 
     async def mastering(self) -> MasteringData:
+        await asyncio.sleep(0)
         return self.data
 
     async def drive_train(self) -> DriveTrain:
+        await asyncio.sleep(0)
         return self.drive
 
     async def encoder_epoch(self) -> int:
+        await asyncio.sleep(0)
         return self.epoch
 
     async def write_mastering(self, counts_at_zero: Counts) -> MasteringData:
@@ -179,9 +185,10 @@ class IdealArm:
         return self.data
 
     async def reset_position_alarms(self) -> None:
-        return None
+        await asyncio.sleep(0)
 
     async def read_tool_frame(self, number: int) -> Pose:
+        await asyncio.sleep(0)
         return self.tools.get(number, Pose((0.0, 0.0, 0.0)))
 
     async def write_tool_frame(self, number: int, flange_tool: Pose) -> Pose:
@@ -190,6 +197,7 @@ class IdealArm:
         return flange_tool
 
     async def read_user_frame(self, number: int) -> Pose:
+        await asyncio.sleep(0)
         return self.frames.get(number, Pose((0.0, 0.0, 0.0)))
 
     async def write_user_frame(self, number: int, base_user: Pose) -> Pose:
@@ -217,12 +225,15 @@ class IdealWire:
         return GaugeCapabilities(range_m=3.0, resolution_m=1e-5, sigma_m=2e-4)
 
     async def identify(self) -> Identity:
+        await asyncio.sleep(0)
         return Identity("ideal", "wire", self.serial, "1.0")
 
     async def condition(self) -> Condition:
+        await asyncio.sleep(0)
         return Condition(Readiness.READY)
 
     async def distance(self) -> Reading:
+        await asyncio.sleep(0)
         joints = self.arm.true_joints
         tip = self.arm.model.tip_positions(joints[None], np.array(self.hook_in_flange_m))[0]
         length = float(np.linalg.norm(tip - np.array(self.anchor_in_base_m))) + self.zero_m
