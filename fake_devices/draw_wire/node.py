@@ -70,7 +70,7 @@ class DrawWireNode:
         self._next_heartbeat_s = self._next_pdo_s = self._next_check_s = 0.0
         self._syncs = 0
         self._held_sdo: list[tuple[float, bytes]] = []
-        self._sdo = SdoServer(Dictionary(self._entries()))
+        self.sdo = SdoServer(Dictionary(self._entries()))
 
     # measured values
 
@@ -138,7 +138,7 @@ class DrawWireNode:
         self._boot(now_s)
 
     def _boot(self, now_s: float) -> None:
-        self._sdo.reset()
+        self.sdo.reset()
         self._send(0x700 + self.node_id, bytes([BOOT_UP]))
         self.state = PRE_OPERATIONAL
         self._next_heartbeat_s = now_s
@@ -172,7 +172,7 @@ class DrawWireNode:
         if (abort := self._faults.take("sdo_abort")) is not None:
             self._send(0x580 + self.node_id, b"\x80" + data[1:4] + struct.pack("<I", int(abort["code"])))
             return
-        response = self._sdo.answer(data)
+        response = self.sdo.answer(data)
         if response is None:
             return
         if self._faults.take("sdo_wrong_object") is not None:

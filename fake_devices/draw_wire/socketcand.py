@@ -64,6 +64,17 @@ class SocketCanDaemon:
         """How many clients are connected."""
         return len(self._clients)
 
+    @property
+    def ready_clients(self) -> int:
+        """How many clients receive frames by now."""
+        now_s = self._real()
+        return sum(client.raw_from_s is not None and now_s >= client.raw_from_s for client in self._clients)
+
+    @property
+    def listening(self) -> bool:
+        """Whether the daemon lives."""
+        return self._server is not None
+
     async def open(self) -> None:
         """Listen; port 0 finds one and keeps it."""
         if self._server is None:

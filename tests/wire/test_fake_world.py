@@ -1,0 +1,295 @@
+"""The fake cell as a process and behind its control door."""
+
+import asyncio
+import json
+import signal
+import socket
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fake_devices.cell import FACTORIES, FakeCell
+from fake_devices.control import ControlDoor
+from fake_devices.device import FaultRefusedError
+from fake_devices.link_faults import LinkFaults
+from tests.wire.fake_cells import GAUGE, ROBOT, behind_a_door, document, running, until
+
+CELL = """
+[cell]
+name = "test"
+[[robot]]
+name = "fanuc"
+driver = "modbus_robot"
+address = "127.0.0.1"
+port = {port}
+model = "fanuc_m6ib"
+serial = "F-104711"
+[[gauge]]
+name = "wire"
+driver = "draw_wire"
+host = "127.0.0.1"
+port = 0
+channel = "can0"
+node_id = 7
+serial = 4711
+robot = "fanuc"
+[fake]
+seed = 3
+time_factor = {factor}
+control_port = 0
+"""
+
+
+async def ask(door: ControlDoor, **question: Any) -> dict[str, Any]:
+    return await door.answer(json.dumps(question).encode())
+
+
+# the process
+
+
+@asynccontextmanager
+async def played(
+    folder: Path, *more: str, factor: float = 100.0, port: int = 0
+) -> AsyncIterator[asyncio.subprocess.Process]:
+    path = folder / "cell.toml"
+    path.write_text(CELL.format(factor=factor, port=port))
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "fake_devices", str(path), *more,
+        stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.communicate()
+
+
+async def first_line(process: asyncio.subprocess.Process) -> dict[str, Any]:
+    assert process.stdout is not None
+    async with asyncio.timeout(30.0):
+        return dict(json.loads(await process.stdout.readline()))
+
+
+async def ended(process: asyncio.subprocess.Process) -> int:
+    async with asyncio.timeout(10.0):
+        return await process.wait()
+
+
+async def test_it_says_when_it_is_ready_and_ends_on_sigterm(tmp_path: Path):
+    async with played(tmp_path) as process:
+        ready = await first_line(process)
+        assert ready["ready"] is True
+        host, port = ready["control"]
+        reader, writer = await asyncio.open_connection(host, port)
+        for verb in ("faults", "truth"):
+            writer.write(json.dumps({"do": verb}).encode() + b"\n")
+            assert json.loads(await reader.readline())["ok"] is True
+        process.send_signal(signal.SIGTERM)
+        assert await ended(process) == 0
+        writer.close()
+        await writer.wait_closed()
+
+
+async def test_it_does_not_outlive_who_started_it(tmp_path: Path):
+    async with played(tmp_path, "--watch-stdin") as process:
+        await first_line(process)
+        assert process.stdin is not None
+        process.stdin.close()
+        assert await ended(process) == 0
+
+
+async def test_a_taken_port_is_a_sentence_and_exit_code_2(tmp_path: Path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        async with played(tmp_path, port=taken.getsockname()[1]) as process:
+            assert await ended(process) == 2
+            assert process.stderr is not None
+            assert b"cannot start" in await process.stderr.read()
+
+
+async def test_an_unknown_driver_is_a_sentence():
+    with pytest.raises(ValueError, match="no fake for the driver 'toaster'"):
+        FakeCell({"robot": [{"name": "x", "driver": "toaster"}]})
+    assert set(FACTORIES) == {"modbus_robot", "universal_robots", "draw_wire"}
+
+
+def cpu_ticks(pid: int) -> int:
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return int(fields[11]) + int(fields[12])
+
+
+async def test_a_cell_at_rest_is_light(tmp_path: Path):
+    async with played(tmp_path, factor=2000.0) as process:
+        host, port = (await first_line(process))["control"]
+        reader, writer = await asyncio.open_connection(host, port)
+
+        async def used_and_lived() -> tuple[int, float]:
+            writer.write(b'{"do": "truth"}\n')
+            lived = json.loads(await reader.readline())["time_s"] / 2000.0
+            return cpu_ticks(process.pid), lived
+
+        before, began = await used_and_lived()
+        while True:
+            used, lived = await used_and_lived()
+            if lived - began > 1.0:
+                break
+            await asyncio.sleep(0.1)
+        assert used - before <= 15  # hundredths of a second of one core, the questions included
+        writer.close()
+        await writer.wait_closed()
+
+
+# the door
+
+
+async def test_the_truth_is_whole_and_finite():
+    async with behind_a_door() as door:
+        truth = await ask(door, do="truth")
+        json.dumps(truth, allow_nan=False)
+        robot, gauge = truth["robots"]["fanuc"], truth["gauges"]["wire"]
+        assert truth["seed"] == 1
+        assert robot["turns_lost"] == [0] * 6
+        assert robot["counts_read"] == robot["true_counts"]
+        assert robot["mastered"] is True
+        assert robot["joints_rad"] == pytest.approx(robot["controller_joints_rad"], abs=1e-6)
+        straight = np.linalg.norm(np.array(gauge["hook_in_base_m"]) - gauge["anchor_in_base_m"])
+        assert gauge["length_m"] == pytest.approx(straight, abs=2e-3)
+        assert gauge["reading_m"] == pytest.approx(gauge["length_m"], abs=1e-2)
+
+
+async def test_a_healthy_robot_has_no_tcp_error_and_a_wrong_turn_has_one():
+    async with behind_a_door() as door:
+        healthy = await ask(door, do="tcp_error", robot="fanuc")
+        assert healthy == {"ok": True, "mean": 0.0, "max": 0.0, "n": 50}
+        zero = (await ask(door, do="truth"))["robots"]["fanuc"]["counts_at_zero"]
+        zero[0] += 1 << 19
+        turned = await ask(door, do="tcp_error", robot="fanuc", counts_at_zero=zero, poses=[[0.0] * 6])
+        hook = (await ask(door, do="truth"))["gauges"]["wire"]["hook_in_flange_m"]
+        assert turned["max"] == pytest.approx(2 * np.pi / 121 * np.hypot(0.865 + hook[2], hook[1]), rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"not json\n",
+        b"[1]\n",
+        b"3\n",
+        b"{}\n",
+        b'{"do": "sing"}\n',
+        b'{"do": "fault"}\n',
+        b'{"do": "fault", "name": "rain"}\n',
+        b'{"do": "fault", "name": "slow", "device": "wire"}\n',
+        b'{"do": "fault", "name": "slow", "spice": 1}\n',
+        b'{"do": "fault", "name": "battery_loss", "axes": ["J9"]}\n',
+        b'{"do": "fault", "name": "wire_snap", "spice": 1}\n',
+        b'{"do": "advance", "seconds": -1}\n',
+        b'{"do": "advance"}\n',
+        b'{"do": "tcp_error", "robot": "nobody"}\n',
+    ],
+)
+async def test_nonsense_is_refused_in_words(line):
+    async with behind_a_door() as door:
+        answer = await door.answer(line)
+        assert set(answer) == {"error"}
+        assert answer["error"]
+
+
+async def test_the_door_speaks_lines_over_tcp():
+    async with behind_a_door() as door:
+        reader, writer = await asyncio.open_connection(door.host, door.port)
+        writer.write(b'{"do": "faults"}\n{"do": "sing"}\n')
+        faults = json.loads(await reader.readline())["faults"]
+        assert {"battery_loss", "motor_exchange", "reference_loss", "crash", "silent"} <= set(faults["fanuc"])
+        assert {"wire_slack", "wire_snap", "node_off", "emcy", "daemon_stop"} <= set(faults["wire"])
+        assert "error" in json.loads(await reader.readline())
+        writer.close()
+        await writer.wait_closed()
+
+
+async def test_a_fault_goes_where_it_is_known_or_told():
+    async with behind_a_door() as door:
+        assert await ask(door, do="fault", name="wire_snap") == {"ok": True}
+        assert (await ask(door, do="truth"))["gauges"]["wire"]["snapped"] is True
+        assert await ask(door, do="fault", name="link", kind="slow", device="fanuc", delay_s=0.1) == {
+            "ok": True
+        }
+        assert await ask(door, do="clear") == {"ok": True}
+
+
+async def test_time_leaps_when_told():
+    async with behind_a_door(time_factor=0.0) as door:
+        assert (await ask(door, do="advance", seconds=100.0))["time_s"] == pytest.approx(100.0)
+        assert (await ask(door, do="truth"))["time_s"] == pytest.approx(100.0)
+
+
+async def test_a_power_cycle_ends_when_its_world_time_has_passed():
+    async with running(time_factor=0.0) as cell:
+        robot = cell.robots[0]
+        await robot.fault("power_cycle", {"off_s": 30.0})
+        cell.world.clock.advance(29.0)
+        await asyncio.sleep(0.12)
+        assert robot.truth()["powered"] is False
+        cell.world.clock.advance(2.0)
+        await until(lambda: robot.truth()["powered"])
+
+
+async def test_the_wire_follows_the_robot():
+    async with running(time_factor=2000.0) as cell:
+        before = cell.gauges[0].truth()["length_m"]
+        await cell.robots[0].fault("jog_by_hand", {"axis": "J1", "rad": 0.3})
+        await until(lambda: not cell.robots[0].truth()["moving"])
+        assert abs(cell.gauges[0].truth()["length_m"] - before) > 0.05
+
+
+async def test_one_seed_is_one_world():
+    truths = []
+    for _ in range(2):
+        async with running(seed=11, time_factor=0.0) as cell:
+            truths.append([cell.robots[0].truth()["dh"], cell.gauges[0].truth()["anchor_in_base_m"]])
+    async with running(seed=12, time_factor=0.0) as cell:
+        assert cell.robots[0].truth()["dh"] != truths[0][0]
+    assert truths[0] == truths[1]
+
+
+async def test_devices_that_started_are_stopped_when_a_later_one_cannot():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        cell = FakeCell({**document(), "gauge": [{**GAUGE, "port": taken.getsockname()[1]}]})
+        with pytest.raises(OSError, match="in use"):
+            await cell.__aenter__()
+        assert cell.robots[0].truth()["connections"] == 0
+        with pytest.raises(ConnectionRefusedError):
+            await asyncio.open_connection("127.0.0.1", cell.robots[0].truth()["port"])
+
+
+def test_two_robots_have_two_worlds_of_errors():
+    cell = FakeCell({"robot": [ROBOT, {**ROBOT, "name": "second"}]})
+    first, second = (robot.truth() for robot in cell.robots)
+    assert first["dh"] != second["dh"]
+    assert first["factory_counts_at_zero"] != second["factory_counts_at_zero"]
+
+
+def test_a_link_fault_ends_by_count_by_time_and_by_clearing():
+    now = [0.0]
+    faults = LinkFaults({"slow": {"delay_s": 1.0}, "silent": {}}, lambda: now[0])
+    faults.set("slow", {"count": 2})
+    assert [faults.take("slow") is not None for _ in range(3)] == [True, True, False]
+    faults.set("silent", {"duration_s": 5.0})
+    now[0] = 4.9
+    assert faults.look("silent") is not None
+    now[0] = 5.0
+    assert faults.look("silent") is None
+    faults.set("slow", {"delay_s": 0.5})
+    assert faults.look("slow") == {"delay_s": 0.5}
+    faults.clear()
+    assert faults.look("slow") is None
+    with pytest.raises(FaultRefusedError, match="no fault is called"):
+        faults.set("rain", {})
