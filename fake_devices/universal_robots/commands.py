@@ -3,7 +3,7 @@
 Imitates
     The branches of ur_rtde's control program.
 Source
-    links/universal_robots.md section 4.1.
+    The control program in the source distribution of ur_rtde 1.6.5 (README, commands).
 Modelled
     All codes of the table; argument and result registers as in the table, stale ones included.
 Not modelled

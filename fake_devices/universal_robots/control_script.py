@@ -3,7 +3,7 @@
 Imitates
     The program rtde_control that ur_rtde 1.6.5 uploads.
 Source
-    links/universal_robots.md section 4.
+    The control program in the source distribution of ur_rtde 1.6.5 (README, register protocol).
 Modelled
     The loop once per controller step with its "executing" rule; state 1 during a move and 2 at its end;
     immediate commands that run again every step; stale input and output registers, which are never cleared;

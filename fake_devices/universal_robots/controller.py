@@ -3,7 +3,7 @@
 Imitates
     The control box of a Universal Robots arm of the e-Series, software 5.6 to 5.22.
 Source
-    links/universal_robots.md sections 4, 5 and 9.
+    The maker's RTDE guide and dashboard pages; the behaviour that ur_rtde 1.6.5 counts on (README).
 Modelled
     Robot, safety and runtime state; one program at a time; protective and emergency stop; power on, brake
     release; active TCP, payload, speed slider, digital and analog outputs; the watchdog of rtde_set_watchdog.

@@ -3,7 +3,7 @@
 Imitates
     The dashboard server of PolyScope 5.
 Source
-    links/universal_robots.md section 6.
+    The maker's dashboard server page for the e-Series; what ur_rtde 1.6.5 expects word for word.
 Modelled
     The commands of that table; remote and local control.
 Not modelled

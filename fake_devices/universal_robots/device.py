@@ -3,7 +3,7 @@
 Imitates
     A UR e-Series robot, software 5.11 unless the cell file says otherwise.
 Source
-    links/universal_robots.md.
+    README of this package.
 Modelled
     The faults of ``fake_devices.universal_robots.faults.FAULTS``.
 Not modelled

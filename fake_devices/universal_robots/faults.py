@@ -3,7 +3,7 @@
 Imitates
     Stops, operators, other clients, cables and programs that die.
 Source
-    links/universal_robots.md sections 8, 9 and 14.
+    README of this package, faults; the fault table of the design.
 Modelled
     The table ``FAULTS``; each entry names its parameters and their defaults.
 Not modelled

@@ -3,7 +3,7 @@
 Imitates
     pose_trans, pose_inv and interpolate_pose of URScript.
 Source
-    links/universal_robots.md section 10; the maker's script manual.
+    The maker's script manual: poses are x, y, z and a rotation vector.
 Modelled
     Plain Python floats, because a controller step must stay below a millisecond.
 Not modelled

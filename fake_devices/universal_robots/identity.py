@@ -3,7 +3,7 @@
 Imitates
     Software version, model and serial number of one robot.
 Source
-    links/universal_robots.md sections 6, 7 and 10.
+    The maker's dashboard and primary interface pages.
 Modelled
     Everything a client asks to know which robot it talks to.
 Not modelled

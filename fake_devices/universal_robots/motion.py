@@ -3,7 +3,7 @@
 Imitates
     movej, movel, servoj, speedj, speedl, stopj, stopl of URScript.
 Source
-    links/universal_robots.md sections 4 and 12; the maker's script manual.
+    The maker's script manual.
 Modelled
     Trapezoidal speed of the leading axis or of the tool, exact arrival, joint speed limits, straight lines.
 Not modelled

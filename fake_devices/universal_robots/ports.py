@@ -3,7 +3,7 @@
 Imitates
     The network side of the control box.
 Source
-    links/universal_robots.md sections 2, 3 (rule 9), 8 and 9.
+    README of this package: what the unmodified clients do when a link goes.
 Modelled
     Several clients per port; packages dropped, never queued without bound, when a client reads too slowly;
     the three kinds of link loss: connections dropped, ports closed, silence on open sockets.

@@ -3,7 +3,7 @@
 Imitates
     The primary and secondary interface of software 5.8 to 5.22.
 Source
-    links/universal_robots.md section 10.
+    The maker's client interface page; layout and lengths of a packet captured from URSim 5.8.
 Modelled
     The version message on connecting; robot state packages with all thirteen sub-packages of a captured one,
     of which robot mode, joints, Cartesian, kinematics, configuration, masterboard, tool and force are filled.

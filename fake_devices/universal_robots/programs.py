@@ -3,7 +3,7 @@
 Imitates
     The script interpreter of ports 30001 to 30003, as far as this fake needs one.
 Source
-    links/universal_robots.md section 5.
+    The programs that ur_rtde 1.6.5 uploads (README, upload).
 Modelled
     Recognising ur_rtde's control program, its register offset and its injected path; in any other program the
     movej and movel lines with plain numbers, run one after another.

@@ -3,7 +3,7 @@
 Imitates
     The output variables of the controller.
 Source
-    links/universal_robots.md sections 3.1, 3.2 and 9; the maker's RTDE guide.
+    The maker's RTDE guide.
 Modelled
     Positions, speeds, TCP, states, registers, inputs and outputs.
 Not modelled

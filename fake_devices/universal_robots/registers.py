@@ -3,7 +3,7 @@
 Imitates
     The input and output registers of the controller: global, they keep their last value when a client leaves.
 Source
-    links/universal_robots.md sections 3 (rule 8) and 4.
+    The maker's RTDE guide.
 Modelled
     One owner per input variable (IN_USE for all others), released when its connection closes.
 Not modelled

@@ -3,7 +3,7 @@
 Imitates
     The framing of port 30004, protocol versions 1 and 2.
 Source
-    links/universal_robots.md section 3; the maker's RTDE guide.
+    The maker's RTDE guide.
 Modelled
     All package types; trailing commas in name lists (ur_rtde sends them, the maker's client does not).
 Not modelled

@@ -3,7 +3,7 @@
 Imitates
     The variable lists of the controller's real-time data exchange.
 Source
-    links/universal_robots.md sections 3.1 to 3.3; the maker's RTDE guide.
+    The maker's RTDE guide, lists of robot controller outputs and inputs.
 Modelled
     Every variable of those lists, with the software version that brought it where that is known.
 Not modelled

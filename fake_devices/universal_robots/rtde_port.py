@@ -3,7 +3,7 @@
 Imitates
     The RTDE server of the controller.
 Source
-    links/universal_robots.md section 3; the maker's RTDE guide.
+    The maker's RTDE guide; the handshakes of ur_rtde 1.6.5 and of the maker's Python client.
 Modelled
     Protocol 1 and 2, the handshake in any order, one output recipe and up to 255 input recipes per client,
     frequencies that divide the base rate, IN_USE, NOT_FOUND.

@@ -3,7 +3,7 @@
 Imitates
     Program upload over the network.
 Source
-    links/universal_robots.md section 5.
+    The maker's client interface page; README of this package, upload.
 Modelled
     A program replaces the running one; it is ignored in local control and while stopped for safety; it can be
     told to start late.

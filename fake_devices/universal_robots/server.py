@@ -3,7 +3,7 @@
 Imitates
     The network side of the control box.
 Source
-    links/universal_robots.md sections 1, 2, 3, 10 and 12.
+    README of this package; the maker's client interface page.
 Modelled
     30001 and 30002 (state ten times a second), 30003 (programs), 30004 (RTDE), 29999 (dashboard). Controller
     steps by absolute deadlines: at the base rate when a client asks for more than 125 Hz, else at 125 Hz.

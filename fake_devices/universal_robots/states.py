@@ -3,7 +3,7 @@
 Imitates
     Robot modes, safety modes, runtime states and their bit words.
 Source
-    links/universal_robots.md section 9.
+    The maker's RTDE guide: robot modes, safety modes, runtime states, status bits.
 Modelled
     Normal, protective stop, emergency stop; power off, idle, running; program stopped, playing, paused.
 Not modelled

@@ -22,7 +22,8 @@ RECEIVE = (  # what ur_rtde 1.6.5 asks a 5.11 controller for, with the byte at w
 )
 DOCUMENT = {
     "DOUBLE": "target_execution_time io_current actual_robot_energy_consumed tool_analog_input0"
-    " tool_analog_input1 actual_robot_braking_energy_dissipated euromap67_24V_voltage euromap67_24V_current tool_output_current"
+    " tool_analog_input1 actual_robot_braking_energy_dissipated euromap67_24V_voltage"
+    " euromap67_24V_current tool_output_current"
     " tool_temperature tcp_force_scalar joint_position_deviation_ratio collision_detection_ratio"
     " output_double_register_0 output_double_register_47 input_double_register_0 input_double_register_47",
     "VECTOR6D": "actual_current_window tcp_offset actual_TCP_acceleration target_TCP_acceleration actual_qdd"

@@ -18,7 +18,7 @@ from fake_devices.universal_robots.frames import (
 )
 from fake_devices.universal_robots.kinematics import Kinematics, factory_calibration
 
-# URSim 5.8, UR5e: joints and the TCP pose it reported (links/universal_robots.md section 10)
+# URSim 5.8, UR5e: joints and the TCP pose it reported
 URSIM_JOINTS = (-1.6007, -1.7271, -2.203, -0.808, 1.5951, -0.031)
 URSIM_POSE = (
     -0.14396865671352163,
