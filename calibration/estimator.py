@@ -117,6 +117,19 @@ def estimate(layout: Layout, state: ArmState, problem: Problem, weights: Array |
     return Fit(state, layout, covariance, layout.deviations(state), cost, iteration)
 
 
+def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Array, Array]:
+    """Return the whitened columns of all unknowns (p, channels, N) and the residuals (channels, N)."""
+    observations = problem.observations
+    every = np.zeros((len(layout), observations.channels, len(observations)))
+    left = np.empty((observations.channels, len(observations)))
+    for mounting, rows in problem.blocks:
+        columns, residuals = _block(state, problem, mounting, rows)
+        tangent = layout.tangent(state, mounting)
+        every[:, :, rows] = np.einsum("pr,rmn->pmn", tangent, columns, optimize=True)
+        left[:, rows] = residuals
+    return every, left
+
+
 def _blocks(observations: Observations) -> Iterator[Block]:
     for mounting in range(int(observations.mounting.max(initial=0)) + 1):
         rows = np.flatnonzero(observations.mounting == mounting)

@@ -11,8 +11,8 @@ import numpy as np
 from calibration.geometry import Array
 from calibration.kinematics import RobotModel, chain_frames
 
-_SHORT_LINK_M = 0.02
-_ALONG_GRAVITY = 1e-3
+_SHORTEST_LEVER_M = 0.02
+_POSTURES = np.linspace(-1.5, 1.5, 13)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,20 +37,15 @@ def gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     """Return the sag of every joint that carries links and is not upright, except the last two of the wrist.
 
     Joint i sags by ``c_ik z_i . (g x l_k)``: the lever of link vector l_k under its weight, for each link k at
-    or after the joint. Links shorter than 20 mm are left out, and so is a joint that always stands upright.
+    or after the joint. Levers that never reach 20 mm are left out: an upright joint has none, and a link along the
+    joint's own axis has none either.
     """
     n = model.axes
-    spread = np.linspace(-1.0, 1.0, 7)[:, None] * np.ones(n)
-    rotations, origins = chain_frames(model, spread)
-    links = np.linalg.norm(np.diff(origins, axis=0), axis=1)[:, 0]
-    upright = np.abs(rotations[:-1, 2, 2]).min(axis=1) > 1.0 - _ALONG_GRAVITY
-    return tuple(
-        JointTerm("gravity", joint, link)
-        for joint in range(n - 2)
-        if not upright[joint]
-        for link in range(joint, n - 2)
-        if links[link] > _SHORT_LINK_M
+    candidates = tuple(
+        JointTerm("gravity", joint, link) for joint in range(n - 2) for link in range(joint, n - 2)
     )
+    levers = np.abs(term_values(model, _POSTURES[:, None] * np.ones(n), candidates)).max(axis=1)
+    return tuple(term for term, lever in zip(candidates, levers, strict=True) if lever > _SHORTEST_LEVER_M)
 
 
 def harmonic_terms(model: RobotModel, orders: tuple[int, ...] = (1, 2)) -> tuple[JointTerm, ...]:

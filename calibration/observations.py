@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry import Array, inverse_transform, log_rotation
+from calibration.geometry import Array, log_rotation
 
 Rows: TypeAlias = NDArray[np.intp]
 
@@ -194,17 +194,15 @@ def with_joints(observations: Observations, joints_rad: Array) -> Observations:
     return replace(observations, joints_rad=joints_rad)
 
 
-def with_sigma(observations: Observations, factor: Array | float) -> Observations:
-    """Return the rows with standard deviations multiplied by ``factor`` (scalar or (N,))."""
-    changed = {"sigma_m": observations.sigma_m * factor}
+def with_sigma(observations: Observations, factor: float, turn_factor: float = 1.0) -> Observations:
+    """Return the rows with standard deviations of lengths, and of attitudes, multiplied by factors."""
     if isinstance(observations, PoseObservations):
-        changed["sigma_rad"] = observations.sigma_rad * factor
-    return replace(observations, **changed)
-
-
-def tip_of(base_device: Array, pose: Array) -> Array:
-    """Return a measured pose (…, 4, 4) seen from the robot's base."""
-    return inverse_transform(base_device) @ pose
+        return replace(
+            observations,
+            sigma_m=observations.sigma_m * factor,
+            sigma_rad=observations.sigma_rad * turn_factor,
+        )
+    return replace(observations, sigma_m=observations.sigma_m * factor)
 
 
 def _directions(tip: TipFrames, device: Device) -> Array:

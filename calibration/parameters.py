@@ -92,7 +92,9 @@ class ArmState:
         return moved
 
 
-def nominal_state(model: RobotModel, devices: tuple[Device, ...], flange_tool: Array | None = None) -> ArmState:
+def nominal_state(
+    model: RobotModel, devices: tuple[Device, ...], flange_tool: Array | None = None
+) -> ArmState:
     """Return the nominal arm with these devices and tool."""
     geometry = np.zeros((model.axes, 5) if model.dh is not None else (model.axes + 1, 6))
     tool = np.eye(4) if flange_tool is None else flange_tool

@@ -1,0 +1,121 @@
+"""Judging a model by rows that it has not seen, a whole group of neighbours at a time."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.geometry import Array
+from calibration.observations import Rows
+
+_SAME_RAD = 1e-3  # of a wrist that nobody moved
+_FEWEST_RUNS = 8
+_FEWEST_ROWS_PER_RUN = 3.0
+_SINGLE_ROWS = 40  # up to here each row is its own group
+_BLOCKS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Sizes of errors over some rows [m]."""
+
+    n: int
+    rmse_m: float
+    mean_m: float
+    p95_m: float
+    max_m: float
+
+    @classmethod
+    def of(cls, sizes_m: Array) -> "Errors":
+        """Summarise sizes (N,) [m]; without rows, everything is zero."""
+        if not len(sizes_m):
+            return cls(0, 0.0, 0.0, 0.0, 0.0)
+        return cls(
+            len(sizes_m),
+            float(np.sqrt(np.mean(sizes_m**2))),
+            float(np.mean(sizes_m)),
+            float(np.percentile(sizes_m, 95)),
+            float(np.max(sizes_m)),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Grouping:
+    """Rows that are alike because they were measured next to each other share a group."""
+
+    groups: Rows  # (N,)
+    kind: str  # for people
+
+    @property
+    def count(self) -> int:
+        """The number of groups."""
+        return int(self.groups.max(initial=-1)) + 1
+
+
+def group_rows(joints_rad: Array, given: Rows | None = None) -> Grouping:
+    """Return groups: those given, runs of constant wrist, single rows of a short series, or blocks of neighbours."""
+    count = len(joints_rad)
+    if given is not None:
+        return Grouping(np.unique(given, return_inverse=True)[1].reshape(-1), "groups named in the file")
+    wrist = joints_rad[:, joints_rad.shape[1] // 2 :]
+    starts = np.abs(np.diff(wrist, axis=0)).max(axis=1, initial=0.0) > _SAME_RAD
+    runs = np.concatenate([[0], np.cumsum(starts)]).astype(np.intp)
+    number = int(runs[-1]) + 1
+    if number >= _FEWEST_RUNS and count / number >= _FEWEST_ROWS_PER_RUN:
+        return Grouping(runs, "runs of constant wrist")
+    if count <= _SINGLE_ROWS:
+        return Grouping(np.arange(count), "single rows")
+    return Grouping(np.arange(count) * _BLOCKS // count, "blocks of consecutive rows")
+
+
+def deal_folds(grouping: Grouping, folds: int, seed: int) -> Rows:
+    """Return the fold of every row: groups in random order, each to the fold that has fewest rows."""
+    sizes = np.bincount(grouping.groups)
+    folds = min(folds, grouping.count)
+    order = np.random.default_rng(seed).permutation(grouping.count)
+    filled = np.zeros(folds, dtype=np.intp)
+    fold_of_group = np.zeros(grouping.count, dtype=np.intp)
+    for group in order:
+        fold = int(np.argmin(filled))
+        fold_of_group[group] = fold
+        filled[fold] += sizes[group]
+    dealt: Rows = fold_of_group[grouping.groups]
+    return dealt
+
+
+def held_out_errors(folds: Rows, errors_without: Callable[[Rows, Rows], Array]) -> Array:
+    """Return every row's error by a fit that did not see its fold: ``errors_without(training, held_out)``."""
+    errors = np.zeros(len(folds))
+    for fold in range(int(folds.max()) + 1):
+        held = np.flatnonzero(folds == fold)
+        errors[held] = errors_without(np.flatnonzero(folds != fold), held)
+    return errors
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Whether a wider model predicts unseen rows better than a narrower one, and how sure that is."""
+
+    better: bool
+    reason: str
+
+
+def compare(
+    narrow: tuple[str, Array], wide: tuple[str, Array], groups: Rows, *, least_gain: float = 0.01
+) -> Comparison:
+    """Compare held-out errors (N,) of two models, group by group.
+
+    The wider one wins if its RMSE is lower by at least ``least_gain`` and the mean gain over groups exceeds its own
+    standard deviation of the mean: a gain that one group makes alone is none.
+    """
+    (narrow_name, first), (wide_name, second) = narrow, wide
+    before, after = float(np.sqrt(np.mean(first**2))), float(np.sqrt(np.mean(second**2)))
+    gains = np.bincount(groups, first**2 - second**2) / np.maximum(np.bincount(groups), 1)
+    gains = gains[np.bincount(groups) > 0]
+    sure = float(gains.mean()) > float(gains.std(ddof=1)) / np.sqrt(len(gains)) if len(gains) > 1 else False
+    large = after < before * (1 - least_gain)
+    change = f"held-out RMSE {before * 1e3:.3f} mm with {narrow_name}, {after * 1e3:.3f} mm with {wide_name}"
+    if large and sure:
+        return Comparison(True, f"{change}: better")
+    why = "not better" if not large else "no more than groups differ by chance"
+    return Comparison(False, f"{change}: {why}")
