@@ -32,6 +32,8 @@ FAULTS: dict[str, dict[str, Any]] = {
     "link_restore": {},
     "in_use": {},
     "other_client_moves": {"joints": None, "axis": None, "rad": 0.1, "speed": 0.5},
+    "hand_moves": {"joints": None, "axis": None, "rad": 0.1},
+    "frozen": {},
     "silent_accept": {"port": RTDE},
     "not_found": {"variable": "actual_q"},
     "local_mode": {},
@@ -72,6 +74,8 @@ class Faults:
             "link_restore": lambda _: self._restore(),
             "in_use": self._in_use,
             "other_client_moves": self._other_client_moves,
+            "hand_moves": self._hand_moves,
+            "frozen": self._freeze,
             "silent_accept": self._silent_accept,
             "not_found": lambda p: server.rtde.hidden_names.add(str(p["variable"])),
             "local_mode": lambda _: self._remote(on=False),
@@ -99,6 +103,7 @@ class Faults:
         for port in self._server.ports.values():
             port.silent = False
         self._server.rtde.hidden_names.clear()
+        self._server.rtde.frozen = False
         self._c.registers.foreign_owner = False
         self._c.no_inverse_kinematics = False
         self._c.contact_steps = 0
@@ -128,6 +133,13 @@ class Faults:
 
     def _in_use(self, _: Mapping[str, Any]) -> None:
         self._c.registers.foreign_owner = True
+
+    def _freeze(self, _: Mapping[str, Any]) -> None:
+        self._server.rtde.frozen = True
+
+    def _hand_moves(self, parameters: Mapping[str, Any]) -> None:
+        self._c.end_program()
+        self._c.arm.place(_target(self._c.joints_rad, parameters))
 
     def _silent_accept(self, parameters: Mapping[str, Any]) -> None:
         port = self._server.ports.get(int(parameters["port"]))

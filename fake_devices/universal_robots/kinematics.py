@@ -3,8 +3,8 @@
 Imitates
     Forward and inverse kinematics of a Universal Robots controller with its factory calibration.
 Source
-    The maker's DH page: Rz(theta + q) Tz(d) Tx(a) Rx(alpha). A pose captured from URSim 5.8 is the test. In real
-    calibrations d of the nearly parallel joints 2 to 4 may be hundreds of metres that cancel.
+    The maker's DH page: Rz(theta + q) Tz(d) Tx(a) Rx(alpha). A pose captured from URSim 5.8 is the test. In
+    real calibrations d of the nearly parallel joints 2 to 4 may be hundreds of metres that cancel.
 Modelled
     Six-axis UR geometry; eight closed-form solutions of the nominal arm, refined on the calibrated one.
 Not modelled

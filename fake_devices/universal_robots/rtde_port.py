@@ -43,6 +43,7 @@ class RtdeServer:
         self.controller = controller
         self.readings = Readings(controller)
         self.hidden_names: set[str] = set()
+        self.frozen = False
         self.clients: set[RtdeConnection] = set()
 
     @property
@@ -68,6 +69,7 @@ class RtdeConnection(Connection):
         self._telegrams = Telegrams()
         self._protocol = 1
         self._packer: Packer | None = None
+        self._last = b""
         self._inputs: dict[int, InputRecipe] = {}
         self._answers = {
             Kind.PROTOCOL: self._negotiate,
@@ -132,7 +134,7 @@ class RtdeConnection(Connection):
             for name, get in zip(names, getters, strict=True)
         ]
         found = tuple(get for get in getters if get is not None)
-        self.started, self._packer = False, None
+        self.started, self._packer, self._last = False, None, b""
         if len(found) != len(names) or not names:
             return 0, kinds
         base_hz = self._controller.identity.base_rate_hz
@@ -174,4 +176,6 @@ class RtdeConnection(Connection):
     def publish(self, step: int, previous: int) -> None:
         """Send the recipe if its turn came; the next one is not late for it."""
         if self.started and self._packer is not None and step // self.every > previous // self.every:
-            self.send(self._packer.telegram())
+            if not self._server.frozen or not self._last:
+                self._last = self._packer.telegram()
+            self.send(self._last)

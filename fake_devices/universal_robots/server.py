@@ -66,7 +66,10 @@ class UniversalRobotServer:
         """Listen on every port that does not."""
         self.cable_in = True
         for port in self.ports.values():
-            await port.open()
+            if self.cable_in:
+                await port.open()
+        if not self.cable_in:  # pulled out while we were at it
+            await self.close_ports()
 
     async def _listen(self) -> None:
         """Open again after a fault was cleared; the address may not be free at once."""

@@ -295,3 +295,56 @@ async def test_a_late_script_runs_later_and_unknown_faults_are_refused() -> None
             await robot.fault("tea_break", {})
         with pytest.raises(ValueError, match="does not know degrees"):
             await robot.fault("other_client_moves", {"degrees": 3})
+
+
+async def test_a_frozen_controller_repeats_its_last_packet() -> None:
+    async with fake_ur() as robot, await watching(robot.server.address, ["timestamp"]) as rtde:
+        await rtde.read()
+        await robot.fault("frozen", {})
+        last = -1.0
+        while (now := (await rtde.read())["timestamp"]) != last:
+            last = now
+        assert {(await rtde.read())["timestamp"] for _ in range(20)} == {last}
+        robot.clear()
+        async with asyncio.timeout(DEADLINE_S):
+            while (await rtde.read())["timestamp"] == last:
+                pass
+
+
+async def test_a_hand_moves_the_arm_and_the_controller_knows() -> None:
+    async with fake_ur() as robot:
+        before = robot.truth()["joints_rad"]
+        async with await watching(robot.server.address, ["actual_q"]) as rtde:
+            await robot.fault("hand_moves", {"axis": "J6", "rad": -0.25})
+            async with asyncio.timeout(DEADLINE_S):
+                while (after := (await rtde.read())["actual_q"]) == tuple(before):
+                    pass
+        assert np.subtract(after, before) == pytest.approx([0.0, 0.0, 0.0, 0.0, 0.0, -0.25])
+
+
+async def test_power_off_in_a_move_stops_the_arm_at_once() -> None:
+    async with fake_ur() as robot:
+        host, start = robot.server.address, robot.truth()["joints_rad"]
+        async with (
+            await watching(host, ["actual_q", "actual_qd", "robot_mode"]) as rtde,
+            connected(host, 30003) as (_, writer),
+        ):
+            writer.write(f"def go():\n movej({[q + 2.0 for q in start]}, a=1.0, v=0.5)\nend\n".encode())
+            while (await rtde.read())["actual_qd"][0] < 0.05:
+                pass
+            assert await say(host, "power off") == ["Powering off"]
+            values = await rtde.wait_for("robot_mode", 3)
+            assert not any(values["actual_qd"])
+            assert (await rtde.read())["actual_q"] == values["actual_q"]
+
+
+async def test_a_move_beyond_a_joint_limit_is_a_protective_stop() -> None:
+    async with fake_ur(time_factor=50.0) as robot:
+        host = robot.server.address
+        async with (
+            await watching(host, ["actual_q", "safety_mode"]) as rtde,
+            connected(host, 30002) as (_, writer),
+        ):
+            writer.write(b"def go():\n movej([7.0,-1.5,-1.5,-1.5,1.5,0.0], a=1.4, v=1.0)\nend\n")
+            stopped = await rtde.wait_for("safety_mode", 3)
+            assert -math.pi / 2 <= stopped["actual_q"][0] <= 2 * math.pi

@@ -103,3 +103,12 @@ async def test_a_silent_controller_hangs_the_wheel_not_us() -> None:
             with pytest.raises(TimeoutError):
                 await asyncio.wait_for(child.line(), 1.5)
             assert child.process.returncode is None
+
+
+async def test_the_program_outlives_its_client_and_the_next_one_takes_over() -> None:
+    async with fake_ur(time_factor=20.0) as robot:
+        async with wheel(robot, "stopped_in_a_move") as child:
+            assert await child.line() == {"ready": True}
+        assert robot.truth()["program"] == "rtde_control"
+        async with wheel(robot, "answers") as child:
+            assert (await child.line())["back"] is True
