@@ -192,16 +192,15 @@ class _Reader:
 
     def _device(self, union: Any, table: dict[str, Any], where: str) -> Any:
         valid = _keys_of(union, table.get("driver"))
-        return self._validate(lambda: TypeAdapter(union).validate_python(table), where, valid)
+        driver = table.get("driver")
+        return self._validate(lambda: TypeAdapter(union).validate_python(table), where, valid, driver)
 
-    def _validate(self, build: Any, where: str, valid: tuple[str, ...]) -> Any:
+    def _validate(self, build: Any, where: str, valid: tuple[str, ...], tag: Any = None) -> Any:
         try:
             return build()
         except ValidationError as error:
             for fault in error.errors():
-                path = ".".join(
-                    str(part) for part in fault["loc"] if str(part) != fault.get("ctx", {}).get("tag")
-                )
+                path = ".".join(str(part) for part in fault["loc"] if part != tag)
                 key = str(fault["loc"][-1]) if fault["loc"] else ""
                 sentence = fault["msg"]
                 if fault["type"] == "extra_forbidden":

@@ -34,7 +34,8 @@ def lease(directory: Path, robot: str, holder: str) -> Iterator[None]:
         except OSError as error:
             other = os.read(descriptor, 200).decode(errors="replace") or "somebody"
             raise LeaseHeldError(
-                f"{other} is working on robot {robot}", remedy="Wait until that run has ended, or end it there."
+                f"{other} is working on robot {robot}",
+                remedy="Wait until that run has ended, or end it there.",
             ) from error
         os.ftruncate(descriptor, 0)
         os.write(descriptor, holder.encode())

@@ -120,8 +120,7 @@ class Watch:
             return None
         found = None
         if condition.readiness is Readiness.POSITION_LOST:
-            names = ", ".join(sorted({alarm.code for alarm in condition.alarms})) or "mastering not done"
-            found = f"the controller reports {names}: {condition.message}"
+            found = f"the controller reports: {condition.message}"
         else:
             found = await self._compare()
         if found is None:

@@ -36,6 +36,7 @@ def demo(
         Print one JSON object on standard output; the story goes to standard error.
     """
     import asyncio
+    import logging
     import tempfile
 
     from service.cli.printing import print_json
@@ -43,6 +44,7 @@ def demo(
     from service.demo.story import Plot, fault_of, tell_story
     from service.exit_codes import ExitCode
 
+    logging.getLogger("drivers").setLevel(logging.ERROR)  # that a fake's firmware is unverified is no news
     fault_of(loss)  # a misspelt loss is said before anything starts
     with tempfile.TemporaryDirectory(prefix="cellcal-demo-") as scratch, Teller() as teller:
         plot = Plot(loss, seed, time_factor, teller.say, teller.on_event)

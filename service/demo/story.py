@@ -164,16 +164,16 @@ def _report(plot: Plot, told: "_Told") -> DemoReport:
     if result is None:
         outcome = told.outcome
         raise CellError(f"the recovery broke off: {outcome.reason}", remedy=outcome.remedy, code=outcome.code)
+    passed = told.outcome.verdict is Verdict.PASSED  # a refusal writes nothing, so nothing was restored
     zero_error_rad = told.drive.joints(
         np.array(told.truth_after["true_counts_at_zero"]), np.array(told.truth_after["counts_at_zero"])
     )
     joints = tuple(
-        JointReport(joint.name, lost, joint.turns_restored, float(error), joint.offset_u_rad)
+        JointReport(joint.name, lost, joint.turns_restored if passed else 0, float(error), joint.offset_u_rad)
         for joint, lost, error in zip(
             result.joints, told.truth_before["turns_lost"], zero_error_rad, strict=True
         )
     )
-    passed = told.outcome.verdict is Verdict.PASSED
     return DemoReport(
         loss=plot.loss,
         detected_by=told.loss.detected_by,

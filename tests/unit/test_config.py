@@ -32,8 +32,8 @@ def test_the_demo_cell_file_is_valid_and_gives_si(good: Path) -> None:
 def test_a_misspelt_key_names_the_nearest_valid_one(good: Path) -> None:
     good.write_text(good.read_text().replace("speed_limit_rad_s", "speed_limt_rad_s"))
     faults = faults_of(good)
-    assert len(faults) == 2  # both robots, in one go
-    assert all("did you mean 'speed_limit_rad_s'?" in sentence for sentence in faults.values())
+    told = [key for key, sentence in faults.items() if "did you mean 'speed_limit_rad_s'?" in sentence]
+    assert len(told) == 2  # both robots, in one go
 
 
 def test_all_faults_are_reported_at_once(good: Path) -> None:

@@ -1,0 +1,123 @@
+"""Campaigns over whole stories: the real command, its own fake cell, its own process, one seed each."""
+
+import asyncio
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.progress import track
+
+Story = dict[str, Any]
+TIME_FACTOR = "1000"
+AT_ONCE = 5  # a story waits more than it computes
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a campaign says on its last line, and whether it reached what it must."""
+
+    line: str
+    reached: bool
+
+
+def turns(seeds: int) -> Figures:
+    """Turn-only loss: all accepted fixes exact, at least 95 % accepted."""
+    stories = tell_all("turns", seeds)
+    accepted = [story for story in stories if story["verdict"] == "PASS"]
+    exact = [story for story in accepted if all(_exact(joint) for joint in story["joints"])]
+    captures = sorted(story["captures"] for story in accepted)
+    line = (
+        f"turns: {len(exact)} of {len(accepted)} accepted fixes exact, {len(accepted)} of {seeds} accepted "
+        f"({len(accepted) / seeds:.1%}; at least 95 %), captures median {captures[len(captures) // 2]}, "
+        f"most {captures[-1]}"
+    )
+    return Figures(line, len(exact) == len(accepted) and len(accepted) >= 0.95 * seeds)
+
+
+def motor(seeds: int) -> Figures:
+    """One motor exchanged: its offset inside its stated U (k=2) in at least 93 %, the others exact."""
+    stories = tell_all("motor:J3", seeds)
+    accepted = [story for story in stories if story["verdict"] == "PASS"]
+    inside = [story for story in accepted if _inside(story["joints"][2])]
+    others = [story for story in accepted if all(_exact(j) for i, j in enumerate(story["joints"]) if i != 2)]
+    line = (
+        f"motor: offset inside U in {len(inside)} of {seeds} seeds ({len(inside) / seeds:.1%}; at least 93 %), "
+        f"other joints exact in {len(others)} of {len(accepted)} accepted"
+    )
+    return Figures(line, len(inside) >= 0.93 * seeds and len(others) == len(accepted))
+
+
+def all_references(seeds: int) -> Figures:
+    """Every reference lost: all offsets inside their stated U."""
+    stories = [story for story in tell_all("all", seeds) if story["verdict"] == "PASS"]
+    joints = [joint for story in stories for joint in story["joints"]]
+    inside = sum(_inside(joint) for joint in joints)
+    line = (
+        f"all: {len(stories)} of {seeds} accepted, {inside} of {len(joints)} offsets inside U (at least 93 %)"
+    )
+    return Figures(line, inside >= 0.93 * len(joints) and len(stories) >= 0.9 * seeds)
+
+
+def crash(seeds: int) -> Figures:
+    """Geometry changed: refused, full calibration advised, nothing written."""
+    stories = tell_all("crash", seeds)
+    refused = [s for s in stories if s["verdict"] == "REFUSED"]
+    advised = [s for s in refused if "full calibration" in s["reason"]]
+    line = f"crash: {len(refused)} of {seeds} refused, full calibration advised in {len(advised)}"
+    return Figures(line, len(refused) == seeds and len(advised) >= 0.95 * seeds)
+
+
+def tell_all(loss: str, seeds: int) -> list[Story]:
+    """Tell the story of one loss for seeds 1..n, a few at once."""
+    return asyncio.run(_tell_all(loss, seeds))
+
+
+async def _tell_all(loss: str, seeds: int) -> list[Story]:
+    room = asyncio.Semaphore(AT_ONCE)
+
+    async def one(seed: int) -> Story:
+        async with room:
+            return await _tell(loss, seed)
+
+    tasks = [asyncio.create_task(one(seed)) for seed in range(1, seeds + 1)]
+    console = Console(stderr=True)
+    finished = asyncio.as_completed(tasks)
+    for next_one in track(list(finished), description=f"{loss}, {seeds} seeds", console=console):
+        await next_one
+    return [task.result() for task in tasks]
+
+
+async def _tell(loss: str, seed: int) -> Story:
+    command = ["-m", "service", "demo", "--headless", "--json", "--loss", loss, "--seed", str(seed)]
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, *command, "--time-factor", TIME_FACTOR,
+        stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
+    )  # fmt: skip
+    out, err = await process.communicate()
+    if not out.strip():
+        last = err.decode(errors="replace").strip().splitlines()[-4:]
+        sys.stderr.write(f"{loss}, seed {seed}: exit {process.returncode}: {' / '.join(last)}\n")
+        return {"verdict": "BROKEN", "reason": " / ".join(last), "joints": [], "captures": 0}
+    story: Story = json.loads(out)
+    if story["verdict"] != "PASS" and loss != "crash":
+        sys.stderr.write(f"{loss}, seed {seed}: {story['verdict']}: {story['reason']}\n")
+    return story
+
+
+def _exact(joint: dict[str, Any]) -> bool:
+    return joint["turns_restored"] == joint["turns_lost"] and joint["offset_error_rad"] == 0.0
+
+
+def _inside(joint: dict[str, Any]) -> bool:
+    return abs(joint["offset_error_rad"]) <= joint["offset_u_rad"]
+
+
+CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
+    "turns": (turns, 200),
+    "motor": (motor, 50),
+    "all": (all_references, 50),
+    "crash": (crash, 40),
+}
