@@ -49,11 +49,18 @@ class Contact:
         return self._state is not None and self._state.alive
 
     async def state(self) -> StateClient:
-        """Return the state stream, connected; connect it when it is not."""
+        """Return the state stream, connected; connect it when it is not.
+
+        A loss that nobody has noticed is raised once: the arm may have been moved in between.
+        """
         async with self._connecting:
             if self._closed:
                 raise UnreachableError(self.device, "the connection has been closed by us.")
-            if self._state is None or not self._state.alive:
+            lost = self._state
+            if lost is not None and not lost.alive:
+                self._state = None
+                lost.tell_loss()
+            if self._state is None:
                 self._state = await self._connect()
             return self._state
 

@@ -87,6 +87,7 @@ class StateClient:
         self._replies: asyncio.Queue[tuple[int, bytes]] = asyncio.Queue()
         self._arrived = asyncio.Event()
         self._error: DeviceError | None = None
+        self._told = False
         self._recipe_id = -1
         self._newest_s = -math.inf
 
@@ -104,7 +105,8 @@ class StateClient:
                     lambda: Link(self._on_message, self._on_lost), self.address, PORT
                 )
                 version = await self._shake_hands()
-                await self.fresh()
+                if not self.samples:
+                    await self.fresh()
         except TimeoutError:
             self.close()
             raise self._unreachable(f"did not answer within {deadline_s:g} s") from None
@@ -126,16 +128,18 @@ class StateClient:
         before_s = self._newest_s
         deadline_s = asyncio.get_running_loop().time() + self.stale_s
         while self._newest_s <= before_s:
-            if self._error is not None:
-                raise self._error
+            self.tell_loss(again=True)
             if not await self._arrival(deadline_s) and self._newest_s <= before_s:
                 self._fail(self._unreachable(f"sent no new state for {self.stale_s:g} s"))
                 self.close()
         return self.samples[-1]
 
-    def last_seconds(self, span_s: float) -> list[Sample]:
-        """Return the kept samples of the last ``span_s`` of the controller's time, oldest first."""
-        return [sample for sample in self.samples if sample.timestamp_s >= self._newest_s - span_s]
+    def tell_loss(self, *, again: bool = False) -> None:
+        """Raise why the connection was lost; only if nobody has heard of it yet, unless ``again``."""
+        if self._error is None or (self._told and not again):
+            return
+        self._told = True
+        raise self._error
 
     async def _arrival(self, deadline_s: float) -> bool:
         self._arrived.clear()
@@ -172,8 +176,7 @@ class StateClient:
         self.trace.add(">", f"{chr(kind)} {payload.hex()}")
         self._transport.write(pack(kind, payload))
         answered, reply = await self._replies.get()
-        if self._error is not None:
-            raise self._error
+        self.tell_loss(again=True)
         if answered != kind:
             raise self._protocol_error(f"{chr(answered)!r} in answer to {chr(kind)!r}", reply)
         return reply
