@@ -1,5 +1,14 @@
 """``python -m fake_devices CELL.toml``: play every device that the file names, until told to end.
 
+Imitates
+    The main switch of a cell.
+Source
+    Ours.
+Modelled
+    One process, one event loop, one world for all devices of one file.
+Not modelled
+    Devices spread over several processes.
+
 Prints one JSON line when ready: ``{"ready": true, "control": [host, port]}``. Ends on SIGTERM or SIGINT,
 and with ``--watch-stdin`` also when standard input closes, so that no fake outlives whoever started it.
 """

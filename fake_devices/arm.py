@@ -71,8 +71,8 @@ class Hidden:
         return cls(
             dh_errors=errors,
             compliance_rad_nm=dice.uniform(0.7, 1.3, n) / np.array(model.stiffness_nm_rad),
-            backlash_rad=dice.uniform(0.3, 1.0, n) * 1.2e-4,
-            ripple_rad=dice.uniform(0.3, 1.0, (n, 2)) * np.array([3.0e-5, 1.5e-5]),
+            backlash_rad=dice.uniform(0.3, 1.0, n) * 2.4e-4,
+            ripple_rad=dice.uniform(0.3, 1.0, (n, 2)) * np.array([5.0e-5, 2.5e-5]),
             ripple_per_turn=np.array([13.0, 80.0]),
             ripple_phase_rad=dice.uniform(0.0, 2.0 * np.pi, (n, 2)),
             residue_rad=1.5e-4,

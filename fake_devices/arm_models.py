@@ -117,7 +117,7 @@ _M6IB = ArmModel(
         Mass(4, 9.0, (0.0, 0.30, 0.0)),
         Mass(6, 4.0, (0.0, 0.0, 0.0)),
     ),
-    stiffness_nm_rad=(1.2e6, 1.2e6, 8e5, 2.5e5, 2e5, 1.5e5),
+    stiffness_nm_rad=(7e5, 7e5, 4.5e5, 1.5e5, 1.2e5, 1e5),
     park_deg=(-20.0, 10.0, -25.0, 15.0, -60.0, 20.0),
     parallel_axes=(1,),
     gears=Gears(

@@ -1,5 +1,14 @@
 """What the host and the control door need of every fake device.
 
+Imitates
+    Nothing: the handle by which a process holds a device.
+Source
+    Ours.
+Modelled
+    Start, stop, faults by name, truth.
+Not modelled
+    Devices that share a socket.
+
 A package of fakes offers ``create(world, table) -> FakeDevice``; ``table`` is the device's table of the cell
 file. Its name stands in ``fake_devices.cell.FACTORIES`` under the driver that the file names. Only a device's
 server knows sockets; it opens them in ``start``.

@@ -49,9 +49,9 @@ class WireGauge:
         self.exit_radius_m = amount * float(dice.uniform(1.0e-3, 2.0e-3))
         self.scale_error = amount * float(dice.normal()) * 1e-4
         self.zero_m = amount * float(dice.normal()) * 2e-3
-        self._waves_m = amount * dice.uniform(0.3, 1.0, 3) * np.array([0.25, 0.15, 0.15]) * sigma_m
+        self._waves_m = amount * dice.uniform(0.3, 1.0, 3) * np.array([0.5, 0.3, 0.4]) * sigma_m
         self._phases_rad = dice.uniform(0.0, 2.0 * np.pi, 3)
-        self._noise_m = amount * 0.3 * sigma_m
+        self._noise_m = amount * 0.5 * sigma_m
         self._noise = world.dice(self.name, "noise")
         self.slipped_m = 0.0
         self._outlier_m, self._outliers_left = 0.0, 0

@@ -217,8 +217,8 @@ def test_an_unloaded_axis_stops_short_on_the_side_it_comes_from():
         arrivals.append(arm.base_flange()[:3, 3])
     radius = np.hypot(*arrivals[0][:2])
     turned = np.arctan2(arrivals[1][1], arrivals[1][0]) - np.arctan2(arrivals[0][1], arrivals[0][0])
-    assert turned == pytest.approx(arm.hidden.backlash_rad[0], rel=1e-3)
-    assert radius * turned < 0.2e-3
+    assert turned == pytest.approx(arm.hidden.backlash_rad[0], rel=2e-2)
+    assert radius * turned < 0.3e-3
 
 
 def test_an_arm_bends_down_under_its_own_weight():
@@ -350,8 +350,8 @@ def test_the_exit_lip_lengthens_a_bent_wire_by_radius_times_phi_minus_sin_phi():
 def test_readings_scatter_around_the_drum():
     _, wire = gauge()
     samples = np.array([wire.read_m()[0] for _ in range(400)])
-    assert samples.std() == pytest.approx(0.3 * 2e-4, rel=0.2)
-    assert samples.mean() == pytest.approx(wire.exact_reading_m(), abs=2e-5)
+    assert samples.std() == pytest.approx(0.5 * 2e-4, rel=0.2)
+    assert samples.mean() == pytest.approx(wire.exact_reading_m(), abs=3e-5)
 
 
 def test_linearity_is_a_small_smooth_error():
