@@ -302,8 +302,11 @@ class UniversalRobot:
 
     async def _end_session(self) -> None:
         session, self._session = self._session, None
-        if session is not None:
-            await session.close()
+        if session is None:
+            return
+        if not self._contact.stands:
+            session.kill("the link to the controller was lost")
+        await session.close()
 
     async def _read(self, doing: str) -> Sample:
         async with deadline(self.name, self._options.deadline_s, doing):

@@ -83,8 +83,18 @@ async def _heal_modbus_robot(door: Door, robot: Any) -> None:
     await robot.reset_position_alarms()
 
 
+async def _heal_universal_robot(door: Door, robot: Any) -> None:
+    await door.ask("clear")
+    await door.fault("link_restore", device="ur")
+    await door.fault("unlock_protective_stop", device="ur")
+    await door.fault("release_emergency_stop", device="ur")
+    await door.fault("program_stop", device="ur")
+    await until_ready(robot, Readiness.READY)
+
+
 async def _heal_draw_wire(door: Door) -> None:
     await door.ask("clear")
+    await door.fault("node_off", device="wire")  # forgets every answer that is still under way
     await door.fault("node_on", device="wire")
     await door.fault("wire_restore", device="wire")
     await door.fault("emcy_clear", device="wire")
@@ -98,6 +108,15 @@ ROBOTS: dict[str, RobotCase] = {
         slow_rad_s=0.01,
         heal=_heal_modbus_robot,
         link_faults=(("silent", {}), ("reset", {}), ("refuse", {})),
+        stop_fault=("emergency_stop", {}),
+    ),
+    "universal_robots": RobotCase(
+        name="ur",
+        home_rad=(-1.57, -1.57, -1.57, -1.57, 1.57, 0.0),
+        away_rad=(-0.77, -1.2, -1.9, -1.3, 1.3, 0.4),
+        slow_rad_s=0.01,
+        heal=_heal_universal_robot,
+        link_faults=(("link_loss_rtde", {}), ("link_loss_all", {}), ("link_stall", {})),
         stop_fault=("emergency_stop", {}),
     ),
 }

@@ -33,6 +33,16 @@ deadline_s = 2.0
 speed_limit_rad_s = 0.5
 settle_s = 0.04
 
+[[robot]]
+name = "ur"
+driver = "universal_robots"
+address = "{address}"
+model = "ur10e"
+serial = "20225500042"
+deadline_s = 2.0
+speed_limit_rad_s = 0.5
+watchdog_hz = 1.0  # a test machine may be too busy for 5
+
 [[gauge]]
 name = "wire"
 driver = "draw_wire"
