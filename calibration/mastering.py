@@ -27,7 +27,7 @@ class DriveTrain:
         n = len(self.counts_per_turn)
         if matrix.shape != (n, n) or not np.isfinite(matrix).all() or min(self.counts_per_turn) <= 0:
             raise CalibrationError(f"a drive train of {n} axes needs a finite {n} x {n} interaction matrix")
-        if abs(np.linalg.det(matrix / np.abs(matrix).max())) == 0.0:
+        if np.linalg.matrix_rank(matrix) < n:
             raise CalibrationError("the interaction matrix is singular: some joint would not turn at all")
 
     def joints(self, counts: Array, counts_at_zero: Array) -> Array:

@@ -87,7 +87,9 @@ def recover_turns(
 
     Notes
     -----
-    The fifth condition, check poses that were not fitted, is ``verify_recovery``.
+    The fifth condition, check poses that were not fitted, is ``verify_recovery``. A replaced motor whose new
+    zero happens to lie within about three deviations of a whole turn (0.01 to 0.05 turn) looks like whole
+    turns; who knows of an exchange says so in ``replaced_axes``.
 
     References
     ----------

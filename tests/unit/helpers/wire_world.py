@@ -1,7 +1,7 @@
 """A FANUC-like arm on a draw-wire with hidden errors, written apart from the mathematics under test.
 
-Hidden: link errors, joint zero errors, joint compliance under gravity, gear harmonics, backlash, linearity and
-exit radius of the wire, another day's hook. Rows of the arm are those of the maker's published form.
+Hidden: link errors, joint zero errors, joint compliance under gravity, gear harmonics, backlash, linearity
+and exit lip of the wire, another day's hook. Rows of the arm are those of the maker's published form.
 """
 
 import numpy as np

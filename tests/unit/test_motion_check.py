@@ -1,0 +1,116 @@
+"""What may be commanded, and above all what may not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.errors import CalibrationError
+from calibration.kinematics import load_model
+from calibration.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
+
+MODEL = load_model("fanuc_m6ib")
+HOME = np.deg2rad([0.0, 0, 0, 0, -45, 0])
+WIRE = WirePath((0.9, -0.7, -0.45), (0.06, 0.05, 0.12), 3.0)
+WIDE = MotionLimits(tip_speed_m_s=1.0)
+SPEED = 0.05
+
+
+def moved(axis, degrees):
+    target = HOME.copy()
+    target[axis] += np.deg2rad(degrees)
+    return target
+
+
+def checks(verdict):
+    return {finding.check for finding in verdict.findings}
+
+
+def test_a_plain_move_is_allowed_and_says_what_was_not_checked():
+    verdict = check_moves(MODEL, HOME, moved(0, 20)[None], WIDE, speed_rad_s=SPEED)
+    assert verdict.allowed
+    assert any("no obstacles known" in words for words in verdict.not_checked)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_is_refused_before_anything_else(bad):
+    targets = np.array([moved(0, 5), moved(1, 5)])
+    targets[1, 3] = bad
+    verdict = check_moves(MODEL, HOME, targets, WIDE, speed_rad_s=SPEED)
+    assert not verdict.allowed
+    assert checks(verdict) == {"finite"}
+    assert verdict.findings[0].target == 1
+    for start, speed, tip in (
+        (HOME * np.nan, SPEED, (0.0, 0.0, 0.0)),
+        (HOME, bad, (0.0, 0.0, 0.0)),
+        (HOME, SPEED, (bad, 0.0, 0.0)),
+    ):
+        found = check_moves(MODEL, start, targets[:1], WIDE, speed_rad_s=speed, tip_in_flange_m=tip)
+        assert checks(found) == {"finite"}
+    assert allowed_postures(MODEL, targets, WIDE).tolist() == [True, False]
+
+
+def test_joint_limits_keep_a_margin_and_the_doubt_of_the_mastering():
+    edge = HOME.copy()
+    edge[0] = MODEL.upper_rad[0] - np.deg2rad(4.0)
+    assert check_moves(MODEL, HOME, edge[None], WIDE, speed_rad_s=SPEED).allowed
+    doubtful = replace(WIDE, mastering_uncertainty_rad=(np.deg2rad(2.0),) + (0.0,) * 5)
+    verdict = check_moves(MODEL, HOME, edge[None], doubtful, speed_rad_s=SPEED)
+    assert checks(verdict) == {"joint limits"}
+    assert verdict.findings[0].limit == pytest.approx(MODEL.upper_rad[0] - np.deg2rad(5.0))
+
+
+def test_speeds_above_the_caps_are_refused():
+    target = moved(0, 20)[None]
+    assert checks(check_moves(MODEL, HOME, target, WIDE, speed_rad_s=0.2)) == {"joint speed"}
+    assert checks(check_moves(MODEL, HOME, target, WIDE, speed_rad_s=0.0)) == {"joint speed"}
+    slow = replace(WIDE, tip_speed_m_s=0.04)
+    verdict = check_moves(MODEL, HOME, target, slow, speed_rad_s=SPEED)
+    assert checks(verdict) == {"tip speed"}
+    reach = np.linalg.norm(MODEL.tip_positions(HOME[None], np.zeros(3))[0, :2])
+    assert verdict.findings[0].found == pytest.approx(SPEED * reach, rel=0.02)
+
+
+def test_the_box_is_kept_on_the_way_not_only_at_the_end():
+    around = np.array([HOME, HOME])
+    around[0, 0], around[1, 0] = np.deg2rad(-80), np.deg2rad(80)
+    boxed = replace(WIDE, box_low_m=(-1.0, -1.5, -1.0), box_high_m=(0.5, 1.5, 2.0))
+    assert allowed_postures(MODEL, around, boxed).all()
+    verdict = check_moves(MODEL, around[0], around[1:], boxed, speed_rad_s=SPEED)
+    assert checks(verdict) == {"workspace box"}
+    assert verdict.findings[0].limit == 0.5
+
+
+def test_a_tool_that_leaves_the_box_counts():
+    boxed = replace(WIDE, box_low_m=(-2, -2, -2), box_high_m=(1.1, 2, 2))
+    arguments = (MODEL, HOME, moved(0, 2)[None], boxed)
+    assert check_moves(*arguments, speed_rad_s=0.01).allowed
+    long = check_moves(*arguments, speed_rad_s=0.01, tip_in_flange_m=(0.0, 0.0, 0.5))
+    assert checks(long) == {"workspace box"}
+
+
+def test_a_stretched_wrist_is_singular():
+    limits = replace(WIDE, smallest_singular_value=0.02)
+    straight = HOME.copy()
+    straight[4] = 0.0
+    assert allowed_postures(MODEL, np.array([HOME, straight]), limits).tolist() == [True, False]
+    assert "singularity" in checks(check_moves(MODEL, HOME, straight[None], limits, speed_rad_s=SPEED))
+
+
+@pytest.mark.parametrize(("range_m", "check"), [(1.0, "wire too long"), (60.0, "wire too short")])
+def test_the_wire_stays_within_3_and_97_per_cent(range_m, check):
+    limits = replace(WIDE, wire=replace(WIRE, range_m=range_m))
+    assert check_moves(MODEL, HOME, moved(0, 5)[None], replace(WIDE, wire=WIRE), speed_rad_s=SPEED).allowed
+    assert checks(check_moves(MODEL, HOME, moved(0, 5)[None], limits, speed_rad_s=SPEED)) == {check}
+
+
+def test_every_target_is_reported_with_a_sentence():
+    far = np.array([moved(0, 200), moved(1, 10), moved(0, 200)])
+    verdict = check_moves(MODEL, HOME, far, WIDE, speed_rad_s=SPEED)
+    assert {finding.target for finding in verdict.findings} == {0, 1, 2}  # the way back breaks it too
+    assert verdict.findings[0].sentence.startswith("target 1, joint limits")
+
+
+def test_targets_of_another_robot_are_refused():
+    with pytest.raises(CalibrationError):
+        check_moves(MODEL, HOME, np.zeros((2, 5)), WIDE, speed_rad_s=SPEED)

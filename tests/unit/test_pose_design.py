@@ -1,0 +1,86 @@
+"""Which poses to measure: within limits, better than chance, and the right ones next."""
+
+import numpy as np
+import pytest
+
+from calibration.errors import DegenerateDataError
+from calibration.motion_check import MotionLimits, WirePath, allowed_postures
+from calibration.pose_design import candidate_joints, kit_poses, next_poses, predict
+from tests.unit.helpers.recovery_cases import DRIVE, LIMITS, MODEL, PRIOR, healthy_record, kit
+from tests.unit.helpers.wire_world import ANCHOR, HOOK, WireWorld
+
+NONE = np.empty((0, 6))
+
+
+@pytest.fixture(scope="module")
+def record():
+    return healthy_record(WireWorld(2))
+
+
+def test_the_kit_keeps_every_limit_and_repeats_nothing():
+    assert kit().shape == (30, 6)
+    assert allowed_postures(MODEL, kit(), LIMITS, PRIOR.hook_in_flange_m).all()
+    tips = MODEL.tip_positions(kit(), HOOK)
+    lengths = np.linalg.norm(tips - ANCHOR, axis=1)
+    assert lengths.min() >= 0.06 * 3.0
+    assert lengths.max() <= 0.97 * 3.0
+    gaps = np.linalg.norm(kit()[:, None] - kit()[None], axis=2) + 10 * np.eye(30)
+    assert gaps.min() > 0.05
+
+
+def test_the_kit_is_reproducible_by_seed():
+    again = kit_poses(MODEL, DRIVE, PRIOR, LIMITS, 12, seed=4)
+    assert (again == kit_poses(MODEL, DRIVE, PRIOR, LIMITS, 12, seed=4)).all()
+    assert (again != kit_poses(MODEL, DRIVE, PRIOR, LIMITS, 12, seed=5)).any()
+
+
+def test_designed_poses_tell_more_than_random_ones(record):
+    candidates = candidate_joints(MODEL, LIMITS, 200, seed=3)
+    designed = candidates[list(next_poses(MODEL, record, NONE, candidates, 10))]
+    rng = np.random.default_rng(0)
+    volumes = [
+        np.log(predict(MODEL, record, candidates[rng.choice(200, 10, False)])[1]).sum() for _ in range(20)
+    ]
+    assert np.log(predict(MODEL, record, designed)[1]).sum() < min(volumes)
+
+
+def test_more_poses_never_tell_less(record):
+    order = list(next_poses(MODEL, record, NONE, kit(), 14))
+    sigmas = [predict(MODEL, record, kit()[order[:n]])[1] for n in range(1, 15)]
+    assert (np.diff(sigmas, axis=0) <= 1e-9).all()
+    assert predict(MODEL, record, kit()[order[:2]])[0] < 0.5
+    assert predict(MODEL, record, kit()[order])[0] > 0.9999
+
+
+def test_the_next_pose_is_the_one_that_an_exhaustive_search_picks(record):
+    measured, candidates = kit()[:4], kit()[4:]
+
+    def volume(index):
+        joints = np.vstack([measured, candidates[index]])
+        return _log_volume(record, joints)
+
+    best = min(range(len(candidates)), key=volume)
+    assert next_poses(MODEL, record, measured, candidates, 1) == (best,)
+
+
+def _log_volume(record, joints):
+    from calibration.pose_design import turn_covariances
+    from calibration.wire_reference import WirePredictor
+
+    predictor = WirePredictor(MODEL, record.wire, record.prior)
+    return np.linalg.slogdet(turn_covariances(record, predictor, joints)(len(joints)))[1]
+
+
+def test_a_measured_pose_is_not_the_next_one(record):
+    measured = kit()[:6]
+    assert not set(next_poses(MODEL, record, measured, kit(), 8)) & set(range(6))
+
+
+def test_asking_for_more_than_there_is_returns_all(record):
+    assert sorted(next_poses(MODEL, record, NONE, kit()[:5], 9)) == [0, 1, 2, 3, 4]
+
+
+def test_a_cell_without_room_is_refused():
+    shut = MotionLimits(wire=WirePath(tuple(ANCHOR), tuple(HOOK), 0.05))
+    with pytest.raises(DegenerateDataError):
+        kit_poses(MODEL, DRIVE, PRIOR, shut, 20)
