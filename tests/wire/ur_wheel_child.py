@@ -25,7 +25,7 @@ def pause(**facts: Any) -> None:
 
 
 def until(condition: Callable[[], bool]) -> bool:
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 20.0
     while not condition():
         if time.monotonic() > end:
             return False
@@ -146,6 +146,8 @@ def stopped_in_a_move() -> None:
     start = receive.getActualQ()
     pause(ready=True)
     arrived = control.moveJ(off(start, 0, 1.0), 0.05, 0.5)
+    seen_s = receive.getTimestamp()  # the two interfaces have a connection each; this one may be behind
+    until(lambda: receive.getTimestamp() > seen_s + 0.3)
     pause(
         arrived=arrived,
         protective=receive.isProtectiveStopped(),
