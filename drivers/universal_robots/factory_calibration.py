@@ -13,6 +13,9 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
+from calibration.kinematics import DhTable
 from drivers.errors import UnreachableError, WireProtocolError
 from drivers.universal_robots.state import CABLE, Six
 
@@ -36,6 +39,10 @@ class FactoryKinematics:
     alpha_rad: Six
     checksums: tuple[int, int, int, int, int, int]
     status: int  # 0 not initialised, 1 not linearised, 2 linearised
+
+    def table(self) -> DhTable:
+        """Return the table for calibration.ur_factory.factory_model."""
+        return DhTable.from_rows(np.array([self.theta_rad, self.d_m, self.a_m, self.alpha_rad]).T)
 
 
 async def read_factory_kinematics(device: str, address: str, *, deadline_s: float) -> FactoryKinematics:

@@ -29,6 +29,16 @@ def farthest(sample: Sample, target_rad: Six) -> tuple[int, float]:
     return max(enumerate(errors), key=lambda pair: pair[1])
 
 
+def off_path_rad(sample: Sample, start_rad: Six, target_rad: Six) -> float:
+    """Return how far the arm is from the straight line in joint space on which a joint move keeps it."""
+    step = [t - s for s, t in zip(start_rad, target_rad, strict=True)]
+    gone = [q - s for q, s in zip(sample.joints_rad, start_rad, strict=True)]
+    length = sum(d * d for d in step)
+    share = sum(g * d for g, d in zip(gone, step, strict=True)) / length if length > 0.0 else 0.0
+    share = min(max(share, 0.0), 1.0)
+    return max(abs(g - share * d) for g, d in zip(gone, step, strict=True))
+
+
 def moves(sample: Sample, tolerances: Tolerances) -> bool:
     """Whether a joint turns in this sample."""
     return max(map(abs, sample.joint_speeds_rad_s)) > tolerances.speed_rad_s

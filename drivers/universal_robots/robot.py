@@ -23,8 +23,17 @@ from drivers.errors import (
 )
 from drivers.interfaces import Condition, Identity, JointReading, Joints, Readiness, RobotCapabilities
 from drivers.universal_robots.contact import Contact
+from drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
 from drivers.universal_robots.health import LOCAL, condition_of, error_of, stop_of
-from drivers.universal_robots.motion import Tolerances, arrived, expected_s, farthest, moves, stands
+from drivers.universal_robots.motion import (
+    Tolerances,
+    arrived,
+    expected_s,
+    farthest,
+    moves,
+    off_path_rad,
+    stands,
+)
 from drivers.universal_robots.rtde import RuntimeState
 from drivers.universal_robots.session import MotionSession, SessionOptions
 from drivers.universal_robots.state import Sample, Six, StateClient
@@ -37,6 +46,7 @@ _OLD_PROGRAM_S = 0.6  # ours, left by a session that was killed, ends by its wat
 _STOP_HEARD_S = 0.5
 _STILL_S = 0.1
 _STUCK_S = 1.0
+_PATH_RAD = 0.05
 _SLOWER = 1.5
 _LOWEST_OVERRIDE = 0.01
 _LOOK = (
@@ -106,6 +116,12 @@ class UniversalRobot:
     async def flange_pose(self) -> Pose:
         sample = await self._read("reading the pose")
         return _pose(sample.tcp_pose) @ _pose(sample.tcp_offset).inverse()
+
+    async def factory_kinematics(self) -> FactoryKinematics:
+        """Return the arm's kinematics as measured by the maker and used by the controller."""
+        return await read_factory_kinematics(
+            self.name, self._session_options.address, deadline_s=self._options.deadline_s
+        )
 
     async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
         target, speed_rad_s = self._checked(target_rad, speed_rad_s)
@@ -212,14 +228,16 @@ class UniversalRobot:
         patience_s = _SLOWER * travel_s + self._options.tolerances.settle_s + self._options.deadline_s
         await session.move_joints(target, speed_rad_s, acceleration)
         async with deadline(self.name, patience_s, "moving"):
-            await self._follow(state, session, target)
+            await self._follow(state, session, start.joints_rad, target)
 
-    async def _follow(self, state: StateClient, session: MotionSession, target: Six) -> None:
+    async def _follow(self, state: StateClient, session: MotionSession, start: Six, target: Six) -> None:
         tolerances, loop = self._options.tolerances, asyncio.get_running_loop()
         moved_at_s = loop.time()
         while True:
             sample = await state.fresh()
             self._look_for_stops(sample, session)
+            if off_path_rad(sample, start, target) > _PATH_RAD:
+                raise self._stranger()
             if arrived(state.samples, target, tolerances) and not await session.move_running():
                 return
             if not stands(state.samples, tolerances, _STILL_S):
@@ -241,6 +259,13 @@ class UniversalRobot:
                 "because this computer fell silent.",
                 remedy="Look at the pendant; if nobody stopped it, check the network, then repeat the step.",
             )
+
+    def _stranger(self) -> MotionStoppedError:
+        return MotionStoppedError(
+            self.name,
+            "the arm left the path of its move: another client commands it, or somebody pushes it.",
+            remedy="Find out who else moves the robot and disconnect that client, then repeat the step.",
+        )
 
     def _short(self, sample: Sample, target: Six) -> MotionStoppedError:
         joint, error_rad = farthest(sample, target)
