@@ -3,9 +3,11 @@
 This is a check of a plan, not a safety function: stops and space limits are the controller's.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
@@ -71,7 +73,7 @@ class _Excess:
     unit: str
 
 
-def check_moves(
+def check_moves(  # noqa: PLR0913 - one move needs all of it
     model: RobotModel,
     start_rad: Array | tuple[float, ...],
     targets_rad: Array,
@@ -79,6 +81,7 @@ def check_moves(
     *,
     speed_rad_s: float,
     tip_in_flange_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    stops: Sequence[bool] | None = None,
 ) -> MotionVerdict:
     """Check joint moves from a start through targets, including the ways between them.
 
@@ -96,6 +99,8 @@ def check_moves(
         Commanded speed of the fastest joint [rad/s].
     tip_in_flange_m : (3,)
         Tool tip [m].
+    stops : (N,), optional
+        At which targets the robot stays; the others are corners of a way. All of them when not said.
 
     Returns
     -------
@@ -109,7 +114,9 @@ def check_moves(
 
     Notes
     -----
-    Joints interpolate linearly; samples are at most 0.02 rad apart. Collisions with the cell are not checked.
+    On its way back from beyond a limit a robot may be as far out as where it started, and no further; where
+    it shall stay must keep the limit itself. Joints interpolate linearly; samples are at most 0.02 rad apart.
+    Collisions with the cell are not checked.
     """
     targets, start = np.atleast_2d(np.asarray(targets_rad, dtype=float)), np.asarray(start_rad, dtype=float)
     if start.shape != (model.axes,) or targets.shape[1] != model.axes:
@@ -120,7 +127,10 @@ def check_moves(
     if invalid:
         return MotionVerdict(False, invalid, ())
     owner, path = _sample(start, targets)
-    excesses = _posture_excesses(model, path, limits, tip_in_flange_m)
+    with_start = np.vstack([start, path])
+    stays = _stays(owner, stops)
+    postures = _posture_excesses(model, with_start, limits, tip_in_flange_m)
+    excesses = [_beyond_start(excess, stays) for excess in postures]
     excesses.append(_tip_speed(model, path, limits, (speed_rad_s, tip_in_flange_m)))
     findings = _joint_speed(model, limits, speed_rad_s)
     findings += [f for excess in excesses for f in _findings(excess, owner)]
@@ -144,6 +154,20 @@ def allowed_postures(
     return allowed
 
 
+def _stays(owner: NDArray[np.int_], stops: Sequence[bool] | None) -> NDArray[np.bool_]:
+    """Return which samples are targets to stay at: the last sample of each such target."""
+    last = np.append(owner[1:] != owner[:-1], True)
+    stays: NDArray[np.bool_] = last if stops is None else last & np.asarray(stops, dtype=bool)[owner]
+    return stays
+
+
+def _beyond_start(excess: _Excess, stays: NDArray[np.bool_]) -> _Excess:
+    """Drop the start from a checked way; forgive on the way by how much the start breaks the limit."""
+    forgiven = np.where(stays, 0.0, max(float(excess.excess[0]), 0.0))
+    limit = np.broadcast_to(excess.limit, excess.excess.shape)
+    return _Excess(excess.check, excess.found[1:], limit[1:], excess.excess[1:] - forgiven, excess.unit)
+
+
 def _not_finite(start: Array, targets: Array, others: tuple[float, ...]) -> tuple[MotionFinding, ...]:
     bad = np.flatnonzero(~np.isfinite(targets).all(axis=1))
     if not np.isfinite([*start, *others]).all():
@@ -153,7 +177,7 @@ def _not_finite(start: Array, targets: Array, others: tuple[float, ...]) -> tupl
     return tuple(MotionFinding(int(i), "finite", nan, nan, f"target {i + 1}: {words}") for i in bad)
 
 
-def _sample(start: Array, targets: Array) -> tuple[Array, Array]:
+def _sample(start: Array, targets: Array) -> tuple[NDArray[np.int_], Array]:
     """Return which target each sample belongs to, and the samples (S, n); every target is a sample."""
     owners, pieces, before = [], [], start
     for index, target in enumerate(targets):
@@ -255,7 +279,7 @@ def _joint_speed(model: RobotModel, limits: MotionLimits, speed_rad_s: float) ->
     return [MotionFinding(0, "joint speed", speed_rad_s, limit, words)]
 
 
-def _findings(excess: _Excess, owner: Array) -> list[MotionFinding]:
+def _findings(excess: _Excess, owner: NDArray[np.int_]) -> list[MotionFinding]:
     """Report, per target, the sample that breaks this limit most."""
     findings = []
     for target in np.unique(owner[excess.excess > 0]):

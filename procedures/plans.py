@@ -196,7 +196,9 @@ def _allowed(
     model: RobotModel, here: Array | Joints, there: Array, limits: MotionLimits, *, one_by_one: bool
 ) -> bool:
     start = np.array(here)
-    return check_moves(model, start, _ways(start, there, one_by_one), limits, speed_rad_s=1e-3).allowed
+    ways = _ways(start, there, one_by_one)
+    stops = [False] * (len(ways) - 1) + [True]
+    return check_moves(model, start, ways, limits, speed_rad_s=1e-3, stops=stops).allowed
 
 
 def _timed(

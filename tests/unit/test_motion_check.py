@@ -114,3 +114,14 @@ def test_every_target_is_reported_with_a_sentence():
 def test_targets_of_another_robot_are_refused():
     with pytest.raises(CalibrationError):
         check_moves(MODEL, HOME, np.zeros((2, 5)), WIDE, speed_rad_s=SPEED)
+
+
+def test_a_robot_beyond_a_limit_may_come_back_but_go_no_further():
+    inside, beyond, further = HOME.copy(), HOME.copy(), HOME.copy()
+    edge = MODEL.upper_rad[0] - WIDE.joint_margin_rad
+    beyond[0], further[0] = edge + 0.02, edge + 0.04
+    assert check_moves(MODEL, beyond, inside[None], WIDE, speed_rad_s=SPEED).allowed
+    assert not check_moves(MODEL, inside, beyond[None], WIDE, speed_rad_s=SPEED).allowed
+    assert not check_moves(MODEL, beyond, beyond[None], WIDE, speed_rad_s=SPEED).allowed  # nor stay there
+    way = np.array([further, inside])
+    assert not check_moves(MODEL, beyond, way, WIDE, speed_rad_s=SPEED, stops=(False, True)).allowed
