@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from drivers.registry import GaugeConfig, RobotConfig
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
 from calibration.errors import CellError
+from drivers.registry import GaugeConfig, RobotConfig
 
 Triple = tuple[float, float, float]
 
