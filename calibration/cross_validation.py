@@ -53,7 +53,7 @@ class Grouping:
 
 
 def group_rows(joints_rad: Array, given: Rows | None = None) -> Grouping:
-    """Return groups: those given, runs of constant wrist, single rows of a short series, or blocks of neighbours."""
+    """Return groups: those given, runs of constant wrist, single rows if few, or blocks of neighbours."""
     count = len(joints_rad)
     if given is not None:
         return Grouping(np.unique(given, return_inverse=True)[1].reshape(-1), "groups named in the file")
@@ -105,8 +105,8 @@ def compare(
 ) -> Comparison:
     """Compare held-out errors (N,) of two models, group by group.
 
-    The wider one wins if its RMSE is lower by at least ``least_gain`` and the mean gain over groups exceeds its own
-    standard deviation of the mean: a gain that one group makes alone is none.
+    The wider one wins if its RMSE is lower by at least ``least_gain`` and the mean gain over groups exceeds
+    its own standard deviation of the mean: a gain that one group makes alone is none.
     """
     (narrow_name, first), (wide_name, second) = narrow, wide
     before, after = float(np.sqrt(np.mean(first**2))), float(np.sqrt(np.mean(second**2)))

@@ -1,4 +1,4 @@
-"""Maximum a posteriori estimation of an arm from observations: Gauss-Newton on normal equations, in blocks."""
+"""Maximum a posteriori estimation of an arm from observations: Gauss-Newton, in blocks of postures."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -99,7 +99,9 @@ def estimate(layout: Layout, state: ArmState, problem: Problem, weights: Array |
     root = None if weights is None else np.sqrt(weights)
     information, gradient, cost = _equations(layout, state, problem, root)
     damping = 0.0
-    for iteration in range(1, _MAX_ITERATIONS + 1):
+    iterations = 0
+    while iterations < _MAX_ITERATIONS and damping <= _MAX_DAMPING:
+        iterations += 1
         step, spread = _solve(information, gradient, damping)
         candidate = layout.step(state, step * layout.prior)
         equations = _equations(layout, candidate, problem, root)
@@ -111,10 +113,8 @@ def estimate(layout: Layout, state: ArmState, problem: Problem, weights: Array |
                 break
         else:
             damping = max(1e-3, damping * 10)
-            if damping > _MAX_DAMPING:
-                break
     covariance = np.linalg.inv(information) * np.outer(layout.prior, layout.prior)
-    return Fit(state, layout, covariance, layout.deviations(state), cost, iteration)
+    return Fit(state, layout, covariance, layout.deviations(state), cost, iterations)
 
 
 def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Array, Array]:

@@ -65,8 +65,8 @@ def rigid_fit(points: Array, targets: Array) -> Array:
 def _anchors(flange_m: Array, lengths_m: Array) -> tuple[Array, Array]:
     """Return the anchor by linear trilateration of the flange, and its mirror image.
 
-    ``l^2 = |a|^2 - 2 a . p + |p|^2`` is linear in a and |a|^2. Where the postures lie almost in a plane, the side
-    on which the anchor is cannot be told by the linear equations, so both are tried.
+    ``l^2 = |a|^2 - 2 a . p + |p|^2`` is linear in a and |a|^2. Where the postures lie almost in a plane, the
+    linear equations cannot tell on which side the anchor is, so both are tried.
     """
     centre = flange_m.mean(axis=0)
     points = flange_m - centre

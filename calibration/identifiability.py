@@ -9,8 +9,10 @@ from calibration.geometry import Array
 from calibration.parameters import Parameter
 
 _LEARNED = 0.5  # of the prior deviation: above, the prior speaks rather than the data
-_PARTNER = 0.5
+_PARTNER = 0.5  # of the variance
 _STRONG = 0.95
+_ARM_ROLES = ("offset", "geometry", "wire", "gravity")
+_PLACE_ROLES = ("base", "anchor", "tool")
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +23,7 @@ class NotIdentified:
     partner: str  # what moves with it unseen; empty if it simply does not show
     cure: str
     sigma_over_prior: float
-    correlation: float
+    hidden_share: float  # of its variance, that knowledge of the partner would take away
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,22 +45,48 @@ def correlations(fit: Fit) -> Array:
 def not_identified(fit: Fit) -> tuple[NotIdentified, ...]:
     """Return every parameter of the arm or wire whose posterior deviation exceeds half its prior deviation.
 
-    Ripple is left out: two dozen small terms say nothing to a reader, and their priors keep them harmless.
+    Its partner is the place of device or tool, or the one other parameter, whose knowledge would determine most
+    of it. Ripple is left out: two dozen small terms say nothing to a reader, and priors keep them harmless.
     """
-    rho = correlations(fit)
     sigma = np.sqrt(np.diag(fit.covariance))
     parameters = fit.layout.parameters
-    found = []
+    learnt = sigma / fit.layout.prior
+    weak = [
+        i for i, parameter in enumerate(parameters) if parameter.role in _ARM_ROLES and learnt[i] > _LEARNED
+    ]
+    return tuple(_describe(fit, i, float(learnt[i])) for i in weak)
+
+
+def _describe(fit: Fit, own: int, ratio: float) -> NotIdentified:
+    parameters = fit.layout.parameters
+    rho = correlations(fit)[own]
+    partner, share = _partner(fit, own)
+    if partner is None:
+        return NotIdentified(parameters[own].name, "", _cure(parameters[own], None), ratio, 0.0)
+    if partner.role in _PLACE_ROLES:
+        same = [i for i, parameter in enumerate(parameters) if parameter.role == partner.role]
+        partner = parameters[max(same, key=lambda i: abs(rho[i]))]
+    return NotIdentified(parameters[own].name, _words(partner), _cure(parameters[own], partner), ratio, share)
+
+
+def _partner(fit: Fit, own: int) -> tuple[Parameter | None, float]:
+    """Return who hides a parameter: the share of its variance that would vanish if the other were known."""
+    parameters, covariance = fit.layout.parameters, fit.covariance
+    shares: dict[int, float] = {}
     for i, parameter in enumerate(parameters):
-        ratio = float(sigma[i] / parameter.prior)
-        if parameter.role in ("base", "anchor", "tool", "harmonic") or ratio <= _LEARNED:
+        if i == own or parameter.role == "harmonic":
             continue
-        j = _partner(rho[i], i, parameters)
-        together = abs(float(rho[i, j])) >= _PARTNER
-        other = parameters[j] if together else None
-        partner = "" if other is None else _words(other, parameters)
-        found.append(NotIdentified(parameter.name, partner, _cure(parameter, other), ratio, float(rho[i, j])))
-    return tuple(found)
+        same = [j for j, other in enumerate(parameters) if other.role == parameter.role and j != own]
+        block = same if parameter.role in _PLACE_ROLES else [i]
+        cross, inner = covariance[own, block], covariance[np.ix_(block, block)]
+        scale = np.sqrt(np.diag(inner))
+        white = cross / scale
+        known = white @ np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-10) @ white
+        shares[i] = float(known / covariance[own, own])
+    best = max(shares, key=lambda i: shares[i], default=-1)
+    if best < 0 or shares[best] < _PARTNER:
+        return None, 0.0
+    return parameters[best], min(shares[best], 1.0)
 
 
 def correlated_pairs(fit: Fit) -> tuple[CorrelatedPair, ...]:
@@ -78,15 +106,7 @@ def correlated_pairs(fit: Fit) -> tuple[CorrelatedPair, ...]:
     return tuple(sorted(pairs, key=lambda pair: -abs(pair.correlation)))
 
 
-def _partner(rho: Array, own: int, parameters: tuple[Parameter, ...]) -> int:
-    strength = np.abs(rho)
-    strength[own] = 0.0
-    # Of equals, the place of a device or tool explains more to a reader than another small parameter.
-    bonus = np.array([0.05 * (parameter.role in ("base", "anchor", "tool")) for parameter in parameters])
-    return int(np.argmax(strength + bonus * (strength > _PARTNER)))
-
-
-def _words(parameter: Parameter, parameters: tuple[Parameter, ...]) -> str:
+def _words(parameter: Parameter) -> str:
     axis = parameter.name.split()[-1]
     if parameter.role == "base":
         motion = (

@@ -1,7 +1,7 @@
-"""Identification of an arm from measurements: which model the data support, how good it is, and what stays unknown."""
+"""Identification of an arm: which model the measurements support, how good it is, what stays unknown."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -53,7 +53,7 @@ class Options:
     seed: int = 0
     folds: int = _FOLDS
     find_breaks: bool = True
-    priors: Priors = Priors()
+    priors: Priors = field(default_factory=Priors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +61,7 @@ class Identification:
     """The identified arm, and what may be believed about it."""
 
     state: ArmState
+    frames: ArmState  # base and tool fitted to the nominal arm, by the same rows
     robust: RobustFit
     level: int
     level_reasons: tuple[str, ...]
@@ -121,7 +122,7 @@ def identify(
     model: RobotModel,
     observations: Observations,
     *,
-    groups: Rows | None = None,
+    grouping: Grouping | None = None,
     options: Options | None = None,
 ) -> Identification:
     r"""Identify an arm: find moved devices, choose the level by unseen groups, fit robustly, say what is unknown.
@@ -132,7 +133,7 @@ def identify(
         Nominal.
     observations : Observations
         In the order of measuring; their mounting is ignored.
-    groups : (N,) or None
+    grouping : Grouping or None
         Rows that belong together for cross-validation; None looks for runs of constant wrist, else blocks.
     options : Options
         Level, seed, folds, priors.
@@ -151,15 +152,15 @@ def identify(
 
     Notes
     -----
-    Levels are tried in order. A wider one replaces the best so far only if it predicts groups that it has not seen
-    better by 1 % and by more than the groups' own scatter. Rows rejected from the fit do not vote.
+    Levels are tried in order. A wider one replaces the best so far only if it predicts groups that it has not
+    seen better by 1 % and by more than the groups' own scatter. Rows that no level can believe do not vote.
     """
     options = options or Options()
     if options.level is not None and options.level not in LEVELS:
         raise CalibrationError(
             f"there is no level {options.level}.", remedy=f"Levels are {LEVELS[0]} to {LEVELS[-1]}."
         )
-    grouping = group_rows(observations.joints_rad, groups)
+    grouping = grouping or group_rows(observations.joints_rad)
     breaks, break_reasons = _choose_breaks(model, observations, grouping, options)
     rows = [found.row for found in breaks]
     start = fit_frames(model, observations, rows).state
@@ -172,6 +173,7 @@ def identify(
     judged = robust if level > FRAMES else fit_level(model, seen, start, OFFSETS, options.priors)
     return Identification(
         robust.fit.state,
+        fit_level(model, seen, start, FRAMES, options.priors).fit.state,
         robust,
         level,
         reasons,

@@ -155,7 +155,8 @@ class LengthObservations:
     def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
         """Return how the length follows motions of the tip: (P, 3, N) to (P, 1, N)."""
         direction = -device.scale * _directions(tip, device)
-        return np.einsum("pcn,cn->pn", linear, direction)[:, None]
+        along: Array = np.einsum("pcn,cn->pn", linear, direction)[:, None]
+        return along
 
     def scales(self, rows: Rows | slice) -> Array:
         """Return 1 / sigma (1, N)."""

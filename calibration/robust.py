@@ -1,4 +1,4 @@
-"""Fits that bad rows cannot bend: Cauchy start, rejection by the median deviation, plain least squares at the end."""
+"""Fits that bad rows cannot bend: Cauchy start, rejection by median deviation, least squares at the end."""
 
 from dataclasses import dataclass, replace
 
@@ -54,11 +54,12 @@ def fit_robustly(layout: Layout, start: ArmState, problem: Problem) -> RobustFit
 
     Notes
     -----
-    A row is rejected beyond ``max(4, t)`` deviations, where t would reject 0.05 good Gaussian rows in the whole fit.
-    The deviation is taken from the median, so up to half of the rows may be bad.
+    A row is rejected beyond ``max(4, t)`` deviations, where t would reject 0.05 good Gaussian rows in the whole
+    fit, unless its neighbours are off in the same way. The deviation is taken from the median, so up to half
+    of the rows may be bad.
     """
     fit = estimate(layout, start, problem)
-    problem, fit = _rescaled(layout, fit, problem), fit
+    problem = _rescaled(layout, fit, problem)
     weights = np.ones(len(problem.observations))
     for _ in range(_MAX_ROUNDS):
         size = _sizes(fit, problem)
@@ -136,6 +137,10 @@ def _rescaled(layout: Layout, fit: Fit, problem: Problem) -> Problem:
         for group in channel_groups(len(residuals))
     ]
     return _with_factors(problem, np.array(factors))
+
+
+def _median_square(residuals: Array) -> float:
+    return float(np.median((residuals**2).sum(axis=0)))
 
 
 def _effective(layout: Layout, fit: Fit) -> float:

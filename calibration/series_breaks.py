@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from calibration.parameters import FRAMES, make_layout
 
 _SHORTEST = 12  # rows of one mounting
 _MOST_BREAKS = 8
+_CAPPED_COST = 100.0
+_CHANGE_COST = 50.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +49,8 @@ def candidate_breaks(
     r"""Yield one break, then two, and so on: for each number the rows that ask most strongly.
 
     Each round adds the break with the largest gain of the Bayesian information criterion
-    ``N ln(RSS) + p ln(N)`` and then moves all breaks to their best places. The gain of a cut is computed for all
-    cuts at once from one linearisation: with gradient g and columns D of the rows after the cut,
+    ``N ln(RSS) + p ln(N)`` and then moves all breaks to their best places. The gain is computed for all cuts at
+    once from one linearisation: with gradient g and columns D of the rows after the cut,
     ``RSS falls by g' (D'D - D'J (J'J)^-1 J'D)^-1 g``.
 
     Parameters
@@ -62,8 +65,8 @@ def candidate_breaks(
     Yields
     ------
     tuple of SeriesBreak
-        Sorted by row. Whether breaks are real is for cross-validation to say: neighbours share errors, and the
-        criterion takes them for independent.
+        Sorted by row. Whether breaks are real is for cross-validation to say: neighbours share errors, and
+        the criterion takes them for independent.
     """
     breaks: list[SeriesBreak] = []
     while len(breaks) < most and len(observations) >= 4 * _SHORTEST:
@@ -105,7 +108,7 @@ def _best_cut(
     columns, residuals = place_columns(fit.layout, fit.state, problem)  # (p, m, N), (m, N)
     edges = sorted([0, len(seen), *breaks])
     best: SeriesBreak | None = None
-    for mounting, span in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for mounting, span in enumerate(pairwise(edges)):
         if within is not None and span != within:
             continue
         found = _scan(fit, columns, residuals, mounting, span)
@@ -153,3 +156,33 @@ def _inverse(columns: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
     inverse: Array = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10) / np.outer(scale, scale)
     return inverse
+
+
+def assign_mountings(errors_m: Array, sigma_m: float) -> Rows:
+    """Return the mounting of every row of another series, changing as seldom as the rows allow.
+
+    Parameters
+    ----------
+    errors_m : (S, N)
+        Error of every row under each of the known mountings [m].
+    sigma_m : float
+        Standard deviation of one row [m].
+
+    Returns
+    -------
+    (N,)
+        The sequence with the least sum of squared errors, capped at 10 deviations, plus 50 for each change.
+    """
+    cost = np.minimum((errors_m / sigma_m) ** 2, _CAPPED_COST)
+    count, total = cost.shape[1], cost[:, 0].copy()
+    came_from = np.zeros(cost.shape, dtype=np.intp)
+    for row in range(1, count):
+        cheapest = int(np.argmin(total))
+        change = total[cheapest] + _CHANGE_COST < total
+        came_from[:, row] = np.where(change, cheapest, np.arange(len(total)))
+        total = np.minimum(total, total[cheapest] + _CHANGE_COST) + cost[:, row]
+    path = np.empty(count, dtype=np.intp)
+    path[-1] = int(np.argmin(total))
+    for row in range(count - 1, 0, -1):
+        path[row - 1] = came_from[path[row], row]
+    return path

@@ -1,4 +1,4 @@
-"""Joint angles that a file has rounded, made sharper with the x, y, z that the controller printed beside them.
+"""Joint angles that a file has rounded, made sharper with the x, y, z that the controller printed.
 
 The printed position is the controller's own forward kinematics of the joints it really had. It is a second
 reading of the joints, not a measurement of the arm: it never serves as truth.
@@ -54,7 +54,7 @@ def unround_joints(
     printed_m: Array,
     printed_step_m: float,
 ) -> Unrounded:
-    r"""Sharpen rounded joints with printed positions: minimise ``sum dq^2 / s_q^2 + |FK(q + dq) - p|^2 / s_p^2``.
+    r"""Sharpen rounded joints: minimise ``sum dq^2 / s_q^2 + |FK(q + dq) - printed|^2 / s_p^2``.
 
     Parameters
     ----------
