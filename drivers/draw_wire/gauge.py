@@ -16,6 +16,7 @@ from drivers.wire.tables import CodeEntry, code_table
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # vendor:product:revision this driver has run on; none yet, see README.md
 _OBJECT_MISSING = (0x06020000, 0x06090011)
+_GENERIC = 0x1000  # an error register without the EMCY that belongs to it
 _Read = Callable[[int, int], Awaitable[bytes]]
 
 
@@ -88,8 +89,10 @@ class DrawWire:
     async def distance(self) -> Reading:
         async with deadline(self.name, self._options.deadline_s, "reading the length"):
             raw = await self._value("position", self._link.read)
-        taken_at_s = time.monotonic()
-        self._require_trust()
+            taken_at_s = time.monotonic()
+            # a second question lets a late answer to an earlier one show itself as one too many
+            register = await self._value("error_register", self._link.read)
+        self._require_trust(register)
         value_m = raw * self._step_m
         self._require_range(value_m)
         return Reading(value_m, self._options.sigma_m, taken_at_s, raw)
@@ -108,20 +111,21 @@ class DrawWire:
             link.forget_emergency()
 
     async def _check_offset(self, read: _Read) -> None:
-        """Refuse to go on when a lost preset has moved the zero under readings already taken."""
+        """Refuse to go on when a preset, lost or new, has moved the zero under readings already taken."""
         try:
             offset = await self._value("offset", read)
         except RefusedError as error:
             if error.vendor_code in _OBJECT_MISSING:
                 return
             raise
-        before, self._offset = self._offset, offset
-        if before is not None and before != offset:
-            moved_mm = (offset - before) * self._step_m * 1e3
+        if self._offset is None:
+            self._offset = offset
+        if self._offset != offset:
+            moved_mm = (offset - self._offset) * self._step_m * 1e3
             raise RefusedError(
                 self.name,
-                f"the zero of the gauge moved by {moved_mm:.1f} mm at its restart.",
-                remedy="Readings from before cannot be combined with new ones: take the reference again.",
+                f"the zero of the gauge moved by {moved_mm:.1f} mm since it was connected.",
+                remedy="Its readings cannot be combined: restore the preset, or begin from the reference.",
             )
 
     async def _value(self, name: str, read: _Read) -> int:
@@ -137,8 +141,10 @@ class DrawWire:
                 frame=data.hex(),
             ) from error
 
-    def _require_trust(self) -> None:
+    def _require_trust(self, register: int) -> None:
         emergency = self._link.emergency
+        if emergency is None and register:
+            emergency = Emergency(_GENERIC, register, "")
         if emergency is not None:
             meaning = _meaning(emergency)
             raise RefusedError(

@@ -16,7 +16,7 @@ from drivers.wire.trace import FrameTrace
 _POLL_S = 0.05
 _HEARTBEATS_MISSED = 2.5
 _BUS_OFF = 0x40  # CAN_ERR_BUSOFF in the identifier of an error frame, linux/can/error.h
-_FOREIGN_S = 2.0
+FOREIGN_S = 2.0
 _WIRING = "Check the power and the cable of the device, and the CAN termination; then try again."
 
 
@@ -57,6 +57,7 @@ class CanSession:
         self._heartbeat_s = 0.0  # period that is watched; 0 while it is not
         self._heard_s = time.monotonic()
         self._odd_frame = ""
+        self._answers = 0
         self._closing = threading.Event()
         self._reader = threading.Thread(target=self._read_frames, name=f"can reader {device}", daemon=True)
 
@@ -67,7 +68,7 @@ class CanSession:
         except (can.CanError, OSError, ValueError) as error:
             message = f"the CAN bus cannot be opened ({error})."
             raise UnreachableError(self.device, message, remedy=_WIRING) from error
-        self._network = canopen.Network(self._bus)
+        self._network = _CountingNetwork(self._bus, 0x600 + self._id)
         nothing_known = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]  # objects are our data
         self._node = self._network.add_node(canopen.RemoteNode(self._id, nothing_known))
         self._node.sdo.RESPONSE_TIMEOUT = self._answer_s
@@ -90,7 +91,7 @@ class CanSession:
 
     def foreign_master(self) -> bool:
         """Return whether somebody else has commanded this node lately."""
-        return time.monotonic() - self.foreign_at_s < _FOREIGN_S
+        return time.monotonic() - self.foreign_at_s < FOREIGN_S
 
     def upload(self, index: int, subindex: int) -> bytes:
         """Read one object (SDO). Blocks until its answer or the deadline."""
@@ -121,6 +122,11 @@ class CanSession:
         except struct.error as error:
             raise self._odd(str(error)) from error
         self._require_life()
+        if self.foreign_master():  # its answers look like ours; who asks for a value is told of it
+            self._answers = self._network.questions
+        if self._answers > self._network.questions:
+            self._die("the node answered more often than it was asked")
+            raise self._odd("an answer to an earlier request came late")
         return result
 
     def _no_answer(self, error: Exception) -> DeviceError:
@@ -196,6 +202,7 @@ class CanSession:
         self.emergency = Emergency(code, data[2] if len(data) > 2 else 0, data.hex())
 
     def _answer(self, data: bytes) -> None:
+        self._answers += 1
         if len(data) == 8:
             self._network.notify(0x580 + self._id, bytearray(data), time.time())
         else:
@@ -203,3 +210,17 @@ class CanSession:
 
     def _die(self, reason: str) -> None:
         self.dead = self.dead or reason
+
+
+class _CountingNetwork(canopen.Network):
+    """Counts the SDO requests, so that an answer too many is seen."""
+
+    def __init__(self, bus: can.BusABC, can_id: int) -> None:
+        super().__init__(bus)
+        self._can_id = can_id
+        self.questions = 0
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        if can_id == self._can_id:
+            self.questions += 1
+        super().send_message(can_id, data, remote)

@@ -9,7 +9,7 @@ What the two libraries leave to their caller, and what is done about it here and
   other traps are closed in ``socketcand.py``
 * canopen unpacks EMCY frames of eight bytes only: we take any length and latch it until the node says 0000h
 * an SDO answer that comes after its time-out may meet the next request for the same object: the session ends,
-  the node is left quiet for as long again, and the greeting of the next session asks for other objects first
+  the node is left quiet for as long again, and an answer more than there were questions ends a session too
 * configuration files of python-can are not looked at
 """
 
@@ -21,7 +21,7 @@ from typing import TypeVar
 
 from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from drivers.wire.backoff import Backoff
-from drivers.wire.can_session import BusOptions, CanSession, Emergency
+from drivers.wire.can_session import FOREIGN_S, BusOptions, CanSession, Emergency
 from drivers.wire.trace import FrameTrace
 from drivers.wire.worker import Worker
 
@@ -51,6 +51,7 @@ class CanopenLink:
         self._turn = asyncio.Lock()
         self._backoff = Backoff()
         self._quiet_until_s = 0.0
+        self._foreign_at_s = float("-inf")
 
     @property
     def emergency(self) -> Emergency | None:
@@ -71,7 +72,8 @@ class CanopenLink:
     @property
     def foreign_master(self) -> bool:
         """Whether somebody else has commanded this node lately."""
-        return self._session is not None and self._session.foreign_master()
+        seen_s = self._foreign_at_s if self._session is None else self._session.foreign_at_s
+        return time.monotonic() - max(seen_s, self._foreign_at_s) < FOREIGN_S
 
     async def open(self) -> None:
         """Open the bus, switch the node's heartbeat on and greet it."""
@@ -85,7 +87,7 @@ class CanopenLink:
         if worker is None:
             return
         if session is not None:
-            self._keep_emergency(session)
+            self._remember(session)
             try:
                 async with asyncio.timeout(self._deadline_s):
                     await worker.run(session.close)
@@ -191,11 +193,13 @@ class CanopenLink:
 
     def _abandon(self, session: CanSession, worker: Worker) -> None:
         """Leave a thread that hangs inside a library to itself; it ends when its socket does."""
-        self._keep_emergency(session)
+        self._remember(session)
         session.dead = session.dead or "abandoned after a time-out"
         worker.stop()
         self._session = self._worker = None
 
-    def _keep_emergency(self, session: CanSession) -> None:
+    def _remember(self, session: CanSession) -> None:
+        """Keep what outlives a session."""
+        self._foreign_at_s = max(self._foreign_at_s, session.foreign_at_s)
         if session.emergency is not None or session.emergencies_cleared:
             self._emergency = session.emergency
