@@ -1,0 +1,164 @@
+"""``cellcal identify``: kinematic identification from a file of measurements."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from calibration.cross_validation import Errors
+    from service.identify import IdentifyReport
+
+_MOST_ROWS_SHOWN = 12
+
+
+def identify(  # noqa: PLR0913  # a command's options are its arguments
+    measurements: Path,
+    /,
+    *,
+    robot: str,
+    level: int | None = None,
+    check: Path | None = None,
+    train_rows: int | None = None,
+    seed: int = 0,
+    plot: Path | None = None,
+    columns: tuple[str, ...] = (),
+    units: tuple[str, ...] = (),
+    convention: str = "",
+    sheet: str | None = None,
+    as_json: Annotated[bool, Parameter(name="--json")] = False,
+) -> int:
+    """Identify a robot from measurements, and say how far the result can be believed.
+
+    Parameters
+    ----------
+    measurements
+        CSV or Excel file as the instrument wrote it: joints, and a length, position or pose per row.
+    robot
+        Nominal model; `cellcal models` lists them.
+    level
+        0 base and tool only, 1 mastering offsets, 2 geometry, 3 and sag, 4 and gear ripple. Chosen by
+        cross-validation if not given.
+    check
+        Another file, on which the finished model is evaluated.
+    train_rows
+        Fit this many rows, drawn at random; all other rows are held out.
+    seed
+        Of the draw and of the folds.
+    plot
+        Folder for plots of the residuals (PNG and SVG).
+    columns
+        What a column is, where guessing fails: joints=q1,q2,… position=X,Y,Z length=L controller=… rotation=…
+        group=…
+    units
+        Units, where guessing fails: joints=deg position=mm length=m controller=mm rotation=rad.
+    convention
+        Orientation convention of the measured attitude, or none.
+    sheet
+        Sheet of an Excel file.
+    as_json
+        Print one JSON object on standard output.
+    """
+    from rich.console import Console
+
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.identify import IdentifyOptions, identify_file
+    from service.measurements import ReadOptions
+
+    named = {key: tuple(value.split(",")) for key, value in _pairs(columns, "--columns").items()}
+    read = ReadOptions(named, _pairs(units, "--units"), convention, sheet)
+    report = identify_file(measurements, robot, IdentifyOptions(level, check, train_rows, seed, read))
+    if plot is not None:
+        from service.identify_plots import draw_identification
+
+        for path in draw_identification(report, plot):
+            EN_ROUTE.print(f"wrote {path}")
+    if as_json:
+        print_json(report.as_document())
+    else:
+        _print_report(Console(highlight=False), report)
+    return 0
+
+
+def _pairs(words: tuple[str, ...], option: str) -> dict[str, str]:
+    from service.measurement_table import MeasurementError
+
+    wrong = [word for word in words if "=" not in word]
+    if wrong:
+        raise MeasurementError(f"{option} {wrong[0]} has no '='.", remedy=f"Write {option} joints=….")
+    return dict(word.split("=", 1) for word in words)
+
+
+def _print_report(console: "Console", report: "IdentifyReport") -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from calibration.parameters import LEVEL_NAMES
+
+    for guess in report.measurements.guesses:
+        console.print(f"[dim]read: {escape(guess)}[/]")
+    table = Table(
+        "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {report.rows} rows"
+    )
+    _add(table, "before: base and tool fitted to the nominal robot", report.before)
+    _add(table, f"held out: level {report.level}, {LEVEL_NAMES[report.level]}", report.held_out)
+    _add(table, "fit (residuals, not an accuracy)", report.fit)
+    if report.check is not None:
+        _add(table, "check file", report.check)
+    console.print(table)
+    console.print(f"Held out by {report.held_out_by}.")
+    if report.breaks:
+        rows = ", ".join(str(row) for row in report.breaks)
+        console.print(f"[bold]The device was moved[/] before rows {rows} (data rows counted from 0).")
+    for reason in (*report.identification.break_reasons, *report.identification.level_reasons):
+        console.print(f"  {escape(reason)}")
+    for lint in report.lints:
+        console.print(f"[yellow]note[/] {escape(lint.message)}")
+    _print_rejected(console, report)
+    _print_parameters(console, report)
+    console.print(f"{report.seconds:.1f} s")
+
+
+def _add(table: "Table", title: str, errors: "Errors") -> None:
+    sizes = (errors.rmse_m, errors.mean_m, errors.p95_m, errors.max_m)
+    table.add_row(title, str(errors.n), *(f"{size * 1e3:.3f}" for size in sizes))
+
+
+def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
+    from rich.markup import escape
+
+    if not report.rejected:
+        return
+    console.print(f"[bold]{len(report.rejected)} rows rejected[/]")
+    for item in report.rejected[:_MOST_ROWS_SHOWN]:
+        console.print(f"  row {item.row}: {escape(item.reason)}")
+    if len(report.rejected) > _MOST_ROWS_SHOWN:
+        console.print(f"  … and {len(report.rejected) - _MOST_ROWS_SHOWN} more (`--json` lists all)")
+
+
+def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
+    from rich.table import Table
+
+    scales = {
+        "rad": ("deg", 57.29577951308232),
+        "m": ("mm", 1e3),
+        "rad/m": ("deg/m", 57.29577951308232),
+        "1": ("ppm", 1e6),
+    }
+    unknown = {item.parameter for item in report.identification.not_identified}
+    known = [p for p in report.parameters if p.name not in unknown and " ripple " not in p.name]
+    if known:
+        table = Table("identified", "value", "sigma", "unit")
+        for parameter in known:
+            unit, scale = scales[parameter.unit]
+            table.add_row(
+                parameter.name, f"{parameter.value * scale:+.4f}", f"{parameter.sigma * scale:.4f}", unit
+            )
+        console.print(table)
+    if report.identification.not_identified:
+        table = Table("not identified", "hidden behind", "cure")
+        for item in report.identification.not_identified:
+            table.add_row(item.parameter, item.partner or "-", item.cure)
+        console.print(table)
