@@ -2,25 +2,27 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from calibration import lints
-from calibration.cross_validation import Errors, group_rows, Grouping
-from calibration.estimator import Problem, errors_m, whitened_residuals
+from calibration.cross_validation import Errors, Grouping, group_rows
+from calibration.estimator import Problem, errors_m, estimate, whitened_residuals
 from calibration.geometry import Array
 from calibration.identification import Identification, Options, identify
 from calibration.kinematics import RobotModel, load_model
 from calibration.lints import Lint
 from calibration.observations import Observations, Rows, with_joints, with_mounting
-from calibration.parameters import LEVEL_NAMES, ArmState
+from calibration.parameters import FRAMES, LEVEL_NAMES, ArmState, make_layout
 from calibration.series_breaks import assign_mountings, mounting_of
 from calibration.unrounding import unround_joints
 from service.measurement_table import MeasurementError
 from service.measurements import Measurements, ReadOptions, RejectedRow, read_measurements
+
+_MOVED = 1.5  # times better with device and target placed anew: one of them was moved
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,12 +240,30 @@ def _check(
         ]
     )
     chosen = assign_mountings(by_mounting, max(found.fit.rmse_m, 1e-6))
+    errors = Errors.of(by_mounting[chosen, np.arange(count)])
+    anew = _placed_anew(found, other.observations)
+    if errors.rmse_m > _MOVED * anew.rmse_m:
+        noticed.append(
+            Lint(
+                "check_moved",
+                f"the check file fits to {anew.rmse_m * 1e3:.3f} mm (RMSE) once device and target are placed anew, "
+                f"against {errors.rmse_m * 1e3:.3f} mm as they stood: one of them was moved between the files.",
+            )
+        )
     if len(by_mounting) > 1:
         parts = ", ".join(f"{int((chosen == i).sum())} rows on mounting {i + 1}" for i in np.unique(chosen))
         noticed.append(
             Lint("check_mounting", f"the device had several mountings; the check file fits {parts}.")
         )
-    return Errors.of(by_mounting[chosen, np.arange(count)]), noticed
+    return errors, noticed
+
+
+def _placed_anew(found: Identification, observations: Observations) -> Errors:
+    """Return the errors of the identified arm when base or anchor, and tool, are fitted to the check rows."""
+    state = replace(found.state, devices=found.state.devices[:1])
+    layout = make_layout(state.nominal, observations.kind, 1, level=FRAMES)
+    problem = Problem.of(state, observations)
+    return Errors.of(errors_m(estimate(layout, state, problem).state, problem))
 
 
 def _rejected(measurements: Measurements, found: Identification, train: Rows) -> tuple[RejectedRow, ...]:

@@ -28,6 +28,7 @@ _MOST_RADIANS = 8.2  # a turn and a third: beyond, angles are degrees
 _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
 _SIGMA_RAD = 2e-3
 _CONSISTENT_RAD = float(np.deg2rad(2.0))
+_LIKELY = ("ur_rotation_vector", "ros_rpy", "instrument_xyz")  # of equal formulas, the first is named
 _DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
 
 
@@ -245,7 +246,7 @@ def _with_attitudes(  # noqa: PLR0913  # see _assemble
         turns = turns / length
     else:
         turns = turns * units.angle("rotation", layout.turn, turns)
-        names = [n for n, c in CONVENTIONS.items() if len(c.fields) == 3]
+        names = [*_LIKELY, *(n for n, c in CONVENTIONS.items() if len(c.fields) == 3 and n not in _LIKELY)]
     if wanted and wanted not in CONVENTIONS:
         raise MeasurementError(
             f"no orientation is called {wanted!r}.",

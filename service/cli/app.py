@@ -37,6 +37,8 @@ def run_command_line(arguments: Sequence[str]) -> int:
     logging.basicConfig(
         level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s"
     )
+    for library in ("pymodbus", "can", "canopen"):  # the drivers turn what matters into errors of ours
+        logging.getLogger(library).setLevel(logging.CRITICAL)
     console = Console(stderr=True)
     try:
         result = app(list(arguments), exit_on_error=False, print_error=True, error_console=console)

@@ -14,7 +14,7 @@ def demo(
     headless: Annotated[bool, Parameter(negative=())] = False,
     loss: str = "turns",
     seed: int = 1,
-    time_factor: float = 200.0,
+    time_factor: float = 600.0,
     keep: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from service.identify import IdentifyReport
 
 _MOST_ROWS_SHOWN = 12
+_WIDER = "these postures hardly show them: measure over a wider range of these joints"
 
 
 def identify(  # noqa: PLR0913  # a command's options are its arguments
@@ -157,8 +158,19 @@ def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
                 parameter.name, f"{parameter.value * scale:+.4f}", f"{parameter.sigma * scale:.4f}", unit
             )
         console.print(table)
-    if report.identification.not_identified:
-        table = Table("not identified", "hidden behind", "cure")
-        for item in report.identification.not_identified:
-            table.add_row(item.parameter, item.partner or "-", item.cure)
-        console.print(table)
+    _print_unknown(console, report)
+
+
+def _print_unknown(console: "Console", report: "IdentifyReport") -> None:
+    from rich.table import Table
+
+    together: dict[tuple[str, str], list[str]] = {}
+    for item in report.identification.not_identified:
+        where = item.cure if item.partner else _WIDER
+        together.setdefault((item.partner or "-", where), []).append(item.parameter)
+    if not together:
+        return
+    table = Table("not identified", "hidden behind", "cure")
+    for (partner, cure), names in together.items():
+        table.add_row(", ".join(names), partner, cure)
+    console.print(table)

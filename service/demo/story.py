@@ -36,7 +36,7 @@ class Plot:
 
     loss: str = "turns"
     seed: int = 1
-    time_factor: float = 200.0
+    time_factor: float = 600.0
     say: Callable[[str], None] = lambda _: None
     on_event: Callable[[Progress], None] = ignore
 

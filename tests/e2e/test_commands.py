@@ -1,0 +1,102 @@
+"""The commands as a stranger types them: exit codes, one object on stdout, sentences on stderr."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from service.config import read_cell_file
+
+ROOT = Path(__file__).parents[2]
+
+
+def cellcal(*words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "service", *words]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_help_names_every_command() -> None:
+    ended = cellcal("--help")
+    assert ended.returncode == 0
+    for name in (
+        "demo",
+        "fakes",
+        "check",
+        "procedures",
+        "run",
+        "runs",
+        "show",
+        "resume",
+        "identify",
+        "models",
+    ):
+        assert name in ended.stdout
+
+
+def test_the_version_is_the_packages() -> None:
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert cellcal("--version").stdout.strip() == declared
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("dmo",), "demo"),
+        (("run", "mastering_record"), "cell"),
+        (("check", "/no/such/cell.toml"), "there is no such file"),
+        (("models", "ur99"), "ur"),
+    ],
+)
+def test_a_wrong_word_is_a_sentence_and_no_trace(words: tuple[str, ...], says: str) -> None:
+    ended = cellcal(*words)
+    assert ended.returncode in (2, 4)
+    assert ended.stdout == ""
+    assert says in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
+def test_models_as_json_is_one_object() -> None:
+    listed = json.loads(cellcal("models", "--json").stdout)
+    names = {model["name"] for model in listed["models"]}
+    assert {
+        "ur5e",
+        "ur10",
+        "ur10e",
+        "abb_irb120",
+        "fanuc_m6ib",
+        "fanuc_r2000ic_165f",
+        "kuka_kr6_r900",
+    } <= names
+
+
+def test_procedures_are_listed() -> None:
+    listed = json.loads(cellcal("procedures", "--json").stdout)
+    names = {procedure["name"] for procedure in listed["procedures"]}
+    assert {"mastering_record", "mastering_recovery", "six_point_tcp", "three_point_frame"} <= names
+
+
+@pytest.mark.parametrize(
+    "path", sorted((ROOT / "deploy" / "example_cells").glob("*.toml")), ids=lambda p: p.stem
+)
+def test_the_example_cells_are_valid(path: Path) -> None:
+    assert read_cell_file(path).robots
+
+
+def test_a_cell_that_is_switched_off_is_told_device_by_device(tmp_path: Path) -> None:
+    text = (ROOT / "deploy" / "example_cells" / "fanuc_draw_wire.toml").read_text()
+    text = text.replace("192.168.0.20", "127.0.0.1").replace("port = 502 ", "port = 1 ")
+    text = text.replace('"/var/lib/cellcal/cell-7"', f'"{tmp_path}"')
+    text = text.replace('interface = "socketcan" ', 'interface = "socketcand"\nhost = "127.0.0.1"\nport = 1 ')
+    cell = tmp_path / "cell.toml"
+    cell.write_text(text)
+    ended = cellcal("check", str(cell), "--json")
+    assert ended.returncode == 5
+    report = json.loads(ended.stdout)
+    assert not report["all_reached"]
+    assert {device["name"]: device["state"] for device in report["devices"]} == {
+        "fanuc": "unreachable", "wire": "unreachable"
+    }  # fmt: skip
+    assert all(device["remedy"] for device in report["devices"])

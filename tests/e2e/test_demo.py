@@ -1,0 +1,74 @@
+"""The main job through the command that a newcomer types: real processes, sockets, the world's truth."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+KEYS = {
+    *("loss", "detected_by", "captures", "joints", "verdict", "reason"),
+    *("tcp_error_before_m", "tcp_error_after_m"),
+}
+JOINT_KEYS = {"name", "turns_lost", "turns_restored", "offset_error_rad", "offset_u_rad"}
+
+
+def demo(loss: str, seed: int) -> tuple[int, dict]:
+    command = [sys.executable, "-m", "service", "demo", "--headless", "--json", "--loss", loss]
+    ended = subprocess.run(
+        [*command, "--seed", str(seed), "--time-factor", "1000"], capture_output=True, timeout=110, text=True,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}, check=False,
+    )  # fmt: skip
+    assert ended.stdout.count("\n") == 1, ended.stderr[-2000:]  # one object and nothing else
+    return ended.returncode, json.loads(ended.stdout)
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_lost_turns_are_restored_exactly(seed: int) -> None:
+    code, told = demo("turns", seed)
+    assert set(told) == KEYS
+    assert all(set(joint) == JOINT_KEYS for joint in told["joints"])
+    assert (code, told["verdict"]) == (0, "PASS")
+    assert "SRVO-062" in told["detected_by"]
+    assert any(abs(joint["turns_lost"]) > 5 for joint in told["joints"])  # the world did take them
+    assert [j["turns_restored"] for j in told["joints"]] == [j["turns_lost"] for j in told["joints"]]
+    assert all(joint["offset_error_rad"] == 0.0 for joint in told["joints"])
+    assert told["tcp_error_before_m"]["mean"] > 0.1
+    assert told["tcp_error_after_m"]["max"] < 1e-9
+
+
+@pytest.mark.parametrize("seed", [21, 22])
+def test_an_exchanged_motor_is_told_apart_and_stays_inside_its_uncertainty(seed: int) -> None:
+    code, told = demo("motor:J3", seed)
+    assert (code, told["verdict"]) == (0, "PASS")
+    exchanged = told["joints"].pop(2)
+    assert (
+        abs(exchanged["offset_error_rad"]) <= 1.5 * exchanged["offset_u_rad"]
+    )  # k = 2 holds 95 % of the time
+    assert exchanged["offset_u_rad"] < 2e-3
+    assert all(joint["turns_restored"] == joint["turns_lost"] for joint in told["joints"])
+    assert told["tcp_error_after_m"]["max"] < 2e-3
+
+
+def test_every_reference_lost_is_mastered_by_measurement() -> None:
+    code, told = demo("all", 31)
+    assert (code, told["verdict"]) == (0, "PASS")
+    assert all(0.0 < joint["offset_u_rad"] < 2e-2 for joint in told["joints"])
+    assert all(abs(joint["offset_error_rad"]) <= 1.5 * joint["offset_u_rad"] for joint in told["joints"])
+
+
+def test_a_bent_arm_is_refused_and_nothing_is_written() -> None:
+    code, told = demo("crash", 41)
+    assert (code, told["verdict"]) == (4, "REFUSED")
+    assert "full calibration" in told["reason"]
+    assert all(joint["turns_restored"] == 0 for joint in told["joints"])
+
+
+@pytest.mark.parametrize("loss", ["turn", "motor", "motor:J7", "motor:"])
+def test_a_misspelt_loss_is_said_before_anything_starts(loss: str) -> None:
+    command = [sys.executable, "-m", "service", "demo", "--headless", "--json", "--loss", loss]
+    ended = subprocess.run(command, capture_output=True, timeout=30, text=True, check=False)
+    assert ended.returncode == 2
+    assert ended.stdout == ""
+    assert "motor:J1" in ended.stderr
