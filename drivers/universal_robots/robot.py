@@ -49,9 +49,7 @@ _STUCK_S = 1.0
 _PATH_RAD = 0.05
 _SLOWER = 1.5
 _LOWEST_OVERRIDE = 0.01
-_LOOK = (
-    "Look at the robot before anything else: it should have stopped. Use the emergency stop if it has not."
-)
+_LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +249,11 @@ class UniversalRobot:
             raise stop
         session.check()
         if self._stop_asked:
-            raise MotionStoppedError(self.name, "the move was stopped because a stop was asked for.")
+            raise MotionStoppedError(
+                self.name,
+                "the move was stopped because a stop was asked for.",
+                remedy="Repeat the step when the arm may move on.",
+            )
         if sample.runtime_state != RuntimeState.PLAYING:
             raise MotionStoppedError(
                 self.name,

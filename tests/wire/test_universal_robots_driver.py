@@ -1,0 +1,421 @@
+"""The UR driver against a controller on loopback: what the contract does not ask, and how it is let down."""
+
+import asyncio
+import os
+import signal
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.kinematics import RobotModel
+from drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    MotionStoppedError,
+    RefusedError,
+    UnreachableError,
+    WrongDeviceError,
+)
+from drivers.interfaces import Readiness
+from drivers.universal_robots.config import UniversalRobotConfig
+from drivers.universal_robots.robot import UniversalRobot
+from drivers.universal_robots.state import StateClient
+from fake_devices.universal_robots.device import UniversalRobot as FakeRobot
+from tests.wire.fake_ur import fake_ur
+
+pytestmark = pytest.mark.timeout(60)
+
+HOME = (-1.57, -1.57, -1.57, -1.57, 1.57, 0.0)
+AWAY = (0.43, -1.2, -1.9, -1.3, 1.3, 0.4)
+NEAR = (-1.52, -1.57, -1.57, -1.57, 1.57, 0.0)
+SERIAL = "20225500042"
+FAST = 3.0
+PROMISE_S = 4.0  # twice what the driver promises on an idle machine; tests/soak measures the promise
+
+
+def config_of(fake: FakeRobot, **changes: Any) -> UniversalRobotConfig:
+    fields: dict[str, Any] = {
+        "driver": "universal_robots",
+        "name": "ur",
+        "address": fake.server.address,
+        "model": "ur10e",
+        "serial": SERIAL,
+        "watchdog_hz": 1.0,  # a test machine may be too busy for 5
+        "acceleration_rad_s2": 8.0,
+        "stop_deceleration_rad_s2": 8.0,
+        "settle_s": 0.05,
+        **changes,
+    }
+    return UniversalRobotConfig(**fields)
+
+
+@pytest.fixture
+async def fake() -> AsyncIterator[FakeRobot]:
+    async with fake_ur() as fake:
+        yield fake
+
+
+@pytest.fixture
+async def robot(fake: FakeRobot) -> AsyncIterator[UniversalRobot]:
+    async with config_of(fake).open() as robot:
+        yield robot
+
+
+@asynccontextmanager
+async def moving(robot: UniversalRobot, fake: FakeRobot) -> AsyncIterator[asyncio.Task[None]]:
+    """A long move that is under way; it is over when the block is."""
+    move = asyncio.create_task(robot.move_joints(AWAY, speed_rad_s=FAST))
+    try:
+        await until(lambda: fake.truth()["moving"])
+        yield move
+    finally:
+        move.cancel()
+        await asyncio.wait({move})
+
+
+async def until(holds: Callable[[], bool]) -> None:
+    async with asyncio.timeout(15.0):
+        while not holds():  # noqa: ASYNC110 - the world changes without telling
+            await asyncio.sleep(0.005)
+
+
+async def failure_of(work: Awaitable[Any]) -> DeviceError:
+    """Return the error in which ``work`` has to end, soon."""
+    async with asyncio.timeout(PROMISE_S):
+        with pytest.raises(DeviceError) as caught:
+            await work
+    assert str(caught.value).startswith("ur: ")
+    assert caught.value.remedy
+    return caught.value
+
+
+def child_of(robot: UniversalRobot) -> int:
+    assert robot._session is not None
+    return robot._session._child.pid
+
+
+async def works_again(robot: UniversalRobot, fake: FakeRobot) -> None:
+    await until(lambda: not fake.truth()["moving"])
+    target = (fake.truth()["controller_joints_rad"][0] + 0.05, *fake.truth()["controller_joints_rad"][1:])
+    await robot.move_joints(target, speed_rad_s=FAST)
+    assert fake.truth()["controller_joints_rad"] == pytest.approx(target, abs=1e-3)
+
+
+# reading
+
+
+async def test_reading_sends_no_program_to_the_controller(robot: UniversalRobot, fake: FakeRobot) -> None:
+    await robot.identify()
+    await robot.condition()
+    await robot.joints()
+    await robot.flange_pose()
+    truth = fake.truth()
+    assert truth["program"] is None
+    assert truth["connections"]["30003"] == 0
+
+
+async def test_the_active_tool_is_taken_off_the_flange_pose(robot: UniversalRobot, fake: FakeRobot) -> None:
+    bare = await robot.flange_pose()
+    fake.server.controller.set_tcp((0.1, -0.05, 0.2, 0.3, -0.8, 1.1))
+    await robot.joints()  # a state from before the change may still be on its way
+    tooled = await robot.flange_pose()
+    assert tooled.position_m == pytest.approx(bare.position_m, abs=1e-12)
+    assert tooled.quaternion == pytest.approx(bare.quaternion, abs=1e-12)
+
+
+async def test_the_factory_kinematics_give_the_pose_that_the_controller_reports(
+    robot: UniversalRobot,
+) -> None:
+    found = await robot.factory_kinematics()
+    model = RobotModel.from_dh(found.table(), name="as the maker measured it")
+    reading, pose = await robot.joints(), await robot.flange_pose()
+    base_flange = model.base_flange(np.array([reading.joints_rad]))[0]
+    assert pose.matrix() == pytest.approx(base_flange, abs=1e-9)
+
+
+async def test_another_model_at_the_address_is_refused(fake: FakeRobot) -> None:
+    with pytest.raises(WrongDeviceError, match=r"ur10e.*ur5e"):
+        async with config_of(fake, model="ur5e").open():
+            pytest.fail("a stranger was let in")
+
+
+async def test_a_robot_exchanged_at_its_address_is_noticed(robot: UniversalRobot, fake: FakeRobot) -> None:
+    object.__setattr__(fake.server.controller.identity, "serial", "20990000001")
+    await fake.fault("link_loss_rtde", {})
+    assert isinstance(await failure_of(_read_on(robot)), UnreachableError)
+    failure = await failure_of(robot.joints())
+    assert isinstance(failure, WrongDeviceError)
+    assert "20990000001" in str(failure)
+
+
+async def _read_on(robot: UniversalRobot) -> None:
+    while True:
+        await robot.joints()
+
+
+# what forbids a move
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [("local_mode", "Local"), ("program_pause", "somebody else"), ("slider", "speed slider")],
+)
+async def test_a_robot_that_is_not_ours_to_move_says_so_and_is_left_alone(
+    robot: UniversalRobot, fake: FakeRobot, fault: str, says: str
+) -> None:
+    if fault == "slider":
+        fake.server.controller.speed_fraction = 0.0
+    elif fault == "program_pause":
+        await fake.fault("other_client_moves", {"axis": "J1", "rad": 0.5})
+        await fake.fault("program_pause", {})
+    else:
+        await fake.fault(fault, {})
+    before = fake.truth()
+    condition = await robot.condition()
+    assert condition.readiness is Readiness.NOT_READY
+    assert says in condition.message
+    failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
+    assert isinstance(failure, RefusedError)
+    assert says in str(failure)
+    assert fake.truth()["program"] == before["program"]
+    assert fake.truth()["controller_joints_rad"] == pytest.approx(before["controller_joints_rad"])
+
+
+async def test_a_running_program_of_others_is_not_ended(robot: UniversalRobot, fake: FakeRobot) -> None:
+    await fake.fault("other_client_moves", {"axis": "J1", "rad": 1.0, "speed": 0.2})
+    failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
+    assert "somebody else" in str(failure)
+    assert fake.truth()["program"] == "other_client"
+    assert fake.truth()["moving"]
+
+
+async def test_registers_in_use_by_another_client_are_said_in_our_words(
+    robot: UniversalRobot, fake: FakeRobot
+) -> None:
+    await fake.fault("in_use", {})
+    failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
+    assert isinstance(failure, RefusedError)
+    assert "another program already commands this robot" in str(failure)
+    assert failure.vendor_text
+    fake.clear()
+    await works_again(robot, fake)
+
+
+@pytest.mark.parametrize(
+    ("port", "error", "says"),
+    [
+        (30003, DeviceTimeoutError, "hung"),  # ur-rtde's constructor waits, and holds the interpreter
+        (30004, UnreachableError, "no new state"),
+        (29999, UnreachableError, "the dashboard"),
+    ],
+)
+async def test_a_port_that_accepts_and_is_silent_costs_a_child_at_most(
+    robot: UniversalRobot, fake: FakeRobot, port: int, error: type[DeviceError], says: str
+) -> None:
+    await fake.fault("silent_accept", {"port": port})
+    failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
+    assert isinstance(failure, error)
+    assert says in str(failure)
+    fake.clear()
+    assert (await robot.joints()).joints_rad
+    await works_again(robot, fake)
+
+
+# speed
+
+
+async def test_no_move_is_faster_than_the_cell_file_allows(fake: FakeRobot) -> None:
+    watcher = StateClient("watcher", fake.server.address, rate_hz=500.0, stale_s=10.0)
+    async with config_of(fake, speed_limit_rad_s=0.3).open() as robot:
+        here = (await robot.joints()).joints_rad
+        await watcher.connect(deadline_s=10.0)
+        await robot.move_joints((here[0] + 0.2, *here[1:]), speed_rad_s=FAST)
+    watcher.close()
+    fastest = max(abs(speed) for sample in watcher.samples for speed in sample.joint_speeds_rad_s)
+    assert 0.25 < fastest < 0.301
+
+
+# a child that is killed, hangs or crashes
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSEGV, signal.SIGSTOP])
+async def test_a_dead_or_hung_child_during_a_move_is_an_error_and_the_service_goes_on(
+    robot: UniversalRobot, fake: FakeRobot, number: signal.Signals
+) -> None:
+    async with moving(robot, fake) as move:
+        os.kill(child_of(robot), number)
+        failure = await failure_of(move)
+        if number != signal.SIGSTOP:
+            assert f"signal {number.value}" in str(failure)
+        await until(lambda: not fake.truth()["moving"])
+        assert fake.truth()["controller_joints_rad"][0] < AWAY[0] - 0.05, "the arm went on without us"
+        assert fake.truth()["runtime"] == "STOPPED"
+    await works_again(robot, fake)
+
+
+async def test_a_child_that_dies_between_moves_is_replaced(robot: UniversalRobot, fake: FakeRobot) -> None:
+    await works_again(robot, fake)
+    first = child_of(robot)
+    os.kill(first, signal.SIGSEGV)
+    await until(lambda: robot._session is not None and not robot._session.usable)
+    await until(lambda: fake.truth()["runtime"] == "STOPPED")  # by the robot's own watchdog
+    await works_again(robot, fake)
+    assert child_of(robot) != first
+
+
+async def test_stop_reaches_the_arm_while_the_child_hangs(robot: UniversalRobot, fake: FakeRobot) -> None:
+    async with moving(robot, fake) as move:
+        os.kill(child_of(robot), signal.SIGSTOP)
+        async with asyncio.timeout(PROMISE_S):
+            await robot.stop()
+        assert not fake.truth()["moving"]
+        assert fake.truth()["runtime"] == "STOPPED"
+        assert isinstance(await failure_of(move), MotionStoppedError)
+
+
+async def test_a_cancelled_move_with_a_hung_child_stops_the_arm_all_the_same(
+    robot: UniversalRobot, fake: FakeRobot
+) -> None:
+    async with moving(robot, fake) as move:
+        os.kill(child_of(robot), signal.SIGSTOP)
+        move.cancel()
+        async with asyncio.timeout(PROMISE_S):
+            with pytest.raises(asyncio.CancelledError):
+                await move
+        assert not fake.truth()["moving"]
+
+
+async def test_a_cancelled_move_says_so_when_standstill_cannot_be_confirmed(
+    robot: UniversalRobot, fake: FakeRobot
+) -> None:
+    async with moving(robot, fake) as move:
+        await fake.fault("link_loss_all", {})
+        move.cancel()
+        async with asyncio.timeout(PROMISE_S):
+            with pytest.raises(asyncio.CancelledError) as caught:
+                await move
+        assert any("Look at the robot" in note for note in caught.value.__notes__)
+        await until(lambda: not fake.truth()["moving"])  # the robot's own watchdog
+
+
+async def test_the_robot_stops_by_itself_when_everything_of_ours_falls_silent(
+    robot: UniversalRobot, fake: FakeRobot
+) -> None:
+    async with moving(robot, fake):
+        os.kill(child_of(robot), signal.SIGSTOP)
+        await until(lambda: not fake.truth()["moving"])
+        assert fake.truth()["controller_joints_rad"][0] < AWAY[0] - 0.05
+
+
+# the link
+
+
+@pytest.mark.parametrize("fault", ["link_loss_rtde", "link_loss_all", "link_stall"])
+async def test_a_cut_link_during_a_move_tells_where_to_look_and_is_found_again(
+    robot: UniversalRobot, fake: FakeRobot, fault: str
+) -> None:
+    async with moving(robot, fake) as move:
+        await fake.fault(fault, {})
+        failure = await failure_of(move)
+        assert isinstance(failure, UnreachableError)
+        assert failure.remedy.startswith("Look at the robot first")
+    fake.clear()
+    await fake.fault("link_restore", {})
+    await until(lambda: fake.truth()["runtime"] == "STOPPED")
+    await until_ready(robot)
+    await works_again(robot, fake)
+
+
+@pytest.mark.parametrize("fault", ["link_loss_rtde", "link_loss_all", "link_stall"])
+async def test_a_cut_link_between_moves_ends_the_child_before_it_reconnects(
+    robot: UniversalRobot, fake: FakeRobot, fault: str
+) -> None:
+    await works_again(robot, fake)
+    child = child_of(robot)
+    await fake.fault(fault, {})
+    assert isinstance(await failure_of(_read_on(robot)), UnreachableError)
+    session = robot._session
+    assert session is not None
+    await until(lambda: not session.usable)
+    fake.clear()
+    await fake.fault("link_restore", {})
+    await until(lambda: fake.truth()["runtime"] == "STOPPED")
+    await until_ready(robot)
+    await works_again(robot, fake)
+    assert child_of(robot) != child
+
+
+async def until_ready(robot: UniversalRobot) -> None:
+    async with asyncio.timeout(15.0):
+        while (await robot.condition()).readiness is not Readiness.READY:  # noqa: ASYNC110
+            await asyncio.sleep(0.02)
+
+
+# people and other clients
+
+
+@pytest.mark.parametrize(
+    ("fault", "says"),
+    [
+        ("protective_stop", "protective stop"),
+        ("emergency_stop", "emergency stop"),
+        ("program_stop", "stopped or paused"),
+        ("program_pause", "stopped or paused"),
+    ],
+)
+async def test_whoever_stops_the_arm_the_move_ends_and_cannot_be_resumed(
+    robot: UniversalRobot, fake: FakeRobot, fault: str, says: str
+) -> None:
+    async with moving(robot, fake) as move:
+        await fake.fault(fault, {})
+        failure = await failure_of(move)
+    assert isinstance(failure, MotionStoppedError)
+    assert says in str(failure)
+    stood_at = fake.truth()["controller_joints_rad"]
+    await fake.fault("unlock_protective_stop", {})
+    await fake.fault("release_emergency_stop", {})
+    fake.server.controller.resume_program()  # somebody presses play
+    await until_ready(robot)
+    assert fake.truth()["program"] is None
+    assert fake.truth()["controller_joints_rad"] == pytest.approx(stood_at, abs=1e-9)
+    await works_again(robot, fake)
+
+
+async def test_a_client_that_takes_the_arm_over_is_noticed(robot: UniversalRobot, fake: FakeRobot) -> None:
+    async with moving(robot, fake) as move:
+        await fake.fault("other_client_moves", {"axis": "J3", "rad": 0.6, "speed": 1.0})
+        failure = await failure_of(move)
+    assert isinstance(failure, MotionStoppedError)
+    assert "another client" in str(failure)
+
+
+async def test_the_robot_is_given_back_after_a_while_and_taken_again(fake: FakeRobot) -> None:
+    async with config_of(fake, release_after_s=0.1).open() as robot:
+        await works_again(robot, fake)
+        await until(lambda: fake.truth()["runtime"] == "STOPPED")
+        assert (await robot.condition()).readiness is Readiness.READY
+        await works_again(robot, fake)
+
+
+async def test_closing_ends_our_program_and_our_process(fake: FakeRobot) -> None:
+    async with config_of(fake).open() as robot:
+        await works_again(robot, fake)
+        child = child_of(robot)
+    await until(lambda: fake.truth()["runtime"] == "STOPPED")
+    with pytest.raises(ProcessLookupError):
+        os.kill(child, 0)
+
+
+async def test_an_arm_that_is_blocked_short_of_its_target_is_an_error(
+    robot: UniversalRobot, fake: FakeRobot
+) -> None:
+    async with moving(robot, fake) as move:
+        controller: Any = fake.server.controller
+        controller.program.background = None  # the program forgets the move, and plays on
+        controller.point.go(controller.point.joints_rad)
+        failure = await failure_of(move)
+    assert isinstance(failure, MotionStoppedError)
+    assert "deg from its target" in str(failure)
