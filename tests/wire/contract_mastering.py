@@ -65,6 +65,22 @@ class MasteringContract:
         truth = await truth_of(door, robot_case)
         assert tuple(truth["counts_at_zero"]) == before.counts_at_zero
 
+    @pytest.mark.parametrize("after_s", [0.0, 0.002, 0.005, 0.01, 0.02, 0.04])
+    async def test_a_cancelled_write_leaves_all_axes_or_none(self, robot: Any, after_s: float) -> None:
+        before = await robot.mastering()
+        shifted = tuple(count + 7000 for count in before.counts_at_zero)
+        writing = asyncio.create_task(robot.write_mastering(shifted))
+        await asyncio.sleep(after_s)
+        writing.cancel()
+        await asyncio.wait({writing})
+        found = await robot.mastering()
+        try:
+            assert found.mastered
+            wanted = before.counts_at_zero if writing.cancelled() else shifted
+            assert found.counts_at_zero == wanted
+        finally:
+            await robot.write_mastering(before.counts_at_zero)
+
     async def test_mastering_that_is_no_number_is_refused(self, robot: Any) -> None:
         before = await robot.mastering()
         for bad in ((1, 2, 3), (2**40, *before.counts_at_zero[1:])):
