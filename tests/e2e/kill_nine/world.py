@@ -1,0 +1,190 @@
+"""A cell whose world lives in one process while the run that may be killed lives in another."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from calibration.kinematics import load_model
+from procedures.cell import Cell, MotionLimits
+from procedures.progress import Progress
+from service.conduct import Conditions, resume, run_procedure
+from service.journal import Journal
+from tests.procedures.cells import Scene
+
+Call = tuple[str, str, tuple[Any, ...], dict[str, Any]]
+ACK = "acknowledged"
+
+
+class Remote:
+    """A device on the other side of a pipe: every call of a method travels there and back."""
+
+    def __init__(self, pipe: Connection, device: str, capabilities: Any) -> None:
+        self._pipe, self.name, self.capabilities = pipe, device, capabilities
+
+    async def _call(self, method: str, *args: Any, **kwargs: Any) -> Any:
+        self._pipe.send((self.name, method, args, kwargs))
+        kind, value = self._pipe.recv()
+        if kind == "error":
+            raise value
+        return value
+
+    async def identify(self) -> Any:
+        return await self._call("identify")
+
+    async def condition(self) -> Any:
+        return await self._call("condition")
+
+
+class RemoteArm(Remote):
+    """The arm."""
+
+    async def joints(self) -> Any:
+        return await self._call("joints")
+
+    async def flange_pose(self) -> Any:
+        return await self._call("flange_pose")
+
+    async def move_joints(self, target_rad: Any, *, speed_rad_s: float) -> None:
+        await self._call("move_joints", target_rad, speed_rad_s=speed_rad_s)
+
+    async def jog_axis(self, axis: int, delta_rad: float, *, speed_rad_s: float) -> None:
+        await self._call("jog_axis", axis, delta_rad, speed_rad_s=speed_rad_s)
+
+    async def stop(self) -> None:
+        await self._call("stop")
+
+    async def encoder_counts(self) -> Any:
+        return await self._call("encoder_counts")
+
+    async def mastering(self) -> Any:
+        return await self._call("mastering")
+
+    async def drive_train(self) -> Any:
+        return await self._call("drive_train")
+
+    async def encoder_epoch(self) -> Any:
+        return await self._call("encoder_epoch")
+
+    async def write_mastering(self, counts_at_zero: Any) -> Any:
+        return await self._call("write_mastering", counts_at_zero)
+
+    async def reset_position_alarms(self) -> None:
+        await self._call("reset_position_alarms")
+
+
+class RemoteWire(Remote):
+    """The gauge."""
+
+    async def distance(self) -> Any:
+        return await self._call("distance")
+
+
+class RemoteHands(Remote):
+    """The technician."""
+
+    async def confirm(self, instruction: Any) -> Any:
+        return await self._call("confirm", instruction)
+
+    async def enter(self, question: Any) -> Any:
+        return await self._call("enter", question)
+
+
+def child(pipe: Connection, journal_path: Path, name: str, parts: dict[str, Any], run_id: str | None) -> None:
+    """Run or resume a procedure in this process; tell each finding after it was stored."""
+    arm = RemoteArm(pipe, "arm", parts["arm_capabilities"])
+    wire = RemoteWire(pipe, "wire", parts["wire_capabilities"])
+    hands = RemoteHands(pipe, "hands", None)
+    cell: Cell = replace(
+        parts["cell"](arm, wire, hands), record=parts["record"], gauge_setup=parts["gauge_setup"]
+    )
+
+    def told(progress: Progress) -> None:
+        if progress.kind == "finding":
+            pipe.send((ACK, progress.step, (progress.value,), {}))
+
+    async def main() -> None:
+        how = Conditions(told, free_bytes=0)
+        with Journal.open(journal_path) as journal:
+            if run_id is None:
+                await run_procedure(cell, name, parts["spec"], journal, how=how)
+            else:
+                await resume(cell, run_id, journal, how=how)
+
+    asyncio.run(main())
+    pipe.close()
+
+
+def remote_cell(arm: RemoteArm, wire: RemoteWire, hands: RemoteHands) -> Cell:
+    """Return a cell of remote devices."""
+    limits = MotionLimits(settle_s=0.0)
+    model = load_model("fanuc_m6ib")
+    return Cell(
+        "test",
+        arm,
+        hands,
+        jogs=arm,
+        mastering=arm,
+        gauge=wire,
+        model=model,
+        limits=limits,
+        config_sha256="c0ffee",
+    )
+
+
+def parts_of(made: Scene) -> dict[str, Any]:
+    """Return what a child needs to build its cell."""
+    return {
+        "cell": remote_cell,
+        "arm_capabilities": made.arm.capabilities,
+        "wire_capabilities": made.wire.capabilities,
+        "gauge_setup": made.cell.gauge_setup,
+        "record": made.cell.record,
+        "spec": made.spec,
+    }
+
+
+class Served:
+    """Answers a child's calls from a scene; calls ``kill`` at the n-th call, some time later."""
+
+    def __init__(self, made: Scene, pipe: Connection) -> None:
+        self._devices: dict[str, Any] = {"arm": made.arm, "wire": made.wire, "hands": made.hands}
+        self._pipe = pipe
+        self.acknowledged: list[tuple[str, Any]] = []
+        self.calls = 0
+        self.killed = False
+
+    def until_closed(
+        self, kill: Callable[[], None], *, at_call: int | None = None, after_s: float = 0.0
+    ) -> None:
+        """Serve until the child is gone."""
+        with asyncio.Runner() as runner:
+            while True:
+                try:
+                    call: Call = self._pipe.recv()
+                except (EOFError, ConnectionResetError):
+                    return
+                if call[0] == ACK:
+                    self.acknowledged.append((call[1], call[2][0]))
+                    continue
+                self.calls += 1
+                answer = runner.run(self._answer(call))
+                if at_call == self.calls and after_s <= 0:
+                    kill()
+                try:
+                    self._pipe.send(answer)
+                except BrokenPipeError:
+                    continue  # read what it said before it died
+                if at_call == self.calls and after_s > 0:
+                    time.sleep(after_s)
+                    kill()
+
+    async def _answer(self, call: Call) -> tuple[str, Any]:
+        device, method, args, kwargs = call
+        try:
+            return "ok", await getattr(self._devices[device], method)(*args, **kwargs)
+        except Exception as error:
+            return "error", error

@@ -1,0 +1,101 @@
+"""kill -9 at random instants of a running recovery: nothing acknowledged is lost or doubled, same end."""
+
+import asyncio
+import json
+import multiprocessing
+import os
+import random
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from procedures.past import Kind
+from service.journal import Journal
+from service.store import RunView, Store
+from tests.e2e.kill_nine.world import Served, child, parts_of
+from tests.procedures.cells import Scene, recovering
+
+KILLS = 10
+_context = multiprocessing.get_context("forkserver")
+_context.set_forkserver_preload(["tests.e2e.kill_nine.world"])
+
+
+def _one_life(made: Scene, journal: Path, run_id: str | None, kill: dict[str, Any] | None) -> Served:
+    """Let a process run or resume the recovery until it ends or is killed."""
+    ours, theirs = _context.Pipe()
+    arguments = (theirs, journal, "mastering_recovery", parts_of(made), run_id)
+    process = _context.Process(target=child, args=arguments, daemon=True)
+    process.start()
+    theirs.close()
+    served = Served(made, ours)
+    served.until_closed(process.kill, **(kill or {}))
+    process.join(30)
+    assert process.exitcode in ((0,) if kill is None else (0, -9))
+    served.killed = process.exitcode == -9
+    process.close()
+    ours.close()
+    return served
+
+
+def _the_run(path: Path) -> RunView | None:
+    with Journal.open(path) as journal:
+        assert journal.damage is None
+        runs = Store(journal).runs()
+    return runs[-1] if runs else None
+
+
+def _steps_stored(path: Path) -> list[tuple[str, Any]]:
+    with Journal.open(path) as journal:
+        events = [(event.kind, json.loads(event.body)) for event in journal.events()]
+    return [(body["step"], body["value"]) for kind, body in events if kind == Kind.FINDING]
+
+
+def kill_and_resume(kills: int, seed: int) -> int:
+    """Kill so many processes, some runs twice; return how many runs ended otherwise than the undisturbed."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = asyncio.run(recovering())
+        undisturbed = _one_life(made, Path(folder) / "whole.db", None, None)
+        whole = _the_run(Path(folder) / "whole.db")
+        assert whole is not None
+        assert whole.state == "passed"
+        wrong = done = trial = 0
+        while done < kills:
+            trial += 1
+            dice = random.Random(f"{seed}/{trial}")
+            same, killed = _one_run(Path(folder) / f"{trial}.db", dice, undisturbed.calls, whole)
+            wrong, done = wrong + (not same), done + killed
+    return wrong
+
+
+def _one_run(path: Path, dice: random.Random, calls: int, whole: RunView) -> tuple[bool, int]:
+    """Kill one run once or twice and finish it; return whether it ended as it should, and the kills."""
+    made = asyncio.run(recovering())
+    acknowledged: list[tuple[str, Any]] = []
+    run_id, killed = None, 0
+    for life in range(dice.choice((1, 1, 2))):
+        kill = {
+            "at_call": dice.randrange(1, calls >> life),
+            "after_s": dice.choice((0.0, dice.random() / 50)),
+        }
+        served = _one_life(made, path, run_id, kill)
+        acknowledged, killed = acknowledged + served.acknowledged, killed + served.killed
+        view = _the_run(path)
+        run_id = view.run_id if view else None
+    acknowledged += _one_life(made, path, run_id, None).acknowledged
+    end, stored = _the_run(path), _steps_stored(path)
+    assert end is not None
+    names = [name for name, _ in stored]
+    assert len(names) == len(set(names))  # none doubled
+    assert all(fact in stored for fact in acknowledged)  # none lost
+    return (end.state, _essence(end)) == ("passed", _essence(whole)), killed
+
+
+def _essence(view: RunView) -> dict[str, Any]:
+    """Return the result without what a repeated jog or power cycle may change: seconds, the encoder epoch."""
+    record = view.result["record"] | {"epoch": 0, "sha256": ""}
+    return view.result | {"robot_seconds": 0.0, "record": record}
+
+
+def test_ten_kills_lose_nothing_and_end_in_the_same_result() -> None:
+    kills = int(os.environ.get("CELLCAL_KILLS", KILLS))
+    assert kill_and_resume(kills, seed=1) == 0
