@@ -1,0 +1,241 @@
+"""Conducting a run: the journal, the lease, the header, and what each end is called."""
+
+import asyncio
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import MotionStoppedError
+from procedures.past import Kind
+from procedures.progress import Progress
+from procedures.run import NeedsUnmetError, ReplayMismatchError
+from procedures.three_point_frame import FrameSetup
+from service.conduct import Conditions, Verdict, forget_from, resume, run_procedure
+from service.journal import Journal, StoreError
+from service.lease import LeaseHeldError, lease
+from service.store import Store
+from tests.procedures.cells import Scene, pointing, recording, recovering, touching
+
+NAME = "three_point_frame"
+HOW = Conditions(free_bytes=0, actor="anna")
+
+
+@pytest.fixture
+def journal(tmp_path: Path):
+    with Journal.open(tmp_path / "journal.db") as opened:
+        yield opened
+
+
+async def _interrupted(made: Scene, journal: Journal) -> str:
+    """Start a run that the technician declines to finish."""
+    made.hands.refuses = {"accept_frame"}
+    outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
+    assert outcome.verdict is Verdict.DECLINED
+    made.hands.refuses = set()
+    return outcome.run_id
+
+
+async def test_a_passed_run_returns_its_result_and_keeps_it(journal: Journal) -> None:
+    made = pointing()
+    outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
+    assert outcome.verdict is Verdict.PASSED
+    assert isinstance(outcome.result, FrameSetup)
+    view = Store(journal).run(outcome.run_id)
+    assert (view.state, view.procedure, view.version) == ("passed", NAME, 1)
+    kept = Store(journal).kept("user_frame", "F-1")
+    assert [fact["subject"] for fact in kept] == ["2"]
+    assert {event.actor for event in journal.events()} == {"anna"}
+
+
+async def test_a_passed_run_is_answered_from_the_journal(journal: Journal) -> None:
+    made = pointing()
+    outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
+    asked, events = len(made.hands.asked), len(journal.events())
+    again = await resume(made.cell, outcome.run_id, journal, how=HOW)
+    assert again == outcome
+    assert (len(made.hands.asked), len(journal.events())) == (asked, events)
+
+
+async def test_a_declined_run_is_resumed_without_touching_again(journal: Journal) -> None:
+    made = pointing()
+    run_id = await _interrupted(made, journal)
+    made.hands.asked.clear()
+    outcome = await resume(made.cell, run_id, journal, how=HOW)
+    assert outcome.verdict is Verdict.PASSED
+    assert made.hands.asked == ["pointer_is_mounted", "accept_frame", "may_move"]
+    assert Store(journal).run(run_id).state == "passed"
+
+
+async def test_a_redo_touches_again_from_that_step(journal: Journal) -> None:
+    made = pointing()
+    run_id = await _interrupted(made, journal)
+    forget_from(journal, run_id, "touch a point on the y side")
+    made.hands.asked.clear()
+    outcome = await resume(made.cell, run_id, journal, how=HOW)
+    assert outcome.verdict is Verdict.PASSED
+    assert made.hands.asked[1:3] == ["touch_on_xy", "touch_above"]
+    with pytest.raises(StoreError, match="no finding"):
+        forget_from(journal, run_id, "touch the moon")
+
+
+@pytest.mark.parametrize("difference", ["robot", "settings", "cell", "epoch", "gauge"])
+async def test_a_run_is_not_continued_on_another_cell(journal: Journal, difference: str) -> None:
+    made = pointing()
+    run_id = await _interrupted(made, journal)
+    if difference == "robot":
+        made.arm.serial = "F-2"
+    if difference == "settings":
+        made.cell = replace(made.cell, config_sha256="other")
+    if difference == "cell":
+        made.cell = replace(made.cell, name="other")
+    if difference == "epoch":
+        made.arm.epoch += 1
+    if difference == "gauge":
+        made.wire.serial = "W-2"
+    events = len(journal.events())
+    with pytest.raises(ReplayMismatchError, match="cannot be continued"):
+        await resume(made.cell, run_id, journal, how=HOW)
+    assert len(journal.events()) == events
+
+
+async def test_a_recovery_may_go_on_after_the_power_cycle_it_asked_for(journal: Journal) -> None:
+    made = await recovering()
+    made.hands.refuses = {"accept_plan"}
+    outcome = await run_procedure(made.cell, "mastering_recovery", made.spec, journal, how=HOW)
+    assert outcome.verdict is Verdict.DECLINED  # two power cycles after its header was written
+    made.hands.refuses = set()
+    assert (await resume(made.cell, outcome.run_id, journal, how=HOW)).verdict is Verdict.PASSED
+
+
+async def test_a_stored_record_serves_the_next_run(journal: Journal) -> None:
+    made = recording()
+    outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=HOW)
+    store = Store(journal)
+    record = store.mastering_record("F-1")
+    assert record == outcome.result.record
+    assert store.mastering_record("F-2") is None
+    assert store.import_json(store.export_json(record)) == record
+    store.put_mastering_record(replace(record, robot_serial="F-2"), actor="anna")
+    imported = store.mastering_record("F-2")
+    assert imported is not None
+    assert imported.captures == record.captures
+
+
+async def test_the_ends_have_their_names(journal: Journal) -> None:
+    made = touching()
+    made.spec = replace(made.spec, rms_limit_m=-1.0)
+    outcome = await run_procedure(made.cell, "six_point_tcp", made.spec, journal, how=HOW)
+    assert (outcome.verdict, outcome.code) == (Verdict.OUT_OF_TOLERANCE, "procedure.out_of_tolerance")
+
+    made = await recovering()
+    made.cell = replace(made.cell, record=None)
+    outcome = await run_procedure(made.cell, "mastering_recovery", made.spec, journal, how=HOW)
+    assert (outcome.verdict, outcome.code) == (Verdict.REFUSED, "procedure.no_record")
+    assert outcome.remedy
+
+    made = recording()
+
+    async def stopped(*_: object, **__: object) -> None:
+        raise MotionStoppedError("arm", "emergency stop", remedy="Release it.")
+
+    made.arm.move_joints = stopped  # type: ignore[method-assign]
+    outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=HOW)
+    assert (outcome.verdict, outcome.code) == (Verdict.CELL_FAILED, "device.stopped")
+    assert [view.state for view in Store(journal).runs()] == ["out_of_tolerance", "refused", "cell_failed"]
+
+
+async def test_a_refusal_carries_its_evidence_into_the_journal(journal: Journal) -> None:
+    made = await recovering()
+    made.wire.anchor_in_base_m = (0.93, -0.69, -0.44)
+    outcome = await run_procedure(made.cell, "mastering_recovery", made.spec, journal, how=HOW)
+    assert (outcome.verdict, outcome.result.mode) == (Verdict.REFUSED, "geometry")
+    assert Store(journal).run(outcome.run_id).result["mode"] == "geometry"
+
+
+async def test_a_cancelled_run_says_so_and_can_be_resumed(journal: Journal) -> None:
+    made = pointing()
+
+    def watch(progress: Progress) -> None:
+        if progress.kind == "asked" and progress.step == "touch a point on x":
+            task.cancel()
+
+    how = replace(HOW, on_event=watch)
+    task = asyncio.create_task(run_procedure(made.cell, NAME, made.spec, journal, how=how))
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    (view,) = Store(journal).runs()
+    assert view.state == "cancelled"
+    assert made.arm.stops == 1
+    assert (await resume(made.cell, view.run_id, journal, how=HOW)).verdict is Verdict.PASSED
+
+
+async def test_one_robot_takes_one_run_at_a_time(journal: Journal) -> None:
+    made = pointing()
+    with lease(journal.path.parent / "leases", "F-1", "bert"), pytest.raises(LeaseHeldError, match="bert"):
+        await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
+    assert journal.events() == []
+    assert (await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)).verdict is Verdict.PASSED
+
+
+async def test_a_cell_that_lacks_something_starts_nothing(journal: Journal) -> None:
+    made = pointing()
+    with pytest.raises(NeedsUnmetError):
+        await run_procedure(replace(made.cell, user_frames=None), NAME, made.spec, journal, how=HOW)
+    assert journal.events() == []
+
+
+async def test_a_listener_that_fails_stops_nothing(
+    journal: Journal, caplog: pytest.LogCaptureFixture
+) -> None:
+    made = pointing()
+
+    def broken(_: Progress) -> None:
+        raise ValueError("screen")
+
+    how = replace(HOW, on_event=broken)
+    outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=how)
+    assert outcome.verdict is Verdict.PASSED
+    assert "a listener failed" in caplog.text
+
+
+async def test_a_disk_that_fills_up_ends_the_run_with_the_points_safe(journal: Journal) -> None:
+    made = pointing()
+
+    def fill() -> None:
+        pages = journal._database.execute("PRAGMA page_count").fetchall()[0][0]
+        journal._database.execute(f"PRAGMA max_page_count={pages}").fetchall()
+
+    touch = made.hands.does["touch_on_xy"]
+    made.hands.does["touch_on_xy"] = lambda: (touch(), fill())
+    outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
+    assert (outcome.verdict, outcome.code) == (Verdict.CELL_FAILED, "store.full")
+    assert "points are safe" in outcome.reason
+    journal.close()
+    made.hands.does["touch_on_xy"] = touch
+    with Journal.open(journal.path) as reopened:
+        (view,) = Store(reopened).runs()
+        assert view.state == "interrupted"
+        finished = await resume(made.cell, view.run_id, reopened, how=HOW)
+    assert finished.verdict is Verdict.PASSED
+
+
+async def test_a_disk_without_room_starts_nothing(journal: Journal) -> None:
+    made = pointing()
+    with pytest.raises(StoreError, match="MB"):
+        await run_procedure(made.cell, NAME, made.spec, journal, how=replace(HOW, free_bytes=10**18))
+    assert journal.events() == []
+
+
+async def test_the_header_says_what_was_run_where(journal: Journal) -> None:
+    made = pointing()
+    outcome = await run_procedure(made.cell, NAME, made.spec, journal, how=HOW)
+    first = journal.events(outcome.run_id)[0]
+    header = json.loads(first.body)
+    assert first.kind == Kind.STARTED
+    assert header["cell"]["encoder_epoch"] == 3
+    assert [mark["identity"]["serial"] for mark in header["cell"]["devices"]] == ["F-1", "W-1"]
+    assert header["cell"]["config_sha256"] == "c0ffee"
+    assert header["spec"]["frame_number"] == 2
+    assert header["software"]
