@@ -85,7 +85,6 @@ async def _heal_modbus_robot(door: Door, robot: Any) -> None:
 
 async def _heal_universal_robot(door: Door, robot: Any) -> None:
     await door.ask("clear")
-    await door.fault("link_restore", device="ur")
     await door.fault("unlock_protective_stop", device="ur")
     await door.fault("release_emergency_stop", device="ur")
     await door.fault("program_stop", device="ur")
