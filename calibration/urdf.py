@@ -12,8 +12,8 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from defusedxml import DefusedXmlException  # type: ignore[import-untyped]  # ships no types
-from defusedxml.ElementTree import fromstring  # type: ignore[import-untyped]  # ships no types
+from defusedxml import DefusedXmlException  # ships no types
+from defusedxml.ElementTree import fromstring  # ships no types
 
 from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Array, homogeneous, inverse_transform
