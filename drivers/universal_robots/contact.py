@@ -102,7 +102,8 @@ class Contact:
         return state
 
     async def _name_plate(self, version: ControllerVersion) -> Identity:
-        serial, family = await asyncio.gather(self.dashboard.serial_number(), self.dashboard.model())
+        serial = await self.dashboard.serial_number()
+        family = await self.dashboard.model()
         model = family.lower().removesuffix("e") + "e"  # 5.x is e-Series; the dashboard leaves it out
         if (model, serial) != (self._model, self._serial):
             raise WrongDeviceError(

@@ -199,12 +199,20 @@ class UniversalRobot:
 
     async def _open_session(self, state: StateClient) -> MotionSession:
         if self._session is None:
-            contact = self._contact
-            self._session = await MotionSession.open(self.name, self._session_options, lambda: contact.stands)
+            self._session = await self._new_session()
             async with deadline(self.name, self._options.deadline_s, "starting the program"):
                 while (await state.fresh()).runtime_state != RuntimeState.PLAYING:
                     self._session.check()
         return self._session
+
+    async def _new_session(self) -> MotionSession:
+        contact = self._contact
+        try:
+            return await MotionSession.open(self.name, self._session_options, lambda: contact.stands)
+        except (DeviceTimeoutError, UnreachableError):
+            with contextlib.suppress(DeviceError):  # our program may have started all the same
+                await contact.dashboard.stop()
+            raise
 
     async def _condition(self, *, remote_known_s: float) -> Condition:
         sample = await self._contact.sample()
@@ -224,6 +232,7 @@ class UniversalRobot:
         override = max(_LOWEST_OVERRIDE, min(start.speed_fraction, 1.0))
         travel_s = expected_s(start.joints_rad, target, speed_rad_s, acceleration) / override
         patience_s = _SLOWER * travel_s + self._options.tolerances.settle_s + self._options.deadline_s
+        self._look_for_stops(start, session)
         await session.move_joints(target, speed_rad_s, acceleration)
         async with deadline(self.name, patience_s, "moving"):
             await self._follow(state, session, start.joints_rad, target)

@@ -238,6 +238,31 @@ async def test_no_move_is_faster_than_the_cell_file_allows(fake: FakeRobot) -> N
     assert 0.25 < fastest < 0.301
 
 
+async def test_a_stop_asked_for_before_the_arm_moves_keeps_it_from_moving(
+    robot: UniversalRobot, fake: FakeRobot
+) -> None:
+    before = fake.truth()["controller_joints_rad"]
+    move = asyncio.create_task(robot.move_joints(AWAY, speed_rad_s=FAST))
+    await asyncio.sleep(0)
+    await robot.stop()
+    failure = await failure_of(move)
+    assert isinstance(failure, MotionStoppedError)
+    assert fake.truth()["controller_joints_rad"] == pytest.approx(before, abs=1e-9)
+    await works_again(robot, fake)
+
+
+async def test_a_program_that_starts_too_late_is_not_left_running(
+    robot: UniversalRobot, fake: FakeRobot
+) -> None:
+    await fake.fault("late_script", {"delay_s": 1.6})
+    failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
+    assert isinstance(failure, DeviceTimeoutError)
+    fake.clear()
+    await robot.stop()
+    await until_ready(robot)
+    await works_again(robot, fake)
+
+
 # a child that is killed, hangs or crashes
 
 
