@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from calibration.geometry import Array
 from calibration.observations import Rows
@@ -13,6 +14,7 @@ _FEWEST_RUNS = 8
 _FEWEST_ROWS_PER_RUN = 3.0
 _SINGLE_ROWS = 40  # up to here each row is its own group
 _BLOCKS = 40
+_CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,17 +107,25 @@ def compare(
 ) -> Comparison:
     """Compare held-out errors (N,) of two models, group by group.
 
-    The wider one wins if its RMSE is lower by at least ``least_gain`` and the mean gain over groups exceeds
-    its own standard deviation of the mean: a gain that one group makes alone is none.
+    The wider one wins if its RMSE is lower by at least ``least_gain`` and the mean gain over groups is
+    positive with 95 % confidence (Student): a gain that a few groups make alone is none.
     """
     (narrow_name, first), (wide_name, second) = narrow, wide
     before, after = float(np.sqrt(np.mean(first**2))), float(np.sqrt(np.mean(second**2)))
     gains = np.bincount(groups, first**2 - second**2) / np.maximum(np.bincount(groups), 1)
     gains = gains[np.bincount(groups) > 0]
-    sure = float(gains.mean()) > float(gains.std(ddof=1)) / np.sqrt(len(gains)) if len(gains) > 1 else False
+    sure = _surely_positive(gains)
     large = after < before * (1 - least_gain)
     change = f"held-out RMSE {before * 1e3:.3f} mm with {narrow_name}, {after * 1e3:.3f} mm with {wide_name}"
     if large and sure:
         return Comparison(True, f"{change}: better")
     why = "not better" if not large else "no more than groups differ by chance"
     return Comparison(False, f"{change}: {why}")
+
+
+def _surely_positive(gains: Array) -> bool:
+    count = len(gains)
+    if count < 2:
+        return False
+    spread = float(gains.std(ddof=1)) / np.sqrt(count)
+    return bool(gains.mean() > stdtrit(count - 1, _CONFIDENCE) * spread)

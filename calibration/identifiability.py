@@ -10,6 +10,8 @@ from calibration.parameters import Parameter
 
 _LEARNED = 0.5  # of the prior deviation: above, the prior speaks rather than the data
 _PARTNER = 0.5  # of the variance
+_EXPLAINED = 0.9
+_MOST_PARTNERS = 3
 _STRONG = 0.95
 _ARM_ROLES = ("offset", "geometry", "wire", "gravity")
 _PLACE_ROLES = ("base", "anchor", "tool")
@@ -43,10 +45,10 @@ def correlations(fit: Fit) -> Array:
 
 
 def not_identified(fit: Fit) -> tuple[NotIdentified, ...]:
-    """Return every parameter of the arm or wire whose posterior deviation exceeds half its prior deviation.
+    """Return every parameter of arm or wire whose posterior deviation exceeds half its prior deviation.
 
-    Its partner is the place of device or tool, or the one other parameter, whose knowledge would determine most
-    of it. Ripple is left out: two dozen small terms say nothing to a reader, and priors keep them harmless.
+    Its partners are the places and parameters whose knowledge would determine most of it. Ripple is left out:
+    two dozen small terms say nothing to a reader, and their priors keep them harmless.
     """
     sigma = np.sqrt(np.diag(fit.covariance))
     parameters = fit.layout.parameters
@@ -59,34 +61,46 @@ def not_identified(fit: Fit) -> tuple[NotIdentified, ...]:
 
 def _describe(fit: Fit, own: int, ratio: float) -> NotIdentified:
     parameters = fit.layout.parameters
-    rho = correlations(fit)[own]
-    partner, share = _partner(fit, own)
-    if partner is None:
-        return NotIdentified(parameters[own].name, "", _cure(parameters[own], None), ratio, 0.0)
-    if partner.role in _PLACE_ROLES:
-        same = [i for i, parameter in enumerate(parameters) if parameter.role == partner.role]
-        partner = parameters[max(same, key=lambda i: abs(rho[i]))]
-    return NotIdentified(parameters[own].name, _words(partner), _cure(parameters[own], partner), ratio, share)
+    partners, share = _partners(fit, own)
+    words = ", ".join(_words(parameter) for parameter in partners)
+    return NotIdentified(parameters[own].name, words, _cure(parameters[own], partners), ratio, share)
 
 
-def _partner(fit: Fit, own: int) -> tuple[Parameter | None, float]:
-    """Return who hides a parameter: the share of its variance that would vanish if the other were known."""
-    parameters, covariance = fit.layout.parameters, fit.covariance
-    shares: dict[int, float] = {}
+def _partners(fit: Fit, own: int) -> tuple[tuple[Parameter, ...], float]:
+    """Return who hides a parameter: the fewest others, three at most, who take its variance away if known.
+
+    A place is one partner, however many coordinates it has; the one that correlates most speaks for it.
+    """
+    parameters = fit.layout.parameters
+    blocks: dict[str, list[int]] = {}
     for i, parameter in enumerate(parameters):
-        if i == own or parameter.role == "harmonic":
-            continue
-        same = [j for j, other in enumerate(parameters) if other.role == parameter.role and j != own]
-        block = same if parameter.role in _PLACE_ROLES else [i]
-        cross, inner = covariance[own, block], covariance[np.ix_(block, block)]
-        scale = np.sqrt(np.diag(inner))
-        white = cross / scale
-        known = white @ np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-10) @ white
-        shares[i] = float(known / covariance[own, own])
-    best = max(shares, key=lambda i: shares[i], default=-1)
-    if best < 0 or shares[best] < _PARTNER:
-        return None, 0.0
-    return parameters[best], min(shares[best], 1.0)
+        if i != own and parameter.role != "harmonic":
+            name = parameter.role if parameter.role in _PLACE_ROLES else parameter.name
+            blocks.setdefault(name, []).append(i)
+    rho = np.abs(correlations(fit)[own])
+    chosen: list[str] = []
+    share = 0.0
+    while len(chosen) < _MOST_PARTNERS and share < _EXPLAINED and len(chosen) < len(blocks):
+        shares = {
+            name: _share(fit, own, [i for c in (*chosen, name) for i in blocks[c]])
+            for name in blocks
+            if name not in chosen
+        }
+        best = max(shares, key=lambda name: shares[name])
+        chosen, share = [*chosen, best], shares[best]
+    if share < _PARTNER:
+        return (), share
+    return tuple(parameters[max(blocks[name], key=lambda i: rho[i])] for name in chosen), share
+
+
+def _share(fit: Fit, own: int, others: list[int]) -> float:
+    """Return the share of a parameter's variance that would vanish if the others were known."""
+    covariance = fit.covariance
+    cross, inner = covariance[own, others], covariance[np.ix_(others, others)]
+    scale = np.sqrt(np.diag(inner))
+    white = cross / scale
+    known = white @ np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-10) @ white
+    return min(float(known / covariance[own, own]), 1.0)
 
 
 def correlated_pairs(fit: Fit) -> tuple[CorrelatedPair, ...]:
@@ -109,32 +123,34 @@ def correlated_pairs(fit: Fit) -> tuple[CorrelatedPair, ...]:
 def _words(parameter: Parameter) -> str:
     axis = parameter.name.split()[-1]
     if parameter.role == "base":
-        motion = (
-            f"rotation of the base about {axis[1]}"
-            if axis.startswith("r")
-            else f"shift of the base along {axis}"
-        )
-        return motion
+        turns = axis.startswith("r")
+        return f"rotation of the base about {axis[1:]}" if turns else f"shift of the base along {axis}"
     if parameter.role == "anchor":
         return f"place of the wire's anchor ({axis})"
     if parameter.role == "tool":
-        motion = "rotation" if axis.startswith("r") else "place"
-        return f"{motion} of the tool in the flange ({axis})"
+        return f"{'rotation' if axis.startswith('r') else 'place'} of the tool in the flange ({axis})"
     return parameter.name
 
 
-def _cure(parameter: Parameter, partner: Parameter | None) -> str:
-    if partner is None:
-        where = f"with J{parameter.joint + 1} and its neighbours" if parameter.joint >= 0 else "with the arm"
-        return f"these postures hardly show it: measure {where} over a wider range"
-    if partner.role in ("base", "anchor"):
+def _cure(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
+    roles = {partner.role for partner in partners}
+    together = roles | {parameter.role}
+    if roles & {"base", "anchor"}:
         return "record a point in the base frame, or measure the device's place from the base"
-    if partner.role == "tool":
+    if "tool" in roles:
         return "use a target off the last axis whose place on the flange is known"
-    if "wire" in (parameter.role, partner.role):
+    if partners and "wire" in together:
         return "check the wire's zero and scale against a known length"
-    if parameter.role == "geometry" and partner.role == "geometry":
-        return "none needed while the two act together: only their sum moves the tip in these postures"
-    joints = sorted({p.joint + 1 for p in (parameter, partner) if p.joint >= 0})
-    names = " and ".join(f"J{joint}" for joint in joints)
+    if partners and together == {"geometry"}:
+        return "none needed while they act together: only their sum moves the tip in these postures"
+    return _turn_more(parameter, partners)
+
+
+def _turn_more(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
+    joints = sorted({p.joint + 1 for p in (parameter, *partners) if p.joint >= 0})
+    names = " and ".join(f"J{joint}" for joint in joints) or "the arm"
+    if not partners:
+        return f"these postures hardly show it: measure with {names} over a wider range"
+    if len(joints) == 1:
+        return f"turn {names} and its neighbours further, with the tool in other attitudes"
     return f"measure postures that turn {names} separately and further"

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibration.cross_validation import (
-    Comparison,
     Errors,
     Grouping,
     compare,
@@ -43,6 +42,7 @@ _FOLDS = 10
 _FOLDS_FOR_BREAKS = 5
 _BREAK_GAIN = 0.05  # of the held-out RMSE: a mounting costs more trust than a parameter
 _PATIENCE = 2
+_BELIEVABLE = 8.0  # times the median error
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +125,7 @@ def identify(
     grouping: Grouping | None = None,
     options: Options | None = None,
 ) -> Identification:
-    r"""Identify an arm: find moved devices, choose the level by unseen groups, fit robustly, say what is unknown.
+    r"""Identify an arm: find moved devices, choose the level, fit robustly, say what is unknown.
 
     Parameters
     ----------
@@ -216,25 +216,21 @@ def _choose_level(trial: _Trial, wanted: int | None) -> tuple[int, tuple[str, ..
         if wanted != FRAMES:
             errors[wanted] = trial.held_out(wanted)
         return wanted, (f"level {wanted}, {LEVEL_NAMES[wanted]}, was asked for",), errors
-    best, reasons = FRAMES, []
     for level in LEVELS[1:]:
-        if terms_of_level(trial.model, trial.observations.joints_rad, level) == () and level >= GRAVITY:
-            continue
-        errors[level] = trial.held_out(level)
-        comparison = _compare_levels(trial, best, level, errors)
+        if level < GRAVITY or terms_of_level(trial.model, trial.observations.joints_rad, level):
+            errors[level] = trial.held_out(level)
+    # The same rows vote on all levels: those that at least one of them can believe.
+    smallest = np.min(list(errors.values()), axis=0)
+    believable = smallest < _BELIEVABLE * np.median(smallest)
+    best, reasons = FRAMES, []
+    for level in [level for level in errors if level != FRAMES]:
+        narrow = (f"level {best} ({LEVEL_NAMES[best]})", errors[best][believable])
+        wide = (f"level {level} ({LEVEL_NAMES[level]})", errors[level][believable])
+        comparison = compare(narrow, wide, trial.grouping.groups[believable])
         reasons.append(comparison.reason)
         if comparison.better:
             best = level
     return best, tuple(reasons), errors
-
-
-def _compare_levels(trial: _Trial, best: int, level: int, errors: dict[int, Array]) -> Comparison:
-    """Compare on the rows that either model can believe."""
-    smaller = np.minimum(errors[best], errors[level])
-    believable = smaller < 8 * np.median(smaller)
-    narrow = (f"level {best} ({LEVEL_NAMES[best]})", errors[best][believable])
-    wide = (f"level {level} ({LEVEL_NAMES[level]})", errors[level][believable])
-    return compare(narrow, wide, trial.grouping.groups[believable])
 
 
 def _choose_breaks(

@@ -36,9 +36,9 @@ class JointTerm:
 def gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     """Return the sag of every joint that carries links and is not upright, except the last two of the wrist.
 
-    Joint i sags by ``c_ik z_i . (g x l_k)``: the lever of link vector l_k under its weight, for each link k at
-    or after the joint. Levers that never reach 20 mm are left out: an upright joint has none, and a link along
-    the joint's own axis has none either.
+    Joint i sags by ``c_ik z_i . (g x l_k)``: the lever of link vector l_k under its weight, for each link k
+    at or after the joint. Levers that never reach 20 mm are left out: an upright joint has none, and a link
+    along the joint's own axis has none either.
     """
     n = model.axes
     candidates = tuple(

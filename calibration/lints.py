@@ -1,4 +1,4 @@
-"""Looks at measurements that cost nothing and find what ruins a calibration. Doubt is reported, never mended."""
+"""Cheap looks at measurements that find what ruins a calibration. Doubt is reported, never mended."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,8 +30,8 @@ class Lint:
 def sign_flips(joints_rad: Array, joint_names: Sequence[str]) -> list[Lint]:
     """Find joints whose sign may have been lost on the way into the file.
 
-    A joint that is never near zero, has one sign in most rows and, in a few blocks of rows, the other sign at the
-    same sizes, is doubtful. It may still be true: arms do flip their wrists.
+    A joint that is never near zero, has one sign in most rows and, in a few blocks of rows, the other sign at
+    the same sizes, is doubtful. It may still be true: arms do flip their wrists.
     """
     found = []
     for joint, name in enumerate(joint_names):
@@ -49,8 +49,8 @@ def sign_flips(joints_rad: Array, joint_names: Sequence[str]) -> list[Lint]:
         found.append(
             Lint(
                 "sign",
-                f"{name} has the other sign in {len(rows)} rows ({blocks}) at the same sizes as its neighbours: a minus "
-                "sign may be lost. Used as written.",
+                f"{name} has the other sign in {len(rows)} rows ({blocks}) at the same sizes as the others: "
+                "a minus sign may be lost. Used as written.",
                 tuple(int(row) for row in rows),
             )
         )
@@ -66,7 +66,7 @@ def duplicates(joints_rad: Array) -> list[Lint]:
     return [
         Lint(
             "duplicates",
-            f"{len(repeated)} rows repeat the joints of an earlier row: they weigh twice, and show repeatability.",
+            f"{len(repeated)} rows repeat the joints of an earlier row: they weigh twice.",
             tuple(int(row) for row in repeated),
         )
     ]
@@ -87,6 +87,21 @@ def leakage(fitted_joints_rad: Array, check_joints_rad: Array) -> list[Lint]:
     ]
 
 
+def beyond_fitted_range(fitted_joints_rad: Array, check_joints_rad: Array) -> list[Lint]:
+    """Find check rows that turn a joint further than any fitted row did."""
+    low, high = fitted_joints_rad.min(axis=0) - _NEAR_RAD, fitted_joints_rad.max(axis=0) + _NEAR_RAD
+    rows = np.flatnonzero(((check_joints_rad < low) | (check_joints_rad > high)).any(axis=1))
+    if not len(rows):
+        return []
+    return [
+        Lint(
+            "extrapolation",
+            f"{len(rows)} check rows turn a joint further than any fitted row: sag and ripple are extrapolated.",
+            tuple(int(row) for row in rows),
+        )
+    ]
+
+
 def rounding_floor(
     model: RobotModel, joints_rad: Array, joint_step_rad: Array, value_step_m: float
 ) -> list[Lint]:
@@ -100,19 +115,21 @@ def rounding_floor(
     return [
         Lint(
             "resolution",
-            f"joints are rounded to {steps:g} deg: the tip is uncertain by {floor * 1e3:.2f} mm (RMS) from that alone.",
+            f"joints are rounded to {steps:g} deg: from that alone the tip is uncertain by "
+            f"{floor * 1e3:.2f} mm (RMS).",
         )
     ]
 
 
 def controller_positions(doubtful: Sequence[int], disagreement_m: Array, *, used: bool) -> list[Lint]:
     """Say how the controller's printed positions relate to the joints, and what they were used for."""
-    what = "sharpen the rounded joints" if used else "nothing"
+    what = "sharpen the rounded joints" if used else "check the joints"
     usual = float(np.median(disagreement_m)) * 1e3
     found = [
         Lint(
             "controller",
-            f"the controller's x, y, z agree with the joints to {usual:.2f} mm (median); used to {what}, never as truth.",
+            f"the controller's x, y, z agree with the joints to {usual:.2f} mm (median); they serve to "
+            f"{what}, never as truth.",
         )
     ]
     if doubtful:
@@ -120,8 +137,8 @@ def controller_positions(doubtful: Sequence[int], disagreement_m: Array, *, used
         found.append(
             Lint(
                 "controller_rows",
-                f"the controller's x, y, z and the joints contradict each other in {len(doubtful)} rows (up to "
-                f"{worst:.1f} mm): a typing error in one of them. Joints used as written.",
+                f"the controller's x, y, z and the joints contradict each other in {len(doubtful)} rows "
+                f"(up to {worst:.1f} mm): one of the two is not what the arm did. Joints used as written.",
                 tuple(doubtful),
             )
         )
@@ -151,7 +168,7 @@ def temperature_drift(temperature: Array | None) -> list[Lint]:
 
 
 def alike_neighbours(residuals: Array) -> list[Lint]:
-    """Warn if neighbouring residuals (channels, N) are alike: something drifts that the model does not have."""
+    """Warn if neighbouring residuals (channels, N) are alike: something drifts unmodelled."""
     centred = residuals - residuals.mean(axis=1, keepdims=True)
     if residuals.shape[1] < 30:
         return []
@@ -161,8 +178,8 @@ def alike_neighbours(residuals: Array) -> list[Lint]:
     return [
         Lint(
             "drift",
-            f"neighbouring residuals are alike (correlation {rho:.2f}): something drifts, so stated deviations of "
-            "parameters are too small. Held-out errors, by groups, are not affected.",
+            f"neighbouring residuals are alike (correlation {rho:.2f}): something drifts, so stated "
+            "deviations of parameters are too small. Held-out errors, by groups, are not affected.",
         )
     ]
 

@@ -54,8 +54,8 @@ def fit_robustly(layout: Layout, start: ArmState, problem: Problem) -> RobustFit
 
     Notes
     -----
-    A row is rejected beyond ``max(4, t)`` deviations, where t would reject 0.05 good Gaussian rows in the whole
-    fit, unless its neighbours are off in the same way. The deviation is taken from the median, so up to half
+    A row is rejected beyond ``max(4, t)`` deviations, where t would reject 0.05 good Gaussian rows in all,
+    unless its neighbours are off in the same way. The deviation is taken from the median, so up to half
     of the rows may be bad.
     """
     fit = estimate(layout, start, problem)
@@ -105,12 +105,12 @@ def channel_groups(channels: int) -> tuple[slice, ...]:
 def _standing_out(residuals: Array, limit: float) -> NDArray[np.bool_]:
     """Tell which rows (channels, N) are beyond the limit, and not in the company of their neighbours.
 
-    A row that is as far off as the rows around it is no blunder but a drift of the device, which a fit should see.
+    A row that is as far off as the rows around it is no blunder but a drift, which a fit should see.
     Far beyond the limit no company helps.
     """
     size = np.linalg.norm(residuals, axis=0)
     if residuals.shape[1] <= _NEIGHBOURS:
-        return size > limit
+        return np.asarray(size > limit)
     half = _NEIGHBOURS // 2
     padded = np.pad(residuals, ((0, 0), (half, half)), mode="reflect")
     around = sliding_window_view(padded, _NEIGHBOURS, axis=1)

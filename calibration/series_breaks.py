@@ -49,8 +49,8 @@ def candidate_breaks(
     r"""Yield one break, then two, and so on: for each number the rows that ask most strongly.
 
     Each round adds the break with the largest gain of the Bayesian information criterion
-    ``N ln(RSS) + p ln(N)`` and then moves all breaks to their best places. The gain is computed for all cuts at
-    once from one linearisation: with gradient g and columns D of the rows after the cut,
+    ``N ln(RSS) + p ln(N)`` and then moves all breaks to their best places. The gain is computed for all cuts
+    at once from one linearisation: with gradient g and columns D of the rows after the cut,
     ``RSS falls by g' (D'D - D'J (J'J)^-1 J'D)^-1 g``.
 
     Parameters

@@ -80,7 +80,8 @@ def unround_joints(
     disagreement = errors_m(frames.state, _problem(frames, joints_rad, printed_m))
     chain = frames.state.seen_from(0)
     expected = _expected_m(model, joints_rad, sigma_q, printed_step_m)
-    doubtful = tuple(int(row) for row in np.flatnonzero(disagreement > _DISAGREES * expected))
+    usual = np.maximum(expected, float(np.median(disagreement)))
+    doubtful = tuple(int(row) for row in np.flatnonzero(disagreement > _DISAGREES * usual))
     sigma_p = max(printed_step_m, 1e-6) * _UNIFORM
     sharp_enough = sigma_p * np.sqrt(3) < 0.7 * float(np.median(expected))
     follows = float(np.median(disagreement)) < 2.0 * float(np.median(expected))

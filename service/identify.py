@@ -1,4 +1,4 @@
-"""The use case behind ``cellcal identify``: read, sharpen, fit, cross-validate, check, report. Prints nothing."""
+"""The use case behind ``cellcal identify``: read, sharpen, fit, cross-validate, check. Prints nothing."""
 
 import time
 from collections.abc import Sequence
@@ -22,6 +22,7 @@ from calibration.unrounding import unround_joints
 from service.measurement_table import MeasurementError
 from service.measurements import Measurements, ReadOptions, RejectedRow, read_measurements
 
+_ENOUGH_TO_PLACE = 30  # check rows
 _MOVED = 1.5  # times better with device and target placed anew: one of them was moved
 
 
@@ -226,12 +227,11 @@ def _check(
     other = _prepare(options.check, model, options.read)
     if (other.observations.kind == "length") != (fitted.observations.kind == "length"):
         raise MeasurementError(
-            f"{options.check} holds {other.observations.kind}s, the fit was made from {fitted.observations.kind}s.",
+            f"{options.check} holds {other.observations.kind}s, not {fitted.observations.kind}s as the fit.",
             remedy="Check with a file of the same instrument.",
         )
-    noticed = lints.leakage(
-        fitted.measurements.observations.joints_rad, other.measurements.observations.joints_rad
-    )
+    pair = fitted.measurements.observations.joints_rad, other.measurements.observations.joints_rad
+    noticed = [*lints.leakage(*pair), *lints.beyond_fitted_range(*pair)]
     count = len(other.observations)
     by_mounting = np.array(
         [
@@ -242,12 +242,13 @@ def _check(
     chosen = assign_mountings(by_mounting, max(found.fit.rmse_m, 1e-6))
     errors = Errors.of(by_mounting[chosen, np.arange(count)])
     anew = _placed_anew(found, other.observations)
-    if errors.rmse_m > _MOVED * anew.rmse_m:
+    if count >= _ENOUGH_TO_PLACE and errors.rmse_m > _MOVED * anew.rmse_m:
+        fitted_mm, stood_mm = anew.rmse_m * 1e3, errors.rmse_m * 1e3
         noticed.append(
             Lint(
                 "check_moved",
-                f"the check file fits to {anew.rmse_m * 1e3:.3f} mm (RMSE) once device and target are placed anew, "
-                f"against {errors.rmse_m * 1e3:.3f} mm as they stood: one of them was moved between the files.",
+                f"with device and target placed anew the check file fits to {fitted_mm:.3f} mm (RMSE), as they "
+                f"stood to {stood_mm:.3f} mm: was one of them moved between the files?",
             )
         )
     if len(by_mounting) > 1:

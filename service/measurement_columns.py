@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from service.measurement_table import MeasurementError
 
 _MEASURED = {
-    "measurement", "measured", "meas", "tracker", "laser", "camera", "optical", "mocap", "observed", "obs", "leica",
-    "faro", "vicon", "ndi", "marker", "smr", "probe", "tmac", "optitrack", "instrument",
+    "measurement", "measured", "meas", "tracker", "laser", "camera", "optical", "mocap", "observed", "obs",
+    "leica", "faro", "vicon", "ndi", "marker", "smr", "probe", "tmac", "optitrack", "instrument",
 }  # fmt: skip
 _CONTROLLER = {
     "goal", "cmd", "command", "commanded", "nominal", "nom", "set", "setpoint", "desired", "target", "robot",
-    "controller", "tcp", "flange", "ctrl", "reported", "planned", "program", "programmed", "ref", "reference", "fk",
+    "controller", "tcp", "flange", "ctrl", "reported", "planned", "program", "programmed", "ref", "reference",
+    "fk",
 }  # fmt: skip
 _SPREAD = {
     "std",
@@ -30,21 +31,21 @@ _SPREAD = {
 }
 _GROUP = {"group", "series", "session", "run", "block", "trial", "batch", "set_id", "path"}
 _LENGTHS = {
-    "l", "length", "len", "distance", "dist", "wire", "cable", "wire_length", "cable_length", "draw_wire", "rope",
-    "rope_length", "range", "d",
+    "l", "length", "len", "distance", "dist", "wire", "cable", "wire_length", "cable_length", "draw_wire",
+    "rope", "rope_length", "range", "d",
 }  # fmt: skip
 _TURNS = (
     ("qw", "qx", "qy", "qz"), ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
     ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
 )  # fmt: skip
-_STEMS = ("joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a", "theta",
-          "th", "ax", "achse", "angle")  # fmt: skip
+_STEMS = ("joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a",
+          "theta", "th", "ax", "achse", "angle")  # fmt: skip
 _JOINT = re.compile(rf"^(?P<before>(?:.*_)?)(?P<stem>{'|'.join(_STEMS)})_?(?P<number>\d)(?P<after>\D.*)?$")
 _UNIT = re.compile(r"[\[(]\s*(?P<unit>[^\])]*)\s*[\])]")
 _TRAILING_UNIT = re.compile(r"_(mm|deg|rad|m|degrees|radians|cm)$")
 _UNIT_NAMES = {
-    "mm": "mm", "m": "m", "cm": "cm", "deg": "deg", "°": "deg", "degree": "deg", "degrees": "deg", "rad": "rad",
-    "radian": "rad", "radians": "rad", "millimeter": "mm", "meter": "m", "grad": "deg",
+    "mm": "mm", "m": "m", "cm": "cm", "deg": "deg", "°": "deg", "degree": "deg", "degrees": "deg",
+    "rad": "rad", "radian": "rad", "radians": "rad", "millimeter": "mm", "meter": "m", "grad": "deg",
 }  # fmt: skip
 _BY_MAKER = (
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
@@ -99,7 +100,7 @@ def detect_layout(
     layout = {
         "joints": joints,
         "position": measured,
-        "turn": chosen,
+        "rotation": chosen,
         "controller": controller,
         "length": (length,) if length else (),
     }
@@ -221,7 +222,7 @@ def _words(key: tuple[str, str]) -> set[str]:
 def _positions(
     names: Sequence[str], plain: Mapping[str, str], *, has_length: bool
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return measured and controller positions: what is called a measurement, else what is not called a command."""
+    """Return measured and controller positions: called a measurement, else not called a command."""
     triples = {
         key: names for key, names in _triples(names, plain, "xyz").items() if not _words(key) & _SPREAD
     }

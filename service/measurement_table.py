@@ -1,4 +1,4 @@
-"""A table of text and numbers as instruments write it: separators, decimal commas, preambles and units found out."""
+"""A table as instruments write it: separators, decimal commas, preambles and units are found out."""
 
 import csv
 import math

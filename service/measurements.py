@@ -29,6 +29,8 @@ _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approa
 _SIGMA_RAD = 2e-3
 _CONSISTENT_RAD = float(np.deg2rad(2.0))
 _LIKELY = ("ur_rotation_vector", "ros_rpy", "instrument_xyz")  # of equal formulas, the first is named
+_ROUNDED = 0.01
+_EQUAL = 1.001
 _DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
 
 
@@ -83,11 +85,29 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     good, rejected = _usable(table, names, numbers)
     if not good.any():
         first = f"row {rejected[0].row}: {rejected[0].reason}" if rejected else "it has no rows"
-        raise MeasurementError(
-            f"{path} has no usable row; {first}.", remedy="Name the columns with `--columns`."
-        )
+        raise MeasurementError(f"{path} has no usable row; {first}.", remedy="Name columns with `--columns`.")
     numbers = {name: values[good] for name, values in numbers.items()}
-    return _assemble(table, layout, numbers, model, options, np.flatnonzero(good), rejected)
+    guesses = [table.dialect] if table.dialect else []
+    units = _Units({**layout.units, **options.units}, guesses)
+    raw = np.column_stack([numbers[name] for name in layout.joints])
+    unit = units.angle("joints", layout.joints, raw)
+    source = _Source(layout, numbers, model, options, units, raw * unit)
+    controller, controller_step = source.controller()
+    observations, value_step = source.observations()
+    rows = np.flatnonzero(good)
+    return Measurements(
+        observations=observations,
+        rows=rows,
+        read=len(table.rows),
+        rejected=rejected,
+        joint_step_rad=np.array([resolution(column) for column in raw.T]) * unit,
+        controller_m=controller,
+        controller_step_m=controller_step,
+        value_step_m=value_step,
+        temperature=_numbers(table, layout.temperature)[rows] if layout.temperature else None,
+        groups=_groups(table, layout.group, rows),
+        guesses=tuple(guesses),
+    )
 
 
 def _numbers(table: Table, name: str) -> Array:
@@ -110,74 +130,103 @@ def _usable(
     return good, tuple(rejected)
 
 
-def _assemble(  # noqa: PLR0913  # the parts of one file; each is used once
-    table: Table,
-    layout: Layout,
-    numbers: Mapping[str, Array],
-    model: RobotModel,
-    options: ReadOptions,
-    rows: Rows,
-    rejected: tuple[RejectedRow, ...],
-) -> Measurements:
-    guesses = [table.dialect] if table.dialect else []
-    units = _Units({**layout.units, **options.units}, guesses)
-    raw_joints = np.column_stack([numbers[name] for name in layout.joints])
-    joint_unit = units.angle("joints", layout.joints, raw_joints)
-    joints = raw_joints * joint_unit
-    reach = model.tip_positions(joints, np.zeros(3))
-    spread_m = float(np.sqrt(((reach - reach.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    controller, controller_step = None, 0.0
-    if layout.controller:
-        raw = np.column_stack([numbers[name] for name in layout.controller])
-        unit = units.length("controller", layout.controller, raw, spread_m)
-        controller, controller_step = raw * unit, max(resolution(column) for column in raw.T) * unit
-    observations, value_step = _observations(layout, numbers, model, joints, units, spread_m, options)
-    return Measurements(
-        observations=observations,
-        rows=rows,
-        read=len(table.rows),
-        rejected=rejected,
-        joint_step_rad=np.array([resolution(column) for column in raw_joints.T]) * joint_unit,
-        controller_m=controller,
-        controller_step_m=controller_step,
-        value_step_m=value_step,
-        temperature=_numbers(table, layout.temperature)[rows] if layout.temperature else None,
-        groups=_groups(table, layout.group, rows),
-        guesses=tuple(guesses),
-    )
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """The usable numbers of a file with what is known about them."""
 
+    layout: Layout
+    numbers: Mapping[str, Array]
+    model: RobotModel
+    options: ReadOptions
+    units: "_Units"
+    joints_rad: Array
 
-def _observations(  # noqa: PLR0913  # see _assemble
-    layout: Layout,
-    numbers: Mapping[str, Array],
-    model: RobotModel,
-    joints: Array,
-    units: "_Units",
-    spread_m: float,
-    options: ReadOptions,
-) -> tuple[Observations, float]:
-    once = np.zeros(len(joints), dtype=np.intp)
-    if layout.length:
-        raw = numbers[layout.length]
-        unit = units.length("length", (layout.length,), raw[:, None], 0.0)
-        sigma = _sigma([numbers[name] for name in layout.spread], unit, len(joints))
-        return LengthObservations(joints, raw * unit, sigma, once), resolution(raw) * unit
-    raw = np.column_stack([numbers[name] for name in layout.position])
-    unit = units.length("position", layout.position, raw, spread_m)
-    sigma = _sigma([numbers[name] for name in layout.spread], unit, len(joints))
-    points = PointObservations(joints, raw * unit, sigma, once)
-    step = max(resolution(column) for column in raw.T) * unit
-    if not layout.turn or options.convention == "none":
-        return points, step
-    turns = np.column_stack([numbers[name] for name in layout.turn])
-    return _with_attitudes(points, turns, layout, model, units, options.convention), step
+    def columns(self, names: Sequence[str]) -> Array:
+        """Return some columns side by side (N, k)."""
+        return np.column_stack([self.numbers[name] for name in names])
 
+    def spread_m(self) -> float:
+        """Return how far the nominal flange moved about its mean (RMS) [m]."""
+        reach = self.model.tip_positions(self.joints_rad, np.zeros(3))
+        return float(np.sqrt(((reach - reach.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
-def _sigma(spread: Sequence[Array], unit: float, count: int) -> Array:
-    """Return one sigma a row [m]: the instrument's own and what an arm adds, where it was not stated that alone."""
-    own = np.mean([np.nan_to_num(column) ** 2 for column in spread], axis=0) if spread else np.zeros(count)
-    sigma: Array = np.sqrt(_LEAST_SIGMA_M**2 + own * unit**2)
-    return sigma
+    def controller(self) -> tuple[Array | None, float]:
+        """Return the controller's own positions and their resolution [m]."""
+        if not self.layout.controller:
+            return None, 0.0
+        raw = self.columns(self.layout.controller)
+        if not np.isfinite(raw).all():
+            return None, 0.0
+        unit = self.units.length("controller", self.layout.controller, raw, self.spread_m())
+        return raw * unit, max(resolution(column) for column in raw.T) * unit
+
+    def observations(self) -> tuple[Observations, float]:
+        """Return what the device read, and its resolution [m]."""
+        layout, count = self.layout, len(self.joints_rad)
+        once = np.zeros(count, dtype=np.intp)
+        if layout.length:
+            raw = self.numbers[layout.length]
+            unit = self.units.length("length", (layout.length,), raw[:, None], 0.0)
+            sigma = self._sigma(unit)
+            return LengthObservations(self.joints_rad, raw * unit, sigma, once), resolution(raw) * unit
+        raw = self.columns(layout.position)
+        unit = self.units.length("position", layout.position, raw, self.spread_m())
+        points = PointObservations(self.joints_rad, raw * unit, self._sigma(unit), once)
+        step = max(resolution(column) for column in raw.T) * unit
+        if not layout.turn or self.options.convention == "none":
+            return points, step
+        return self._with_attitudes(points), step
+
+    def _sigma(self, unit: float) -> Array:
+        """Return one sigma a row [m]: the instrument's own, and what any arm adds to it."""
+        count = len(self.joints_rad)
+        names = self.layout.spread
+        own = np.nan_to_num(self.columns(names)) ** 2 if names else np.zeros((count, 1))
+        sigma: Array = np.sqrt(_LEAST_SIGMA_M**2 + own.mean(axis=1) * unit**2)
+        return sigma
+
+    def _with_attitudes(self, points: PointObservations) -> Observations:
+        """Add attitudes if one convention makes the tool sit still in the flange; else leave them out."""
+        written = ", ".join(self.layout.turn)
+        turns, names = self._turns()
+        try:
+            expected = _expected_attitudes(self.model, points)
+            wobble = {name: _wobble_rad(expected, rotation_from(name, turns)) for name in names}
+        except CalibrationError as error:
+            self.units.guesses.append(f"attitudes ({written}) left out: {error.message}")
+            return points
+        best = min(wobble, key=lambda name: wobble[name])
+        rivals = [value for value in wobble.values() if value > wobble[best] * _EQUAL]
+        if wobble[best] > _CONSISTENT_RAD or (rivals and wobble[best] > _DISTINCT * min(rivals)):
+            angle = np.rad2deg(wobble[best])
+            self.units.guesses.append(
+                f"no orientation convention fits {written} (best {best}, {angle:.2f} deg): "
+                "attitudes left out; `--convention` names it"
+            )
+            return points
+        self.units.guesses.append(f"attitude ({written}) read as {best}: {CONVENTIONS[best].formula}")
+        return pose_from_points(points, rotation_from(best, turns), np.full(len(points), _SIGMA_RAD))
+
+    def _turns(self) -> tuple[Array, list[str]]:
+        """Return the numbers of the attitudes and the conventions that they may be written in."""
+        turns, fields, wanted = (
+            self.columns(self.layout.turn),
+            self.layout.turn_fields,
+            self.options.convention,
+        )
+        if wanted and wanted not in CONVENTIONS:
+            raise MeasurementError(
+                f"no orientation is called {wanted!r}.",
+                remedy=f"--convention takes none, {', '.join(CONVENTIONS)}.",
+            )
+        if len(fields) == 4:
+            turns = turns[:, [fields.index(f) for f in ("qw", "qx", "qy", "qz")]]
+            # Printed quaternions are rounded; anything further from unit length is refused later.
+            length = np.linalg.norm(turns, axis=1, keepdims=True)
+            return np.where(np.abs(length - 1.0) < _ROUNDED, turns / length, turns), ["abb_quaternion"]
+        turns = turns * self.units.angle("rotation", self.layout.turn, turns)
+        others = (n for n, c in CONVENTIONS.items() if len(c.fields) == 3 and n not in _LIKELY)
+        return turns, [wanted] if wanted else [*_LIKELY, *others]
 
 
 def _groups(table: Table, name: str, rows: Rows) -> Rows | None:
@@ -191,7 +240,7 @@ def _groups(table: Table, name: str, rows: Rows) -> Rows | None:
 
 @dataclass(frozen=True, slots=True)
 class _Units:
-    """Units that names or the user state, and guesses from magnitudes for the rest; each guess is written down."""
+    """Units that names or the user state, and guesses from magnitudes for the rest, written down."""
 
     known: Mapping[str, str]
     guesses: list[str]
@@ -205,7 +254,7 @@ class _Units:
         return _ANGLE_UNITS[name]
 
     def length(self, meaning: str, columns: Sequence[str], values: Array, spread_m: float) -> float:
-        """Return m per unit: the unit in which the values spread as wide as the arm moved, if that is known."""
+        """Return m per unit: in which the values spread as wide as the arm moved, if that is known."""
         if meaning in self.known:
             return self._stated(meaning, _LENGTH_UNITS)
         if spread_m > 0:
@@ -232,44 +281,10 @@ class _Units:
         self.guesses.append(f"{meaning} ({', '.join(columns)}) taken as {unit}")
 
 
-def _with_attitudes(  # noqa: PLR0913  # see _assemble
-    points: PointObservations, turns: Array, layout: Layout, model: RobotModel, units: _Units, wanted: str
-) -> Observations:
-    """Add attitudes if one convention makes the tool sit still in the flange; else leave them out and say so."""
-    if len(layout.turn) == 4:
-        turns = turns[:, [layout.turn_fields.index(f) for f in ("qw", "qx", "qy", "qz")]]
-        names = ["abb_quaternion"]
-        length = np.linalg.norm(turns, axis=1, keepdims=True)
-        if (np.abs(length - 1.0) > 0.01).any():
-            units.guesses.append("measured quaternions are not of unit length: attitudes left out")
-            return points
-        turns = turns / length
-    else:
-        turns = turns * units.angle("rotation", layout.turn, turns)
-        names = [*_LIKELY, *(n for n, c in CONVENTIONS.items() if len(c.fields) == 3 and n not in _LIKELY)]
-    if wanted and wanted not in CONVENTIONS:
-        raise MeasurementError(
-            f"no orientation is called {wanted!r}.",
-            remedy=f"--convention takes none, {', '.join(CONVENTIONS)}.",
-        )
-    try:
-        start = first_guess(model, points)[0]
-    except CalibrationError:
-        return points
-    expected = start.devices[0].device_base[:3, :3] @ model.base_flange(points.joints_rad)[:, :3, :3]
-    wobble = {
-        name: _wobble_rad(expected, rotation_from(name, turns)) for name in ([wanted] if wanted else names)
-    }
-    best = min(wobble, key=lambda name: wobble[name])
-    rivals = [v for v in wobble.values() if v > wobble[best] * 1.001]
-    if wobble[best] > _CONSISTENT_RAD or (rivals and wobble[best] > _DISTINCT * min(rivals)):
-        units.guesses.append(
-            f"no orientation convention fits {', '.join(layout.turn)} (best {best}, "
-            f"{np.rad2deg(wobble[best]):.2f} deg): attitudes left out; `--convention` names it"
-        )
-        return points
-    units.guesses.append(f"attitude ({', '.join(layout.turn)}) read as {best}: {CONVENTIONS[best].formula}")
-    return pose_from_points(points, rotation_from(best, turns), np.full(len(points), _SIGMA_RAD))
+def _expected_attitudes(model: RobotModel, points: PointObservations) -> Array:
+    start = first_guess(model, points)[0]
+    expected: Array = start.devices[0].device_base[:3, :3] @ model.base_flange(points.joints_rad)[:, :3, :3]
+    return expected
 
 
 def _wobble_rad(expected: Array, measured: Array) -> float:

@@ -7,6 +7,7 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
     from calibration.cross_validation import Errors
     from service.identify import IdentifyReport
