@@ -4,6 +4,7 @@ import logging
 import sys
 import traceback
 from collections.abc import Sequence
+from importlib.metadata import version as installed_version
 
 from cyclopts import App, CycloptsError
 from rich.console import Console
@@ -20,6 +21,7 @@ from service.exit_codes import ExitCode, exit_code_of
 app = App(
     name="cellcal",
     help="Bring a robot cell's zero positions, tool, frames and kinematics back to the truth.",
+    version=installed_version("cellcal"),
     version_flags=["--version"],
     help_format="plaintext",
     result_action="return_value",

@@ -1,5 +1,6 @@
 """``cellcal identify``: kinematic identification from a file of measurements."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,6 +64,8 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
+    # Before numpy is imported: on matrices of this size a second BLAS thread only waits for the first.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from rich.console import Console
 
     from service.cli.printing import EN_ROUTE, print_json

@@ -94,6 +94,16 @@ def fault_of(loss: str) -> tuple[str, dict[str, Any]]:
     )
 
 
+def told_loss(loss: str) -> str:
+    """Return what the world does, in words."""
+    words = {
+        "turns": "the encoder battery is pulled, and the arm sags a little",
+        "all": "every encoder loses its reference",
+        "crash": "the arm hits something, bends, and loses its encoder battery",
+    }
+    return words.get(loss, f"the motor of {loss.removeprefix('motor:')} is exchanged, and the battery was out")
+
+
 async def _reach_everything(config: CellConfig, plot: Plot) -> None:
     plot.say("The fake cell is up; every device is asked who it is.")
     report = await check_cell(config)
@@ -133,7 +143,7 @@ async def _lose_and_notice(
     await watch.look()  # the healthy state is on disk before anything happens
     async with asyncio.TaskGroup() as tasks:
         following = tasks.create_task(watch.run())
-        plot.say(f"The world lets it happen: {plot.loss}. The service is not told.")
+        plot.say(f"Behind the service's back: {told_loss(plot.loss)}.")
         await door.fault(fault[0], **fault[1])
         async with asyncio.timeout(NOTICE_WITHIN_S):
             seen = await noticed

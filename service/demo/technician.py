@@ -21,7 +21,7 @@ class DemoTechnician:
 
     async def confirm(self, instruction: Instruction) -> Answer:
         """Do it, then say yes."""
-        self._say(instruction.text)
+        self._say(f"to the technician: {instruction.text}")
         hands = self._hands.get(instruction.key)
         if hands is not None:
             await hands()
@@ -30,5 +30,5 @@ class DemoTechnician:
 
     async def enter(self, question: Question) -> Answer:
         """Answer nothing: the demo asks no question that only a person can answer."""
-        self._say(question.text)
+        self._say(f"to the technician: {question.text}")
         return Answer(self.name, "")

@@ -91,7 +91,7 @@ def _survives(disk: Disk, name: str, acknowledged: list[tuple[str, int]]) -> boo
         database.close()
 
 
-def _lost(cuts: int, seed: int, synchronous: str | None) -> int:
+def lost_in(cuts: int, seed: int, synchronous: str | None) -> int:
     """Return in how many of so many power cuts an acknowledged event was lost or the journal damaged."""
     whole = Disk()
     _write_until_dark(whole, f"whole-{seed}", synchronous)
@@ -113,14 +113,14 @@ def test_the_journal_on_the_simulated_disk_is_the_real_one() -> None:
 
 
 def test_nothing_acknowledged_is_lost_in_300_power_cuts() -> None:
-    assert _lost(CUTS, seed=1, synchronous=None) == 0
+    assert lost_in(CUTS, seed=1, synchronous=None) == 0
 
 
 def test_the_same_cuts_without_syncing_lose_or_damage() -> None:
     cuts = 100
-    assert _lost(cuts, seed=2, synchronous="OFF") > cuts / 2
+    assert lost_in(cuts, seed=2, synchronous="OFF") > cuts / 2
 
 
 def test_the_same_cuts_with_normal_syncing_lose_what_was_acknowledged() -> None:
     cuts = 100
-    assert _lost(cuts, seed=3, synchronous="NORMAL") > cuts / 2
+    assert lost_in(cuts, seed=3, synchronous="NORMAL") > cuts / 2

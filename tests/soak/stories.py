@@ -3,24 +3,16 @@
 import asyncio
 import json
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
 from rich.progress import track
 
+from tests.soak.figures import Figures
+
 Story = dict[str, Any]
 TIME_FACTOR = "1000"
 AT_ONCE = 5  # a story waits more than it computes
-
-
-@dataclass(frozen=True)
-class Figures:
-    """What a campaign says on its last line, and whether it reached what it must."""
-
-    line: str
-    reached: bool
 
 
 def turns(seeds: int) -> Figures:
@@ -113,11 +105,3 @@ def _exact(joint: dict[str, Any]) -> bool:
 
 def _inside(joint: dict[str, Any]) -> bool:
     return abs(joint["offset_error_rad"]) <= joint["offset_u_rad"]
-
-
-CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
-    "turns": (turns, 200),
-    "motor": (motor, 50),
-    "all": (all_references, 50),
-    "crash": (crash, 40),
-}

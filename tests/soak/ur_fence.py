@@ -13,7 +13,7 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Readiness
 from service.config import read_cell_file
 from service.demo.door import Door
-from tests.soak.stories import Figures
+from tests.soak.figures import Figures
 from tests.wire.cases import ROBOTS, opened, until, until_ready
 from tests.wire.fakes import running
 

@@ -1,0 +1,22 @@
+"""Campaigns over what must survive: kill -9 in the middle of a recovery, and power cuts under the journal."""
+
+from tests.e2e.test_kill_nine import kill_and_resume
+from tests.e2e.test_power_cut import lost_in
+from tests.soak.figures import Figures
+
+
+def kill(kills: int) -> Figures:
+    """Kill -9 at random instants: nothing acknowledged lost or doubled, the same result after resume."""
+    wrong = kill_and_resume(kills, seed=7)
+    return Figures(f"kill: {kills} kills, {len(wrong)} runs with another end: {wrong[:3]}", not wrong)
+
+
+def power(cuts: int) -> Figures:
+    """Power cuts on a disk that drops unsynced writes; the controls must lose."""
+    full = lost_in(cuts, seed=11, synchronous=None)
+    off, normal = (lost_in(cuts, seed=11, synchronous=mode) for mode in ("OFF", "NORMAL"))
+    line = (
+        f"power: {full} of {cuts} cuts lost something acknowledged (must be 0); the controls: "
+        f"synchronous=OFF {off}, NORMAL {normal} (each must be more than half)"
+    )
+    return Figures(line, full == 0 and off > cuts / 2 and normal > cuts / 2)
