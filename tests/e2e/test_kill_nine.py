@@ -50,25 +50,27 @@ def _steps_stored(path: Path) -> list[tuple[str, Any]]:
     return [(body["step"], body["value"]) for kind, body in events if kind == Kind.FINDING]
 
 
-def kill_and_resume(kills: int, seed: int) -> int:
-    """Kill so many processes, some runs twice; return how many runs ended otherwise than the undisturbed."""
+def kill_and_resume(kills: int, seed: int) -> list[str]:
+    """Kill so many processes, some runs twice; return how runs ended otherwise than the undisturbed one."""
     with tempfile.TemporaryDirectory() as folder:
         made = asyncio.run(recovering())
         undisturbed = _one_life(made, Path(folder) / "whole.db", None, None)
         whole = _the_run(Path(folder) / "whole.db")
         assert whole is not None
         assert whole.state == "passed"
-        wrong = done = trial = 0
+        wrong: list[str] = []
+        done = trial = 0
         while done < kills:
             trial += 1
             dice = random.Random(f"{seed}/{trial}")
-            same, killed = _one_run(Path(folder) / f"{trial}.db", dice, undisturbed.calls, whole)
-            wrong, done = wrong + (not same), done + killed
+            end, killed = _one_run(Path(folder) / f"{trial}.db", dice, undisturbed.calls)
+            wrong += [f"run {trial}: {difference}" for difference in _differences(end, whole)]
+            done += killed
     return wrong
 
 
-def _one_run(path: Path, dice: random.Random, calls: int, whole: RunView) -> tuple[bool, int]:
-    """Kill one run once or twice and finish it; return whether it ended as it should, and the kills."""
+def _one_run(path: Path, dice: random.Random, calls: int) -> tuple[RunView, int]:
+    """Kill one run once or twice and finish it; return how it ended, and the kills."""
     made = asyncio.run(recovering())
     acknowledged: list[tuple[str, Any]] = []
     run_id, killed = None, 0
@@ -87,15 +89,28 @@ def _one_run(path: Path, dice: random.Random, calls: int, whole: RunView) -> tup
     names = [name for name, _ in stored]
     assert len(names) == len(set(names))  # none doubled
     assert all(fact in stored for fact in acknowledged)  # none lost
-    return (end.state, _essence(end)) == ("passed", _essence(whole)), killed
+    return end, killed
+
+
+def _differences(end: RunView, whole: RunView) -> list[str]:
+    if end.state != "passed":
+        return [f"{end.state}: {end.reason}"]
+    found, wanted = _essence(end), _essence(whole)
+    return [f"{key} is {found[key]}, not {wanted[key]}" for key in wanted if found[key] != wanted[key]]
 
 
 def _essence(view: RunView) -> dict[str, Any]:
-    """Return the result without what a repeated jog or power cycle may change: seconds, the encoder epoch."""
+    """Return the result without what a repeated step may change.
+
+    A power cycle done twice counts two epochs. A motor whose way past its index was cut short is sent there
+    again and comes back a turn further on, so that lengths are then measured elsewhere: the figures behind
+    the checks differ, what they say does not.
+    """
+    gate = [(check["name"], check["passed"]) for check in view.result["gate"]]
     record = view.result["record"] | {"epoch": 0, "sha256": ""}
-    return view.result | {"robot_seconds": 0.0, "record": record}
+    return view.result | {"robot_seconds": 0.0, "gate": gate, "record": record}
 
 
 def test_ten_kills_lose_nothing_and_end_in_the_same_result() -> None:
     kills = int(os.environ.get("CELLCAL_KILLS", KILLS))
-    assert kill_and_resume(kills, seed=1) == 0
+    assert kill_and_resume(kills, seed=1) == []
