@@ -14,7 +14,7 @@ from drivers.interfaces import Counts, Instruction, Joints, MasteringData
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.mastering_record import HOOK_WIRE, shown
-from procedures.plans import MotionPlan, Room, plan_checks, plan_first, plan_next
+from procedures.plans import MotionPlan, Room, plan_checks, plan_finals, plan_first, plan_next
 from procedures.recovery_result import (
     Effort,
     RecoveryResult,
@@ -116,9 +116,12 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
     recovery = await _measure_until_decided(campaign, guess)
     recovery = await _confirm_elsewhere(campaign, recovery)
 
+    places = tuple(campaign.mapping.joints(check.counts) for check in campaign.checks)
+    known = (record, state, spec.room, places)
+    finals = await run.solve("plan the final checks", plan_finals, *known, spec.final_captures)
     await run.step("accept the correction", accept, _correction(recovery), _hash_of(recovery))
     written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
-    await _confirm_written(campaign, recovery)
+    await _confirm_written(campaign, recovery, finals)
     return restored(record, recovery, campaign.effort(), written, state.epoch)
 
 
@@ -189,17 +192,13 @@ async def _confirm_elsewhere(campaign: _Campaign, recovery: TurnRecovery) -> Tur
         count = 2
 
 
-async def _confirm_written(campaign: _Campaign, recovery: TurnRecovery) -> None:
+async def _confirm_written(campaign: _Campaign, recovery: TurnRecovery, plan: MotionPlan) -> None:
     """Move by the written mastering to check poses again; put the old data back if the lengths disagree."""
     run, spec = campaign.run, campaign.spec
     again: list[WireCapture] = []
-    here = campaign.here
-    for k, check in enumerate(campaign.checks[: spec.final_captures], 1):
-        pose = campaign.mapping.joints(check.counts)
-        speed = spec.index_speed_rad_s
-        campaign.seconds += max(abs(a - b) for a, b in zip(pose, here, strict=True)) / speed
-        here = pose
-        await run.move(f"go to final check {k}", go_to, pose, speed)
+    campaign.seconds += plan.travel_rad / plan.speed_rad_s
+    for k, pose in enumerate(plan.poses_rad, 1):
+        await run.move(f"go to final check {k}", go_to, pose, plan.speed_rad_s)
         still = await run.step(
             f"final check {k}", capture, f"final check {k}", spec.samples, spec.tolerance_counts
         )
@@ -252,8 +251,9 @@ def _outline(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
         *(Phase(name, times, adaptive=True) for name, times in waking),
         *(Phase("read the motors"), Phase("plan the first poses"), Phase("accept the plan")),
         *(Phase(name, times, adaptive=True) for name, times in measuring),
-        *(Phase("accept the correction"), Phase("write the mastering")),
-        *(Phase("go to final check", spec.final_captures), Phase("final check", spec.final_captures)),
+        *(Phase("plan the final checks"), Phase("accept the correction"), Phase("write the mastering")),
+        Phase("go to final check", spec.final_captures, adaptive=True),
+        Phase("final check", spec.final_captures, adaptive=True),
         *(Phase("confirm the written mastering"), Phase("put the old mastering back", 0, adaptive=True)),
     )
 

@@ -138,6 +138,16 @@ def plan_checks(
     return _timed(model, here_rad, ordered, limits, state.limits.jog_speed_rad_s, one_by_one=True)
 
 
+def plan_finals(
+    record: MasteringRecord, state: MotorState, room: Room, checks: tuple[Joints, ...], poses: int
+) -> MotionPlan:
+    """Plan joint moves from the last check pose to earlier ones; where none is reachable, look from there."""
+    model, limits = load_model(record.model), motion_limits(state, record.drive, room)
+    here = checks[-1]
+    ordered = _travel_order(model, here, np.array(checks[:-1]).reshape(-1, model.axes), limits)[:poses]
+    return _timed(model, here, ordered or [np.array(here)], limits, state.limits.jog_speed_rad_s)
+
+
 def index_travel(record: MasteringRecord, here_rad: Joints, turns: float) -> Joints:
     """Return by how much to turn each joint so that its motor passes its index, towards mid-range."""
     model = load_model(record.model)
