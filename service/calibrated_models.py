@@ -1,0 +1,91 @@
+"""From parameter sets to robot models and back: which value belongs to which number of the geometry."""
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.kinematics import RobotModel
+from calibration.parameters import GEOMETRY, make_layout
+from service.parameter_sets import ParameterSet, ParameterSetError, Value
+
+
+class Identified(Protocol):
+    """A parameter as an identification reports it."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+    @property
+    def value(self) -> float: ...
+    @property
+    def sigma(self) -> float: ...
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedModel:
+    """A nominal model with the deviations of a set, and the values that a rigid model has no place for."""
+
+    model: RobotModel
+    left_out: tuple[str, ...]
+
+
+def nominal_sha256(model: RobotModel) -> str:
+    """Return a hash of everything in a nominal model that deviations refer to."""
+    numbers = np.concatenate(
+        [model.placements.ravel(), model.theta0_rad, model.joint_coupling.ravel()], dtype=np.float64
+    )
+    return hashlib.sha256(" ".join(f"{v:.12g}" for v in numbers + 0.0).encode()).hexdigest()
+
+
+def calibrated_model(nominal: RobotModel, parameter_set: ParameterSet) -> CalibratedModel:
+    """Return the nominal model moved by a set.
+
+    Raises
+    ------
+    ParameterSetError
+        The set belongs to another nominal model, or to other numbers under the same name.
+    """
+    if parameter_set.model != nominal.name or parameter_set.nominal_sha256 != nominal_sha256(nominal):
+        raise ParameterSetError(
+            f"version {parameter_set.version} of robot {parameter_set.robot_serial} refers to another nominal "
+            f"model than {nominal.name} as it is here.",
+            remedy="Identify again, or use the release with which the set was made.",
+        )
+    entries = _entries(nominal)
+    errors = np.zeros((nominal.axes, 5) if nominal.dh is not None else (nominal.axes + 1, 6))
+    left_out = []
+    for value in parameter_set.values:
+        entry = entries.get(value.name)
+        if entry is None:
+            left_out.append(value.name)
+        else:
+            errors[entry] = value.value
+    moved = nominal.with_dh_errors(errors) if nominal.dh is not None else nominal.with_twists(errors)
+    return CalibratedModel(moved, tuple(left_out))
+
+
+def values_of_model(nominal: RobotModel, model: RobotModel) -> tuple[Value, ...]:
+    """Return how a model with a DH table deviates from nominal; nobody knows how certainly."""
+    if nominal.dh is None or model.dh is None or model.axes != nominal.axes:
+        raise CalibrationError(f"{model.name}: deviations need two models with tables of the same length")
+    errors = model.dh.rows() - nominal.dh.rows()
+    units = {0: "rad", 1: "m", 2: "m", 3: "rad", 4: "rad"}
+    return tuple(
+        Value(name, units[entry[1]], float(errors[entry])) for name, entry in _entries(nominal).items()
+    )
+
+
+def values_of_identification(parameters: Iterable[Identified]) -> tuple[Value, ...]:
+    """Return what an identification found, with its standard uncertainties."""
+    return tuple(Value(p.name, p.unit, float(p.value), float(p.sigma)) for p in parameters)
+
+
+def _entries(nominal: RobotModel) -> dict[str, tuple[int, int]]:
+    layout = make_layout(nominal, "point", 1, level=GEOMETRY)
+    names = [p.name for p in layout.parameters if p.role in ("offset", "geometry")]
+    return dict(zip(names, layout.geometry, strict=True))
