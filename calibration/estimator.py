@@ -1,7 +1,7 @@
 """Maximum a posteriori estimation of an arm from observations: Gauss-Newton, in blocks of postures."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -16,7 +16,10 @@ from calibration.parameters import ArmState, Layout
 _BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the cache
 _MAX_ITERATIONS = 40
 _SETTLED = 1e-3  # of a posterior standard deviation: nobody can see the rest of the step
+_CURVED = 1e-2  # of the smallest posterior deviation
 _MAX_DAMPING = 1e8
+_COARSE = 250  # rows are enough to come near
+_THINNEST = 16
 
 Block: TypeAlias = tuple[int, Rows]  # mounting and its rows
 
@@ -68,7 +71,14 @@ def errors_m(state: ArmState, problem: Problem) -> Array:
     return problem.observations.errors_m(whitened_residuals(state, problem))
 
 
-def estimate(layout: Layout, state: ArmState, problem: Problem, weights: Array | None = None) -> Fit:
+def estimate(
+    layout: Layout,
+    state: ArmState,
+    problem: Problem,
+    weights: Array | None = None,
+    *,
+    from_afar: bool = False,
+) -> Fit:
     r"""Minimise ``sum w r^2 + sum (x / prior)^2`` from a start, by damped Gauss-Newton.
 
     Parameters
@@ -81,6 +91,8 @@ def estimate(layout: Layout, state: ArmState, problem: Problem, weights: Array |
         Observations.
     weights : (N,) or None
         Weight of each row's squared residual [1].
+    from_afar : bool
+        The start is rough: walk most of the way with a few hundred of the rows.
 
     Returns
     -------
@@ -90,31 +102,49 @@ def estimate(layout: Layout, state: ArmState, problem: Problem, weights: Array |
     Raises
     ------
     DegenerateDataError
-        No step improves anything and the equations are singular.
+        The equations are singular.
 
     Notes
     -----
-    Steps are taken in units of prior deviations, so that metres and radians meet on one scale.
+    Steps are taken in units of prior deviations, so that metres and radians meet on one scale. The iteration
+    ends when what the next step could change, its own part or the curvature that it leaves out, is far below
+    the posterior deviations.
     """
     root = None if weights is None else np.sqrt(weights)
-    information, gradient, cost = _equations(layout, state, problem, root)
+    count = len(problem.observations)
+    if from_afar and count > 2 * _COARSE:
+        some = np.arange(0, count, min(count // _COARSE, _THINNEST))
+        state = _iterate(layout, state, problem.take(some), None if root is None else root[some]).state
+    return _iterate(layout, state, problem, root)
+
+
+def _iterate(layout: Layout, state: ArmState, problem: Problem, root: Array | None) -> Fit:
+    equations = _Equations(layout, problem, root)
+    information, gradient, cost = equations.at(state)
     damping = 0.0
     iterations = 0
     while iterations < _MAX_ITERATIONS and damping <= _MAX_DAMPING:
         iterations += 1
         step, spread = _solve(information, gradient, damping)
         candidate = layout.step(state, step * layout.prior)
-        equations = _equations(layout, candidate, problem, root)
-        settled = bool(np.max(np.abs(step) / spread) < _SETTLED)
-        if equations[2] <= cost * (1 + 1e-12) or settled:
-            state, (information, gradient, cost) = candidate, equations
+        if _settled(step, spread, layout.prior):
+            state, cost = candidate, cost - float(gradient @ step)
+            break
+        there = equations.at(candidate)
+        if there[2] <= cost * (1 + 1e-12):
+            state, (information, gradient, cost) = candidate, there
             damping = 0.0 if damping < 1e-3 else damping / 10
-            if settled:
-                break
         else:
             damping = max(1e-3, damping * 10)
     covariance = np.linalg.inv(information) * np.outer(layout.prior, layout.prior)
     return Fit(state, layout, covariance, layout.deviations(state), cost, iterations)
+
+
+def _settled(step: Array, spread: Array, prior: Array) -> bool:
+    """Tell whether the rest is invisible: the step itself, or what is quadratic in it (an arm is a metre long)."""
+    if float(np.max(np.abs(step) / spread)) < _SETTLED:
+        return True
+    return float(np.max(np.abs(step * prior))) ** 2 < _CURVED * float(np.min(spread * prior))
 
 
 def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Array, Array]:
@@ -123,7 +153,7 @@ def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Ar
     every = np.zeros((len(layout), observations.channels, len(observations)))
     left = np.empty((observations.channels, len(observations)))
     for mounting, rows in problem.blocks:
-        columns, residuals = _block(state, problem, mounting, rows)
+        columns, residuals = _block(state, problem, mounting, rows, {})
         tangent = layout.tangent(state, mounting)
         every[:, :, rows] = np.einsum("pr,rmn->pmn", tangent, columns, optimize=True)
         left[:, rows] = residuals
@@ -143,40 +173,57 @@ def _frames(state: ArmState, problem: Problem, mounting: int, rows: Rows) -> tup
     return rotations, origins, (origins[-1], rotations[-1])
 
 
-def _equations(
-    layout: Layout, state: ArmState, problem: Problem, root: Array | None
-) -> tuple[Array, Array, float]:
-    """Return information and gradient in units of prior deviations, and twice the negative log posterior."""
-    deviations = layout.deviations(state) / layout.prior
-    information, gradient = np.eye(len(layout)), -deviations
-    cost = float(deviations @ deviations)
-    for mounting, rows in problem.blocks:
-        columns, residuals = _block(state, problem, mounting, rows)
-        if root is not None:
-            columns, residuals = columns * root[rows], residuals * root[rows]
-        flat, residual = columns.reshape(len(columns), -1), residuals.reshape(-1)
-        tangent = layout.tangent(state, mounting) * layout.prior[:, None]
-        information += tangent @ (flat @ flat.T) @ tangent.T
-        gradient += tangent @ (flat @ residual)
-        cost += float(residual @ residual)
-    if not np.isfinite(cost):
-        raise CalibrationError("the model left the numbers: is the robot model the right one?")
-    return information, gradient, cost
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Normal equations of a problem at any state."""
+
+    layout: Layout
+    problem: Problem
+    root: Array | None
+    scratch: dict[int, Array] = field(default_factory=dict)
+
+    def at(self, state: ArmState) -> tuple[Array, Array, float]:
+        """Return information and gradient in prior deviations, and twice the negative log posterior."""
+        layout = self.layout
+        deviations = layout.deviations(state) / layout.prior
+        information, gradient = np.eye(len(layout)), -deviations
+        cost = float(deviations @ deviations)
+        for mounting, rows in self.problem.blocks:
+            columns, residuals = _block(state, self.problem, mounting, rows, self.scratch)
+            if self.root is not None:
+                columns *= self.root[rows]
+                residuals = residuals * self.root[rows]
+            flat, residual = columns.reshape(len(columns), -1), residuals.reshape(-1)
+            tangent = layout.tangent(state, mounting) * layout.prior[:, None]
+            information += tangent @ (flat @ flat.T) @ tangent.T
+            gradient += tangent @ (flat @ residual)
+            cost += float(residual @ residual)
+        if not np.isfinite(cost):
+            raise CalibrationError("the model left the numbers: is the robot model the right one?")
+        return information, gradient, cost
 
 
-def _block(state: ArmState, problem: Problem, mounting: int, rows: Rows) -> tuple[Array, Array]:
-    """Return whitened columns (6 (n + 1) + K + D, channels, N) and residuals (channels, N) of a block."""
+def _block(
+    state: ArmState, problem: Problem, mounting: int, rows: Rows, scratch: dict[int, Array]
+) -> tuple[Array, Array]:
+    """Return whitened columns (6 (n + 1) + K + D, channels, N) and residuals (channels, N) of a block.
+
+    ``scratch`` keeps one array for each size of block: touching fresh memory costs more than the arithmetic.
+    """
     observations, device = problem.observations, state.devices[mounting]
     rotations, origins, tip = _frames(state, problem, mounting, rows)
-    linear = placement_columns(rotations, origins, tip[0]).reshape(-1, 3, len(rows))
+    place = placement_columns(rotations, origins, tip[0], out=scratch.get(len(rows)))
+    scratch[len(rows)] = place
+    linear = place.reshape(-1, 3, len(rows))
     angular = _angular_columns(rotations) if observations.needs_rotation else None
     columns = observations.project(linear, angular, tip, device)
-    joints = np.array([term.joint for term in state.terms], dtype=np.intp)
-    moved = columns[6 * joints + 5] * problem.values[:, rows][:, None]
     own = observations.own_columns(tip, device)
-    scales = observations.scales(rows)
-    every = np.concatenate([columns, moved, own]) if len(moved) or len(own) else columns
-    return every * scales, observations.residuals(tip, device, rows)
+    if state.terms or len(own):
+        joints = np.array([term.joint for term in state.terms], dtype=np.intp)
+        moved = columns[6 * joints + 5] * problem.values[:, rows][:, None]
+        columns = np.concatenate([columns, moved, own])
+    columns *= observations.scales(rows)
+    return columns, observations.residuals(tip, device, rows)
 
 
 def _angular_columns(rotations: Array) -> Array:

@@ -8,6 +8,7 @@ from calibration.kinematics import RobotModel
 from calibration.observations import Device, LengthObservations, Observations, PoseObservations
 from calibration.parameters import ArmState, nominal_state
 
+_MOST_ROWS = 500  # more make a guess no better
 _FEWEST = {"point": 4, "pose": 3, "length": 8}
 
 
@@ -25,6 +26,7 @@ def first_guess(model: RobotModel, observations: Observations) -> tuple[ArmState
             remedy=f"Measure at least {_FEWEST[observations.kind]} postures, better 30.",
         )
     count = int(observations.mounting.max()) + 1
+    observations = observations.take(np.arange(0, len(observations), 1 + len(observations) // _MOST_ROWS))
     frames = model.base_flange(observations.joints_rad)
     if isinstance(observations, LengthObservations):
         anchors = _anchors(frames[:, :3, 3], observations.lengths_m)

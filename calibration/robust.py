@@ -58,7 +58,7 @@ def fit_robustly(layout: Layout, start: ArmState, problem: Problem) -> RobustFit
     unless its neighbours are off in the same way. The deviation is taken from the median, so up to half
     of the rows may be bad.
     """
-    fit = estimate(layout, start, problem)
+    fit = estimate(layout, start, problem, from_afar=True)
     problem = _rescaled(layout, fit, problem)
     weights = np.ones(len(problem.observations))
     for _ in range(_MAX_ROUNDS):

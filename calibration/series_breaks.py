@@ -39,7 +39,7 @@ def fit_frames(model: RobotModel, observations: Observations, breaks: Sequence[i
     fits = []
     for start in first_guess(model, seen):
         layout = make_layout(model, seen.kind, len(start.devices), level=FRAMES)
-        fits.append(estimate(layout, start, Problem.of(start, seen)))
+        fits.append(estimate(layout, start, Problem.of(start, seen), from_afar=True))
     return min(fits, key=lambda fit: fit.cost)
 
 

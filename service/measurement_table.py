@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 from calibration.errors import CellError
 
@@ -186,7 +187,7 @@ def _read_excel(path: Path, sheet: str | None) -> Table:
         warnings.simplefilter("ignore")  # about styles and validations, which hold no measurement
         try:
             book = load_workbook(path, read_only=True, data_only=True)
-        except (OSError, KeyError, ValueError) as error:
+        except (OSError, KeyError, ValueError, BadZipFile) as error:
             raise MeasurementError(f"{path} is no Excel file.", remedy="Save it as CSV.") from error
     try:
         if sheet is not None and sheet not in book.sheetnames:

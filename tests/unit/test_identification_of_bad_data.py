@@ -1,0 +1,176 @@
+"""Outliers, moved devices, rounded joints, lost signs: found, reported, and not allowed to bend the answer."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration import lints
+from calibration.cross_validation import compare, deal_folds, group_rows
+from calibration.identification import Options, identify
+from calibration.kinematics import load_model
+from calibration.parameters import GEOMETRY
+from calibration.series_breaks import assign_mountings, candidate_breaks
+from calibration.unrounding import resolution, unround_joints
+from tests.unit.helpers.simulated_arm import ANCHOR, random_joints, tracker_points, wire_lengths
+from tests.unit.test_identification import fitted, tip_error_m
+
+
+def with_outliers(simulated, share, size_m, seed):
+    rng = np.random.default_rng(seed)
+    count = len(simulated.observations)
+    bad = np.sort(rng.choice(count, int(share * count), replace=False))
+    positions = simulated.observations.positions_m.copy()
+    kick = rng.standard_normal((len(bad), 3))
+    positions[bad] += size_m * kick / np.linalg.norm(kick, axis=1, keepdims=True)
+    return replace(simulated, observations=replace(simulated.observations, positions_m=positions)), bad
+
+
+def test_outliers_are_rejected_and_hardly_cost_anything():
+    joints = random_joints(load_model("ur10"), np.random.default_rng(9), 200)
+    clean, dirty = [], []
+    for seed in range(5):
+        simulated = tracker_points(count=60, seed=seed, sigma_m=1e-4)
+        spoilt, bad = with_outliers(simulated, 0.15, 5e-3, seed)
+        robust = fitted(spoilt)
+        assert set(bad) <= set(robust.rejected)
+        assert len(robust.rejected) <= len(bad) + 2
+        clean.append(np.mean(tip_error_m(simulated, fitted(simulated).fit.state, joints) ** 2))
+        dirty.append(np.mean(tip_error_m(simulated, robust.fit.state, joints) ** 2))
+    assert np.sqrt(np.mean(dirty)) < 1.25 * np.sqrt(np.mean(clean))
+
+
+def test_rejected_rows_still_count_in_the_held_out_error():
+    spoilt, bad = with_outliers(tracker_points(count=100), 0.05, 0.02, 1)
+    found = identify(spoilt.model, spoilt.observations, options=Options(level=GEOMETRY))
+    assert set(bad) <= set(found.rejected)
+    assert found.held_out.n == 100
+    assert found.held_out.max_m > 0.01
+    assert found.fit.max_m < 0.001
+
+
+def test_a_moved_anchor_is_found_to_the_row():
+    moved = [ANCHOR, ANCHOR + np.array([0.004, -0.003, 0.002]), ANCHOR + np.array([0.001, 0.003, 0.003])]
+    simulated = wire_lengths(count=240, anchors=moved, breaks=(90, 150), sigma_m=1e-4)
+    found = identify(simulated.model, simulated.observations, options=Options(level=GEOMETRY))
+    assert [item.row for item in found.breaks] == [90, 150]
+    assert found.held_out.rmse_m < 2.5e-4
+
+
+def test_no_break_is_seen_where_nothing_moved():
+    for seed in range(3):
+        simulated = wire_lengths(count=160, seed=seed, sigma_m=1e-4)
+        found = identify(simulated.model, simulated.observations, options=Options(level=GEOMETRY))
+        assert found.breaks == ()
+
+
+def test_break_candidates_stop_on_a_short_series():
+    simulated = wire_lengths(count=30)
+    assert list(candidate_breaks(simulated.model, simulated.observations)) == []
+
+
+def test_check_rows_are_put_on_the_mounting_they_belong_to():
+    errors = np.full((3, 50), 5e-3)
+    truth = np.repeat([1, 2], 25)
+    errors[truth, np.arange(50)] = 1e-4
+    errors[0, 7] = 0.0  # one lucky row is no reason to change
+    assert (assign_mountings(errors, 2e-4) == truth).all()
+
+
+def test_rounded_joints_are_sharpened_by_printed_positions_with_one_typing_error():
+    model, rng = load_model("abb_irb120"), np.random.default_rng(0)
+    true_joints = random_joints(model, rng, 200, reach=1.2)
+    step = np.deg2rad(0.1)
+    written = np.round(true_joints / step) * step
+    printed = np.round(model.tip_positions(true_joints, np.zeros(3)) / 1e-4) * 1e-4
+    printed[17] += [0.0, 0.1, 0.0]
+    sharp = unround_joints(model, written, np.full(6, step), printed, 1e-4)
+    assert sharp.useful
+    assert sharp.doubtful_rows == (17,)
+    assert np.abs(sharp.joints_rad - written).max() <= step / 2 + 1e-12
+    assert (sharp.joints_rad[17] == written[17]).all()
+    tips = [
+        np.delete(model.tip_positions(q, np.zeros(3)), 17, axis=0)
+        for q in (true_joints, written, sharp.joints_rad)
+    ]
+    before, after = (np.sqrt(np.mean((other - tips[0]) ** 2)) for other in tips[1:])
+    assert after < 0.25 * before
+
+
+def test_positions_of_another_arm_sharpen_nothing():
+    model, rng = load_model("ur10"), np.random.default_rng(0)
+    joints = random_joints(model, rng, 80)
+    other = load_model("ur5e").tip_positions(joints, np.zeros(3))
+    sharp = unround_joints(model, joints, np.full(6, 1e-3), other, 1e-4)
+    assert not sharp.useful
+    assert (sharp.joints_rad == joints).all()
+
+
+def test_resolution_of_columns():
+    assert resolution(np.array([0.1, -3.7, 12.0])) == 0.1
+    assert resolution(np.array([509.19, 498.04])) == 0.01
+    assert resolution(np.array([0.5, 1.5, 2.0])) == 0.5
+    assert resolution(np.random.default_rng(0).standard_normal(50)) == 0.0
+    assert resolution(np.zeros(4)) == 0.0
+
+
+def test_a_lost_minus_sign_is_reported_and_left_alone():
+    joints = np.deg2rad(np.random.default_rng(0).uniform(-75, -55, (300, 6)))
+    joints[40:60, 5] *= -1
+    (found,) = lints.sign_flips(joints, [f"J{i}" for i in range(1, 7)])
+    assert found.rows == tuple(range(40, 60))
+    assert "J6" in found.message
+    assert "40-59" in found.message
+
+
+def test_random_poses_raise_no_sign_warning():
+    joints = random_joints(load_model("ur10"), np.random.default_rng(0), 500)
+    assert lints.sign_flips(joints, [str(i) for i in range(6)]) == []
+
+
+def test_duplicates_and_leakage():
+    joints = random_joints(load_model("ur10"), np.random.default_rng(0), 20)
+    twice = np.concatenate([joints, joints[3:5]])
+    assert lints.duplicates(twice)[0].rows == (20, 21)
+    assert lints.duplicates(joints) == []
+    assert lints.leakage(joints[:10], joints[8:12])[0].rows == (0, 1)
+    assert lints.leakage(joints[:10], joints[10:]) == []
+
+
+def test_the_rounding_floor_is_stated_in_millimetres():
+    model = load_model("abb_irb120")
+    joints = random_joints(model, np.random.default_rng(0), 200)
+    assert "0.1 deg" in lints.rounding_floor(model, joints, np.full(6, np.deg2rad(0.1)), 1e-5)[0].message
+    assert lints.rounding_floor(model, joints, np.full(6, 1e-9), 1e-6) == []
+
+
+def test_other_lints_speak_only_when_there_is_something():
+    rng = np.random.default_rng(0)
+    assert lints.temperature_drift(np.array([20.0, 20.5])) == []
+    assert "25.0" in lints.temperature_drift(np.array([20.0, np.nan, 25.0]))[0].message
+    assert lints.alike_neighbours(rng.standard_normal((3, 200))) == []
+    assert lints.alike_neighbours(np.cumsum(rng.standard_normal((3, 200)), axis=1))[0].code == "drift"
+    assert lints.not_a_measurement(np.full(10, 1e-5), 1e-4)[0].code == "not_measured"
+    assert lints.not_a_measurement(np.full(10, 1e-3), 1e-4) == []
+
+
+def test_runs_of_constant_wrist_are_groups_and_folds_never_split_one():
+    rng = np.random.default_rng(0)
+    joints = random_joints(load_model("ur10"), rng, 200)
+    joints[:, 3:] = np.repeat(random_joints(load_model("ur10"), rng, 20)[:, 3:], 10, axis=0)
+    grouping = group_rows(joints)
+    assert grouping.kind == "runs of constant wrist"
+    assert grouping.count == 20
+    folds = deal_folds(grouping, 7, seed=3)
+    assert all(len(set(folds[grouping.groups == g])) == 1 for g in range(20))
+    assert set(folds) == set(range(7))
+    assert group_rows(random_joints(load_model("ur10"), rng, 30)).kind == "single rows"
+
+
+def test_a_gain_that_one_group_makes_alone_is_none():
+    errors = np.full(100, 1e-3)
+    groups = np.arange(100) // 10
+    lucky = errors.copy()
+    lucky[:10] = 1e-5
+    assert not compare(("a", errors), ("b", lucky), groups).better
+    assert compare(("a", errors), ("b", 0.9 * errors * (1 + 0.01 * groups / 10)), groups).better
+    assert not compare(("a", errors), ("b", 0.995 * errors), groups).better
