@@ -221,7 +221,7 @@ def _go_carefully(
     low = np.minimum(np.maximum(lower, start - limits.branch_rad), start)
     high = np.maximum(np.minimum(upper, start + limits.branch_rad), start)
     search = Search.begin(moved, Target.of(followed, start), start.copy(), (low, high))
-    search.run(limits.position_m, limits.angle_rad, limits.max_step_rad)
+    search.run(limits)
     outcome.store(rows, search.joints, search.gap, slice(None))
     outcome.steps[rows] = search.steps
     outcome.status[rows] = _status(search, limits)
