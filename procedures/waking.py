@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from calibration.mastering import MasteringRecord
 from drivers.interfaces import Condition, Counts, Instruction
+from procedures.cell import Cell
 from procedures.plans import index_travel
 from procedures.run import ProcedureError, Run
 from procedures.steps.ask import ask
@@ -38,7 +39,7 @@ class AlarmCodes:
 
 async def wake_encoders(
     run: Run, record: MasteringRecord, last_counts: Counts, codes: AlarmCodes, speed_rad_s: float
-) -> Condition:
+) -> None:
     """Clear the position alarms: battery, power cycle, one turn of every motor past its index.
 
     Raises
@@ -60,11 +61,19 @@ async def wake_encoders(
         elif active:
             await run.write(f"reset the alarms {k}", reset_alarms)
         else:
-            return condition
-    raise StillAlarmedError(
-        f"the robot still reports {', '.join(sorted(active))}",
-        remedy="Clear the alarm by the controller's manual, then resume.",
-    )
+            break
+    await run.ensure("no alarm is left", no_alarm)
+
+
+async def no_alarm(cell: Cell) -> Condition:
+    """Refuse while an alarm stands; asked again on every entry, since a person may have cleared it meanwhile."""
+    condition = await look_at_alarms(cell)
+    if condition.alarms:
+        raise StillAlarmedError(
+            f"the robot still reports {', '.join(sorted({alarm.code for alarm in condition.alarms}))}",
+            remedy="Clear the alarm by the controller's manual, then resume.",
+        )
+    return condition
 
 
 async def _pass_indices(
