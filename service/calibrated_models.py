@@ -2,15 +2,20 @@
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.geometry import Array, homogeneous, inverse_transform
 from calibration.kinematics import RobotModel
+from calibration.orientation import elementary
 from calibration.parameters import GEOMETRY, make_layout
+from calibration.urdf import calibrated_urdf, read_urdf
 from service.parameter_sets import ParameterSet, ParameterSetError, Value
+
+_SAME_AXIS = 1e-3  # m and rad: descriptions round their numbers
 
 
 class Identified(Protocol):
@@ -89,3 +94,49 @@ def _entries(nominal: RobotModel) -> dict[str, tuple[int, int]]:
     layout = make_layout(nominal, "point", 1, level=GEOMETRY)
     names = [p.name for p in layout.parameters if p.role in ("offset", "geometry")]
     return dict(zip(names, layout.geometry, strict=True))
+
+
+def calibrated_description(text: str, tip_link: str, nominal: RobotModel, calibrated: RobotModel) -> str:
+    """Return a URDF description whose joints stand where a calibration found them; the rest of it stays.
+
+    The frames of the description may lie anywhere along the joints' axes. They keep their place relative to
+    the nominal arm's frames, and those move.
+
+    Raises
+    ------
+    CalibrationError
+        The axes of the description are not those of the nominal model.
+    """
+    arm = read_urdf(text, tip_link=tip_link)
+    if arm.model.axes != nominal.axes:
+        raise CalibrationError(
+            f"the description has {arm.model.axes} joints, {nominal.name} has {nominal.axes}"
+        )
+    ours, theirs = _steps(nominal), _steps(arm.model)
+    beside = np.array(
+        [inverse_transform(a) @ b for a, b in zip(_chained(ours), _chained(theirs), strict=True)]
+    )
+    off_axis = np.abs(beside[:-1, :2, 2:]).max()
+    directions = np.sign(np.diag(nominal.joint_coupling))
+    if off_axis > _SAME_AXIS or not np.allclose(beside[:-1, 2, 2], directions, atol=_SAME_AXIS):
+        raise CalibrationError(
+            f"the joints of the description are not where those of {nominal.name} are.",
+            remedy="Name the link at the flange, and see that the description's root is the robot's base.",
+        )
+    before = np.concatenate([np.eye(4)[None], inverse_transform(beside[:-1])])
+    placements = before @ _steps(calibrated) @ beside
+    moved = replace(arm.model, placements=placements)
+    return calibrated_urdf(arm, moved)
+
+
+def _steps(model: RobotModel) -> Array:
+    """Return (n + 1, 4, 4): from the frame in which a joint turns to the next, all joints at zero."""
+    turns = [homogeneous(elementary("z", np.array(t)), np.zeros(3)) for t in (*model.theta0_rad, 0.0)]
+    return np.array([p @ t for p, t in zip(model.placements, turns, strict=True)])
+
+
+def _chained(steps: Array) -> Array:
+    frames = [steps[0]]
+    for step in steps[1:]:
+        frames.append(frames[-1] @ step)
+    return np.array(frames)

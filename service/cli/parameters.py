@@ -1,0 +1,331 @@
+"""``cellcal parameters``: parameter sets of robots, their history, and files of makers."""
+
+import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+if TYPE_CHECKING:
+    from service.parameter_sets import Change, ParameterSet, ParameterSets
+
+parameters = App(name="parameters", help="Keep, compare, restore and exchange identified robot parameters.")
+
+Folder = Annotated[Path, Parameter(name="--folder", help="Where the sets are kept.")]
+Json = Annotated[bool, Parameter(name="--json", help="Print one JSON object on standard output.")]
+_HERE = Path("parameter_sets")
+_SCALES = {
+    "rad": ("deg", 57.29577951308232),
+    "m": ("mm", 1e3),
+    "rad/m": ("deg/m", 57.29577951308232),
+    "1": ("ppm", 1e6),
+}
+
+
+@parameters.command(name="list")
+def list_sets(robot_serial: str | None = None, /, *, folder: Folder = _HERE, as_json: Json = False) -> int:
+    """List robots with their newest set, or every version of one robot.
+
+    Parameters
+    ----------
+    robot_serial
+        Show the history of this robot.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from service.cli.printing import print_json
+
+    sets = _sets(folder)
+    found = (
+        [sets.load(serial) for serial in sets.robots()]
+        if robot_serial is None
+        else sets.history(robot_serial)
+    )
+    if as_json:
+        print_json({"parameter_sets": [_head(item) for item in found]})
+        return 0
+    table = Table("robot", "version", "model", "made", "by", "from", "note")
+    for item in found:
+        note = f"back to version {item.rolls_back_to}. {item.note}" if item.rolls_back_to else item.note
+        table.add_row(
+            item.robot_serial,
+            str(item.version),
+            item.model,
+            item.made_at,
+            item.made_by,
+            item.source.split(",")[0],
+            note,
+        )
+    Console(highlight=False).print(table)
+    return 0
+
+
+@parameters.command
+def show(
+    robot_serial: str, /, *, version: int | None = None, folder: Folder = _HERE, as_json: Json = False
+) -> int:
+    """Show one set.
+
+    Parameters
+    ----------
+    robot_serial
+        Robot.
+    version
+        The newest if not given.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from service.cli.printing import print_json
+
+    item = _sets(folder).load(robot_serial, version)
+    if as_json:
+        values = [
+            {"name": v.name, "unit": v.unit, "value": v.value, "standard_uncertainty": v.standard_uncertainty}
+            for v in item.values
+        ]
+        print_json({**_head(item), "parameters": values})
+        return 0
+    table = Table(
+        "parameter",
+        "value",
+        "standard uncertainty",
+        "unit",
+        title=f"{item.robot_serial}, version {item.version}",
+    )
+    for value in item.values:
+        unit, scale = _SCALES[value.unit]
+        table.add_row(
+            value.name, f"{value.value * scale:+.5f}", _or_dash(value.standard_uncertainty, scale), unit
+        )
+    console = Console(highlight=False)
+    console.print(table)
+    console.print(f"Deviations from nominal {item.model}; {item.source}", markup=False)
+    return 0
+
+
+@parameters.command
+def diff(
+    robot_serial: str,
+    /,
+    *,
+    before: int | None = None,
+    after: int | None = None,
+    folder: Folder = _HERE,
+    as_json: Json = False,
+) -> int:
+    """Show what changed between two versions, in units and in standard uncertainties.
+
+    Parameters
+    ----------
+    robot_serial
+        Robot.
+    before
+        The version before `after` if not given.
+    after
+        The newest if not given.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from service.cli.printing import print_json
+    from service.parameter_sets import diff as changes_between
+
+    sets = _sets(folder)
+    new = sets.load(robot_serial, after)
+    old = sets.load(robot_serial, new.version - 1 if before is None else before)
+    changes = changes_between(old, new)
+    if as_json:
+        print_json({"before": _head(old), "after": _head(new), "changes": [_change(c) for c in changes]})
+        return 0
+    table = Table(
+        "parameter", "before", "after", "difference", "unit", "in uncertainties",
+        title=f"{robot_serial}: version {old.version} to {new.version}",
+    )  # fmt: skip
+    for change in changes:
+        unit, scale = _SCALES[change.unit]
+        numbers = [_or_dash(v.value if v else None, scale) for v in (change.before, change.after)]
+        size = "-" if change.deviations is None else f"{change.deviations:.1f}"
+        table.add_row(change.name, *numbers, f"{change.difference * scale:+.5f}", unit, size)
+    Console(highlight=False).print(table)
+    return 0
+
+
+@parameters.command
+def rollback(
+    robot_serial: str,
+    version: int,
+    /,
+    *,
+    by: str,
+    note: str = "",
+    folder: Folder = _HERE,
+    as_json: Json = False,
+) -> int:
+    """Go back to an old version: its values become the newest version, and nothing is removed.
+
+    Parameters
+    ----------
+    robot_serial
+        Robot.
+    version
+        Whose values shall hold again.
+    by
+        Who decides so.
+    note
+        Why.
+    """
+    saved = _sets(folder).rollback(robot_serial, version, made_by=by, made_at=_now(), note=note)
+    return _report(saved, (), as_json=as_json)
+
+
+@parameters.command(name="import")
+def import_(  # noqa: PLR0913  # a command's options are its arguments
+    file: Path,
+    /,
+    *,
+    robot: str,
+    serial: str,
+    by: str,
+    note: str = "",
+    folder: Folder = _HERE,
+    as_json: Json = False,
+) -> int:
+    """Save what a file says about an arm as its newest version.
+
+    Parameters
+    ----------
+    file
+        JSON of `cellcal identify --json`, a parameter set, a UR controller's calibration.conf, recorded bytes of
+        its port 30001, or the YAML of ur_calibration.
+    robot
+        Nominal model; `cellcal models` lists them.
+    serial
+        Of the robot.
+    by
+        Who says so.
+    note
+        Anything worth keeping.
+    """
+    from calibration.kinematics import load_model
+    from service.parameter_files import Who, import_file
+
+    _must_exist(file)
+    found = import_file(_sets(folder), file, load_model(robot), Who(serial, by, _now(), note))
+    return _report(found.parameter_set, found.notes, as_json=as_json)
+
+
+@parameters.command
+def export(  # noqa: PLR0913  # a command's options are its arguments
+    robot_serial: str,
+    to: Path,
+    /,
+    *,
+    kind: Annotated[str, Parameter(name="--format")] = "urdf",
+    version: int | None = None,
+    template: Path | None = None,
+    tip_link: str = "flange",
+    geometric_joints: bool = False,
+    folder: Folder = _HERE,
+) -> int:
+    """Write a set for others: URDF, a UR controller's table, ROS kinematics, or the set itself.
+
+    Parameters
+    ----------
+    robot_serial
+        Robot.
+    to
+        File to write; it must not exist.
+    kind
+        urdf, calibration-conf, primary, ros-yaml or toml.
+    version
+        The newest if not given.
+    template
+        URDF whose joints are corrected, with everything else kept; a bare one is written without it.
+    tip_link
+        The link of the template that is the flange.
+    geometric_joints
+        Allow a URDF of a robot that couples joints, driven by geometric angles.
+    """
+    from calibration.kinematics import load_model
+    from service.cli.printing import EN_ROUTE
+    from service.parameter_files import FileKind, Template, export_set
+    from service.parameter_sets import ParameterSetError
+
+    if kind not in list(FileKind):
+        raise ParameterSetError(
+            f"there is no format {kind}.", remedy=f"Formats: {', '.join(FileKind)}.", code="usage"
+        )
+    source = None
+    if template is not None:
+        _must_exist(template)
+        source = Template(template.read_text(encoding="utf-8"), tip_link)
+    item = _sets(folder).load(robot_serial, version)
+    nominal = load_model(item.model)
+    data, notes = export_set(
+        item, nominal, FileKind(kind), template=source, geometric_joints=geometric_joints
+    )
+    try:
+        with to.open("xb") as file:
+            file.write(data)
+    except FileExistsError as taken:
+        raise ParameterSetError(
+            f"{to} is there already.", remedy="Choose another name.", code="usage"
+        ) from taken
+    EN_ROUTE.print(f"wrote {to}: {item.robot_serial} version {item.version}", markup=False, soft_wrap=True)
+    for note in notes:
+        EN_ROUTE.print(f"note: {note}", markup=False, soft_wrap=True)
+    return 0
+
+
+def _sets(folder: Path) -> "ParameterSets":
+    from service.parameter_sets import ParameterSets
+
+    return ParameterSets(folder.expanduser())
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+
+
+def _must_exist(path: Path) -> None:
+    from service.parameter_sets import ParameterSetError
+
+    if not path.is_file():
+        raise ParameterSetError(f"there is no file {path}.", remedy="Check the path.", code="usage")
+
+
+def _report(saved: "ParameterSet", notes: tuple[str, ...], *, as_json: bool) -> int:
+    from service.cli.printing import EN_ROUTE, print_json
+
+    if as_json:
+        print_json({**_head(saved), "notes": list(notes)})
+        return 0
+    EN_ROUTE.print(f"robot {saved.robot_serial}: version {saved.version} saved", markup=False, soft_wrap=True)
+    for note in notes:
+        EN_ROUTE.print(f"note: {note}", markup=False, soft_wrap=True)
+    return 0
+
+
+def _head(item: "ParameterSet") -> dict[str, Any]:
+    keys = (
+        "robot_serial", "version", "model", "made_at", "made_by", "source", "note",
+        "rolls_back_to", "factory_hash", "sha256",
+    )  # fmt: skip
+    return {key: getattr(item, key) for key in keys}
+
+
+def _change(change: "Change") -> dict[str, Any]:
+    values = {
+        key: None if value is None else value.value
+        for key, value in (("before", change.before), ("after", change.after))
+    }
+    return {
+        "name": change.name, "unit": change.unit, **values,
+        "difference": change.difference, "deviations": change.deviations,
+    }  # fmt: skip
+
+
+def _or_dash(value: float | None, scale: float) -> str:
+    return "-" if value is None else f"{value * scale:.5f}"
