@@ -40,11 +40,19 @@ AT_REFERENCE = Instruction(
 FULL_CALIBRATION = "Have the robot inspected; a full calibration is advised before it works again."
 
 
+# A new motor that happens to stand within about 0.05 turn of a whole one cannot be told from lost turns.
+_PROVISO = (
+    "Whole turns are exact only if no motor, encoder, belt or gear was exchanged; if one was, say no and start "
+    "again with exchanged_axes. "
+)
+
+
 @dataclass(frozen=True, slots=True)
 class MasteringRecoverySpec:
     """What is known of the time before the loss, and how much may be measured."""
 
     last_counts: Counts | None = None  # the last healthy counts, from the watch
+    exchanged_axes: tuple[int, ...] = ()  # from 1: motor, encoder, belt or gear exchanged, as far as known
     first_captures: int = 10
     max_captures: int = 30
     check_captures: int = 4
@@ -108,6 +116,7 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
 
     state = await run.step("read the motors", read_motors)
     _refuse_other_gears(record, state)
+    _refuse_unknown_axes(spec, state)
     await run.ensure("the encoders kept their position", same_epoch, state.epoch)
 
     guess = provisional_turns(record.drive, last_counts, state.counts)
@@ -136,7 +145,8 @@ async def _measure_until_decided(campaign: _Campaign, guess: tuple[int, ...]) ->
     changed = False
     while True:
         captures = tuple(campaign.kept)
-        recovery = await run.solve(f"judge after {campaign.taken}", judge, campaign.record, captures, guess)
+        name, known_new = f"judge after {campaign.taken}", tuple(axis - 1 for axis in spec.exchanged_axes)
+        recovery = await run.solve(name, judge, campaign.record, captures, guess, known_new)
         if recovery.accepted:
             return recovery
         if (
@@ -225,8 +235,18 @@ def _refuse_other_gears(record: MasteringRecord, state: MotorState) -> None:
 def _correction(recovery: TurnRecovery) -> Instruction:
     return Instruction(
         "accept_mastering",
-        f"{recovery.reason}. The check poses confirm it. Write the mastering data to the controller?",
+        f"{recovery.reason}. The check poses confirm it. {_PROVISO if recovery.mode == 'turns' else ''}"
+        "Write the mastering data to the controller?",
     )
+
+
+def _refuse_unknown_axes(spec: MasteringRecoverySpec, state: MotorState) -> None:
+    axes = len(state.counts)
+    if not all(1 <= axis <= axes for axis in spec.exchanged_axes):
+        raise RefusalError(
+            f"exchanged_axes names an axis that is not there: {spec.exchanged_axes}",
+            remedy=f"Axes count from 1 to {axes}.",
+        )
 
 
 def _hash_of(recovery: TurnRecovery) -> str:

@@ -57,10 +57,14 @@ class Effort:
 
 
 def judge(
-    record: MasteringRecord, captures: tuple[WireCapture, ...], provisional: tuple[int, ...]
+    record: MasteringRecord,
+    captures: tuple[WireCapture, ...],
+    provisional: tuple[int, ...],
+    exchanged: tuple[int, ...] = (),
 ) -> TurnRecovery:
     """Find the lost turns from the captures, or say what is missing."""
-    return recover_turns(load_model(record.model), record, captures, provisional_turns=provisional)
+    model = load_model(record.model)
+    return recover_turns(model, record, captures, provisional_turns=provisional, replaced_axes=exchanged)
 
 
 def confirmed(

@@ -55,7 +55,8 @@ async def wake_encoders(
                 await run.step(f"new battery {k}", ask, NEW_BATTERY)
             await run.write(f"acknowledge the lost position {k}", reset_alarms)
             await run.step(f"power cycle {k}", ask, POWER_CYCLE)
-            await run.step(f"wait for the robot {k}", wait_for_the_robot)
+            gone = (*codes.battery, *codes.power_cycle)
+            await run.step(f"wait for the robot {k}", wait_for_the_robot, gone)
         elif active & {*codes.index}:
             await _pass_indices(run, record, last_counts, (k, speed_rad_s))
         elif active:

@@ -92,13 +92,20 @@ async def look_at_alarms(cell: Cell) -> Condition:
     return await cell.robot.condition()
 
 
-async def wait_for_the_robot(cell: Cell) -> Condition:
-    """Wait until the robot answers after a power cycle."""
+async def wait_for_the_robot(cell: Cell, gone: tuple[str, ...]) -> Condition:
+    """Wait until the robot answers after a power cycle, without the alarms that the power cycle takes away.
+
+    Who says yes before the switch is turned is waited for.
+    """
+    condition = await cell.robot.condition()
     for _ in range(round(BOOT_DEADLINE_S / BOOT_PAUSE_S)):
-        condition = await cell.robot.condition()
-        if condition.readiness is not Readiness.UNREACHABLE:
+        waiting = any(alarm.code in gone for alarm in condition.alarms)
+        if condition.readiness is not Readiness.UNREACHABLE and not waiting:
             return condition
         await asyncio.sleep(BOOT_PAUSE_S)
+        condition = await cell.robot.condition()
+    if condition.readiness is not Readiness.UNREACHABLE:
+        return condition
     raise UnreachableError(
         cell.robot.name,
         "the controller did not come back after the power cycle",
