@@ -1,0 +1,21 @@
+"""The topics of a benchmark by name."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TypeAlias
+
+from service.bench.compensate import run_compensate
+from service.bench.contestants import BenchError
+from service.bench.results import Topic
+
+TopicRun: TypeAlias = Callable[[int, int, Mapping[str, Path]], Topic]
+TOPICS: dict[str, TopicRun] = {"compensate": run_compensate}
+
+
+def choose_topics(only: str) -> dict[str, TopicRun]:
+    """Return the topics named, in their own order, or all."""
+    wanted = [word.strip() for word in only.split(",") if word.strip()] or list(TOPICS)
+    unknown = [word for word in wanted if word not in TOPICS]
+    if unknown:
+        raise BenchError(f"there is no topic {unknown[0]}.", remedy=f"Topics are {', '.join(TOPICS)}.")
+    return {name: topic for name, topic in TOPICS.items() if name in wanted}
