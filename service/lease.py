@@ -26,8 +26,7 @@ def lease(directory: Path, robot: str, holder: str) -> Iterator[None]:
         Another run holds it, in this process or another.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    path = directory / f"{re.sub(r'[^A-Za-z0-9_-]', '_', robot)}.lock"
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    descriptor = os.open(_path(directory, robot), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -42,3 +41,22 @@ def lease(directory: Path, robot: str, holder: str) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+def is_held(directory: Path, robot: str) -> bool:
+    """Tell whether somebody runs a procedure on a robot now."""
+    try:
+        descriptor = os.open(_path(directory, robot), os.O_RDWR | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def _path(directory: Path, robot: str) -> Path:
+    return directory / f"{re.sub(r'[^A-Za-z0-9_-]', '_', robot)}.lock"

@@ -85,6 +85,14 @@ class LastHealthyCounts:
         return self._dir / f"last_healthy_{robot}.json"
 
 
+async def remember_healthy(robot: str, encoders: MasteringStore, memory: LastHealthyCounts) -> HealthyCounts:
+    """Keep the present counts as healthy: after a record was taken, or a recovery has passed."""
+    counts, epoch = await encoders.encoder_counts(), await encoders.encoder_epoch()
+    seen = HealthyCounts(robot, counts, epoch, datetime.now(UTC).isoformat())
+    memory.save(seen)
+    return seen
+
+
 class Watch:
     """Looks at one robot again and again; calls ``on_loss`` once for each loss it sees."""
 
@@ -114,6 +122,7 @@ class Watch:
 
     async def look(self) -> PositionLoss | None:
         """Look once; return the loss if this look found a new one."""
+        self._saved = self._memory.load(self._robot.name) or self._saved  # a run may have renewed it
         condition = await self._robot.condition()
         if condition.readiness is Readiness.UNREACHABLE:
             self._seen = None
@@ -134,9 +143,13 @@ class Watch:
         return loss
 
     async def acknowledge(self) -> None:
-        """Take the present counts for healthy: called after a recovery has passed."""
-        self._remember(await self._robot.encoder_counts(), await self._robot.encoder_epoch())
+        """Take the present counts for healthy."""
+        self._saved = await remember_healthy(self._robot.name, self._robot, self._memory)
         self._seen, self._reported = None, False
+
+    def forget_motion(self) -> None:
+        """Do not compare the next look with the last: the robot may have been moved on command meanwhile."""
+        self._seen = None
 
     async def _compare(self) -> str | None:
         """Compare with what was seen before; remember this look when all is well."""

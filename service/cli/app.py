@@ -16,6 +16,7 @@ from service.cli.demo import demo
 from service.cli.identify import identify
 from service.cli.models import models
 from service.cli.runs import procedures, resume, run, runs, show
+from service.cli.watch import watch
 from service.exit_codes import ExitCode, exit_code_of
 
 app = App(
@@ -26,7 +27,7 @@ app = App(
     help_format="plaintext",
     result_action="return_value",
 )
-for command in (demo, fakes, check, procedures, run, runs, show, resume, identify, models):
+for command in (demo, fakes, check, watch, procedures, run, runs, show, resume, identify, models):
     app.command(command)
 
 

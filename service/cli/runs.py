@@ -77,8 +77,8 @@ def run(
     from service.config import read_cell_file
 
     config = read_cell_file(cell)
-    outcome = asyncio.run(_run(config, procedure, robot, _settings(setting), answers))
-    return _tell(outcome, as_json=as_json)
+    outcome = asyncio.run(run_live(config, procedure, robot, _settings(setting), answers))
+    return tell(outcome, as_json=as_json)
 
 
 def resume(
@@ -108,7 +108,7 @@ def resume(
     from service.config import read_cell_file
 
     outcome = asyncio.run(_resume(read_cell_file(cell), run_id, robot, answers))
-    return _tell(outcome, as_json=as_json)
+    return tell(outcome, as_json=as_json)
 
 
 def runs(*, cell: Path, as_json: Json = False) -> int:
@@ -122,7 +122,7 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
         Print one JSON object on standard output.
     """
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from service.cli.printing import print_json
 
@@ -132,9 +132,9 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
         keys = ("run_id", "procedure", "started_utc", "state", "reason")
         print_json({"runs": [{key: getattr(view, key) for key in keys} for view in views]})
         return 0
-    table = Table("run", "procedure", "started (UTC)", "ended", "reason")
+    table = Table(Column("run", no_wrap=True), "started (UTC)", "ended", "reason")
     for view in views:
-        table.add_row(view.run_id, view.procedure, view.started_utc[:19], view.state, view.reason)
+        table.add_row(view.run_id, view.started_utc[:19], view.state, view.reason)
     Console().print(table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`.")
     return 0
 
@@ -156,9 +156,10 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     from rich.tree import Tree
 
     from service.cli.printing import print_json
+    from service.execute import newest
 
     with _journal(cell) as (journal, store):
-        view = store.run(_last(store, run_id))
+        view = store.run(newest(store, run_id))
         damage = journal.verify()
         events = journal.events(view.run_id)
     if as_json:
@@ -246,11 +247,6 @@ class _Opened:
 _journal = _Opened
 
 
-def _last(store: Any, run_id: str) -> str:
-    views = store.runs()
-    return views[-1].run_id if run_id == "last" and views else run_id
-
-
 async def _lacking(cell: Path) -> dict[str, list[str]]:
     from drivers.operator.scripted import ScriptedOperator
     from procedures.catalogue import ENTRIES
@@ -262,32 +258,23 @@ async def _lacking(cell: Path) -> dict[str, list[str]]:
         return {entry.name: list(missing(entry, opened)) for entry in ENTRIES}
 
 
-async def _run(
+async def run_live(
     config: "CellConfig", procedure: str, robot: str | None, settings: dict[str, Any], answers: Path | None
 ) -> "Outcome":
-    from service.cell import journal_path, lend_record, open_cell
+    """Run a procedure with progress on standard error."""
     from service.cli.progress import live_progress
-    from service.conduct import run_procedure
-    from service.journal import Journal
-    from service.specs import build_spec
+    from service.execute import Where, start
 
-    with Journal.open(journal_path(config)) as journal, live_progress(procedure) as show_event:
-        async with open_cell(config, _operator(answers), robot) as cell:
-            spec = build_spec(config, cell.robot.name, procedure, settings)
-            return await run_procedure(await lend_record(cell, journal), procedure, spec, journal, show_event)
+    with live_progress(procedure) as show_event:
+        return await start(Where(config, _operator(answers), robot, show_event), procedure, settings)
 
 
 async def _resume(config: "CellConfig", run_id: str, robot: str | None, answers: Path | None) -> "Outcome":
-    from service.cell import journal_path, lend_record, open_cell
     from service.cli.progress import live_progress
-    from service.conduct import resume as resume_run
-    from service.journal import Journal
-    from service.store import Store
+    from service.execute import Where, go_on
 
-    with Journal.open(journal_path(config)) as journal, live_progress("resume") as show_event:
-        async with open_cell(config, _operator(answers), robot) as cell:
-            run = _last(Store(journal), run_id)
-            return await resume_run(await lend_record(cell, journal), run, journal, show_event)
+    with live_progress("resume") as show_event:
+        return await go_on(Where(config, _operator(answers), robot, show_event), run_id)
 
 
 def _operator(answers: Path | None) -> Any:
@@ -302,7 +289,8 @@ def _operator(answers: Path | None) -> Any:
     return ScriptedOperator(json.loads(answers.read_text(encoding="utf-8")))
 
 
-def _tell(outcome: "Outcome", *, as_json: bool) -> int:
+def tell(outcome: "Outcome", *, as_json: bool) -> int:
+    """Print how a run ended and return its exit code."""
     from pydantic_core import to_jsonable_python
 
     from service.cli.printing import EN_ROUTE, print_json

@@ -1,0 +1,47 @@
+"""``cellcal watch``: follow a cell's encoders, and recover or offer it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from service.config import CellConfig
+    from service.watch import PositionLoss
+
+
+def watch(cell: Path, /) -> int:
+    """Follow the encoders of a cell until interrupted; on a loss offer the recovery, or run it where allowed.
+
+    Keep it running while the robot is healthy: what it saw last narrows a recovery to a few turns.
+
+    Parameters
+    ----------
+    cell
+        The cell file (TOML); [watch] gives the period and whether a recovery may be started alone.
+    """
+    import asyncio
+
+    from service.cli.printing import EN_ROUTE
+    from service.config import read_cell_file
+    from service.follow import Listener, follow
+
+    config = read_cell_file(cell)
+
+    async def on_loss(loss: "PositionLoss") -> None:
+        EN_ROUTE.print(f"[bold red]{loss.robot} lost its position:[/] {loss.detected_by}")
+        await _recover_or_offer(config, loss)
+
+    EN_ROUTE.print("Watching. Ctrl+C ends it.")
+    asyncio.run(follow(config, Listener(EN_ROUTE.print, on_loss)))
+    return 0
+
+
+async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:
+    from service.cli.printing import EN_ROUTE
+    from service.cli.runs import run_live, tell
+
+    command = f"cellcal run mastering_recovery --cell {config.path} --robot {loss.robot}"
+    if not config.watch.recover_alone:
+        EN_ROUTE.print(f"[bold]What to do:[/] look at the robot, then: {command}")
+        return
+    EN_ROUTE.print("The cell file allows it: the recovery starts and asks before anything moves.")
+    tell(await run_live(config, "mastering_recovery", loss.robot, {}, None), as_json=False)

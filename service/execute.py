@@ -1,0 +1,63 @@
+"""A run on a cell from its file: journal, devices, spec, and what the service must remember afterwards."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.interfaces import Operator
+from procedures.cell import Cell
+from procedures.progress import ignore
+from service.cell import journal_path, lend_record, open_cell
+from service.conduct import OnEvent, Outcome, Verdict, resume, run_procedure
+from service.config import CellConfig
+from service.journal import Journal
+from service.specs import build_spec
+from service.store import Store
+from service.watch import LastHealthyCounts, remember_healthy
+
+_LEAVES_HEALTHY = ("mastering_record", "mastering_recovery")
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """One robot of one cell, and who answers and listens."""
+
+    config: CellConfig
+    operator: Operator
+    robot: str | None = None
+    on_event: OnEvent = ignore
+
+
+async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outcome:
+    """Run a procedure from its beginning."""
+    with Journal.open(journal_path(where.config)) as journal:
+        async with open_cell(where.config, where.operator, where.robot) as cell:
+            spec = build_spec(where.config, cell.robot.name, procedure, settings)
+            lent = await lend_record(cell, journal)
+            outcome = await run_procedure(lent, procedure, spec, journal, where.on_event)
+            await _remember(where.config, cell, outcome)
+            return outcome
+
+
+async def go_on(where: Where, run_id: str) -> Outcome:
+    """Resume a run; ``last`` is the newest."""
+    with Journal.open(journal_path(where.config)) as journal:
+        async with open_cell(where.config, where.operator, where.robot) as cell:
+            lent = await lend_record(cell, journal)
+            outcome = await resume(lent, newest(Store(journal), run_id), journal, where.on_event)
+            await _remember(where.config, cell, outcome)
+            return outcome
+
+
+def newest(store: Store, run_id: str) -> str:
+    """Return the id of the newest run for ``last``, else the id itself."""
+    views = store.runs()
+    return views[-1].run_id if run_id == "last" and views else run_id
+
+
+async def _remember(config: CellConfig, cell: Cell, outcome: Outcome) -> None:
+    if (
+        outcome.verdict is Verdict.PASSED
+        and outcome.procedure in _LEAVES_HEALTHY
+        and cell.mastering is not None
+    ):
+        await remember_healthy(cell.robot.name, cell.mastering, LastHealthyCounts(config.cell.data_dir))

@@ -1,0 +1,59 @@
+"""The watch over a whole cell: every robot that keeps mastering data, until somebody ends it."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.errors import DeviceError
+from service.cell import journal_path
+from service.config import CellConfig
+from service.lease import is_held
+from service.watch import LastHealthyCounts, PositionLoss, Watch
+
+_RETRY_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Listener:
+    """Who hears what the watch has to say."""
+
+    say: Callable[[str], None]
+    on_loss: Callable[[PositionLoss], Awaitable[None]]
+
+
+async def follow(config: CellConfig, listener: Listener) -> None:
+    """Watch all robots of a cell until cancelled; an unreachable one is looked for again and again."""
+    async with asyncio.TaskGroup() as tasks:
+        for robot in config.robots:
+            tasks.create_task(_follow_robot(config, robot, listener))
+
+
+async def _follow_robot(config: CellConfig, entry: Any, listener: Listener) -> None:
+    told = ""
+    while True:
+        try:
+            async with entry.open() as robot:
+                if not robot.capabilities.writes_mastering:
+                    listener.say(f"{robot.name} keeps its position without a battery: it is not watched.")
+                    return
+                listener.say(f"{robot.name}: watched every {config.watch.period_s:g} s.")
+                told = ""
+                await _look_again_and_again(config, entry, robot, listener)
+        except DeviceError as error:
+            if error.message != told:
+                listener.say(f"{error}")
+                told = error.message
+        await asyncio.sleep(_RETRY_S)
+
+
+async def _look_again_and_again(config: CellConfig, entry: Any, robot: Any, listener: Listener) -> None:
+    memory = LastHealthyCounts(config.cell.data_dir)
+    watch = Watch(robot, memory, listener.on_loss, period_s=config.watch.period_s)
+    leases = journal_path(config).parent / "leases"
+    while True:
+        if is_held(leases, entry.serial):  # a run moves this robot; its own steps guard the encoders
+            watch.forget_motion()
+        else:
+            await watch.look()
+        await asyncio.sleep(config.watch.period_s)

@@ -1,0 +1,50 @@
+"""``cellcal watch`` on a fake cell: it says what it watches, sees the loss by itself, and offers the recovery."""
+
+import asyncio
+import os
+import sys
+from pathlib import Path
+
+from service.config import read_cell_file
+from service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from service.watch import LastHealthyCounts
+
+PATIENCE_S = 40.0
+
+
+async def until_said(process: asyncio.subprocess.Process, words: str, heard: list[str]) -> None:
+    assert process.stderr is not None
+    async with asyncio.timeout(PATIENCE_S):
+        while words not in " ".join(" ".join(heard).split()):
+            line = await process.stderr.readline()
+            assert line, f"it ended without saying {words!r}: {heard}"
+            heard.append(line.decode())
+
+
+async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> None:
+    with free_address() as address:
+        path = write_cell_file(tmp_path, address, seed=8, time_factor=500.0)
+    path.write_text(path.read_text().replace("recover_alone = true", "recover_alone = false"))
+    memory = LastHealthyCounts(read_cell_file(path).cell.data_dir)
+    async with running_fakes(path) as door:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "service", "watch", str(path),
+            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
+        )  # fmt: skip
+        try:
+            heard: list[str] = []
+            await until_said(process, "fanuc: watched", heard)
+            async with asyncio.timeout(PATIENCE_S):
+                while memory.load("fanuc") is None:
+                    await asyncio.sleep(0.05)
+            healthy = memory.load("fanuc")
+            truth = (await door.truth())["robots"]["fanuc"]
+            assert healthy is not None
+            assert list(healthy.counts) == truth["counts_read"]
+            await door.fault("battery_loss", axes="all")
+            await until_said(process, "lost its position", heard)
+            await until_said(process, "cellcal run mastering_recovery", heard)
+            assert memory.load("fanuc") == healthy  # what was healthy is not overwritten by what was lost
+        finally:
+            process.terminate()
+            await process.communicate()
