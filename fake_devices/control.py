@@ -22,6 +22,7 @@ from fake_devices.cell import FakeCell
 from fake_devices.device import FakeDevice, FaultRefusedError, JsonObject
 
 _LINE_LIMIT = 1 << 20
+_ANSWERED = (ValueError, TypeError, AttributeError, OSError, ArithmeticError, LookupError, RuntimeError)
 
 
 class ControlDoor:
@@ -65,15 +66,15 @@ class ControlDoor:
             writer.close()
 
     async def answer(self, line: bytes) -> JsonObject:
-        """Return the answer to one line; a refusal is ``{"error": …}``."""
+        """Return the answer to one line; a refusal, or a verb that fails, is ``{"error": …}``."""
         try:
             question = json.loads(line)
             verb = self._verbs[question.pop("do")]
             return {"ok": True, **await verb(question)}
-        except (FaultRefusedError, ValueError, TypeError, AttributeError) as error:
-            return {"error": f"{error}"}
         except KeyError as error:
             return {"error": f"unknown: {error}"}
+        except _ANSWERED as error:  # FaultRefusedError is a ValueError
+            return {"error": f"{error}" or type(error).__name__}
 
     async def _truth(self, _question: JsonObject) -> JsonObject:
         return {
@@ -111,6 +112,8 @@ class ControlDoor:
         return {"time_s": self._cell.world.clock.now()}
 
     async def _tcp_error(self, question: JsonObject) -> JsonObject:
-        robot = question.get("robot") or next(iter(self._cell.world.masterings))
+        robot = question.get("robot") or next(iter(self._cell.world.masterings), None)
+        if robot is None:
+            raise FaultRefusedError("no robot of this cell has a mastering that could be wrong")
         errors = self._cell.world.tcp_error_m(robot, question.get("counts_at_zero"), question.get("poses"))
         return {"mean": float(errors.mean()), "max": float(errors.max()), "n": int(errors.size)}

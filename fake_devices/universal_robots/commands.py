@@ -246,7 +246,7 @@ def _flange_pose(script: ControlScript) -> None:
 
 
 def _is_steady(script: ControlScript) -> None:
-    script.answer_integer(int(not any(script.controller.point.velocity_rad_s)))
+    script.answer_integer(int(not any(script.controller.velocity_rad_s)))
 
 
 class UntilContact:

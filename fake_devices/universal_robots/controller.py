@@ -103,6 +103,13 @@ class Controller:
         self.history.append(self.joints_rad)
         self.contact_steps += bool(self.contact_steps)
 
+    @property
+    def velocity_rad_s(self) -> Vector:
+        """How fast the joints travel. A program's motion keeps its own time, which the speed slider stretches."""
+        in_program = self.program is not None and self._braking is None
+        fraction = self.speed_fraction if in_program else 1.0
+        return tuple(fraction * v for v in self.point.velocity_rad_s)
+
     def _read_arm(self) -> None:
         self.joints_rad = tuple(self.arm.controller_joints_rad.tolist())
         if not any(self.point.velocity_rad_s):
@@ -146,6 +153,7 @@ class Controller:
 
     def end_program(self) -> None:
         """Stop whatever runs, as the stop button does; a moving arm brakes."""
+        self.point.go(self.point.joints_rad, self.velocity_rad_s)
         self.program, self._watchdog = None, None
         self.runtime = RuntimeState.STOPPED
         if any(self.point.velocity_rad_s):

@@ -61,7 +61,7 @@ class UniversalRobot:
         return {
             "joints_rad": arm.joints_rad.tolist(),
             "controller_joints_rad": arm.controller_joints_rad.tolist(),
-            "moving": any(c.point.velocity_rad_s),
+            "moving": any(c.velocity_rad_s),
             "dh": arm.dh.tolist(),
             "known_dh": arm.known_dh.tolist(),
             "nominal_dh": arm.nominal_dh.tolist(),

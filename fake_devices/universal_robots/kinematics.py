@@ -4,7 +4,8 @@ Imitates
     Forward and inverse kinematics of a Universal Robots controller with its factory calibration.
 Source
     The maker's DH page: Rz(theta + q) Tz(d) Tx(a) Rx(alpha). A pose captured from URSim 5.8 is the test. In
-    real calibrations d of the nearly parallel joints 2 to 4 may be hundreds of metres that cancel.
+    real calibrations d of the nearly parallel joints 2 to 4 may be hundreds of metres that cancel, and theta of
+    joints 2 and 3 far from nominal; alpha, and theta of the others, are near nominal.
 Modelled
     Six-axis UR geometry; eight closed-form solutions of the nominal arm, refined on the calibrated one.
 Not modelled
@@ -49,7 +50,7 @@ def factory_calibration(chain: NDArray[np.float64]) -> FactoryCalibration:
     end = np.eye(4)
     for theta, d, a, alpha, beta in chain[:5]:
         end = end @ _link(theta, d, a, alpha, beta)
-        row = _common_normal(np.linalg.inv(origin) @ end, theta, a)
+        row = _common_normal(np.linalg.inv(origin) @ end, a)
         origin = origin @ _link(*row, 0.0)
         rows.append(row)
     theta, d, a, alpha, _ = chain[5]
@@ -67,21 +68,25 @@ def _link(theta: float, d: float, a: float, alpha: float, beta: float) -> NDArra
     return np.asarray(turn @ shape)
 
 
-def _common_normal(link: NDArray[np.float64], theta: float, a: float) -> tuple[float, float, float, float]:
-    """Return theta, d, a, alpha that lead to the next joint's axis, near the drawing's theta and a."""
+def _common_normal(link: NDArray[np.float64], a: float) -> tuple[float, float, float, float]:
+    """Return theta, d, a, alpha that lead to the next joint's axis.
+
+    Of the two directions of the normal it takes the one on the side of the drawn link's x axis: the other one
+    gives a mirrored table, with alpha of the wrong sign and a last theta of half a turn, for the same pose.
+    """
     u, p = link[:3, 2], link[:3, 3]
     across = hypot(u[0], u[1])
     if across < _SMALL:  # parallel: any height would do, so keep the drawing's
         length = hypot(p[0], p[1])
         if length < _SMALL:
-            return theta, float(p[2]), 0.0, 0.0
+            return atan2(link[1, 0], link[0, 0]), float(p[2]), 0.0, 0.0
         return (
             (atan2(p[1], p[0]), float(p[2]), length, 0.0)
             if a > 0
             else (atan2(-p[1], -p[0]), float(p[2]), -length, 0.0)
         )
     n = np.array([-u[1], u[0], 0.0]) / across
-    if n[0] * cos(theta) + n[1] * sin(theta) < 0.0:
+    if n @ link[:3, 0] < 0.0:
         n = -n
     m = np.array([n[1], -n[0], 0.0])
     along = -float(p @ m) / float(u @ m)

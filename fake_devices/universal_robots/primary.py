@@ -82,7 +82,7 @@ class RobotState:
                 ">dddffffB",
                 c.joints_rad[i],
                 c.point.joints_rad[i],
-                c.point.velocity_rad_s[i],
+                c.velocity_rad_s[i],
                 0.0,
                 48.0,
                 31.0,

@@ -74,11 +74,11 @@ class Readings:
     def tcp_speed(self) -> Vector:
         """Return the velocity of the active TCP in base axes."""
         c = self._c
-        if not any(c.point.velocity_rad_s):
+        if not any(c.velocity_rad_s):
             return _STILL
         tip = translation(product(c.kinematics.flange(c.joints_rad), c.flange_tool))
         jacobian = c.kinematics.jacobian(c.joints_rad, tip)
-        return tuple((jacobian @ np.array(c.point.velocity_rad_s)).tolist())
+        return tuple((jacobian @ np.array(c.velocity_rad_s)).tolist())
 
     def _state_getters(self) -> dict[str, Callable[[], Any]]:
         c = self._c
@@ -86,9 +86,9 @@ class Readings:
             "timestamp": lambda: c.timestamp_s,
             "control_step": lambda: c.steps,
             "target_q": lambda: c.point.joints_rad,
-            "target_qd": lambda: c.point.velocity_rad_s,
+            "target_qd": lambda: c.velocity_rad_s,
             "actual_q": lambda: c.joints_rad,
-            "actual_qd": lambda: c.point.velocity_rad_s,
+            "actual_qd": lambda: c.velocity_rad_s,
             "robot_mode": lambda: int(c.robot_mode),
             "joint_mode": lambda: (joint_mode(c.robot_mode),) * 6,
             "safety_mode": lambda: int(c.safety_mode),

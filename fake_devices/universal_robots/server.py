@@ -49,6 +49,7 @@ class UniversalRobotServer:
         self._beat: asyncio.Task[None] | None = None
         self._state_due_s = 0.0
         self.cable_in = True
+        self._ports_change = asyncio.Lock()
 
     def _primary(self, port: Port) -> PrimaryConnection:
         return PrimaryConnection(port, self.loader, self._state)
@@ -65,11 +66,7 @@ class UniversalRobotServer:
     async def open_ports(self) -> None:
         """Listen on every port that does not."""
         self.cable_in = True
-        for port in self.ports.values():
-            if self.cable_in:
-                await port.open()
-        if not self.cable_in:  # pulled out while we were at it
-            await self.close_ports()
+        await self._follow_cable()
 
     async def _listen(self) -> None:
         """Open again after a fault was cleared; the address may not be free at once."""
@@ -80,14 +77,23 @@ class UniversalRobotServer:
     async def close_ports(self) -> None:
         """Cut every connection and stop listening; the controller goes on."""
         self.cable_in = False
-        for port in self.ports.values():
-            await port.close()
+        await self._follow_cable()
+
+    async def _follow_cable(self) -> None:
+        """Open or close all ports as the cable now is; one at a time, since several causes may ask at once.
+
+        Whoever changed the cable last waits for the others and then has the last word.
+        """
+        async with self._ports_change:
+            for port in self.ports.values():
+                await (port.open() if self.cable_in else port.close())
 
     async def close(self) -> None:
         """Switch the control box off."""
         beat, self._beat = self._beat, None
         if beat is not None:
-            beat.cancel()
+            async with self._ports_change:  # a beat that is opening a port would leave it behind
+                beat.cancel()
             with suppress(asyncio.CancelledError):
                 await beat
         await self.close_ports()

@@ -207,3 +207,67 @@ async def test_a_reader_that_sleeps_loses_packets_and_keeps_nobody_waiting() -> 
             times = [(await awake.read())["timestamp"] for _ in range(300)]
             assert times == sorted(times)
             assert times[-1] - times[0] >= 0.59
+
+
+async def test_an_arm_at_slider_zero_stands_and_says_so() -> None:
+    names = ["actual_q", "actual_qd", "target_qd", "actual_TCP_speed", "target_speed_fraction"]
+    async with fake_ur() as robot, await watching(robot.server.address, names) as client:
+        slider, _ = await client.inputs(["speed_slider_mask", "speed_slider_fraction"])
+        start = robot.truth()["joints_rad"]
+        await run_program(robot.server.address, f"movej({[q + 3.0 for q in start]}, a=5.0, v=0.5)")
+        while (await client.read())["actual_qd"][0] < 0.4:
+            pass
+        client.send("U", struct.pack(">BId", slider, 1, 0.0))
+        at_zero = await client.wait_for("target_speed_fraction", 0.0)
+        await client.read()
+        found = [await client.read() for _ in range(5)]
+        assert {values["actual_q"] for values in found} == {found[0]["actual_q"]}
+        assert found[0]["actual_q"][0] < start[0] + 2.9
+        for values in (at_zero, *found):
+            for name in ("actual_qd", "target_qd", "actual_TCP_speed"):
+                assert not any(values[name]), name
+        assert not robot.truth()["moving"]
+        client.send("U", struct.pack(">BId", slider, 1, 1.0))
+        while (await client.read())["actual_qd"][0] < 0.4:  # the program goes on where it stood
+            pass
+
+
+async def test_speed_is_that_of_the_arm_at_half_slider_too() -> None:
+    async with fake_ur() as robot:
+        names = ["actual_q", "actual_qd", "timestamp", "target_speed_fraction"]
+        async with await watching(robot.server.address, names) as client:
+            slider, _ = await client.inputs(["speed_slider_mask", "speed_slider_fraction"])
+            client.send("U", struct.pack(">BId", slider, 1, 0.5))
+            await client.wait_for("target_speed_fraction", 0.5)
+            target = [q + 0.3 for q in robot.truth()["joints_rad"]]
+            await run_program(robot.server.address, f"movej({target}, a=50.0, v=0.4)")
+            speeds = set()
+            while (values := await client.read())["actual_q"] != tuple(target):
+                speeds.add(round(values["actual_qd"][0], 9))
+        assert max(speeds) == pytest.approx(0.2)
+
+
+async def test_a_program_stopped_at_slider_zero_leaves_the_arm_where_it_stands() -> None:
+    async with fake_ur() as robot:
+        names = ["actual_q", "actual_qd", "runtime_state", "target_speed_fraction"]
+        async with await watching(robot.server.address, names) as client:
+            slider, _ = await client.inputs(["speed_slider_mask", "speed_slider_fraction"])
+            start = robot.truth()["joints_rad"]
+            await run_program(robot.server.address, f"movej({[q + 3.0 for q in start]}, a=5.0, v=0.5)")
+            while (await client.read())["actual_qd"][0] < 0.4:
+                pass
+            client.send("U", struct.pack(">BId", slider, 1, 0.0))
+            await client.wait_for("target_speed_fraction", 0.0)
+            stood = (await client.read())["actual_q"]
+            await robot.fault("program_stop", {})
+            await client.wait_for("runtime_state", 1)
+            found = [await client.read() for _ in range(20)]
+            assert {values["actual_q"] for values in found} == {stood}
+
+
+async def run_program(host: str, line: str) -> None:
+    """Upload a program of one line."""
+    _, writer = await asyncio.open_connection(host, 30003)
+    writer.write(f"def go():\n\t{line}\nend\n".encode())
+    writer.close()
+    await writer.wait_closed()

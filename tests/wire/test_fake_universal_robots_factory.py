@@ -1,0 +1,64 @@
+"""The factory calibration that the fake tells, read and understood by the product."""
+
+import math
+
+import numpy as np
+import pytest
+
+from calibration.kinematics import load_model
+from calibration.ur_factory import factory_model
+from drivers.universal_robots.config import UniversalRobotConfig
+from drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
+from fake_devices.arm_models import MODELS
+from fake_devices.kinematics import flange
+from fake_devices.universal_robots.device import UniversalRobot
+from tests.wire.fake_ur import fake_ur
+
+SEEDS = range(20)
+E_SERIES = sorted(name for name in MODELS if name.startswith("ur") and name.endswith("e"))
+CB3 = sorted(name for name in MODELS if name.startswith("ur") and not name.endswith("e"))
+DEADLINE_S = 10.0
+NEAR_RAD = math.radians(1.0)
+
+
+def test_every_universal_robot_that_can_be_played_is_among_them() -> None:
+    assert {"ur3e", "ur5e", "ur10e"} <= set(E_SERIES)
+    assert "ur10" in CB3
+
+
+@pytest.mark.parametrize("model", E_SERIES)
+async def test_the_driver_reads_a_table_of_the_arm_that_the_controller_believes_in(model: str) -> None:
+    for seed in SEEDS:
+        async with fake_ur(model=model, seed=seed) as fake:
+            config = UniversalRobotConfig(
+                driver="universal_robots",
+                name="ur",
+                address=fake.server.address,
+                model=model,
+                serial="20225500042",
+                deadline_s=DEADLINE_S,
+            )
+            async with config.open() as robot:
+                assert_belongs(await robot.factory_kinematics(), fake, model, seed)
+
+
+@pytest.mark.parametrize("model", CB3)
+async def test_an_arm_that_the_driver_does_not_move_tells_its_table_in_the_same_way(model: str) -> None:
+    for seed in SEEDS:
+        async with fake_ur(model=model, seed=seed) as fake:
+            found = await read_factory_kinematics("ur", fake.server.address, deadline_s=DEADLINE_S)
+            assert_belongs(found, fake, model, seed)
+
+
+def assert_belongs(found: FactoryKinematics, fake: UniversalRobot, model: str, seed: int) -> None:
+    """Check that a table looks like a real controller's, is accepted, and is the believed arm."""
+    nominal = load_model(model)
+    assert nominal.dh is not None
+    assert found.alpha_rad == pytest.approx(tuple(nominal.dh.alpha_rad), abs=NEAR_RAD)
+    far = (found.theta_rad[0], sum(found.theta_rad[1:4]), *found.theta_rad[4:])
+    assert [math.remainder(angle, 2.0 * math.pi) for angle in far] == pytest.approx([0.0] * 4, abs=NEAR_RAD)
+    assert max(map(abs, found.d_m)) > 5.0  # distant common normals, as in real tables
+    arm = factory_model(nominal, found.table())
+    joints = np.random.default_rng(seed).uniform(-2.0 * math.pi, 2.0 * math.pi, (20, 6))
+    believed = flange(np.array(fake.truth()["known_dh"]), joints)
+    assert arm.base_flange(joints) == pytest.approx(believed, abs=1e-9)
