@@ -7,7 +7,7 @@ from pathlib import Path
 
 from service.config import read_cell_file
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from service.watch import LastHealthyCounts
+from service.watch import HealthyCounts, LastHealthyCounts
 
 PATIENCE_S = 40.0
 
@@ -19,6 +19,15 @@ async def until_said(process: asyncio.subprocess.Process, words: str, heard: lis
             line = await process.stderr.readline()
             assert line, f"it ended without saying {words!r}: {heard}"
             heard.append(line.decode())
+
+
+async def first_seen(memory: LastHealthyCounts) -> HealthyCounts:
+    async with asyncio.timeout(PATIENCE_S):
+        seen = memory.load("fanuc")
+        while seen is None:
+            await asyncio.sleep(0.05)
+            seen = memory.load("fanuc")
+        return seen
 
 
 async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> None:
@@ -34,12 +43,8 @@ async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> Non
         try:
             heard: list[str] = []
             await until_said(process, "fanuc: watched", heard)
-            async with asyncio.timeout(PATIENCE_S):
-                while memory.load("fanuc") is None:
-                    await asyncio.sleep(0.05)
-            healthy = memory.load("fanuc")
+            healthy = await first_seen(memory)
             truth = (await door.truth())["robots"]["fanuc"]
-            assert healthy is not None
             assert list(healthy.counts) == truth["counts_read"]
             await door.fault("battery_loss", axes="all")
             await until_said(process, "lost its position", heard)
