@@ -24,7 +24,7 @@ def test_help_names_every_command() -> None:
     for name in (
         "demo",
         "fakes",
-        "check",
+        "check", "watch",
         "procedures",
         "run",
         "runs",
