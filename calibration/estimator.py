@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.errors import CalibrationError
 from calibration.geometry import Array
 from calibration.joint_terms import term_values
 from calibration.kinematics import chain_frames, placement_columns
@@ -17,8 +17,10 @@ _BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the c
 _MAX_ITERATIONS = 40
 _SETTLED = 1e-3  # of a posterior standard deviation: nobody can see the rest of the step
 _CURVED = 1e-2  # of the smallest posterior deviation
+_INVISIBLE_M = 2e-8
 _MAX_DAMPING = 1e8
-_COARSE = 250  # rows are enough to come near
+_ROUNDING = 1e-6
+_COARSE = 150  # rows are enough to come near
 _THINNEST = 16
 
 Block: TypeAlias = tuple[int, Rows]  # mounting and its rows
@@ -101,8 +103,8 @@ def estimate(
 
     Raises
     ------
-    DegenerateDataError
-        The equations are singular.
+    CalibrationError
+        Nothing finite comes out.
 
     Notes
     -----
@@ -136,7 +138,7 @@ def _iterate(layout: Layout, state: ArmState, problem: Problem, root: Array | No
             damping = 0.0 if damping < 1e-3 else damping / 10
         else:
             damping = max(1e-3, damping * 10)
-    covariance = np.linalg.inv(information) * np.outer(layout.prior, layout.prior)
+    covariance = _inverse(information) * np.outer(layout.prior, layout.prior)
     return Fit(state, layout, covariance, layout.deviations(state), cost, iterations)
 
 
@@ -144,7 +146,8 @@ def _settled(step: Array, spread: Array, prior: Array) -> bool:
     """Tell whether the rest is invisible: the step itself, or what is quadratic in it (an arm is a metre long)."""
     if float(np.max(np.abs(step) / spread)) < _SETTLED:
         return True
-    return float(np.max(np.abs(step * prior))) ** 2 < _CURVED * float(np.min(spread * prior))
+    curved_m = float(np.max(np.abs(step * prior))) ** 2
+    return curved_m < max(_CURVED * float(np.min(spread * prior)), _INVISIBLE_M)
 
 
 def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Array, Array]:
@@ -199,7 +202,9 @@ class _Equations:
             gradient += tangent @ (flat @ residual)
             cost += float(residual @ residual)
         if not np.isfinite(cost):
-            raise CalibrationError("the model left the numbers: is the robot model the right one?")
+            raise CalibrationError(
+                "the estimate left the range of numbers.", remedy="Check robot model, units and columns."
+            )
         return information, gradient, cost
 
 
@@ -236,9 +241,27 @@ def _angular_columns(rotations: Array) -> Array:
 
 def _solve(information: Array, gradient: Array, damping: float) -> tuple[Array, Array]:
     """Return the step and the posterior deviation of every unknown, both in prior deviations."""
-    damped = information + damping * np.diag(np.diag(information))
+    inverse = _inverse(information + damping * np.diag(np.diag(information)))
+    return inverse @ gradient, np.sqrt(np.diag(inverse))
+
+
+def _inverse(information: Array) -> Array:
+    """Return the inverse of information in prior deviations, whose eigenvalues are one or more.
+
+    With few rows and small residuals they span more digits than there are; then the smallest are cut to what the
+    prior alone makes of them.
+    """
+    scale = 1.0 / np.sqrt(np.diag(information))
     try:
-        inverse = np.linalg.inv(damped)
-    except np.linalg.LinAlgError as error:
-        raise DegenerateDataError("the measurements cannot determine anything") from error
-    return inverse @ gradient, np.sqrt(np.maximum(np.diag(inverse), 1e-300))
+        inverse: Array = np.linalg.inv(information * scale[:, None] * scale) * scale[:, None] * scale
+    except np.linalg.LinAlgError:
+        return _cut_inverse(information)
+    variances = np.diag(inverse)
+    plausible = (variances > 0).all() and (variances <= 1.0 + _ROUNDING).all()
+    return inverse if plausible else _cut_inverse(information)
+
+
+def _cut_inverse(information: Array) -> Array:
+    values, vectors = np.linalg.eigh(information)
+    safe: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T
+    return safe

@@ -2,13 +2,14 @@
 
 import numpy as np
 
-from calibration.errors import DegenerateDataError
+from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.geometry import Array, homogeneous, mean_rotation, nearest_rotation
 from calibration.kinematics import RobotModel
 from calibration.observations import Device, LengthObservations, Observations, PoseObservations
 from calibration.parameters import ArmState, nominal_state
 
-_MOST_ROWS = 500  # more make a guess no better
+_MOST_ROWS = 100  # more make a guess no better
+_NEAR_M = 1e-4
 _FEWEST = {"point": 4, "pose": 3, "length": 8}
 
 
@@ -51,7 +52,7 @@ def _base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array
         # equation is turned . tip + shift = measured - origin.
         design = np.concatenate([turned, np.broadcast_to(np.eye(3), turned.shape)], axis=2)
         answer = np.linalg.lstsq(design.reshape(-1, 6), (positions_m - origin).reshape(-1), rcond=None)[0]
-        if np.linalg.norm(answer[:3] - tip) < 1e-6:
+        if np.linalg.norm(answer[:3] - tip) < _NEAR_M:
             break
         tip = answer[:3]
     return device_base, homogeneous(np.eye(3), tip)
@@ -60,7 +61,14 @@ def _base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array
 def rigid_fit(points: Array, targets: Array) -> Array:
     """Return the rigid transform (4, 4) that best takes points (N, 3) to targets (N, 3)."""
     centre, goal = points.mean(axis=0), targets.mean(axis=0)
-    rotation = nearest_rotation((targets - goal).T @ (points - centre))
+    spread = (targets - goal).T @ (points - centre)
+    try:
+        rotation = nearest_rotation(spread)
+    except CalibrationError as error:
+        raise DegenerateDataError(
+            "the measured places all lie on one point or line.",
+            remedy="Measure postures that turn at least three joints; check the columns.",
+        ) from error
     return homogeneous(rotation, goal - rotation @ centre)
 
 

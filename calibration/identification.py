@@ -42,6 +42,7 @@ _FOLDS = 10
 _FOLDS_FOR_BREAKS = 5
 _BREAK_GAIN = 0.05  # of the held-out RMSE: a mounting costs more trust than a parameter
 _PATIENCE = 2
+_FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
 _BELIEVABLE = 8.0  # times the median error
 
 
@@ -159,6 +160,12 @@ def identify(
     if options.level is not None and options.level not in LEVELS:
         raise CalibrationError(
             f"there is no level {options.level}.", remedy=f"Levels are {LEVELS[0]} to {LEVELS[-1]}."
+        )
+    fewest = _FEWEST_ROWS[observations.kind]
+    if len(observations) < fewest:
+        raise DegenerateDataError(
+            f"{len(observations)} usable rows are too few to identify anything and to check it.",
+            remedy=f"Measure at least {fewest} postures, better 60.",
         )
     grouping = grouping or group_rows(observations.joints_rad)
     breaks, break_reasons = _choose_breaks(model, observations, grouping, options)

@@ -13,7 +13,7 @@ import numpy as np
 from calibration.geometry import Array, exp_twist, inverse_transform, skew
 from calibration.joint_terms import JointTerm
 from calibration.kinematics import RobotModel
-from calibration.observations import Device
+from calibration.observations import Device, Rows
 
 FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE = range(5)
 LEVEL_NAMES = (
@@ -137,6 +137,11 @@ class Layout:
     def _has_wire(self) -> bool:
         return any(parameter.role == "wire" for parameter in self.parameters)
 
+    @cached_property
+    def _entries(self) -> tuple[Rows, Rows]:
+        rows, columns = zip(*self.geometry, strict=True)
+        return np.array(rows), np.array(columns)
+
     def deviations(self, state: ArmState) -> Array:
         """Return how far each parameter is from its prior mean (p,); places and tools have none, so zero."""
         deviation = np.zeros(len(self))
@@ -144,7 +149,8 @@ class Layout:
             device = state.devices[0]
             deviation[self.shared - 2 : self.shared] = device.zero_m, device.scale - 1.0
         first = self.shared + self._tool_size
-        deviation[first : first + len(self.geometry)] = [state.geometry[entry] for entry in self.geometry]
+        if self.geometry:
+            deviation[first : first + len(self.geometry)] = state.geometry[self._entries]
         if self.terms:
             deviation[-self.terms :] = state.coefficients
         return deviation
@@ -164,9 +170,9 @@ class Layout:
         tool = self.shared
         matrix[tool : tool + self._tool_size, 6 * n : 6 * n + self._tool_size] = np.eye(self._tool_size)
         first = tool + self._tool_size
-        maps = geometry_twists(state)
-        for row, entry in enumerate(self.geometry, start=first):
-            matrix[row, : 6 * (n + 1)] = maps[entry]
+        if self.geometry:
+            rows, columns = self._entries
+            matrix[first : first + len(self.geometry), : 6 * (n + 1)] = geometry_twists(state)[rows, columns]
         if self.terms:
             rows = np.arange(len(self) - self.terms, len(self))
             matrix[rows, 6 * (n + 1) + np.arange(self.terms)] = 1.0
@@ -174,30 +180,37 @@ class Layout:
 
     def step(self, state: ArmState, change: Array) -> ArmState:
         """Return the state after a step of the parameters (p,)."""
-        devices = tuple(self._moved(device, i, change) for i, device in enumerate(state.devices))
-        twist = np.zeros(6)
-        twist[: self._tool_size] = change[self.shared : self.shared + self._tool_size]
-        geometry = state.geometry.copy()
+        moves = self._moves(change)
         first = self.shared + self._tool_size
-        for row, entry in enumerate(self.geometry, start=first):
-            geometry[entry] += change[row]
+        geometry = state.geometry
+        if self.geometry:
+            geometry = geometry.copy()
+            geometry[self._entries] += change[first : first + len(self.geometry)]
         coefficients = state.coefficients + change[-self.terms :] if self.terms else state.coefficients
-        return replace(
-            state,
-            geometry=geometry,
-            coefficients=coefficients,
-            flange_tool=state.flange_tool @ exp_twist(twist),
-            devices=devices,
+        return ArmState(
+            state.nominal,
+            geometry,
+            state.terms,
+            coefficients,
+            state.flange_tool @ moves[-1],
+            tuple(self._moved(device, i, change, moves) for i, device in enumerate(state.devices)),
         )
 
-    def _moved(self, device: Device, mounting: int, change: Array) -> Device:
-        place = change[self._place_size * mounting : self._place_size * (mounting + 1)]
+    def _moves(self, change: Array) -> Array:
+        """Return the small motions (4, 4) of every device frame, then of the tool, all at once."""
+        frames = 0 if self.kind == "length" else self.mountings
+        twists = np.zeros((frames + 1, 6))
+        twists[:frames] = change[: 6 * frames].reshape(frames, 6)
+        twists[-1, : self._tool_size] = change[self.shared : self.shared + self._tool_size]
+        return exp_twist(twists)
+
+    def _moved(self, device: Device, mounting: int, change: Array, moves: Array) -> Device:
         if self.kind != "length":
-            return replace(device, device_base=device.device_base @ exp_twist(place))
+            return Device(device.device_base @ moves[mounting], device.anchor_in_base_m)
         zero, scale = change[self.shared - 2 : self.shared] if self._has_wire else (0.0, 0.0)
         return Device(
             device.device_base,
-            device.anchor_in_base_m + place,
+            device.anchor_in_base_m + change[3 * mounting : 3 * mounting + 3],
             device.zero_m + float(zero),
             device.scale + float(scale),
         )
@@ -235,38 +248,34 @@ def adjoint(transform: Array) -> Array:
     return matrix
 
 
-def geometry_twists(state: ArmState) -> dict[tuple[int, int], Array]:
-    """Return, for every entry of the geometry, the twists of the placements it stands for (6 (n + 1),)."""
+def geometry_twists(state: ArmState) -> Array:
+    """Return the twists of the placements that every entry of the geometry stands for (…, 6 (n + 1))."""
     n, arm = state.nominal.axes, state.arm
-    maps: dict[tuple[int, int], Array] = {}
-    last = adjoint(inverse_transform(state.flange_tool))
     if arm.dh is None:
-        for k in range(n + 1):
-            for axis in range(6):
-                twist = np.eye(6)[axis]
-                maps[k, axis] = _placed(n, k, last @ twist if k == n else twist)
-        return maps
-    for i in range(n):
-        maps[i, 0] = _placed(n, i, np.eye(6)[5])
-        for column, twist in enumerate(_row_twists(arm.dh.alpha_rad[i], arm.dh.beta_rad[i]), start=1):
-            maps[i, column] = _placed(n, i + 1, last @ twist if i == n - 1 else twist)
-    return maps
+        maps = np.eye(6 * (n + 1)).reshape(n + 1, 6, n + 1, 6)
+    else:
+        maps = np.zeros((n, 5, n + 1, 6))
+        rows = np.arange(n)
+        maps[rows, 0, rows, 5] = 1.0  # theta turns about z of the placement before
+        maps[rows, 1:, rows + 1] = _row_twists(arm.dh.alpha_rad, arm.dh.beta_rad)
+    # Behind the last placement stands the tool.
+    maps[:, :, n] = maps[:, :, n] @ adjoint(inverse_transform(state.flange_tool)).T
+    return maps.reshape(*maps.shape[:2], -1)
 
 
-def _row_twists(alpha: float, beta: float) -> Array:
-    """Return (4, 6): d, a, alpha, beta of a DH row as right twists of its placement."""
-    cb, sb = np.cos(beta), np.sin(beta)
-    x = np.array([cb, 0.0, sb])  # the row's x seen after Rot(y, beta)
-    z = np.array([-sb * np.cos(alpha), np.sin(alpha), cb * np.cos(alpha)])
-    twists = np.zeros((4, 6))
-    twists[0, :3], twists[1, :3], twists[2, 3:], twists[3, 4] = z, x, x, 1.0
+def _row_twists(alpha_rad: Array, beta_rad: Array) -> Array:
+    """Return (n, 4, 6): d, a, alpha, beta of DH rows as right twists of their placements."""
+    cb, sb = np.cos(beta_rad), np.sin(beta_rad)
+    twists = np.zeros((len(cb), 4, 6))
+    twists[:, 0, 0], twists[:, 0, 1], twists[:, 0, 2] = (
+        -sb * np.cos(alpha_rad),
+        np.sin(alpha_rad),
+        cb * np.cos(alpha_rad),
+    )
+    twists[:, 1, 0], twists[:, 1, 2] = cb, sb  # x of the row seen after Rot(y, beta)
+    twists[:, 2, 3], twists[:, 2, 5] = cb, sb
+    twists[:, 3, 4] = 1.0
     return twists
-
-
-def _placed(n: int, placement: int, twist: Array) -> Array:
-    row = np.zeros(6 * (n + 1))
-    row[6 * placement : 6 * placement + 6] = twist
-    return row
 
 
 def _device_parameters(kind: str, mountings: int, level: int, priors: Priors) -> list[Parameter]:

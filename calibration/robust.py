@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from calibration.estimator import Fit, Problem, estimate, whitened_residuals
 from calibration.geometry import Array
-from calibration.observations import Rows, with_sigma
+from calibration.observations import PoseObservations, Rows, with_sigma
 from calibration.parameters import ArmState, Layout
 
 _CAUCHY = 2.5  # deviations at which a row's weight is one half
@@ -17,7 +17,8 @@ _MAX_ROUNDS = 12
 _WEIGHTS_SETTLED = 0.02
 _LEAST_REJECTION = 4.0
 _FALSE_ALARMS = 0.05  # good rows rejected per fit, if errors were Gaussian
-_SMALLEST_SCALE = 1e-6
+_SMALLEST_M = 1e-7  # a series without errors is no reason to believe in none
+_SMALLEST_RAD = 1e-8
 _NEIGHBOURS = 7  # rows, with the one in question
 _BEYOND_COMPANY = 5.0
 
@@ -149,7 +150,11 @@ def _effective(layout: Layout, fit: Fit) -> float:
 
 
 def _with_factors(problem: Problem, factors: Array) -> Problem:
-    factors = np.maximum(factors, _SMALLEST_SCALE)
+    seen = problem.observations
+    smallest = [_SMALLEST_M / float(np.median(seen.sigma_m))]
+    if isinstance(seen, PoseObservations):
+        smallest.append(_SMALLEST_RAD / float(np.median(seen.sigma_rad)))
+    factors = np.maximum(factors, smallest)
     observations = with_sigma(problem.observations, *(float(f) for f in factors))
     return replace(problem, observations=observations)
 

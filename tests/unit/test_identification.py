@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.base_parameters import base_subset
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.estimator import Problem, errors_m, estimate, whitened_residuals
+from calibration.estimator import Problem, errors_m, estimate, place_columns, whitened_residuals
 from calibration.first_guess import first_guess
 from calibration.geometry import exp_twist
 from calibration.identification import Options, fit_level, identify, terms_of_level
@@ -69,8 +70,6 @@ def test_derivatives_agree_with_finite_differences(simulate, level):
     )
     problem = Problem.of(state, observations)
     step = 1e-6
-    from calibration.estimator import place_columns
-
     columns, _ = place_columns(layout, state, problem)
     for i in range(len(layout)):
         change = np.zeros(len(layout))
@@ -91,8 +90,6 @@ def test_geometry_from_points_predicts_the_tip_within_its_uncertainty():
         joints = random_joints(simulated.model, np.random.default_rng(99), 200)
         error = tip_error_m(simulated, robust.fit.state, joints)
         check = PointObservations(joints, np.zeros((200, 3)), np.ones(200), np.zeros(200, dtype=np.intp))
-        from calibration.estimator import place_columns
-
         columns, _ = place_columns(robust.fit.layout, robust.fit.state, Problem.of(robust.fit.state, check))
         variance = np.einsum("pmn,pq,qmn->n", columns, robust.fit.covariance, columns)
         ratios.append(np.sqrt(np.mean(error**2) / np.mean(variance)))
@@ -245,3 +242,18 @@ def test_pose_rows_are_taken_whole():
     assert isinstance(poses, PoseObservations)
     assert poses.rotations.shape == (2, 3, 3)
     assert poses.sigma_rad.shape == poses.sigma_m.shape == (2,)
+
+
+def test_position_measurements_of_a_ur10_tell_27_parameters_apart():
+    simulated = tracker_points(count=200, seed=5)
+    for model in (simulated.model, replace(simulated.model, dh=None)):
+        layout = make_layout(model, "point", 1, level=GEOMETRY)
+        start = first_guess(model, simulated.observations)[0]
+        subset = base_subset(layout, start, simulated.observations)
+        assert len(subset) == 27
+        columns, _ = place_columns(subset, start, Problem.of(start, simulated.observations))
+        scaled = columns.reshape(27, -1) * subset.prior[:, None]
+        scaled /= np.linalg.norm(scaled, axis=1)[:, None]
+        assert np.linalg.svd(scaled, compute_uv=False).min() > 1e-4
+        # Offsets come before lengths: of two that act alike, the offset is kept.
+        assert {f"J{i} offset" for i in (2, 3, 4)} <= {p.name for p in subset.parameters}
