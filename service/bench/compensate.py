@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from calibration.geometry import Array, log_rotation
-from service.bench.contestants import OURS, PEERS, Absent, Answers, Contestant, run
-from service.bench.results import Result, Topic
+from service.bench.contestants import OURS, PEERS, Answers, Contestant, run
+from service.bench.results import Result, Topic, take_turns
 from service.bench.simulated import Arms, arms, draw_joints
 
 POINTS = 10_000
 SMALLEST_SINGULAR = 0.08  # about two thirds of random postures: where every contestant can do well
 BRANCH_RAD = 0.5
-_CONTESTANTS = tuple(each for each in (OURS, *PEERS) if each.name != "figaroh")
+_CONTESTANTS = tuple(each for each in (OURS, *PEERS) if each.name not in ("figaroh", "pinocchio lean"))
 
 
 def run_compensate(seed: int, rounds: int, interpreters: Mapping[str, Path]) -> Topic:
@@ -24,21 +24,14 @@ def run_compensate(seed: int, rounds: int, interpreters: Mapping[str, Path]) -> 
     smallest = np.linalg.svd(both.nominal.flange_jacobian(joints)[1], compute_uv=False)[:, -1]
     joints = joints[smallest > SMALLEST_SINGULAR][:POINTS]
     inputs = {**both.inputs(), "joints": joints}
-    best: dict[str, Result] = {}
-    absent: dict[str, Absent] = {}
-    for _ in range(rounds):
-        for contestant in _CONTESTANTS:
-            if contestant.name in absent:
-                continue
-            answers = run(contestant, "compensate", inputs, interpreters)
-            if isinstance(answers, Absent):
-                absent[contestant.name] = answers
-                continue
-            result = judge(contestant, both, joints, answers)
-            if contestant.name not in best or result.seconds < best[contestant.name].seconds:
-                best[contestant.name] = result
+    taken = take_turns(
+        _CONTESTANTS,
+        rounds,
+        lambda each: run(each, "compensate", inputs, interpreters),
+        lambda each, answers: judge(each, both, joints, answers),
+    )
     question = f"{len(joints)} postures, smallest singular value above {SMALLEST_SINGULAR:g}, single-threaded"
-    return Topic("compensate", question, tuple(best.values()), tuple(absent.values()))
+    return Topic("compensate", question, *taken)
 
 
 def judge(contestant: Contestant, both: Arms, joints: Array, answers: Answers) -> Result:

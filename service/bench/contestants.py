@@ -34,11 +34,13 @@ class Contestant:
     program: str
     wants: str
     ours: bool = False
+    variant: str = ""  # another way to use the same package
 
 
 OURS = Contestant("cellcal", "own.py", "this package", ours=True)
 PEERS = (
     Contestant("pinocchio", "pinocchio_loop.py", "pin==4.1.0 (the extra `planning`)"),
+    Contestant("pinocchio lean", "pinocchio_loop.py", "pin==4.1.0 (the extra `planning`)", variant="_lean"),
     Contestant("roboticstoolbox", "roboticstoolbox_peer.py", "roboticstoolbox-python==1.5.0"),
     Contestant("pybotics", "pybotics_peer.py", "pybotics==3.1.2 numpy<2 scipy"),
     Contestant("figaroh", "figaroh_peer.py", "figaroh==1.0.2"),
@@ -83,7 +85,15 @@ def run(
         source, sink = Path(folder) / "in.npz", Path(folder) / "out.npz"
         np.savez(source, **inputs)  # type: ignore[arg-type]  # the stub takes names for its own flags
         program = [str(_HERE / "child.py"), str(_HERE / "peers" / contestant.program)]
-        command = [str(interpreter), "-I", *program, topic, str(source), str(sink), *paths]
+        command = [
+            str(interpreter),
+            "-I",
+            *program,
+            topic + contestant.variant,
+            str(source),
+            str(sink),
+            *paths,
+        ]
         try:
             done = subprocess.run(
                 command,

@@ -2,10 +2,13 @@
 
 import os
 import platform
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from service.bench.contestants import Absent
+from service.bench.contestants import Absent, Answers, Contestant
+
+_SLOW_S = 5.0  # one turn of these is enough
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +45,29 @@ class Topic:
         if not own:
             return None
         return own[0].rate / result.rate if self.per_pose else result.seconds / own[0].seconds
+
+
+def take_turns(
+    contestants: Iterable[Contestant],
+    rounds: int,
+    run: Callable[[Contestant], Answers | Absent],
+    judge: Callable[[Contestant, Answers], Result],
+) -> tuple[tuple[Result, ...], tuple[Absent, ...]]:
+    """Let all run in turn, several times, and keep each one's best time; slow ones run once."""
+    best: dict[str, Result] = {}
+    absent: dict[str, Absent] = {}
+    for _ in range(rounds):
+        for each in contestants:
+            if each.name in absent or (each.name in best and best[each.name].seconds > _SLOW_S):
+                continue
+            answers = run(each)
+            if isinstance(answers, Absent):
+                absent[each.name] = answers
+                continue
+            result = judge(each, answers)
+            if each.name not in best or result.seconds < best[each.name].seconds:
+                best[each.name] = result
+    return tuple(best.values()), tuple(absent.values())
 
 
 def as_document(topics: tuple[Topic, ...], seed: int, rounds: int) -> dict[str, Any]:

@@ -6,10 +6,11 @@ from typing import TypeAlias
 
 from service.bench.compensate import run_compensate
 from service.bench.contestants import BenchError
+from service.bench.identify import run_identify
 from service.bench.results import Topic
 
 TopicRun: TypeAlias = Callable[[int, int, Mapping[str, Path]], Topic]
-TOPICS: dict[str, TopicRun] = {"compensate": run_compensate}
+TOPICS: dict[str, TopicRun] = {"identify": run_identify, "compensate": run_compensate}
 
 
 def choose_topics(only: str) -> dict[str, TopicRun]:

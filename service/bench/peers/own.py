@@ -4,21 +4,51 @@ from typing import Any
 
 import numpy as np
 
+from calibration.base_parameters import base_subset
 from calibration.compensation import compensate as solve
+from calibration.estimator import Problem, estimate
+from calibration.first_guess import first_guess
 from calibration.kinematics import DhTable, RobotModel
+from calibration.observations import PointObservations
+from calibration.parameters import GEOMETRY, Layout, Priors, make_layout
+
+_LOOSE = Priors(offset_rad=0.1, length_m=0.1, angle_rad=0.1)  # so that data decide, as for the peers
 
 
 def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     """Compensate all postures: targets, damping, status and verification included."""
-    real, nominal = (
-        RobotModel.from_dh(
-            DhTable.from_rows(inputs[f"{name}_dh"]),
-            name=name,
-            lower_rad=np.full(6, -2 * np.pi),
-            upper_rad=np.full(6, 2 * np.pi),
-        )
-        for name in ("real", "nominal")
-    )
+    real, nominal = _model(inputs["real_dh"]), _model(inputs["nominal_dh"])
     joints = inputs["joints"]
     seconds, done = measure(lambda: solve(real, nominal, joints))
     return {"joints": done.joints_rad, "seconds": seconds, "claimed": done.converged}
+
+
+def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+    """Identify from joints and positions to parameters and covariance, the first guess included."""
+    nominal = _model(inputs["nominal_dh"])
+    observations = _points(inputs["joints"], inputs["positions"], float(inputs["sigma_m"]))
+    layout = _layout(nominal, _points(inputs["check_joints"][:200], inputs["check_joints"][:200, :3], 1.0))
+
+    def run() -> Any:
+        start = first_guess(nominal, observations)[0]
+        return estimate(layout, start, Problem.of(start, observations), from_afar=True)
+
+    seconds, fit = measure(run)
+    places = fit.state.seen_from(0).base_flange(inputs["check_joints"])[:, :3, 3]
+    return {"seconds": seconds, "check_positions": places, "parameters": len(layout)}
+
+
+def _layout(nominal: RobotModel, probe: PointObservations) -> Layout:
+    """Return the parameters that positions can tell apart: 27 of a UR10."""
+    layout = make_layout(nominal, "point", 1, level=GEOMETRY, priors=_LOOSE)
+    return base_subset(layout, first_guess(nominal, probe)[0], probe)
+
+
+def _points(joints: Any, positions: Any, sigma_m: float) -> PointObservations:
+    count = len(joints)
+    return PointObservations(joints, positions, np.full(count, sigma_m), np.zeros(count, dtype=np.intp))
+
+
+def _model(rows: Any) -> RobotModel:
+    turn = np.full(len(rows), 2 * np.pi)
+    return RobotModel.from_dh(DhTable.from_rows(rows), name="arm", lower_rad=-turn, upper_rad=turn)

@@ -9,6 +9,8 @@ _TOLERANCE = 1e-8
 _DAMPING = 1e-12
 _MOST_STEPS = 20
 _LONGEST_RAD = 0.3
+_LOOSE = 1e-9  # of the normal matrix: a prior of metres and radians, for noise of hundredths of a mm
+_IDENTIFIED = 1e-6  # m, rad: below what anybody sees
 
 
 def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
@@ -61,3 +63,69 @@ def _follow(pin: Any, arm: _Arm, target: Any, joints: Any) -> bool:
         longest = np.abs(step).max()
         joints += step if longest <= _LONGEST_RAD else step * (_LONGEST_RAD / longest)
     return False
+
+
+def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+    """Gauss-Newton as one writes it: frames, regressor and residual of each posture onto lists."""
+    return _identify(inputs, measure, _plain_equations)
+
+
+def identify_lean(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+    """Do the same, with nothing in the loop but calls of pinocchio and copies into arrays."""
+    return _identify(inputs, measure, _lean_equations)
+
+
+def _identify(inputs: dict[str, Any], measure: Any, equations: Any) -> dict[str, Any]:
+    """Fit twists of all placements and the tool, held by a prior so loose that it decides only what data cannot."""
+    pin = import_module("pinocchio")
+    joints, measured = inputs["joints"], inputs["positions"]
+    start = inputs["nominal_placements"].copy()
+    start[0] = inputs["device_base_start"] @ start[0]
+    start[-1, :3, 3] += start[-1, :3, :3] @ inputs["target_start"]
+
+    def solve() -> Any:
+        placements = start.copy()
+        for _ in range(_MOST_STEPS):
+            arm = _Arm(pin, placements)
+            design, residual = equations(pin, arm, joints, measured)
+            step = np.linalg.solve(design.T @ design + _LOOSE * np.eye(design.shape[1]), design.T @ residual)
+            for k, twist in enumerate(step.reshape(-1, 6)):
+                placements[k] = placements[k] @ pin.exp6(twist).homogeneous
+            if np.abs(step).max() < _IDENTIFIED:
+                break
+        return placements
+
+    seconds, placements = measure(solve)
+    arm = _Arm(pin, placements)
+    places = [arm.place(check).translation for check in inputs["check_joints"]]
+    return {"seconds": seconds, "check_positions": np.array(places)}
+
+
+def _plain_equations(pin: Any, arm: _Arm, joints: Any, measured: Any) -> Any:
+    rows, residuals = [], []
+    for posture, place in zip(joints, measured, strict=True):
+        pin.forwardKinematics(arm.model, arm.data, posture)
+        pin.updateFramePlacements(arm.model, arm.data)
+        tip = arm.data.oMf[arm.flange]
+        regressor = pin.computeFrameKinematicRegressor(arm.model, arm.data, arm.flange, _aligned(pin))
+        rows.append(np.hstack([regressor[:3], tip.rotation, np.zeros((3, 3))]))
+        residuals.append(place - tip.translation)
+    return np.vstack(rows), np.concatenate(residuals)
+
+
+def _lean_equations(pin: Any, arm: _Arm, joints: Any, measured: Any) -> Any:
+    count = len(joints)
+    model, data, flange, axes = arm.model, arm.data, arm.flange, _aligned(pin)
+    design, places = np.zeros((count, 3, 6 * (model.nv + 1))), np.empty((count, 3))
+    width = 6 * model.nv
+    for i in range(count):
+        pin.forwardKinematics(model, data, joints[i])
+        tip = pin.updateFramePlacement(model, data, flange)
+        design[i, :, :width] = pin.computeFrameKinematicRegressor(model, data, flange, axes)[:3]
+        design[i, :, width : width + 3] = tip.rotation
+        places[i] = tip.translation
+    return design.reshape(3 * count, -1), (measured - places).reshape(-1)
+
+
+def _aligned(pin: Any) -> Any:
+    return pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

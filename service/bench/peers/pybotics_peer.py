@@ -25,6 +25,35 @@ def compensate(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     return {"joints": found, "seconds": seconds, "claimed": claimed}
 
 
+def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+    """Run scipy's default least squares on ``optimize_accuracy``: all 24 links' numbers, tool place and world."""
+    optimization = import_module("pybotics.optimization")
+    least_squares = import_module("scipy.optimize").least_squares
+    positions = inputs["positions"] * 1e3
+    robot = _robot(inputs["nominal_dh"])
+    tool = robot.tool.matrix.copy()
+    tool[:3, 3] += tool[:3, :3] @ inputs["target_start"] * 1e3
+    robot.tool.matrix = tool
+    world = inputs["device_base_start"].copy()
+    world[:3, 3] *= 1e3
+    robot.world_frame = world
+
+    def solve() -> Any:
+        handler = optimization.OptimizationHandler(
+            robot, kinematic_chain_mask=True, tool_mask=[True] * 3 + [False] * 3, world_mask=True
+        )
+        start = handler.generate_optimization_vector()
+        answer = least_squares(
+            optimization.optimize_accuracy, start, args=(handler, inputs["joints"], positions)
+        )
+        handler.apply_optimization_vector(answer.x)
+        return handler.robot
+
+    seconds, found = measure(solve)
+    places = [found.fk(check)[:3, 3] * 1e-3 for check in inputs["check_joints"]]
+    return {"seconds": seconds, "check_positions": np.array(places)}
+
+
 def _robot(rows: Any) -> Any:
     """Build from standard rows theta, d, a, alpha: modified rows take the link before the joint."""
     import_module("scipy")
