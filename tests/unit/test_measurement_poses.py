@@ -1,0 +1,273 @@
+"""Planning measurements: predictions that simulated calibrations keep, the next best poses, and enough of them."""
+
+import re
+
+import numpy as np
+import pytest
+
+from calibration.collision import CollisionCheck, Sphere, assumed_shape
+from calibration.enough_poses import Acceptance, enough_poses, gaps
+from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.estimator import Problem, estimate
+from calibration.kinematics import load_model
+from calibration.measurement_poses import (
+    Criterion,
+    Instrument,
+    TestPoses,
+    choose_poses,
+    measurable_postures,
+    outlook_after,
+    outlook_on,
+    plan_efficiency,
+    predict,
+)
+from calibration.motion_check import MotionLimits, WirePath
+from calibration.observations import LengthObservations, PointObservations
+from calibration.parameters import GRAVITY, OFFSETS, Priors
+
+MODEL = load_model("abb_irb120")
+TOOL = (0.04, 0.025, 0.1)
+POINT = Instrument("point", 1e-4)
+POSE = Instrument("pose", 1e-4, 1e-4)
+WIRE = Instrument("length", 2e-4, anchor_in_base_m=(0.6, -0.5, 0.1))
+CANDIDATES = measurable_postures(MODEL, MotionLimits(), 300)
+TESTS = TestPoses(measurable_postures(MODEL, MotionLimits(), 60, seed=9))
+
+
+def drawn(k, seed=0):
+    return CANDIDATES[np.random.default_rng(seed).choice(len(CANDIDATES), k, replace=False)]
+
+
+def offsets_rms(prediction):
+    return np.sqrt(np.mean([sigma**2 for _, sigma in prediction.offsets_rad]))
+
+
+def test_candidates_keep_the_limits_and_the_filters():
+    ball = Sphere("ball", (0.45, 0.0, 0.5), 0.15)
+    check = CollisionCheck.prepare(MODEL, assumed_shape(MODEL, (ball,)))
+    found = measurable_postures(MODEL, MotionLimits(), 100, filters=(check.free,))
+    assert len(found) == 100
+    assert check.free(found).all()
+    assert not check.free(CANDIDATES).all()
+    margin = np.deg2rad(3) - 1e-6
+    assert (found > MODEL.lower_rad + margin).all()
+    assert (found < MODEL.upper_rad - margin).all()
+
+
+def test_a_wire_that_reaches_nothing_is_said():
+    limits = MotionLimits(wire=WirePath((9.0, 0.0, 0.0), (0.0, 0.0, 0.0), range_m=1.0))
+    with pytest.raises(DegenerateDataError, match="limits"):
+        measurable_postures(MODEL, limits, 10)
+    with pytest.raises(DegenerateDataError, match="collisions"):
+        measurable_postures(MODEL, MotionLimits(), 10, filters=(lambda q: np.zeros(len(q), dtype=bool),))
+
+
+@pytest.mark.parametrize("instrument", [POINT, POSE, WIRE], ids=["point", "pose", "length"])
+@pytest.mark.parametrize("criterion", list(Criterion))
+def test_chosen_poses_promise_more_than_random_ones(instrument, criterion):
+    outlook = outlook_on(MODEL, instrument, tool_in_flange_m=TOOL)
+    plan = choose_poses(outlook, CANDIDATES, 25, TESTS, criterion=criterion)
+    random = [predict(outlook.with_measured(drawn(25, seed)), TESTS) for seed in range(15)]
+    assert plan.joints_rad.shape == (25, 6)
+    if criterion is Criterion.TEST_POSES:
+        assert plan.prediction.tip_rms_m < min(p.tip_rms_m for p in random)
+    if criterion is Criterion.DETERMINANT:
+        assert plan.prediction.tip_rms_m < np.median([p.tip_rms_m for p in random])
+    if criterion is Criterion.OFFSETS:
+        everything = {name for name, _ in predict(outlook.with_measured(CANDIDATES), TESTS).offsets_rad}
+        index = [i for i, name in enumerate(plan.prediction.parameters) if name in everything]
+
+        def worth(prediction):
+            return np.sum(np.square([prediction.sigma[i] for i in index]))
+
+        assert worth(plan.prediction) < min(map(worth, random))
+
+
+def test_test_poses_are_served_better_by_their_own_criterion():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
+    corner = TestPoses(CANDIDATES[:1] + 0.1 * np.random.default_rng(3).normal(size=(20, 6)))
+    own = choose_poses(outlook, CANDIDATES, 20, corner, criterion=Criterion.TEST_POSES).prediction
+    other = choose_poses(outlook, CANDIDATES, 20, corner, criterion=Criterion.DETERMINANT).prediction
+    assert own.tip_rms_m < 0.9 * other.tip_rms_m
+
+
+def simulated(outlook, joints, truth_of, trials):
+    """Return tip errors (trials, T, 3) [m] and parameter errors (trials, p) of fits of noisy measurements."""
+    rng = np.random.default_rng(5)
+    tips, parameters = [], []
+    places = [p.role in ("base", "anchor", "tool") for p in outlook.layout.parameters]
+    for _ in range(trials):
+        change = rng.normal(size=len(outlook.layout)) * outlook.layout.prior
+        change[places] = 0.0  # metres of doubt need a start of their own
+        truth = outlook.layout.step(outlook.state, change)
+        fit = estimate(outlook.layout, outlook.state, Problem.of(outlook.state, truth_of(truth, joints, rng)))
+        seen, real = fit.state.seen_from(0), truth.seen_from(0)
+        zero = np.zeros(3)
+        tips.append(seen.tip_positions(TESTS.joints_rad, zero) - real.tip_positions(TESTS.joints_rad, zero))
+        parameters.append(fit.deviations - change)
+    return np.array(tips), np.array(parameters)
+
+
+def test_simulated_calibrations_are_as_good_as_predicted_for_points():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, priors=Priors(offset_rad=5e-3))
+    joints = drawn(30)
+
+    def measured(truth, joints, rng):
+        points = truth.seen_from(0).tip_positions(joints, np.zeros(3)) + rng.normal(scale=1e-4, size=(30, 3))
+        return PointObservations(joints, points, np.full(30, 1e-4), np.zeros(30, dtype=np.intp))
+
+    tips, _ = simulated(outlook, joints, measured, 60)
+    predicted = predict(outlook.with_measured(joints), TESTS)
+    assert np.sqrt((tips**2).sum(axis=2).mean()) == pytest.approx(predicted.tip_rms_m, rel=0.06)
+
+
+def test_simulated_calibrations_are_as_good_as_predicted_for_lengths():
+    outlook = outlook_on(MODEL, WIRE, tool_in_flange_m=TOOL)
+    joints = drawn(60)
+    anchor = np.array(WIRE.anchor_in_base_m)
+
+    def measured(truth, joints, rng):
+        tips = truth.seen_from(0).tip_positions(joints, np.zeros(3))
+        device = truth.devices[0]
+        lengths = device.zero_m + device.scale * np.linalg.norm(tips - anchor, axis=1)
+        noise = rng.normal(scale=2e-4, size=60)
+        return LengthObservations(joints, lengths + noise, np.full(60, 2e-4), np.zeros(60, dtype=np.intp))
+
+    tips, parameters = simulated(outlook, joints, measured, 40)
+    predicted = predict(outlook.with_measured(joints), TESTS)
+    sigma = dict(zip(predicted.parameters, predicted.sigma, strict=True))
+    names = list(predicted.parameters)
+    for name in ("J2 offset", "J3 offset", "J2 a"):
+        assert parameters[:, names.index(name)].std() == pytest.approx(sigma[name], rel=0.35)
+    assert _after_best_frame(tips) == pytest.approx(predicted.tip_rms_m, rel=0.15)
+
+
+def _after_best_frame(errors):
+    """Return the rms distance left when one small rigid motion of all test tips is fitted to each trial."""
+    tips = MODEL.tip_positions(TESTS.joints_rad, np.array(TOOL))
+    centred = tips - tips.mean(axis=0)
+    columns = [np.tile(axis, (len(tips), 1)) for axis in np.eye(3)]
+    columns += [np.cross(axis, centred) for axis in np.eye(3)]
+    motions = np.stack(columns).reshape(6, -1).T
+    flat = errors.reshape(len(errors), -1).T
+    left = flat - motions @ np.linalg.lstsq(motions, flat, rcond=None)[0]
+    return np.sqrt((left**2).sum(axis=0).mean() / len(tips))
+
+
+def test_the_next_poses_go_on_from_a_fit():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
+    small_box = CANDIDATES[:1] + 0.15 * np.random.default_rng(1).normal(size=(20, 6))
+    tips = MODEL.tip_positions(small_box, np.array(TOOL))
+    points = PointObservations(small_box, tips, np.full(20, 1e-4), np.zeros(20, dtype=np.intp))
+    fit = estimate(outlook.layout, outlook.state, Problem.of(outlook.state, points))
+    after = outlook_after(fit, POINT.observe)
+    known = predict(outlook.with_measured(small_box), TESTS)
+    assert predict(after, TESTS).tip_rms_m == pytest.approx(known.tip_rms_m, rel=1e-3)
+    plan = choose_poses(after, CANDIDATES, 8, TESTS)
+    again = predict(after.with_measured(small_box[:8]), TESTS)
+    assert plan.prediction.tip_rms_m < 0.7 * again.tip_rms_m
+    assert plan.prediction.tip_rms_m < 0.5 * known.tip_rms_m
+
+
+def test_a_known_tip_counts_instead_of_the_target():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL).with_measured(CANDIDATES)
+    target = predict(outlook, TESTS).tip_rms_m
+    same_place = predict(outlook, TestPoses(TESTS.joints_rad, TOOL)).tip_rms_m
+    far = predict(outlook, TestPoses(TESTS.joints_rad, (0.0, 0.0, 0.5))).tip_rms_m
+    assert same_place != pytest.approx(target, rel=1e-3)  # where target and flange meet is not known
+    assert far > same_place
+
+
+def test_what_cannot_be_known_is_named_with_its_partner():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=OFFSETS).with_measured(CANDIDATES)
+    hidden = {item.parameter: item for item in predict(outlook, TESTS).not_identified}
+    assert set(hidden) == {"J1 offset", "J6 offset"}
+    assert "base" in hidden["J1 offset"].partner
+    assert "tool" in hidden["J6 offset"].partner
+
+
+def test_sag_is_planned_for_when_asked():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=GRAVITY)
+    names = choose_poses(outlook, CANDIDATES, 30, TESTS).prediction.parameters
+    assert any("sag" in name for name in names)
+
+
+def test_the_efficiency_is_that_against_a_bound():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
+    for criterion in (Criterion.DETERMINANT, Criterion.TEST_POSES):
+        plan = choose_poses(outlook, CANDIDATES, 40, TESTS, criterion=criterion)
+        assert 0.85 < plan_efficiency(outlook, CANDIDATES, plan, TESTS) <= 1.0
+
+
+def test_enough_poses_are_the_fewest_that_keep_the_acceptance():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
+    acceptance = Acceptance(tip_rms_m=1.5e-4)
+    found = enough_poses(outlook, CANDIDATES, acceptance, TESTS)
+    assert found.reachable
+    count = len(found.plan.indices)
+    assert not gaps(found.prediction, acceptance)
+    assert found.prediction.tip_rms_m <= 1.5e-4 / 1.2
+    fewer = choose_poses(outlook, CANDIDATES, count - 1, TESTS, starts=1)
+    assert gaps(fewer.prediction, acceptance)
+    assert f"{count} poses" in found.reason
+
+
+def test_nothing_is_measured_when_enough_is_known():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL).with_measured(CANDIDATES)
+    found = enough_poses(outlook, CANDIDATES, Acceptance(tip_rms_m=1e-3), TESTS)
+    assert found.plan.indices == ()
+    assert "already" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("acceptance", "level", "words"),
+    [
+        (Acceptance(tip_rms_m=1e-6), 2, "too coarse"),
+        (Acceptance(tip_rms_m=6e-5), 2, "measure more poses"),
+        (Acceptance(offset_rad=1e-3), OFFSETS, "hides behind .*: "),
+        (
+            Acceptance(offset_rad=1e-3, offsets_of=("J4 offset",)),
+            2,
+            "tells J4 offset from J4 beta|hides behind",
+        ),
+    ],
+)
+def test_an_acceptance_that_cannot_be_reached_is_explained(acceptance, level, words):
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=level)
+    found = enough_poses(outlook, CANDIDATES, acceptance, TESTS, most=40)
+    assert not found.reachable
+    assert re.search(words, found.reason), found.reason
+
+
+def test_offsets_alone_need_few_poses():
+    outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=OFFSETS)
+    wanted = tuple(f"J{i} offset" for i in (2, 3, 4, 5))
+    found = enough_poses(
+        outlook, CANDIDATES, Acceptance(offset_rad=np.deg2rad(0.02), offsets_of=wanted), TESTS
+    )
+    assert found.plan.criterion is Criterion.OFFSETS
+    assert 4 <= len(found.plan.indices) <= 10
+    assert offsets_rms(found.prediction) < np.deg2rad(0.02)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda: Instrument("photo", 1e-4),
+        lambda: Instrument("point", 0.0),
+        lambda: Instrument("point", float("nan")),
+        lambda: Instrument("pose", 1e-4),
+        Acceptance,
+        lambda: Acceptance(tip_rms_m=0.0),
+        lambda: Acceptance(tip_rms_m=1e-4, margin=0.5),
+        lambda: enough_poses(
+            outlook_on(MODEL, POINT),
+            CANDIDATES,
+            Acceptance(offset_rad=1e-3, offsets_of=("J9 offset",)),
+            TESTS,
+        ),
+    ],
+)
+def test_impossible_wishes_are_refused(wrong):
+    with pytest.raises(CalibrationError):
+        wrong()
