@@ -1,0 +1,97 @@
+"""kill -9 of the very command a technician runs, over real sockets; `cellcal resume` brings the robot home."""
+
+import asyncio
+import json
+import random
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from service.config import read_cell_file
+from service.demo.door import Door
+from service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from service.journal import Journal
+from service.store import Store
+
+KEYS = (
+    "wire_is_hooked",
+    "accept_plan",
+    "accept_mastering",
+    "may_move",
+    "retry",
+    "new_battery",
+    "power_cycle",
+)
+KILLED_AT = ((4, 12), (20, 30))  # between so many findings of about sixty
+
+
+async def cellcal(*words: str, until: Callable[[], bool] = lambda: False) -> tuple[int, str, str]:
+    """Run a command to its end, or kill it once ``until`` holds."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "service",
+        *words,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    talk = asyncio.create_task(process.communicate())
+    while not (await asyncio.wait({talk}, timeout=0.05))[0]:
+        if until():
+            process.kill()
+            break
+    out, err = await talk
+    assert process.returncode is not None
+    return process.returncode, out.decode(), err.decode()
+
+
+async def act_when_asked(door: Door, path: Path) -> None:
+    """Be the hands at the cabinet: exchange the battery at once, turn the switch when the alarms ask for it."""
+    await door.fault("new_battery")
+    while "power cycle 1" not in [step for step, _ in findings_of(path)]:
+        await asyncio.sleep(0.2)
+    await door.fault("power_cycle")
+
+
+def findings_of(path: Path) -> list[Any]:
+    """Return what the journal holds of the recovery."""
+    with Journal.open(read_cell_file(path).cell.data_dir / "journal.db") as journal:
+        assert journal.verify() is None
+        newest = Store(journal).runs()[-1]
+    if newest.procedure != "mastering_recovery":
+        return []
+    return [(finding.step, finding.value) for finding in newest.past.findings]
+
+
+async def test_a_killed_recovery_is_resumed_to_the_exact_turns(tmp_path: Path) -> None:
+    with free_address() as address:
+        path = write_cell_file(tmp_path, address, seed=5, time_factor=1000.0)
+    answers = tmp_path / "answers.json"
+    answers.write_text(json.dumps(dict.fromkeys(KEYS, "yes")))
+    common = ("--cell", str(path), "--answers", str(answers), "--json")
+    dice = random.Random(4)
+    async with running_fakes(path) as door:
+        code, _, said = await cellcal("run", "mastering_record", *common)
+        assert code == 0, said
+        await door.fault("battery_loss", axes="all")
+        hands = asyncio.create_task(act_when_asked(door, path))
+        words: tuple[str, ...] = ("run", "mastering_recovery")
+        before: list[Any] = []
+        for least, most in KILLED_AT:
+            enough = dice.randint(least, most)
+            code, _, said = await cellcal(*words, *common, until=lambda n=enough: len(findings_of(path)) >= n)
+            assert code == -9, said
+            after = findings_of(path)
+            assert after[: len(before)] == before  # nothing acknowledged is lost or changed
+            before, words = after, ("resume", "last")
+        code, out, said = await cellcal("resume", "last", *common)
+        await hands
+        assert code == 0, said
+        assert json.loads(out)["result"]["mode"] == "turns"
+        steps = [step for step, _ in findings_of(path)]
+        assert len(steps) == len(set(steps))  # none doubled
+        truth = (await door.truth())["robots"]["fanuc"]
+        assert truth["counts_at_zero"] == truth["true_counts_at_zero"]
+        error = await door.ask("tcp_error", robot="fanuc")
+        assert error["max"] < 1e-9
