@@ -140,6 +140,7 @@ def enough_poses(
             short = k
         else:
             enough, last = k, plan
+    last = plan_of(enough, starts=3)
     words = f"{enough} poses are predicted to be enough, with a margin of {acceptance.margin:g}"
     return Sufficiency(last, last.prediction, words)
 

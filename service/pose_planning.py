@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.collision import CollisionCheck, assumed_shape
+from calibration.description_collision import DescriptionCheck
 from calibration.enough_poses import Acceptance, enough_poses
 from calibration.errors import CellError
 from calibration.geometry import Array
@@ -30,18 +31,29 @@ from calibration.measurement_poses import (
 from calibration.motion_check import MotionLimits, WirePath
 from calibration.observations import Observations, with_mounting
 from calibration.parameters import GEOMETRY
+from calibration.urdf import read_urdf
 from service.cell_shapes import read_cell_shape
 from service.identify import IdentifyOptions, identify_file
 
 Place = tuple[float, float, float]
 _TEST_POSES = 200
 _RANDOM_PLANS = 20
+_SAME_FLANGE_M = 0.02
 
 
 class PlanError(CellError):
     """The request cannot be understood; the user can mend it."""
 
     code = "usage"
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A URDF whose collision shapes are those of the arm."""
+
+    path: Path
+    tip_link: str
+    mesh_folders: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +73,7 @@ class PlanRequest:
     after: Path | None = None
     tests: Path | None = None
     shape: Path | None = None
+    description: Description | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,10 +126,12 @@ def plan_poses(request: PlanRequest) -> PlanReport:
         raise PlanError(f"{request.poses} poses cannot be chosen from {request.candidates} candidates.")
     model = load_model(request.robot)
     outlook = _outlook(request, model)
-    limits, check = _limits(request), _check(request, model)
+    limits, check = MotionLimits(wire=_wire(request)), _check(request, model)
+    described = _described(request, model, check)
+    filters = (check.free,) if described is None else (check.free, described.free)
     tip = request.tool_in_flange_m
     drawn = measurable_postures(
-        model, limits, request.candidates, tip_in_flange_m=tip, filters=(check.free,), seed=request.seed
+        model, limits, request.candidates, tip_in_flange_m=tip, filters=filters, seed=request.seed
     )
     tests = TestPoses(_test_joints(request, model, check))
     before = predict(outlook, tests)
@@ -137,7 +152,7 @@ def plan_poses(request: PlanRequest) -> PlanReport:
         order,
         free,
         len(drawn),
-        check.not_checked,
+        _not_checked(check, described),
     )
 
 
@@ -202,10 +217,6 @@ def _outlook(request: PlanRequest, model: RobotModel) -> Outlook:
     return outlook_after(fit, observe)
 
 
-def _limits(request: PlanRequest) -> MotionLimits:
-    return MotionLimits(wire=_wire(request))
-
-
 def _wire(request: PlanRequest) -> WirePath | None:
     if request.instrument.kind != "length":
         return None
@@ -222,6 +233,43 @@ def _check(request: PlanRequest, model: RobotModel) -> CollisionCheck:
     else:
         shape = read_cell_shape(request.shape, model, tip_in_flange_m=tip, wire=wire)
     return CollisionCheck.prepare(model, shape)
+
+
+def _described(request: PlanRequest, model: RobotModel, check: CollisionCheck) -> DescriptionCheck | None:
+    if request.description is None:
+        return None
+    wanted = request.description
+    try:
+        arm = read_urdf(wanted.path.read_text(encoding="utf-8"), tip_link=wanted.tip_link)
+    except (OSError, UnicodeDecodeError) as broken:
+        raise PlanError(f"{wanted.path} cannot be read: {broken}") from broken
+    coupling = model.joint_coupling
+    plain = np.allclose(coupling, np.diag(np.diag(coupling)))
+    matrix = np.eye(model.axes) if plain else coupling
+    _same_arm(model, arm.model, matrix)
+    return DescriptionCheck.prepare(
+        arm, check.shape.obstacles, mesh_folders=wanted.mesh_folders, joint_matrix=matrix,
+        margin_m=check.shape.margin_m,
+    )  # fmt: skip
+
+
+def _same_arm(model: RobotModel, described: RobotModel, matrix: Array) -> None:
+    joints = np.random.default_rng(0).uniform(-1, 1, (20, model.axes))
+    if described.axes == model.axes:
+        apart = model.base_flange(joints) - described.base_flange(joints @ matrix.T)
+        if np.abs(apart[:, :3, 3]).max() < _SAME_FLANGE_M:
+            return
+    raise PlanError(
+        f"the description does not move its flange as {model.name} does.",
+        remedy="Name the link at the flange; its root must be the robot's base.",
+    )
+
+
+def _not_checked(check: CollisionCheck, described: DescriptionCheck | None) -> tuple[str, ...]:
+    if described is None:
+        return check.not_checked
+    return (*check.not_checked, *(f"in the description: {words}" for words in described.not_checked),
+            "ways between poses are not checked with the shapes of the description")  # fmt: skip
 
 
 def _test_joints(request: PlanRequest, model: RobotModel, check: CollisionCheck) -> Array:

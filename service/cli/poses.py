@@ -38,6 +38,9 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     after: Path | None = None,
     tests: Path | None = None,
     shape: Path | None = None,
+    description: Path | None = None,
+    tip_link: str = "flange",
+    mesh_folder: tuple[str, ...] = (),
     out: Annotated[Path | None, Parameter(name="--csv")] = None,
     as_json: Annotated[bool, Parameter(name="--json")] = False,
 ) -> int:
@@ -83,6 +86,12 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
         CSV with columns q1_deg, q2_deg …: where the robot works.
     shape
         TOML with obstacles and shapes of links.
+    description
+        URDF whose collision shapes are kept clear of obstacles and of each other, too (needs the extra planning).
+    tip_link
+        The link of the description that is the flange.
+    mesh_folder
+        Where package:// of the description starts.
     out
         Write the poses as CSV, in an order with short ways.
     as_json
@@ -91,7 +100,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     from calibration.measurement_poses import Instrument
     from service.cli.printing import EN_ROUTE, print_json
     from service.exit_codes import ExitCode
-    from service.pose_planning import PlanRequest, plan_poses, write_plan
+    from service.pose_planning import Description, PlanRequest, plan_poses, write_plan
 
     acceptance = _acceptance(accept_tip_mm, accept_worst_tip_mm, accept_offset_deg, offsets)
     instrument = Instrument(kind, sigma_mm / 1e3, sigma_deg / _DEG, _metres(anchor_mm))
@@ -110,6 +119,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
             after=after,
             tests=tests,
             shape=shape,
+            description=None if description is None else Description(description, tip_link, mesh_folder),
         )
     )
     if as_json:

@@ -10,6 +10,7 @@ from cyclopts import App
 from calibration.collision import Box, CollisionCheck, Plane, Sphere
 from calibration.errors import CellError
 from calibration.kinematics import load_model
+from calibration.urdf import bare_urdf
 from service.cell_shapes import CellShapeError, read_cell_shape
 from service.cli.poses import poses
 from service.exit_codes import ExitCode
@@ -119,6 +120,21 @@ def test_obstacles_are_kept_clear_of(plan, tmp_path):
     assert not any("no obstacles" in words for words in found["not_checked"])
     without = json.loads(plan("--count", 12, "--json"))
     assert not check.free(joints_of(without)).all()
+
+
+def test_shapes_of_a_description_are_kept_clear_too(plan, tmp_path):
+    shape = '<collision><geometry><sphere radius="0.25"/></geometry></collision>'
+    text = bare_urdf(MODEL).replace('<link name="flange" />', f'<link name="flange">{shape}</link>')
+    file, obstacles = tmp_path / "arm.urdf", tmp_path / "cell.toml"
+    file.write_text(text)
+    obstacles.write_text(SHAPES)
+    found = json.loads(plan("--count", 12, "--description", file, "--shape", obstacles, "--json"))
+    flange = MODEL.base_flange(joints_of(found))[:, :3, 3]
+    assert (np.linalg.norm(flange - [0, 0.5, 0.9], axis=1) > 0.12 + 0.25 + 0.03 - 1e-6).all()
+    assert (flange[:, 0] > -0.45 + 0.25 + 0.03 - 1e-6).all()
+    assert any("in the description" in words for words in found["not_checked"])
+    with pytest.raises(CellError, match="does not move"):
+        plan("--count", 5, "--description", file, "--tip-link", "link_3")
 
 
 def test_a_wire_is_planned_within_its_range(plan):
