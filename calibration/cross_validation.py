@@ -14,7 +14,7 @@ _FEWEST_RUNS = 8
 _FEWEST_ROWS_PER_RUN = 3.0
 _SINGLE_ROWS = 40  # up to here each row is its own group
 _BLOCKS = 40
-_CONFIDENCE = 0.95
+_CONFIDENCE = 0.99  # four levels and some breaks are tried: each must be surer than 95 %
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,20 +107,27 @@ def compare(
 ) -> Comparison:
     """Compare held-out errors (N,) of two models, group by group.
 
-    The wider one wins if its RMSE is lower by at least ``least_gain`` and the mean gain over groups is
-    positive with 95 % confidence (Student): a gain that a few groups make alone is none.
+    The wider one wins if its RMSE is lower by at least ``least_gain`` and the mean relative gain of the groups is
+    positive with 99 % confidence (Student): a gain that a few groups make alone is none.
     """
     (narrow_name, first), (wide_name, second) = narrow, wide
     before, after = float(np.sqrt(np.mean(first**2))), float(np.sqrt(np.mean(second**2)))
-    gains = np.bincount(groups, first**2 - second**2) / np.maximum(np.bincount(groups), 1)
-    gains = gains[np.bincount(groups) > 0]
-    sure = _surely_positive(gains)
+    sure = _surely_positive(_relative_gains(first, second, groups))
     large = after < before * (1 - least_gain)
     change = f"held-out RMSE {before * 1e3:.3f} mm with {narrow_name}, {after * 1e3:.3f} mm with {wide_name}"
     if large and sure:
         return Comparison(True, f"{change}: better")
     why = "not better" if not large else "no more than groups differ by chance"
     return Comparison(False, f"{change}: {why}")
+
+
+def _relative_gains(first: Array, second: Array, groups: Rows) -> Array:
+    """Return (a - b) / (a + b) of every group's mean squares: between -1 and 1, so that no group outshouts all."""
+    sizes = np.bincount(groups)
+    there = sizes > 0
+    a, b = (np.bincount(groups, errors**2)[there] / sizes[there] for errors in (first, second))
+    gains: Array = (a - b) / np.maximum(a + b, 1e-300)
+    return gains
 
 
 def _surely_positive(gains: Array) -> bool:
