@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
-from calibration.identifiability import correlations, not_identified
+from calibration.identifiability import correlations
 from calibration.measurement_poses import (
     Criterion,
     Outlook,
@@ -59,6 +59,7 @@ class Sufficiency:
     plan: PosePlan | None
     prediction: Prediction  # of the plan, or of the most that was tried
     reason: str
+    after: Outlook  # once they are measured
 
     @property
     def reachable(self) -> bool:
@@ -118,8 +119,8 @@ def enough_poses(
     candidates = np.asarray(candidates_rad, dtype=float)
     now = predict(outlook, tests)
     if not gaps(now, acceptance):
-        plan = PosePlan((), candidates[:0], Criterion.TEST_POSES, now)
-        return Sufficiency(plan, now, "what is known already is enough")
+        plan = PosePlan((), candidates[:0], Criterion.TEST_POSES, now, outlook)
+        return Sufficiency(plan, now, "what is known already is enough", outlook)
     only_offsets = acceptance.tip_rms_m is None and acceptance.tip_max_m is None
     chosen_by = criterion or (Criterion.OFFSETS if only_offsets else Criterion.TEST_POSES)
     most = min(most, len(candidates))
@@ -131,7 +132,7 @@ def enough_poses(
     missing = gaps(last.prediction, acceptance)
     if missing:
         words = _why_not(missing[0], outlook, candidates, acceptance, tests)
-        return Sufficiency(None, last.prediction, f"not reachable with {most} poses: {words}")
+        return Sufficiency(None, last.prediction, f"not reachable with {most} poses: {words}", last.after)
     short, enough = 0, most
     while enough - short > 1:
         k = (short + enough) // 2
@@ -142,7 +143,7 @@ def enough_poses(
             enough, last = k, plan
     last = plan_of(enough, starts=3)
     words = f"{enough} poses are predicted to be enough, with a margin of {acceptance.margin:g}"
-    return Sufficiency(last, last.prediction, words)
+    return Sufficiency(last, last.prediction, words, last.after)
 
 
 def _why_not(gap: Gap, outlook: Outlook, candidates: Array, acceptance: Acceptance, tests: TestPoses) -> str:
@@ -166,7 +167,7 @@ def _why_not(gap: Gap, outlook: Outlook, candidates: Array, acceptance: Acceptan
 def _hidden(what: str, endless: Outlook) -> str:
     """Say what a quantity hides behind that no number of measurements would bring out."""
     fit = endless.as_fit()
-    known = next((item for item in not_identified(fit) if item.parameter == what), None)
+    known = next((item for item in endless.not_identified() if item.parameter == what), None)
     if known is not None:
         behind = f"hides behind {known.partner}" if known.partner else "does not show"
         return f"{what} {behind}: {known.cure}"

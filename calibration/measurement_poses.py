@@ -98,6 +98,10 @@ class Outlook:
         covariance: Array = np.linalg.inv(self.information) * np.outer(self.scales, self.scales)
         return covariance
 
+    def not_identified(self) -> tuple[NotIdentified, ...]:
+        """Return what stays unknown, with its partner and the cure."""
+        return not_identified(self.as_fit())
+
     def as_fit(self) -> Fit:
         """Return a fit with this covariance, for everything that judges fits."""
         return Fit(self.state, self.layout, self.covariance(), np.zeros(len(self.layout)), 0.0, 0)
@@ -209,7 +213,6 @@ class Prediction:
     offsets_rad: tuple[tuple[str, float], ...]  # those that can be known
     tip_rms_m: float  # over the test poses, of the distance (three coordinates together)
     tip_max_m: float  # at the worst test pose
-    not_identified: tuple[NotIdentified, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +223,7 @@ class PosePlan:
     joints_rad: Array  # (k, n)
     criterion: Criterion
     prediction: Prediction
+    after: Outlook  # once they are measured
 
 
 def predict(outlook: Outlook, tests: TestPoses) -> Prediction:
@@ -241,7 +245,6 @@ def predict(outlook: Outlook, tests: TestPoses) -> Prediction:
         offsets,
         float(np.sqrt(variance.mean())),
         float(np.sqrt(variance.max())),
-        not_identified(outlook.as_fit()),
     )
 
 
@@ -276,7 +279,7 @@ def choose_poses(
     choice = choose_blocks(task, k, starts=starts)
     indices = list(choice.indices)
     after = replace(outlook, information=task.information_of(np.array(indices, dtype=np.intp)))
-    return PosePlan(choice.indices, candidates[indices], criterion, predict(after, tests))
+    return PosePlan(choice.indices, candidates[indices], criterion, predict(after, tests), after)
 
 
 def plan_efficiency(outlook: Outlook, candidates_rad: Array, plan: PosePlan, tests: TestPoses) -> float:

@@ -13,6 +13,7 @@ from calibration.description_collision import DescriptionCheck
 from calibration.enough_poses import Acceptance, enough_poses
 from calibration.errors import CellError
 from calibration.geometry import Array
+from calibration.identifiability import NotIdentified
 from calibration.kinematics import RobotModel, load_model
 from calibration.measurement_poses import (
     Criterion,
@@ -84,6 +85,7 @@ class PlanReport:
     plan: PosePlan | None  # None: the acceptance is not reachable
     reason: str  # about the acceptance; empty without one
     prediction: Prediction
+    not_identified: tuple[NotIdentified, ...]
     before: Prediction
     random: Prediction | None  # the median of as many poses drawn at random
     efficiency: float | None
@@ -106,6 +108,7 @@ class PlanReport:
             "ranks": [rank + 1 for rank in self.order],
             "ways_free": list(self.ways_free),
             "prediction": asdict(self.prediction),
+            "not_identified": [asdict(item) for item in self.not_identified],
             "before": asdict(self.before),
             "random": None if self.random is None else asdict(self.random),
             "efficiency": self.efficiency,
@@ -135,7 +138,7 @@ def plan_poses(request: PlanRequest) -> PlanReport:
     )
     tests = TestPoses(_test_joints(request, model, check))
     before = predict(outlook, tests)
-    plan, prediction, reason = _choose(request, outlook, drawn, tests)
+    plan, prediction, reason, after = _choose(request, outlook, drawn, tests)
     order: tuple[int, ...] = ()
     free: tuple[bool, ...] = ()
     if plan is not None and len(plan.indices):
@@ -146,6 +149,7 @@ def plan_poses(request: PlanRequest) -> PlanReport:
         plan,
         reason,
         prediction,
+        after.not_identified(),
         before,
         _random(outlook, drawn, tests, plan),
         plan_efficiency(outlook, drawn, plan, tests) if order and plan is not None else None,
@@ -282,16 +286,16 @@ def _test_joints(request: PlanRequest, model: RobotModel, check: CollisionCheck)
 
 def _choose(
     request: PlanRequest, outlook: Outlook, drawn: Array, tests: TestPoses
-) -> tuple[PosePlan | None, Prediction, str]:
+) -> tuple[PosePlan | None, Prediction, str, Outlook]:
     if request.acceptance is None:
         plan = choose_poses(
             outlook, drawn, request.poses, tests, criterion=request.criterion or Criterion.TEST_POSES
         )
-        return plan, plan.prediction, ""
+        return plan, plan.prediction, "", plan.after
     found = enough_poses(
         outlook, drawn, request.acceptance, tests, most=request.poses, criterion=request.criterion
     )
-    return found.plan, found.prediction, found.reason
+    return found.plan, found.prediction, found.reason, found.after
 
 
 def _random(outlook: Outlook, drawn: Array, tests: TestPoses, plan: PosePlan | None) -> Prediction | None:

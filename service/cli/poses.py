@@ -199,7 +199,7 @@ def _print_parameters(console: "Console", report: "PlanReport") -> None:
     from rich.table import Table
 
     prediction = report.prediction
-    hidden = {item.parameter: item for item in prediction.not_identified}
+    hidden = {item.parameter: item for item in report.not_identified}
     scales = {"rad": ("deg", _DEG), "m": ("mm", 1e3), "rad/m": ("deg/m", _DEG), "1": ("ppm", 1e6)}
     table = Table("parameter", "predicted sigma", "unit", "note")
     for name, unit, sigma in zip(prediction.parameters, prediction.units, prediction.sigma, strict=True):

@@ -180,7 +180,7 @@ def test_a_known_tip_counts_instead_of_the_target():
 
 def test_what_cannot_be_known_is_named_with_its_partner():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=OFFSETS).with_measured(CANDIDATES)
-    hidden = {item.parameter: item for item in predict(outlook, TESTS).not_identified}
+    hidden = {item.parameter: item for item in outlook.not_identified()}
     assert set(hidden) == {"J1 offset", "J6 offset"}
     assert "base" in hidden["J1 offset"].partner
     assert "tool" in hidden["J6 offset"].partner
