@@ -38,7 +38,7 @@ soak: $(VENV)/.dev
 	@$(BIN)/python -m tests.soak $(ARGS)
 
 bench: $(VENV)/.dev
-	@$(BIN)/python -m tests.benchmarks $(ARGS)
+	@$(BIN)/cellcal bench $(ARGS)
 
 # The locks name packages and hashes, and no registry host.
 lock:

@@ -99,10 +99,11 @@ def decide(
     factor = float(ndtri(0.95)) if unlimited else float(stdtrit(degrees_of_freedom, 0.95))
     guard = factor * standard_uncertainty
     rule = f"proved at 95 % one-sided: guard band {factor:.2f} u (after ISO 14253-1)"
+    verdict = Verdict.UNDECIDED
     if value + guard <= limit:
         verdict = Verdict.PASS
-    else:
-        verdict = Verdict.FAIL if value - guard > limit else Verdict.UNDECIDED
+    elif value - guard > limit:
+        verdict = Verdict.FAIL
     return Decision(verdict, value, standard_uncertainty, guard, limit, rule)
 
 

@@ -11,10 +11,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from calibration.errors import CellError
+from service.cli.bench import bench
 from service.cli.cells import check, fakes
 from service.cli.demo import demo
 from service.cli.identify import identify
 from service.cli.models import models
+from service.cli.parameters import parameters
+from service.cli.poses import poses
 from service.cli.runs import procedures, resume, run, runs, show
 from service.cli.watch import watch
 from service.exit_codes import ExitCode, exit_code_of
@@ -27,7 +30,22 @@ app = App(
     help_format="plaintext",
     result_action="return_value",
 )
-for command in (demo, fakes, check, watch, procedures, run, runs, show, resume, identify, models):
+for command in (
+    demo,
+    fakes,
+    check,
+    watch,
+    procedures,
+    run,
+    runs,
+    show,
+    resume,
+    identify,
+    models,
+    poses,
+    parameters,
+    bench,
+):
     app.command(command)
 
 

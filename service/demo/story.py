@@ -101,7 +101,9 @@ def told_loss(loss: str) -> str:
         "all": "every encoder loses its reference",
         "crash": "the arm hits something, bends, and loses its encoder battery",
     }
-    return words.get(loss, f"the motor of {loss.removeprefix('motor:')} is exchanged, and the battery was out")
+    return words.get(
+        loss, f"the motor of {loss.removeprefix('motor:')} is exchanged, and the battery was out"
+    )
 
 
 async def _reach_everything(config: CellConfig, plot: Plot) -> None:

@@ -41,7 +41,7 @@ class GaugeCase:
 async def until(holds: Callable[[], Awaitable[bool]]) -> None:
     """Ask again and again until it holds; the world is another process and cannot tell us."""
     async with asyncio.timeout(10.0):
-        while not await holds():  # noqa: ASYNC110
+        while not await holds():
             await asyncio.sleep(0.01)
 
 

@@ -39,7 +39,7 @@ async def behind_a_door(**fake: Any) -> AsyncIterator[ControlDoor]:
 async def until(true: Callable[[], bool], *, within_s: float = 10.0) -> None:
     """Wait for something that will become true."""
     async with asyncio.timeout(within_s):
-        while not true():  # noqa: ASYNC110 - the world changes without telling
+        while not true():
             await asyncio.sleep(0.002)
 
 

@@ -38,7 +38,7 @@ def _exists(pid: int) -> bool:
 
 async def _gone(pid: int) -> None:
     async with asyncio.timeout(10.0):
-        while _exists(pid):  # noqa: ASYNC110 - nobody tells us of a stranger's end
+        while _exists(pid):
             await asyncio.sleep(0.02)
 
 

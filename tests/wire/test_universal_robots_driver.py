@@ -78,7 +78,7 @@ async def moving(robot: UniversalRobot, fake: FakeRobot) -> AsyncIterator[asynci
 
 async def until(holds: Callable[[], bool]) -> None:
     async with asyncio.timeout(15.0):
-        while not holds():  # noqa: ASYNC110 - the world changes without telling
+        while not holds():
             await asyncio.sleep(0.005)
 
 
@@ -373,7 +373,7 @@ async def test_a_cut_link_between_moves_ends_the_child_before_it_reconnects(
 
 async def until_ready(robot: UniversalRobot) -> None:
     async with asyncio.timeout(15.0):
-        while (await robot.condition()).readiness is not Readiness.READY:  # noqa: ASYNC110
+        while (await robot.condition()).readiness is not Readiness.READY:
             await asyncio.sleep(0.02)
 
 

@@ -138,7 +138,7 @@ async def test_a_lost_link_that_nobody_noticed_is_told_once(
     await client.connect(deadline_s=LONG_S)
     controller.drop()
     async with asyncio.timeout(LONG_S):
-        while client.alive:  # noqa: ASYNC110 - nobody may be waiting for the stream here
+        while client.alive:
             await asyncio.sleep(0.001)
     with pytest.raises(UnreachableError, match="closed the connection"):
         client.tell_loss()
