@@ -1,5 +1,6 @@
 """What a benchmark found: rows for a table, a JSON document and a plot; who was missing, and why."""
 
+import math
 import os
 import platform
 from collections.abc import Callable, Iterable
@@ -13,7 +14,7 @@ _SLOW_S = 5.0  # one turn of these is enough
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """One contestant in one case. ``error`` is the topic's figure of merit, in ``error_unit``."""
+    """One contestant in one case. ``error`` is the figure of merit, in ``error_unit``."""
 
     contestant: str
     case: str
@@ -88,8 +89,19 @@ def as_document(topics: tuple[Topic, ...], seed: int, rounds: int) -> dict[str, 
 
 def _topic(topic: Topic) -> dict[str, Any]:
     rows = [
-        {**asdict(result), "rate_per_s": result.rate, "times_slower_than_cellcal": topic.ratio(result)}
+        {
+            **asdict(result),
+            "error": _finite(result.error),
+            "notes": {key: _finite(value) for key, value in result.notes.items()},
+            "rate_per_s": result.rate,
+            "times_slower_than_cellcal": topic.ratio(result),
+        }
         for result in topic.results
     ]
     absent = [{"contestant": each.contestant.name, "reason": each.reason} for each in topic.absent]
     return {"name": topic.name, "question": topic.question, "results": rows, "absent": absent}
+
+
+def _finite(value: float) -> float | None:
+    """Return None for what JSON cannot hold: nothing solved has no worst error."""
+    return value if math.isfinite(value) else None

@@ -7,10 +7,15 @@ from typing import TypeAlias
 from service.bench.compensate import run_compensate
 from service.bench.contestants import BenchError
 from service.bench.identify import run_identify
+from service.bench.poses import run_poses
 from service.bench.results import Topic
 
 TopicRun: TypeAlias = Callable[[int, int, Mapping[str, Path]], Topic]
-TOPICS: dict[str, TopicRun] = {"identify": run_identify, "compensate": run_compensate}
+TOPICS: dict[str, TopicRun] = {
+    "identify": run_identify,
+    "compensate": run_compensate,
+    "poses": run_poses,
+}
 
 
 def choose_topics(only: str) -> dict[str, TopicRun]:

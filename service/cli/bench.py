@@ -71,7 +71,7 @@ def _print(console: "Console", topics: tuple["Topic", ...]) -> None:
 
     for topic in topics:
         table = Table(
-            "case", "contestant", "time", "a second", "cellcal is faster", "error", "notes",
+            "case", "contestant", "time", "a second", "cellcal is faster", "figure", "notes",
             title=f"{topic.name}: {topic.question}",
         )  # fmt: skip
         for result in sorted(topic.results, key=lambda each: (each.case, each.seconds / each.count)):

@@ -10,6 +10,7 @@ from calibration.estimator import Problem, estimate
 from calibration.first_guess import first_guess
 from calibration.kinematics import DhTable, RobotModel
 from calibration.observations import PointObservations
+from calibration.optimal_design import DesignTask, choose_blocks
 from calibration.parameters import GEOMETRY, Layout, Priors, make_layout
 
 _LOOSE = Priors(offset_rad=0.1, length_m=0.1, angle_rad=0.1)  # so that data decide, as for the peers
@@ -36,6 +37,14 @@ def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     seconds, fit = measure(run)
     places = fit.state.seen_from(0).base_flange(inputs["check_joints"])[:, :3, 3]
     return {"seconds": seconds, "check_positions": places, "parameters": len(layout)}
+
+
+def poses(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+    """Choose by block exchange from three starts."""
+    blocks = np.ascontiguousarray(inputs["blocks"])
+    task = DesignTask(blocks, 1e-9 * np.eye(len(blocks)))
+    seconds, choice = measure(lambda: choose_blocks(task, int(inputs["chosen"]), starts=3))
+    return {"seconds": seconds, "indices": np.array(choice.indices)}
 
 
 def _layout(nominal: RobotModel, probe: PointObservations) -> Layout:
