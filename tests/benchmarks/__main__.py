@@ -1,0 +1,5 @@
+"""``python -m tests.benchmarks``: the identification benchmark by itself."""
+
+from tests.benchmarks.bench_identify import main
+
+main()
