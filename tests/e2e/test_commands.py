@@ -24,7 +24,8 @@ def test_help_names_every_command() -> None:
     for name in (
         "demo",
         "fakes",
-        "check", "watch",
+        "check",
+        "watch",
         "procedures",
         "run",
         "runs",
