@@ -12,6 +12,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.base_parameters import base_subset
 from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.estimator import Fit, Problem, place_columns
 from calibration.geometry import Array
@@ -29,6 +30,7 @@ _LARGEST_LENGTH_M = 1e-2  # design scale of a place that is not known beforehand
 _LARGEST_ANGLE_RAD = float(np.deg2rad(0.5))
 _SEEN = 0.5  # of the prior deviation: below, the data speak
 _LEAST_SHARE = 1e-12
+_STRUCTURE_POSTURES = 200
 
 Observe = Callable[[Array], Observations]
 PostureFilter = Callable[[Array], NDArray[np.bool_]]
@@ -114,10 +116,13 @@ def outlook_on(
     tool_in_flange_m: Place = (0.0, 0.0, 0.0),
     level: int = GEOMETRY,
     priors: Priors | None = None,
+    drop_redundant: bool = False,
 ) -> Outlook:
     """Return the outlook on a robot of which nothing is known but its nominal model and the priors.
 
-    From the level of gravity on, the terms of sag are unknown, too; gear ripple is not planned for.
+    From the level of gravity on, the terms of sag are unknown, too; gear ripple is not planned for. Parameters
+    that others can imitate are carried by their priors, and widen those others; or they are dropped, and the
+    offsets are what they stand for together.
     """
     terms = gravity_terms(model) if level >= GRAVITY else ()
     tool = np.eye(4)
@@ -125,6 +130,9 @@ def outlook_on(
     device = Device(np.eye(4), np.array(instrument.anchor_in_base_m))
     state = replace(nominal_state(model, (device,), tool), terms=terms, coefficients=np.zeros(len(terms)))
     layout = make_layout(model, instrument.kind, 1, level=level, terms=terms, priors=priors)
+    if drop_redundant:
+        postures = candidate_joints(model, MotionLimits(), _STRUCTURE_POSTURES)
+        layout = base_subset(layout, state, instrument.observe(postures))
     scales = _design_scales(layout)
     return Outlook(layout, state, instrument.observe, scales, np.diag((scales / layout.prior) ** 2))
 

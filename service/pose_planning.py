@@ -69,6 +69,7 @@ class PlanRequest:
     acceptance: Acceptance | None = None  # given: as few poses as it needs, at most ``poses``
     criterion: Criterion | None = None
     level: int = GEOMETRY
+    drop_redundant: bool = False
     candidates: int = 1000
     seed: int = 1
     after: Path | None = None
@@ -204,7 +205,11 @@ def read_joints(path: Path, axes: int) -> Array:
 def _outlook(request: PlanRequest, model: RobotModel) -> Outlook:
     if request.after is None:
         return outlook_on(
-            model, request.instrument, tool_in_flange_m=request.tool_in_flange_m, level=request.level
+            model,
+            request.instrument,
+            tool_in_flange_m=request.tool_in_flange_m,
+            level=request.level,
+            drop_redundant=request.drop_redundant,
         )
     found = identify_file(request.after, request.robot, IdentifyOptions(level=request.level))
     fit = found.identification.robust.fit

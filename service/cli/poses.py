@@ -33,6 +33,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     offsets: tuple[str, ...] = (),
     criterion: str | None = None,
     level: int = 2,
+    drop_redundant: bool = False,
     candidates: int = 1000,
     seed: int = 1,
     after: Path | None = None,
@@ -76,6 +77,8 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
         determinant, offsets, or test-poses. Chosen by the acceptance if not given.
     level
         What is unknown: 1 mastering offsets, 2 geometry, 3 and sag.
+    drop_redundant
+        Leave out parameters that others can imitate; otherwise their priors widen those others.
     candidates
         How many reachable, collision-free postures to choose from.
     seed
@@ -114,6 +117,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
             acceptance=acceptance,
             criterion=_criterion(criterion),
             level=level,
+            drop_redundant=drop_redundant,
             candidates=candidates,
             seed=seed,
             after=after,

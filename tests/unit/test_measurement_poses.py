@@ -186,6 +186,21 @@ def test_what_cannot_be_known_is_named_with_its_partner():
     assert "tool" in hidden["J6 offset"].partner
 
 
+def test_parameters_that_others_imitate_are_dropped_when_asked():
+    carried = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL)
+    dropped = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, drop_redundant=True)
+    assert len(dropped.layout) == 27
+    everything = predict(dropped.with_measured(CANDIDATES), TESTS)
+    widened = predict(carried.with_measured(CANDIDATES), TESTS)
+    assert everything.tip_rms_m == pytest.approx(widened.tip_rms_m, rel=1e-3)
+    offset, wide = dict(everything.offsets_rad)["J3 offset"], dict(widened.offsets_rad)["J3 offset"]
+    assert offset < 0.1 * wide
+    found = enough_poses(
+        dropped, CANDIDATES, Acceptance(offset_rad=np.deg2rad(0.03), offsets_of=("J3 offset",)), TESTS
+    )
+    assert found.reachable
+
+
 def test_sag_is_planned_for_when_asked():
     outlook = outlook_on(MODEL, POINT, tool_in_flange_m=TOOL, level=GRAVITY)
     names = choose_poses(outlook, CANDIDATES, 30, TESTS).prediction.parameters
