@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.geometry import Array, log_rotation
-from service.bench.contestants import OURS, PEERS, Answers, Contestant, run
+from service.bench.contestants import OURS, PEERS, Absent, Answers, Contestant, run
 from service.bench.results import Result, Topic, take_turns
 from service.bench.simulated import Arms, arms, draw_joints
 
@@ -19,22 +19,37 @@ _CONTESTANTS = tuple(each for each in (OURS, *PEERS) if each.name not in ("figar
 def run_compensate(seed: int, rounds: int, interpreters: Mapping[str, Path]) -> Topic:
     """Give every contestant the same postures, `rounds` times in turn, and keep each one's best time."""
     both = arms(seed)
-    rng = np.random.default_rng(seed)
-    joints = draw_joints(rng, 3 * POINTS)
-    smallest = np.linalg.svd(both.nominal.flange_jacobian(joints)[1], compute_uv=False)[:, -1]
-    joints = joints[smallest > SMALLEST_SINGULAR][:POINTS]
-    inputs = {**both.inputs(), "joints": joints}
-    taken = take_turns(
-        _CONTESTANTS,
-        rounds,
-        lambda each: run(each, "compensate", inputs, interpreters),
-        lambda each, answers: judge(each, both, joints, answers),
+    results: list[Result] = []
+    absent: dict[str, Absent] = {}
+    for case, joints in _cases(both, seed).items():
+        inputs = {**both.inputs(), "joints": joints}
+
+        def run_one(each: Contestant, given: Mapping[str, Array] = inputs) -> Answers | Absent:
+            return run(each, "compensate", given, interpreters)
+
+        def judge_one(each: Contestant, answers: Answers, start: Array = joints, name: str = case) -> Result:
+            return judge(each, both, start, answers, name)
+
+        able = [each for each in _CONTESTANTS if each.name not in absent]
+        found, missing = take_turns(able, rounds, run_one, judge_one)
+        results += found
+        absent.update({each.contestant.name: each for each in missing})
+    question = (
+        f"{POINTS} postures of a simulated {both.nominal.title}, to below 1e-5 mm; regular: smallest singular "
+        f"value above {SMALLEST_SINGULAR:g}; random: as they come"
     )
-    question = f"{len(joints)} postures, smallest singular value above {SMALLEST_SINGULAR:g}, single-threaded"
-    return Topic("compensate", question, *taken)
+    return Topic("compensate", question, tuple(results), tuple(absent.values()))
 
 
-def judge(contestant: Contestant, both: Arms, joints: Array, answers: Answers) -> Result:
+def _cases(both: Arms, seed: int) -> dict[str, Array]:
+    joints = draw_joints(np.random.default_rng(seed), 3 * POINTS)
+    smallest = np.linalg.svd(both.nominal.flange_jacobian(joints)[1], compute_uv=False)[:, -1]
+    return {"regular": joints[smallest > SMALLEST_SINGULAR][:POINTS], "random": joints[:POINTS]}
+
+
+def judge(
+    contestant: Contestant, both: Arms, joints: Array, answers: Answers, case: str = "regular"
+) -> Result:
     """Judge answers by forward kinematics apart from all contestants; only what one claims counts as solved."""
     found, claimed = answers["joints"], answers["claimed"].astype(bool)
     start = joints[: len(found)]
@@ -51,5 +66,5 @@ def judge(contestant: Contestant, both: Arms, joints: Array, answers: Answers) -
         "worst_angle_deg": float(np.degrees(turn[kept].max())) if kept.any() else float("inf"),
     }
     return Result(
-        contestant.name, "all", len(found), float(answers["seconds"]), worst * 1e3, "mm worst", notes
+        contestant.name, case, len(found), float(answers["seconds"]), worst * 1e3, "mm worst", notes
     )
