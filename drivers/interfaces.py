@@ -156,6 +156,10 @@ class MasteringStore(Protocol):
         """Write, make it effective, read back. All axes or none: on a partial write the old data are restored."""
         ...
 
+    async def restore_mastering(self, data: MasteringData) -> MasteringData:
+        """Put earlier data back, the flag included: a robot that was not mastered is not mastered again."""
+        ...
+
     async def reset_position_alarms(self) -> None:
         """Acknowledge a lost position (FANUC: RES_PCA). Idempotent; the controller may ask for a power cycle."""
         ...

@@ -217,9 +217,9 @@ async def _confirm_written(campaign: _Campaign, recovery: TurnRecovery, plan: Mo
     final = await run.solve(name, confirmed, campaign.record, recovery, tuple(again))
     if not lengths_agree(final):
         old: MasteringData = campaign.state.mastering
-        await run.write("put the old mastering back", restore_mastering, old.counts_at_zero)
+        await run.write("put the old mastering back", restore_mastering, old)
         reason = "with the new mastering the lengths no longer agree; the old data were put back"
-        remedy = "Do not move the robot in AUTO: its mastering is not valid. Start the recovery again."
+        remedy = "The robot is not mastered, as before. Start the recovery again."
         raise campaign.refusal(final, reason, remedy, "procedure.not_confirmed")
 
 

@@ -60,6 +60,24 @@ async def write_mastering(
         raise
 
 
+async def restore_mastering(
+    panel: Panel, program: CellProgram, data: MasteringData, *, within_s: float
+) -> MasteringData:
+    """Put earlier data back and read them; the flag is cleared first where the data were not in force."""
+    if data.mastered:
+        return await write_mastering(panel, program, data.counts_at_zero, within_s=within_s)
+    await panel.write({"mastered": (0,)})
+    await panel.write({"counts_at_zero": data.counts_at_zero})
+    found = await read_mastering(panel)
+    if found != data:
+        raise RefusedError(
+            panel.device,
+            "the old mastering data are not back.",
+            remedy="Do not move the robot in AUTO. Compare $MASTER_COUN with the record.",
+        )
+    return found
+
+
 async def _write(panel: Panel, program: CellProgram, counts: Counts, within_s: float) -> MasteringData:
     await panel.write({"counts_at_zero": counts})
     stored = (await read_mastering(panel)).counts_at_zero

@@ -25,7 +25,12 @@ from drivers.interfaces import (
 )
 from drivers.modbus_robot.condition import judge, read_alarms
 from drivers.modbus_robot.frames import flange_pose, read_frame, write_frame
-from drivers.modbus_robot.mastering import read_drive_train, read_mastering, write_mastering
+from drivers.modbus_robot.mastering import (
+    read_drive_train,
+    read_mastering,
+    restore_mastering,
+    write_mastering,
+)
 from drivers.modbus_robot.panel import Block, Panel
 from drivers.modbus_robot.program import CellProgram, ProgramState, Request
 from drivers.wire.deadline import deadline
@@ -158,6 +163,12 @@ class ModbusRobot:
             self._check_numbers(counts_at_zero, self._panel.profile.axes, "counts")
             within_s = self._options.deadline_s
             return await write_mastering(self._panel, self._program, counts_at_zero, within_s=within_s)
+
+    async def restore_mastering(self, data: MasteringData) -> MasteringData:
+        with self._alone("mastering"):
+            self._check_numbers(data.counts_at_zero, self._panel.profile.axes, "counts")
+            within_s = self._options.deadline_s
+            return await restore_mastering(self._panel, self._program, data, within_s=within_s)
 
     async def reset_position_alarms(self) -> None:
         with self._alone("reset"):

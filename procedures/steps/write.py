@@ -57,13 +57,13 @@ async def write_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
     return found
 
 
-async def restore_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
-    """Put earlier counts at zero back; return what the controller then says."""
+async def restore_mastering(cell: Cell, data: MasteringData) -> MasteringData:
+    """Put earlier mastering data back, the flag included; return what the controller then says."""
     store = cell.mastering
     if store is None:
         raise NeedsUnmetError("this robot's mastering cannot be written", missing=("writes_mastering",))
-    if (await store.mastering()).counts_at_zero != tuple(counts_at_zero):
-        await store.write_mastering(tuple(counts_at_zero))
+    if await store.mastering() != data:
+        await store.restore_mastering(data)
     return await store.mastering()
 
 

@@ -184,6 +184,12 @@ class IdealArm:
         self.data = MasteringData(tuple(counts_at_zero), mastered=True)
         return self.data
 
+    async def restore_mastering(self, data: MasteringData) -> MasteringData:
+        await asyncio.sleep(0)
+        self.writes += 1
+        self.data = data
+        return self.data
+
     async def reset_position_alarms(self) -> None:
         await asyncio.sleep(0)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import BusyError, MotionStoppedError, RefusedError
+from drivers.interfaces import MasteringData
 from service.demo.door import Door
 from tests.wire.cases import RobotCase
 from tests.wire.contract_robot import AT_TARGET_RAD, moving, truth_of
@@ -51,6 +52,16 @@ class MasteringContract:
         finally:
             await robot.write_mastering(before.counts_at_zero)
         assert (await robot.joints()).joints_rad == pytest.approx(joints, abs=1e-6)
+
+    @pytest.mark.parametrize("mastered", [False, True])
+    async def test_earlier_data_come_back_with_their_flag(self, robot: Any, mastered: bool) -> None:
+        before = await robot.mastering()
+        other = MasteringData(tuple(count + 300 for count in before.counts_at_zero), mastered)
+        try:
+            assert await robot.restore_mastering(other) == other
+            assert await robot.mastering() == other
+        finally:
+            assert await robot.restore_mastering(before) == before
 
     @pytest.mark.parametrize("axis", range(6))
     async def test_after_a_partial_write_the_old_data_are_back(

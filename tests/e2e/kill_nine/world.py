@@ -72,6 +72,9 @@ class RemoteArm(Remote):
     async def write_mastering(self, counts_at_zero: Any) -> Any:
         return await self._call("write_mastering", counts_at_zero)
 
+    async def restore_mastering(self, data: Any) -> Any:
+        return await self._call("restore_mastering", data)
+
     async def reset_position_alarms(self) -> None:
         await self._call("reset_position_alarms")
 
