@@ -14,6 +14,7 @@ _FIRST_DAMPING = 1e-4
 _FLOOR = 1e-12  # keeps Cholesky real where the arm is singular
 _STUCK = 1e3  # of the damping: such steps are too small to matter, and still do not help
 _STEPS = 80
+_STEPS_BEYOND = 30
 _RESTING = 1e-6  # slope over distance: no direction leads nearer
 _KICKS_RAD = (0.15, -0.15)
 _WORTH = 1e-3  # of the squared distance, or another resting place is as good
@@ -52,7 +53,7 @@ class Search:
 
     def run(self, reach: Reach) -> None:
         """Approach; look on both sides of resting places where the arm is singular, and keep what is nearer."""
-        self.approach(reach)
+        self.approach(reach, _STEPS)
         for way in _KICKS_RAD:
             self._look_beyond(reach, way)
 
@@ -72,10 +73,11 @@ class Search:
         slope = np.sqrt(np.einsum("kn,kn->n", pull, pull))
         return np.clip(self.joints + step, self.lower, self.upper), slope
 
-    def approach(self, reach: Reach) -> None:
+    def approach(self, reach: Reach, most: int) -> None:
+        """Take up to so many damped steps each, never one that leads farther away."""
         going = ~self.gap.met(reach.position_m, reach.angle_rad)
         damping = np.full(len(going), _FIRST_DAMPING)
-        for _ in range(_STEPS):
+        for _ in range(most):
             if not going.any():
                 return
             part = self._part(going)
@@ -104,7 +106,7 @@ class Search:
         lost = np.linalg.svd(part.gap.columns(self.arm).transpose(2, 1, 0))[2][:, -1].T
         joints = np.clip(part.joints + way_rad * lost, part.lower, part.upper)
         other = Search.begin(self.arm, part.target, joints, (part.lower, part.upper))
-        other.approach(reach)
+        other.approach(reach, _STEPS_BEYOND)
         better = other.gap.cost < (1 - _WORTH) * part.gap.cost
         chosen = np.flatnonzero(given_up)
         self._move(chosen[better], other.joints[:, better], other.gap, better)
