@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable
 
-from tests.soak import durability, losses, stories, ur_fence
+from tests.soak import compensation, durability, losses, stories, ur_fence
 from tests.soak.figures import Figures
 
 CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
@@ -17,6 +17,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "kill": (durability.kill, 100),
     "power": (durability.power, 300),
     "fence": (ur_fence.fence, 20),
+    "compensation": (compensation.compensation, 1_000_000),
 }
 
 
