@@ -1,8 +1,10 @@
 """The mastering record: taken while the robot is healthy, so that lost turns can be found again."""
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from calibration.kinematics import load_model
@@ -27,11 +29,11 @@ GOOD_PROBABILITY = 0.9999
 class MasteringRecordSpec:
     """How many poses to capture, how carefully, and what motion must keep to."""
 
-    poses: int = 30
-    samples: int = 5
-    tolerance_counts: int = 50
-    retakes: int = 2  # of captures that the others contradict
-    seed: int = 1
+    poses: Annotated[int, Field(ge=8, le=200)] = 30
+    samples: Annotated[int, Field(ge=1, le=1000)] = 5
+    tolerance_counts: Annotated[int, Field(ge=0)] = 50
+    retakes: Annotated[int, Field(ge=0, le=20)] = 2  # of captures that the others contradict
+    seed: Annotated[int, Field(ge=0)] = 1
     room: Room = field(default_factory=Room)
 
 
@@ -147,7 +149,7 @@ def _refuse_sick(state: MotorState) -> None:
         raise RefusalError(
             f"the robot is not ready or not mastered: {state.condition.message or 'mastering data invalid'}",
             code="procedure.not_healthy",
-            remedy="A record must be taken while the robot knows where it is.",
+            remedy="Clear what is wrong, then start a new run: a record must be taken of a healthy robot.",
         )
 
 
@@ -157,7 +159,8 @@ def _refuse_inconsistent(wire: WireReference) -> None:
             f"the lengths contradict each other: residual {wire.residual_rms_m * 1e3:.2f} mm RMS, capture "
             f"{wire.worst_capture + 1} stands out by {wire.worst_deviation:.1f} deviations",
             code="procedure.record_inconsistent",
-            remedy="Check the hook, the anchor and the wire's path; compare their places with the cell file.",
+            remedy="Check the hook, the anchor and the wire's path; compare their places with the cell file; "
+            "then start a new run.",
         )
 
 

@@ -1,8 +1,10 @@
 """Plans of motion as pure functions: which poses, in which order, how fast. Plans are shown, then obeyed."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
@@ -25,10 +27,10 @@ SPARE_CANDIDATES = 60
 class Room:
     """What motion must keep to, and how far a lost robot may be from where it seems to be."""
 
-    lost_turns: int = 2
-    tip_speed_m_s: float = 0.05
-    wire_low: float = 0.08  # of the gauge's range; a lost robot needs more room than a known one
-    wire_high: float = 0.92
+    lost_turns: Annotated[int, Field(ge=0, le=50)] = 2
+    tip_speed_m_s: Annotated[float, Field(gt=0, le=0.25)] = 0.05  # no faster than a robot is taught by hand
+    wire_low: Annotated[float, Field(ge=0, lt=1)] = 0.08  # of the range; a lost robot needs more room
+    wire_high: Annotated[float, Field(gt=0, le=1)] = 0.92
     box_low_m: Triple | None = None
     box_high_m: Triple | None = None
 

@@ -4,7 +4,9 @@ F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positionin
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
+from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from calibration.geometry import Pose
@@ -39,10 +41,11 @@ ALONG_Z = Instruction(
 class SixPointTcp:
     """Which tool frame to write, and when to be content."""
 
-    tool_number: int
-    rms_limit_m: float = 0.0005
-    extra_touches: int = 0  # three touches leave little redundancy for the RMS to speak
-    min_move_m: float = FOOT_M * 0.98  # a foot by eye
+    tool_number: Annotated[int, Field(ge=0, le=99)]
+    rms_limit_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0005
+    # three touches leave little redundancy for the RMS to speak
+    extra_touches: Annotated[int, Field(ge=0, le=50)] = 0
+    min_move_m: Annotated[float, Field(gt=0, le=10)] = FOOT_M * 0.98  # a foot by eye
 
 
 @dataclass(frozen=True, slots=True)

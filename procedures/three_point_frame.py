@@ -4,8 +4,10 @@ F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positionin
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from calibration.frames import TaughtFrame, frame_from_three_points
@@ -35,9 +37,9 @@ ABOVE = Instruction("touch_above", "Touch any point that lies above the plane, o
 class ThreePointFrame:
     """Which user frame to write, and with which pointer it is taught."""
 
-    frame_number: int
+    frame_number: Annotated[int, Field(ge=0, le=99)]
     tip_in_flange_m: Triple
-    sigma_m: float = 0.0005  # of one coordinate of one touch
+    sigma_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0005  # of one coordinate of one touch
     check_above: bool = False  # one more touch, which catches points taught in the wrong order
 
 

@@ -1,6 +1,7 @@
 """The command ``cellcal``."""
 
 import os
+import signal
 import sys
 
 
@@ -10,6 +11,8 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from service.cli.app import run_command_line  # noqa: PLC0415 - `cellcal --help` must not wait for numpy
 
+    # `kill` and a service manager end a command as Ctrl+C does: the robot is stopped, the end is journalled.
+    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
     sys.exit(run_command_line(sys.argv[1:]))
 
 

@@ -1,5 +1,6 @@
 """The composition root: a cell file becomes drivers, and drivers become the Cell that procedures are lent."""
 
+import sqlite3
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import replace
@@ -18,7 +19,7 @@ from drivers.interfaces import (
 )
 from procedures.cell import Cell, GaugeSetup, MotionLimits
 from service.config import CellConfig, GaugeEntry
-from service.journal import Journal
+from service.journal import Journal, StoreError
 from service.store import Store
 
 
@@ -50,6 +51,26 @@ async def lend_record(cell: Cell, journal: Journal) -> Cell:
 def journal_path(config: CellConfig) -> Path:
     """Return where the cell's journal lives."""
     return config.cell.data_dir / "journal.db"
+
+
+def open_journal(config: CellConfig) -> Journal:
+    """Open the cell's journal, or create it.
+
+    Raises
+    ------
+    StoreError
+        The folder that the cell file names cannot be used.
+    """
+    path = journal_path(config)
+    remedy = "See that data_dir of the cell file is a folder that may be written, on a disk with room."
+    try:
+        return Journal.open(path)
+    except (OSError, sqlite3.Error) as error:
+        raise StoreError(
+            f"the journal {path} cannot be opened: {error}", remedy=remedy, code="store.io"
+        ) from error
+    except StoreError as error:
+        raise StoreError(error.message, remedy=error.remedy or remedy, code=error.code) from error
 
 
 def _lend(

@@ -6,9 +6,8 @@ from typing import Any
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Device, Readiness, Robot
-from service.cell import journal_path
+from service.cell import open_journal
 from service.config import CellConfig
-from service.journal import Journal
 from service.store import Store
 
 _FIRST_SCREEN = (
@@ -56,7 +55,7 @@ async def check_cell(config: CellConfig) -> CellReport:
     """Reach all devices at once; an unreachable one is a line of the report, not an end."""
     entries = [*config.robots, *(entry.device for entry in config.gauges)]
     devices = await asyncio.gather(*(_check_device(entry) for entry in entries))
-    with Journal.open(journal_path(config)) as journal:
+    with open_journal(config) as journal:
         store = Store(journal)
         advice = tuple(
             _FIRST_SCREEN.format(robot=device.name, path=config.path)

@@ -17,6 +17,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
 from calibration.errors import CellError
+from calibration.robot_models import model_names
 from drivers.registry import GaugeConfig, RobotConfig
 
 Triple = tuple[float, float, float]
@@ -39,7 +40,7 @@ class _Table(BaseModel):
 
 
 class CellTable(_Table):
-    """[cell]: who we are and where our data live."""
+    """[cell]: who we are and where our data live; a relative folder is meant from the cell file's own."""
 
     name: str = Field(min_length=1, max_length=64)
     data_dir: Path
@@ -118,19 +119,34 @@ class CellConfig:
 def read_cell_file(path: str | os.PathLike[str]) -> CellConfig:
     """Read and validate a cell file; raise ConfigError with every fault at once."""
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise ConfigError(path, [("file", "there is no such file")]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(path, [("file", f"cannot be read: {error}")]) from error
+    text = _text_of(path)
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ConfigError(path, [("file", f"is not valid TOML: {error}")]) from error
     return _Reader(path, text).read(document)
 
 
+def _text_of(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_MOST_BYTES + 1)
+        if len(raw) > _MOST_BYTES:
+            raise ConfigError(path, [("file", f"is larger than {_MOST_BYTES // 1000} kB: no cell file is")])
+        return raw.decode("utf-8")
+    except FileNotFoundError:
+        raise ConfigError(path, [("file", "there is no such file")]) from None
+    except IsADirectoryError:
+        raise ConfigError(path, [("file", "is a folder; name the cell file in it")]) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            path, [("file", f"cannot be read: it is not text in UTF-8 (byte {error.start})")]
+        ) from error
+    except (OSError, ValueError) as error:
+        raise ConfigError(path, [("file", f"cannot be read: {error}")]) from error
+
+
+_MOST_BYTES = 1_000_000
 _TABLES = ("cell", "robot", "gauge", "watch", "fake")
 _SETUP_KEYS = frozenset(GaugeSetup.model_fields)
 
@@ -155,6 +171,7 @@ class _Reader:
             self._gauge(table, f"gauge[{i}]") for i, table in enumerate(self._tables(document, "gauge"))
         ]
         watch = self._model(WatchTable, document.get("watch", {}), "watch")
+        self._models(robots)
         if not robots and "robot" not in dict(self.faults):
             self.faults.append(("robot", "a cell needs at least one [[robot]]"))
         if not self.faults:
@@ -163,9 +180,16 @@ class _Reader:
             )
         if self.faults:
             raise ConfigError(self.path, self.faults)
+        cell = cell.model_copy(update={"data_dir": self.path.parent / cell.data_dir})
         return CellConfig(
             self.path, self.text, cell, tuple(robots), tuple(gauges), watch, document.get("fake", {})
         )
+
+    def _models(self, robots: list[Any]) -> None:
+        for i, robot in enumerate(robots):
+            if robot is not None and robot.model not in model_names():
+                sentence = f"there is no robot model {robot.model!r}; {_nearest(robot.model, model_names())}"
+                self.faults.append((f"robot[{i}].model", sentence))
 
     def _tables(self, document: dict[str, Any], key: str) -> list[Any]:
         tables = document.get(key, [])

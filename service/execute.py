@@ -6,10 +6,10 @@ from typing import Any
 from drivers.interfaces import Operator
 from procedures.cell import Cell
 from procedures.progress import ignore
-from service.cell import journal_path, lend_record, open_cell
+from service.cell import lend_record, open_cell, open_journal
 from service.conduct import OnEvent, Outcome, Verdict, resume, run_procedure
 from service.config import CellConfig
-from service.journal import Journal
+from service.journal import StoreError
 from service.specs import build_spec
 from service.store import Store
 from service.watch import LastHealthyCounts, remember_healthy
@@ -29,7 +29,7 @@ class Where:
 
 async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outcome:
     """Run a procedure from its beginning."""
-    with Journal.open(journal_path(where.config)) as journal:
+    with open_journal(where.config) as journal:
         async with open_cell(where.config, where.operator, where.robot) as cell:
             spec = build_spec(where.config, cell.robot.name, procedure, settings)
             lent = await lend_record(cell, journal)
@@ -40,7 +40,7 @@ async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outco
 
 async def go_on(where: Where, run_id: str) -> Outcome:
     """Resume a run; ``last`` is the newest."""
-    with Journal.open(journal_path(where.config)) as journal:
+    with open_journal(where.config) as journal:
         async with open_cell(where.config, where.operator, where.robot) as cell:
             lent = await lend_record(cell, journal)
             outcome = await resume(lent, newest(Store(journal), run_id), journal, where.on_event)
@@ -51,7 +51,9 @@ async def go_on(where: Where, run_id: str) -> Outcome:
 def newest(store: Store, run_id: str) -> str:
     """Return the id of the newest run for ``last``, else the id itself."""
     views = store.runs()
-    return views[-1].run_id if run_id == "last" and views else run_id
+    if run_id == "last" and not views:
+        raise StoreError("no run was made yet", code="store.no_such_run", remedy="Begin with `cellcal run`.")
+    return views[-1].run_id if run_id == "last" else run_id
 
 
 async def _remember(config: CellConfig, cell: Cell, outcome: Outcome) -> None:

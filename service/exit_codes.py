@@ -4,7 +4,6 @@ import asyncio
 from enum import IntEnum
 
 from calibration.errors import CalibrationError, CellError
-from drivers.errors import BusyError, DeviceError, MotionStoppedError
 
 
 class ExitCode(IntEnum):
@@ -22,32 +21,51 @@ class ExitCode(IntEnum):
     BUSY = 9
 
 
-# The first row that fits decides: the narrow scenarios stand above the wide ones.
-_BY_TYPE: tuple[tuple[type[BaseException], ExitCode], ...] = (
-    (KeyboardInterrupt, ExitCode.CANCELLED),
-    (asyncio.CancelledError, ExitCode.CANCELLED),
-    (MotionStoppedError, ExitCode.STOPPED),
-    (BusyError, ExitCode.BUSY),
-    (DeviceError, ExitCode.UNREACHABLE),
-    (CalibrationError, ExitCode.REFUSED),
-)
+# An error's code is a path, "device.stopped": the longest beginning of it that stands here decides.
 _BY_CODE = {
     "config": ExitCode.USAGE,
     "usage": ExitCode.USAGE,
     "measurements": ExitCode.USAGE,
+    "missing_extra": ExitCode.USAGE,
+    "bench": ExitCode.USAGE,
     "busy": ExitCode.BUSY,
+    "fake": ExitCode.UNREACHABLE,
+    "calibration": ExitCode.REFUSED,
+    "parameters": ExitCode.REFUSED,
+    "procedure": ExitCode.REFUSED,
     "procedure.out_of_tolerance": ExitCode.OUT_OF_TOLERANCE,
     "procedure.declined": ExitCode.CANCELLED,
+    "procedure.unknown": ExitCode.USAGE,
+    "device": ExitCode.UNREACHABLE,
+    "device.stopped": ExitCode.STOPPED,
+    "device.busy": ExitCode.BUSY,
+    "store": ExitCode.REFUSED,  # a full disk, a torn-off network drive: nothing is begun that cannot be kept
+    "store.damaged": ExitCode.SIGNATURE,
+    "store.busy": ExitCode.BUSY,
+    "store.conflict": ExitCode.BUSY,
+    "store.no_such_run": ExitCode.USAGE,
+    "store.no_such_step": ExitCode.USAGE,
+    "store.not_a_fact": ExitCode.INTERNAL,
 }
 
 
 def exit_code_of(error: BaseException) -> ExitCode:
     """Return the exit code that belongs to an error."""
-    if isinstance(error, CellError) and error.code in _BY_CODE:
-        return _BY_CODE[error.code]
-    for kind, code in _BY_TYPE:
-        if isinstance(error, kind):
-            return code
-    if isinstance(error, CellError) and error.code.startswith("procedure"):
+    if isinstance(error, KeyboardInterrupt | asyncio.CancelledError):
+        return ExitCode.CANCELLED
+    if isinstance(error, CalibrationError) and error.code not in _BY_CODE:
         return ExitCode.REFUSED
+    if isinstance(error, CellError):
+        return exit_code_named(error.code)
+    if isinstance(error, OSError) and error.filename is not None:
+        return ExitCode.USAGE  # a file or folder that was named cannot be used
+    return ExitCode.INTERNAL
+
+
+def exit_code_named(code: str) -> ExitCode:
+    """Return the exit code that belongs to the code of an error, as a run's end is journalled with it."""
+    while code:
+        if code in _BY_CODE:
+            return _BY_CODE[code]
+        code = code.rpartition(".")[0]
     return ExitCode.INTERNAL

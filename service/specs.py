@@ -1,6 +1,7 @@
 """A procedure's settings as the service completes them: what was typed, and what only it remembers."""
 
-from dataclasses import fields
+import math
+from dataclasses import asdict, fields
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -32,9 +33,23 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[st
         healthy = LastHealthyCounts(config.cell.data_dir).load(robot)
         settings = settings | {"last_counts": None if healthy is None else healthy.counts}
     try:
-        return TypeAdapter(kind).validate_python(settings)
+        spec: Any = TypeAdapter(kind).validate_python(settings)
     except ValidationError as error:
         faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
-        raise CellError(
-            f"{procedure} cannot be run so: {faults}.", remedy="Correct --set.", code="usage"
-        ) from error
+        raise _wrong(procedure, faults) from error
+    endless = [key for key, value in asdict(spec).items() if not _is_finite(value)]
+    if endless:
+        raise _wrong(procedure, f"{', '.join(endless)}: not a finite number")
+    return spec
+
+
+def _wrong(procedure: str, faults: str) -> CellError:
+    return CellError(f"{procedure} cannot be run so: {faults}.", remedy="Correct --set.", code="usage")
+
+
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, dict):
+        return all(_is_finite(part) for part in value.values())
+    if isinstance(value, list | tuple):
+        return all(_is_finite(part) for part in value)
+    return not isinstance(value, float) or math.isfinite(value)

@@ -29,7 +29,7 @@ def model_fields(name: str) -> dict[str, Any]:
     if name not in model_names():
         near = get_close_matches(name, model_names(), n=1)
         known = f"Did you mean {near[0]}?" if near else f"Known: {', '.join(model_names())}."
-        raise CalibrationError(f"there is no robot model {name!r}.", remedy=known)
+        raise CalibrationError(f"there is no robot model {name!r}.", remedy=known, code="usage")
     return parse_model(name, files(__package__).joinpath(f"{name}.toml").read_text(encoding="utf-8"))
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from fake_devices.arm_models import COUNTS_PER_TURN
 from fake_devices.device import FaultRefusedError, JsonObject
 from fake_devices.modbus_robot.controller import AUTO, T1, T2, Controller
+from fake_devices.modbus_robot.program import RefusedError
 from fake_devices.world import World
 
 OFF_S = 5.0
@@ -49,6 +50,8 @@ class WorldFaults:
             "t2_mode": lambda _given: self._controller.turn_mode_switch(T2),
             "override": self._override,
             "jog_by_hand": self._jog_by_hand,
+            "hand_moves": self._hand_moves,
+            "press_reset": self._press_reset,
             "partial_write": self._partial_write,
             "select": self._select,
             "early_stop": self._early_stop,
@@ -171,6 +174,22 @@ class WorldFaults:
         target = arm.joints_rad
         target[_axis(given.pop("axis", "J1"))] += float(given.pop("rad", 0.01))
         arm.start_move(target, float(given.pop("speed_rad_s", 0.5)), 2.0)
+
+    def _hand_moves(self, given: dict[str, Any]) -> None:
+        """Somebody has driven the arm at the pendant to where the controller shows these joints."""
+        shown = np.array([float(angle) for angle in given.pop("joints")])
+        if shown.shape != (6,) or not np.isfinite(shown).all():
+            raise FaultRefusedError("joints are six finite numbers [rad]")
+        arm = self._controller.arm
+        off = self._controller.offset()  # a lost robot stands elsewhere than it shows
+        arm.place(np.clip(shown + off, arm.lower_rad, arm.upper_rad))
+
+    def _press_reset(self, _given: dict[str, Any]) -> None:
+        """Press the RESET key of the pendant; what it cannot clear stays."""
+        try:
+            self._controller.reset_alarms()
+        except RefusedError as refused:
+            raise FaultRefusedError(f"the alarm stays: {refused}") from refused
 
     def _partial_write(self, given: dict[str, Any]) -> None:
         self._controller.refused_axes = frozenset(_axes(given.pop("axes", given.pop("axis", "J4"))))

@@ -1,6 +1,8 @@
 """The command line: one file a group of commands; heavy imports inside the commands."""
 
+import asyncio
 import logging
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -29,6 +31,7 @@ app = App(
     version_flags=["--version"],
     help_format="plaintext",
     result_action="return_value",
+    suppress_keyboard_interrupt=False,  # what is interrupted is said by us, with our exit code
 )
 for command in (
     demo,
@@ -55,9 +58,7 @@ def run_command_line(arguments: Sequence[str]) -> int:
     Standard output carries results only; progress, logs and errors go to standard error.
 
     """
-    logging.basicConfig(
-        level=logging.WARNING, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s"
-    )
+    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s: %(message)s")
     for library in ("pymodbus", "can", "canopen"):  # the drivers turn what matters into errors of ours
         logging.getLogger(library).setLevel(logging.CRITICAL)
     console = Console(stderr=True)
@@ -65,11 +66,17 @@ def run_command_line(arguments: Sequence[str]) -> int:
         result = app(list(arguments), exit_on_error=False, print_error=True, error_console=console)
     except CycloptsError:
         return ExitCode.USAGE
-    except (CellError, KeyboardInterrupt) as error:
-        return _say(console, error)
-    except BaseExceptionGroup as group:
-        return _say(console, *_leaves(group))
+    except BrokenPipeError:
+        return _reader_has_gone()
+    except (Exception, KeyboardInterrupt, BaseExceptionGroup) as error:  # noqa: BLE001  the last line of defence
+        return _say(console, *_leaves(error))
     return int(result) if isinstance(result, int) else ExitCode.PASS
+
+
+def _reader_has_gone() -> int:
+    """`cellcal runs | head` is no fault: end as quietly as other commands do."""
+    sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  what is left in the buffer goes nowhere
+    return ExitCode.PASS
 
 
 def _leaves(error: BaseException) -> list[BaseException]:
@@ -84,8 +91,15 @@ def _say(console: Console, *errors: BaseException) -> int:
             console.print(f"[bold red]{escape(error.message)}[/]", highlight=False)
             if error.remedy:
                 console.print(f"[bold]What to do:[/] {escape(error.remedy.strip())}", highlight=False)
-        elif isinstance(error, KeyboardInterrupt):
-            console.print("Cancelled. Everything that was acknowledged is kept; `cellcal resume` goes on.")
+        elif isinstance(error, OSError) and error.filename is not None:
+            console.print(
+                f"[bold red]{escape(str(error.filename))}: {escape(str(error.strerror))}.[/]", highlight=False
+            )
+            console.print("[bold]What to do:[/] Give a path that exists and may be read and written.")
+        elif isinstance(error, KeyboardInterrupt | asyncio.CancelledError):
+            console.print(
+                "Cancelled. All that was stored is kept; `cellcal resume last --cell CELL` goes on with a run."
+            )
         else:
             console.print(
                 f"[bold red]Internal error:[/] {escape(repr(error))}. This is our bug; please report it."

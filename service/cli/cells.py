@@ -18,6 +18,7 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
     """
     import asyncio
 
+    from rich.markup import escape
     from rich.table import Table
 
     from service.check import check_cell
@@ -29,13 +30,15 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
     if as_json:
         print_json(report.as_object())
     else:
-        table = Table("device", "state", "what it says", "what to do", title=f"cell {report.cell}")
+        title = escape(f"cell {report.cell}")
+        table = Table("device", "state", "what it says", "what to do", title=title)
         for device in report.devices:
             colour = "green" if device.ready else "red"
-            table.add_row(device.name, f"[{colour}]{device.state}[/]", device.message, device.remedy)
+            state = f"[{colour}]{device.state}[/]"
+            table.add_row(escape(device.name), state, escape(device.message), escape(device.remedy))
         EN_ROUTE.print(table)
         for line in report.advice:
-            EN_ROUTE.print(f"[bold yellow]{line}[/]")
+            EN_ROUTE.print(f"[bold yellow]{escape(line)}[/]")
     return ExitCode.PASS if report.all_reached else ExitCode.UNREACHABLE
 
 

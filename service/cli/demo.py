@@ -1,12 +1,11 @@
 """``cellcal demo``: the main job on a fake cell, told in the terminal."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
 
-if TYPE_CHECKING:
-    pass
+_SLOWEST, _FASTEST = 1.0, 2000.0  # beyond it a reading takes longer in the world than an arm may stand still
 
 
 def demo(
@@ -46,6 +45,7 @@ def demo(
 
     logging.getLogger("drivers").setLevel(logging.ERROR)  # that a fake's firmware is unverified is no news
     fault_of(loss)  # a misspelt loss is said before anything starts
+    _refuse_impossible(seed, time_factor, keep)
     with tempfile.TemporaryDirectory(prefix="cellcal-demo-") as scratch, Teller() as teller:
         plot = Plot(loss, seed, time_factor, teller.say, teller.on_event)
         report = asyncio.run(tell_story(keep or Path(scratch), plot))
@@ -54,3 +54,20 @@ def demo(
     else:
         teller.close_with(report)
     return ExitCode.PASS if report.verdict == "PASS" else ExitCode.REFUSED
+
+
+def _refuse_impossible(seed: int, time_factor: float, keep: Path | None) -> None:
+    from calibration.errors import CellError
+
+    if seed < 0:
+        raise CellError(f"--seed {seed} is negative.", remedy="Give 0 or more.", code="usage")
+    if not _SLOWEST <= time_factor <= _FASTEST:  # also what is not a number
+        raise CellError(
+            f"--time-factor {time_factor:g} is not possible.",
+            remedy=f"Give {_SLOWEST:g} (real time) to {_FASTEST:g}.",
+            code="usage",
+        )
+    if keep is not None and (keep / "cell.toml").exists():
+        raise CellError(
+            f"{keep} holds the cell of an earlier demo.", remedy="Give --keep another folder.", code="usage"
+        )

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -38,11 +39,16 @@ def live_progress(title: str) -> Iterator[Callable[[Event], None]]:
                 task, description=f"{title}: {event.step}", completed=done, total=event.expected or None
             )
             if event.kind in ("failed", "paused"):
-                bars.console.print(f"[red]{event.kind}[/] {event.step}: {event.message}")
+                bars.console.print(f"[red]{event.kind}[/] {escape(event.step)}: {escape(_told(event))}")
 
         yield update
 
 
 def _print_line(event: Event) -> None:
     if event.kind in ("finding", "replayed", "failed", "paused"):
-        EN_ROUTE.print(f"{event.kind} {event.index}/{event.expected} {event.step} {event.message}".rstrip())
+        text = f"{event.kind} {event.index}/{event.expected} {event.step} {_told(event)}".rstrip()
+        EN_ROUTE.print(text, markup=False)
+
+
+def _told(event: Event) -> str:
+    return "cancelled" if event.message == "CancelledError" else event.message

@@ -122,6 +122,7 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
         Print one JSON object on standard output.
     """
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Column, Table
 
     from service.cli.printing import print_json
@@ -132,9 +133,10 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
         keys = ("run_id", "procedure", "started_utc", "state", "reason")
         print_json({"runs": [{key: getattr(view, key) for key in keys} for view in views]})
         return 0
-    table = Table(Column("run", no_wrap=True), "started (UTC)", "ended", "reason")
+    table = Table(Column("run", no_wrap=True), Column("started (UTC)", min_width=10), "ended", "reason")
     for view in views:
-        table.add_row(view.run_id, view.started_utc[:19], view.state, view.reason)
+        started = view.started_utc[:19].replace("T", " ")
+        table.add_row(view.run_id, started, view.state.replace("_", " "), escape(view.reason))
     Console().print(table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`.")
     return 0
 
@@ -152,6 +154,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         Print one JSON object on standard output.
     """
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
     from rich.tree import Tree
 
@@ -173,7 +176,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         )  # fmt: skip
         return 0
     console = Console()
-    console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {view.reason}")
+    console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {escape(view.reason)}")
     table = Table("event", "time (UTC)", "kind", "step", "who")
     for event in events:
         table.add_row(str(event.seq), event.wall_utc[11:23], event.kind, _step_of(event.body), event.actor)
@@ -229,11 +232,10 @@ class _Opened:
     """A cell's journal for reading."""
 
     def __init__(self, cell: Path) -> None:
-        from service.cell import journal_path
+        from service.cell import open_journal
         from service.config import read_cell_file
-        from service.journal import Journal
 
-        self._journal = Journal.open(journal_path(read_cell_file(cell)))
+        self._journal = open_journal(read_cell_file(cell))
 
     def __enter__(self) -> tuple[Any, Any]:
         from service.store import Store
@@ -282,35 +284,56 @@ def _operator(answers: Path | None) -> Any:
         from drivers.operator.terminal import TerminalOperator
 
         return TerminalOperator()
-    import json
-
     from drivers.operator.scripted import ScriptedOperator
 
-    return ScriptedOperator(json.loads(answers.read_text(encoding="utf-8")))
+    return ScriptedOperator(_read_answers(answers))
+
+
+def _read_answers(path: Path) -> dict[str, str]:
+    import json
+
+    from calibration.errors import CellError
+
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:  # also what is no text
+        found, why = None, f"is not JSON: {error}"
+    else:
+        why = 'is not one object of texts, {"instruction key": "yes"}'
+    if isinstance(found, dict) and all(isinstance(answer, str) for answer in found.values()):
+        return found
+    raise CellError(f"the answers {path}: the file {why}.", remedy="Correct --answers.", code="usage")
+
+
+_WORDS = {
+    "passed": "passed",
+    "out_of_tolerance": "out of tolerance",
+    "refused": "refused",
+    "cell_failed": "broken off",
+    "cancelled": "cancelled",
+    "declined": "declined",
+}
 
 
 def tell(outcome: "Outcome", *, as_json: bool) -> int:
     """Print how a run ended and return its exit code."""
     from pydantic_core import to_jsonable_python
+    from rich.markup import escape
 
     from service.cli.printing import EN_ROUTE, print_json
     from service.conduct import Verdict
-    from service.exit_codes import ExitCode
+    from service.exit_codes import ExitCode, exit_code_named
 
-    codes = {
-        Verdict.PASSED: ExitCode.PASS,
-        Verdict.OUT_OF_TOLERANCE: ExitCode.OUT_OF_TOLERANCE,
-        Verdict.REFUSED: ExitCode.REFUSED,
-        Verdict.CELL_FAILED: ExitCode.UNREACHABLE,
-        Verdict.CANCELLED: ExitCode.CANCELLED,
-        Verdict.DECLINED: ExitCode.CANCELLED,
-    }
     if as_json:
         print_json(to_jsonable_python(outcome))
     else:
         colour = "green" if outcome.verdict is Verdict.PASSED else "red"
-        EN_ROUTE.print(f"[bold {colour}]{outcome.verdict}[/] {outcome.procedure}, run {outcome.run_id}")
+        EN_ROUTE.print(
+            f"[bold {colour}]{_WORDS[outcome.verdict]}[/] {outcome.procedure}, run {outcome.run_id}"
+        )
         for line in (outcome.reason, f"What to do: {outcome.remedy}" if outcome.remedy else ""):
             if line:
-                EN_ROUTE.print(line)
-    return codes[outcome.verdict]
+                EN_ROUTE.print(escape(line))
+    if outcome.verdict is Verdict.PASSED:
+        return ExitCode.PASS
+    return exit_code_named(outcome.code)

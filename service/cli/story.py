@@ -53,7 +53,7 @@ class Teller:
                 self._task, description=escape(event.step), completed=event.index - 1,
                 total=event.expected or None, visible=True,
             )  # fmt: skip
-        elif event.kind == "failed":
+        elif event.kind == "failed" and event.message != "CancelledError":
             self._bars.console.print(
                 f"  [red]{escape(event.step)}: {escape(event.message)}[/]", highlight=False
             )

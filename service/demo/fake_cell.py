@@ -134,8 +134,9 @@ async def _ready_line(process: asyncio.subprocess.Process) -> dict[str, Any]:
             ready: dict[str, Any] = json.loads(line)
             return ready
     raise CellError(
-        "the fake devices did not start.",
-        remedy="Run `python -m fake_devices CELL.toml` by itself and read what it says.",
+        "the fake devices did not start; the line above says why.",
+        remedy="If an address is in use, end the other `cellcal fakes` or name a free one (127.a.b.c); else correct "
+        "the [fake] table.",
         code="fake",
     )
 

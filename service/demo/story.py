@@ -14,7 +14,7 @@ from calibration.mastering import DriveTrain
 from procedures.cell import Cell
 from procedures.progress import Progress, ignore
 from procedures.recovery_result import RecoveryResult
-from service.cell import journal_path, lend_record, open_cell
+from service.cell import lend_record, open_cell, open_journal
 from service.check import check_cell
 from service.conduct import Conditions, Outcome, Verdict, run_procedure
 from service.config import CellConfig, read_cell_file
@@ -64,7 +64,7 @@ async def tell_story(folder: Path, plot: Plot) -> DemoReport:
     config = read_cell_file(path)
     async with running_fakes(path) as door:
         await _reach_everything(config, plot)
-        with Journal.open(journal_path(config)) as journal:
+        with open_journal(config) as journal:
             async with open_cell(config, DemoTechnician(door, plot.say), ROBOT) as cell:
                 await _take_record(config, cell, journal, plot)
                 loss = await _lose_and_notice(config, cell, door, fault, plot)

@@ -104,7 +104,7 @@ def test_the_command_says_before_and_after_in_words(points, capsys):
     ("arguments", "code"),
     [
         (["nowhere.csv", "--robot", "ur10"], 2),
-        (["{points}", "--robot", "ur99"], 4),
+        (["{points}", "--robot", "ur99"], 2),
         (["{points}", "--robot", "ur10", "--columns", "joints"], 2),
         (["{points}", "--robot", "ur10", "--level", "7"], 4),
     ],
