@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from math import prod
 from typing import TypeAlias
 
 import numpy as np
@@ -9,21 +10,21 @@ import numpy as np
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
 from calibration.joint_terms import term_values
-from calibration.kinematics import chain_frames, placement_columns
-from calibration.observations import Observations, Rows, TipFrames
+from calibration.kinematics import along_next, independent_columns, turned_frames
+from calibration.observations import Observations, Rows
 from calibration.parameters import ArmState, Layout
 
 _BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the cache
 _MAX_ITERATIONS = 40
 _SETTLED = 1e-3  # of a posterior standard deviation: nobody can see the rest of the step
 _CURVED = 1e-2  # of the smallest posterior deviation
-_INVISIBLE_M = 2e-8
+_INVISIBLE_M = 1e-7
 _MAX_DAMPING = 1e8
 _ROUNDING = 1e-6
 _COARSE = 150  # rows are enough to come near
-_THINNEST = 16
+_THINNEST = 32
 
-Block: TypeAlias = tuple[int, Rows]  # mounting and its rows
+Block: TypeAlias = tuple[int, Rows | slice]  # mounting and its rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,26 +45,30 @@ class Problem:
 
     observations: Observations
     values: Array  # (K, N) of the joint terms
+    angles_rad: Array  # (n, N): what the joints add to the angles of the nominal arm
     blocks: tuple[Block, ...]
 
     @classmethod
     def of(cls, state: ArmState, observations: Observations) -> "Problem":
         """Prepare the observations for states with the same nominal arm and joint terms."""
         values = term_values(state.nominal, observations.joints_rad, state.terms)
-        return cls(observations, values, tuple(_blocks(observations)))
+        angles = state.nominal.joint_coupling @ observations.joints_rad.T
+        return cls(observations, values, angles, tuple(_blocks(observations)))
 
     def take(self, rows: Rows) -> "Problem":
         """Return the same for some of the rows."""
         taken = self.observations.take(rows)
-        return Problem(taken, self.values[:, rows], tuple(_blocks(taken)))
+        return Problem(taken, self.values[:, rows], self.angles_rad[:, rows], tuple(_blocks(taken)))
 
 
 def whitened_residuals(state: ArmState, problem: Problem) -> Array:
     """Return measured minus predicted of every row, in sigmas, (channels, N)."""
     observations = problem.observations
     residuals = np.empty((observations.channels, len(observations)))
+    scratch = _Scratch()
     for mounting, rows in problem.blocks:
-        _, _, tip = _frames(state, problem, mounting, rows)
+        rotations, origins = _frames(state, _placements(state, mounting), problem, rows, scratch)
+        tip = origins[-1], rotations[-1]
         residuals[:, rows] = observations.residuals(tip, state.devices[mounting], rows)
     return residuals
 
@@ -116,18 +121,21 @@ def estimate(
     count = len(problem.observations)
     if from_afar and count > 2 * _COARSE:
         some = np.arange(0, count, min(count // _COARSE, _THINNEST))
-        state = _iterate(layout, state, problem.take(some), None if root is None else root[some]).state
-    return _iterate(layout, state, problem, root)
+        few = problem.take(some)
+        state = _iterate(_Equations(layout, few, None if root is None else root[some]), state).state
+    return _iterate(_Equations(layout, problem, root), state)
 
 
-def _iterate(layout: Layout, state: ArmState, problem: Problem, root: Array | None) -> Fit:
-    equations = _Equations(layout, problem, root)
+def _iterate(equations: "_Equations", state: ArmState) -> Fit:
+    layout = equations.layout
     information, gradient, cost = equations.at(state)
     damping = 0.0
     iterations = 0
+    inverse = _inverse(information)
     while iterations < _MAX_ITERATIONS and damping <= _MAX_DAMPING:
         iterations += 1
-        step, spread = _solve(information, gradient, damping)
+        damped = _inverse(information + damping * np.diag(np.diag(information))) if damping else inverse
+        step, spread = damped @ gradient, np.sqrt(np.diag(damped))
         candidate = layout.step(state, step * layout.prior)
         if _settled(step, spread, layout.prior):
             state, cost = candidate, cost - float(gradient @ step)
@@ -135,10 +143,11 @@ def _iterate(layout: Layout, state: ArmState, problem: Problem, root: Array | No
         there = equations.at(candidate)
         if there[2] <= cost * (1 + 1e-12):
             state, (information, gradient, cost) = candidate, there
+            inverse = _inverse(information)
             damping = 0.0 if damping < 1e-3 else damping / 10
         else:
             damping = max(1e-3, damping * 10)
-    covariance = _inverse(information) * np.outer(layout.prior, layout.prior)
+    covariance = inverse * np.outer(layout.prior, layout.prior)
     return Fit(state, layout, covariance, layout.deviations(state), cost, iterations)
 
 
@@ -155,11 +164,12 @@ def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Ar
     observations = problem.observations
     every = np.zeros((len(layout), observations.channels, len(observations)))
     left = np.empty((observations.channels, len(observations)))
+    scratch = _Scratch()
     for mounting, rows in problem.blocks:
-        columns, residuals = _block(state, problem, mounting, rows, {})
-        tangent = layout.tangent(state, mounting)
-        every[:, :, rows] = np.einsum("pr,rmn->pmn", tangent, columns, optimize=True)
-        left[:, rows] = residuals
+        chain = _Chain.of(layout, state, mounting)
+        system = _system(state, chain, problem, (mounting, rows), scratch)
+        every[:, :, rows] = np.tensordot(chain.tangent, system[:-1], axes=1)
+        left[:, rows] = system[-1]
     return every, left
 
 
@@ -167,13 +177,61 @@ def _blocks(observations: Observations) -> Iterator[Block]:
     for mounting in range(int(observations.mounting.max(initial=0)) + 1):
         rows = np.flatnonzero(observations.mounting == mounting)
         for start in range(0, len(rows), _BLOCK):
-            yield mounting, rows[start : start + _BLOCK]
+            yield mounting, _together(rows[start : start + _BLOCK])
 
 
-def _frames(state: ArmState, problem: Problem, mounting: int, rows: Rows) -> tuple[Array, Array, TipFrames]:
-    joints = state.moved_joints(problem.observations.joints_rad[rows], problem.values[:, rows])
-    rotations, origins = chain_frames(state.seen_from(mounting), joints)
-    return rotations, origins, (origins[-1], rotations[-1])
+def _together(rows: Rows) -> Rows | slice:
+    """Return rows that follow each other as a slice, which is looked at and not copied."""
+    first, last = int(rows[0]), int(rows[-1])
+    return slice(first, last + 1) if last - first + 1 == len(rows) else rows
+
+
+class _Scratch:
+    """Arrays that are written again block after block: touching fresh memory costs more than the arithmetic."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, Array] = {}
+
+    def take(self, name: str, *shape: int) -> Array:
+        """Return an array of this shape, with anything in it."""
+        size = prod(shape)
+        if name not in self._kept or self._kept[name].size < size:
+            self._kept[name] = np.empty(size)
+        return self._kept[name][:size].reshape(shape)
+
+
+@dataclass(frozen=True, eq=False)
+class _Chain:
+    """The arm between one mounting of the device and the target, at one state."""
+
+    placements: Array  # (n + 1, 4, 4)
+    turns: Array  # (K, P): what each joint term's joint does, by independent columns
+    tangent: Array  # (p, P + K + D): what each parameter does, by columns of the system
+
+    @classmethod
+    def of(cls, layout: Layout, state: ArmState, mounting: int) -> "_Chain":
+        placements = _placements(state, mounting)
+        combine = along_next(placements)
+        if layout.kind != "pose":
+            combine = combine[:, :-3]
+        joints = np.array([term.joint for term in state.terms], dtype=np.intp)
+        tangent = layout.tangent(state, mounting)
+        arm, rest = tangent[:, : len(combine)], tangent[:, len(combine) :]
+        return cls(placements, combine[6 * joints + 5], np.concatenate([arm @ combine, rest], axis=1))
+
+
+def _placements(state: ArmState, mounting: int) -> Array:
+    return state.seen_from(mounting).placements
+
+
+def _frames(
+    state: ArmState, placements: Array, problem: Problem, rows: Rows | slice, scratch: _Scratch
+) -> tuple[Array, Array]:
+    angles = problem.angles_rad[:, rows] + state.arm.theta0_rad[:, None]
+    for term, coefficient, values in zip(state.terms, state.coefficients, problem.values, strict=True):
+        angles[term.joint] += coefficient * values[rows]
+    out = scratch.take("frames", len(placements), 4, 3, angles.shape[1])
+    return turned_frames(placements, angles, out=out)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +241,7 @@ class _Equations:
     layout: Layout
     problem: Problem
     root: Array | None
-    scratch: dict[int, Array] = field(default_factory=dict)
+    scratch: _Scratch = field(default_factory=_Scratch)
 
     def at(self, state: ArmState) -> tuple[Array, Array, float]:
         """Return information and gradient in prior deviations, and twice the negative log posterior."""
@@ -191,58 +249,64 @@ class _Equations:
         deviations = layout.deviations(state) / layout.prior
         information, gradient = np.eye(len(layout)), -deviations
         cost = float(deviations @ deviations)
-        for mounting, rows in self.problem.blocks:
-            columns, residuals = _block(state, self.problem, mounting, rows, self.scratch)
-            if self.root is not None:
-                columns *= self.root[rows]
-                residuals = residuals * self.root[rows]
-            flat, residual = columns.reshape(len(columns), -1), residuals.reshape(-1)
-            tangent = layout.tangent(state, mounting) * layout.prior[:, None]
-            information += tangent @ (flat @ flat.T) @ tangent.T
-            gradient += tangent @ (flat @ residual)
-            cost += float(residual @ residual)
+        for mounting in range(len(state.devices)):
+            chain = _Chain.of(layout, state, mounting)
+            products = self._products(state, chain, mounting)
+            tangent = chain.tangent * layout.prior[:, None]
+            information += tangent @ products[:-1, :-1] @ tangent.T
+            gradient += tangent @ products[:-1, -1]
+            cost += float(products[-1, -1])
         if not np.isfinite(cost):
             raise CalibrationError(
                 "the estimate left the range of numbers.", remedy="Check robot model, units and columns."
             )
         return information, gradient, cost
 
+    def _products(self, state: ArmState, chain: _Chain, mounting: int) -> Array:
+        """Return the products of all columns and the residuals with each other, over a mounting's rows."""
+        size = chain.tangent.shape[1] + 1
+        products = np.zeros((size, size))
+        for block in self.problem.blocks:
+            if block[0] != mounting:
+                continue
+            system = _system(state, chain, self.problem, block, self.scratch)
+            if self.root is not None:
+                system *= self.root[block[1]]
+            flat = system.reshape(size, -1)
+            products += flat @ flat.T
+        return products
 
-def _block(
-    state: ArmState, problem: Problem, mounting: int, rows: Rows, scratch: dict[int, Array]
-) -> tuple[Array, Array]:
-    """Return whitened columns (6 (n + 1) + K + D, channels, N) and residuals (channels, N) of a block.
 
-    ``scratch`` keeps one array for each size of block: touching fresh memory costs more than the arithmetic.
-    """
-    observations, device = problem.observations, state.devices[mounting]
-    rotations, origins, tip = _frames(state, problem, mounting, rows)
-    place = placement_columns(rotations, origins, tip[0], out=scratch.get(len(rows)))
-    scratch[len(rows)] = place
-    linear = place.reshape(-1, 3, len(rows))
-    angular = _angular_columns(rotations) if observations.needs_rotation else None
-    columns = observations.project(linear, angular, tip, device)
-    own = observations.own_columns(tip, device)
-    if state.terms or len(own):
-        joints = np.array([term.joint for term in state.terms], dtype=np.intp)
-        moved = columns[6 * joints + 5] * problem.values[:, rows][:, None]
-        columns = np.concatenate([columns, moved, own])
-    columns *= observations.scales(rows)
-    return columns, observations.residuals(tip, device, rows)
+def _system(state: ArmState, chain: _Chain, problem: Problem, block: Block, scratch: _Scratch) -> Array:
+    """Return the whitened columns of a block and, in the last row, its residuals (P + K + D + 1, channels, N)."""
+    observations, (mounting, rows) = problem.observations, block
+    device, count = state.devices[mounting], chain.turns.shape[1]
+    rotations, origins = _frames(state, chain.placements, problem, rows, scratch)
+    tip, rows_taken = (origins[-1], rotations[-1]), origins.shape[-1]
+    system = scratch.take("system", chain.tangent.shape[1] + 1, observations.channels, rows_taken)
+    points = observations.channels == 3  # then the tip's motion is the answer, in place
+    linear = system[:count] if points else scratch.take("linear", count, 3, rows_taken)
+    independent_columns(rotations, origins, out=linear)
+    if not points:
+        angular = _angular_columns(rotations) if observations.needs_rotation else None
+        system[:count] = observations.project(linear, angular, tip, device)
+    if state.terms:
+        turned = chain.turns @ system[:count].reshape(count, -1)
+        moved = turned.reshape(-1, *system.shape[1:]) * problem.values[:, rows][:, None]
+        system[count : count + len(moved)] = moved
+    system[count + len(state.terms) : -1] = observations.own_columns(tip, device)
+    system[:-1] *= observations.scales(rows)
+    system[-1] = observations.residuals(tip, device, rows)
+    return system
 
 
 def _angular_columns(rotations: Array) -> Array:
-    """Return (6 (n + 1), 3, N): how right twists of the placements turn the tip."""
-    axes = rotations.swapaxes(1, 2)
-    columns = np.zeros((len(rotations), 6, *axes.shape[2:]))
-    columns[:, 3:] = axes
-    return columns.reshape(-1, *axes.shape[2:])
-
-
-def _solve(information: Array, gradient: Array, damping: float) -> tuple[Array, Array]:
-    """Return the step and the posterior deviation of every unknown, both in prior deviations."""
-    inverse = _inverse(information + damping * np.diag(np.diag(information)))
-    return inverse @ gradient, np.sqrt(np.diag(inverse))
+    """Return (4 n + 6, 3, N): how the motions of `independent_columns` turn the tip."""
+    n, count = len(rotations) - 1, rotations.shape[-1]
+    columns = np.zeros((4 * n + 6, 3, count))
+    columns[: 4 * n].reshape(n, 4, 3, count)[:, 2:] = rotations[:-1].swapaxes(1, 2)[:, :2]
+    columns[-3:] = rotations[-1].swapaxes(0, 1)
+    return columns
 
 
 def _inverse(information: Array) -> Array:

@@ -10,6 +10,7 @@ from calibration.parameters import ArmState, nominal_state
 
 _MOST_ROWS = 100  # more make a guess no better
 _NEAR_M = 1e-4
+_UNTURNED = 1e-10  # of the largest eigenvalue
 _FEWEST = {"point": 4, "pose": 3, "length": 8}
 
 
@@ -41,35 +42,38 @@ def first_guess(model: RobotModel, observations: Observations) -> tuple[ArmState
 
 
 def _base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array]:
-    """Alternate between the best base for a tool point and the best tool point for a base."""
+    """Alternate between the best base for a tool point and the best tool point for a base.
+
+    With base R, t and tool point x each posture says ``R (F x + c) + t = p``, of which only sums over the
+    postures matter; so the postures are met once.
+    """
+    turns, origins = base_flange[:, :3, :3], base_flange[:, :3, 3]
+    turn, origin, goal = turns.mean(axis=0), origins.mean(axis=0), positions_m.mean(axis=0)
+    moved = positions_m - goal
+    with_origins = moved.T @ origins
+    with_turns = np.tensordot(moved, turns, axes=(0, 0))  # (3, 3, 3)
+    turned_origins = np.tensordot(turns, origins - origin, axes=((0, 1), (0, 1)))
+    # Postures that turn the flange about one axis only, or not at all, leave some of the tool point at zero.
+    inverse = np.linalg.pinv(len(turns) * (np.eye(3) - turn.T @ turn), rcond=_UNTURNED, hermitian=True)
     tip = np.zeros(3)
-    device_base = np.eye(4)
     for _ in range(30):
-        device_base = rigid_fit(base_flange[:, :3, :3] @ tip + base_flange[:, :3, 3], positions_m)
-        turned = device_base[:3, :3] @ base_flange[:, :3, :3]
-        origin = base_flange[:, :3, 3] @ device_base[:3, :3].T + device_base[:3, 3]
-        # Base and tip are found together, to first order, or the alternation would crawl: each posture's
-        # equation is turned . tip + shift = measured - origin.
-        design = np.concatenate([turned, np.broadcast_to(np.eye(3), turned.shape)], axis=2)
-        answer = np.linalg.lstsq(design.reshape(-1, 6), (positions_m - origin).reshape(-1), rcond=None)[0]
-        if np.linalg.norm(answer[:3] - tip) < _NEAR_M:
+        rotation = _rotation(with_turns @ tip + with_origins)
+        # Tip and shift are found together, or the alternation would crawl.
+        better = inverse @ (np.tensordot(rotation, with_turns, axes=2) - turned_origins)
+        step, tip = better - tip, better
+        if step @ step < _NEAR_M**2:
             break
-        tip = answer[:3]
-    return device_base, homogeneous(np.eye(3), tip)
+    return homogeneous(rotation, goal - rotation @ (turn @ tip + origin)), homogeneous(np.eye(3), tip)
 
 
-def rigid_fit(points: Array, targets: Array) -> Array:
-    """Return the rigid transform (4, 4) that best takes points (N, 3) to targets (N, 3)."""
-    centre, goal = points.mean(axis=0), targets.mean(axis=0)
-    spread = (targets - goal).T @ (points - centre)
+def _rotation(spread: Array) -> Array:
     try:
-        rotation = nearest_rotation(spread)
+        return nearest_rotation(spread)
     except CalibrationError as error:
         raise DegenerateDataError(
             "the measured places all lie on one point or line.",
             remedy="Measure postures that turn at least three joints; check the columns.",
         ) from error
-    return homogeneous(rotation, goal - rotation @ centre)
 
 
 def _anchors(flange_m: Array, lengths_m: Array) -> tuple[Array, Array]:

@@ -24,11 +24,14 @@ from calibration.robot_models import model_fields, model_names
 __all__ = [
     "DhTable",
     "RobotModel",
+    "along_next",
     "chain_frames",
+    "independent_columns",
     "joint_columns",
     "load_model",
     "model_names",
     "placement_columns",
+    "turned_frames",
 ]
 
 
@@ -242,16 +245,28 @@ def chain_frames(model: RobotModel, joints_rad: Array) -> tuple[Array, Array]:
     if not np.isfinite(joints).all():
         raise CalibrationError(f"{model.name}: joint angles must be finite")
     angles = model.joint_coupling @ joints.T + model.theta0_rad[:, None]
-    cos, sin = np.cos(angles), np.sin(angles)
+    return turned_frames(model.placements, angles)
+
+
+def turned_frames(placements: Array, angles_rad: Array, *, out: Array | None = None) -> tuple[Array, Array]:
+    """Return the frames of `chain_frames` for placements (n + 1, 4, 4) and their DH angles (n, N) [rad].
+
+    ``out``, (n + 1, 4, 3, N), is where the frames are kept: iterations that give the same array again save
+    touching fresh memory, which costs more than the arithmetic.
+    """
+    count = angles_rad.shape[1]
+    cos, sin = np.cos(angles_rad), np.sin(angles_rad)
     # One product per placement gives the three next axes and, as fourth row, the step to the next origin.
-    mixers = np.ascontiguousarray(model.placements[:, :3, :].transpose(0, 2, 1))
-    frames = np.empty((model.axes + 1, 4, 3, len(joints)))
+    mixers = np.ascontiguousarray(placements[:, :3, :].transpose(0, 2, 1))
+    frames = np.empty((len(placements), 4, 3, count)) if out is None else out
     frames[0] = mixers[0][:, :, None]
-    turned = np.empty((3, 3, len(joints)))
-    for k in range(model.axes):
+    turned, part = np.empty((3, 3, count)), np.empty((3, count))
+    for k, (c, s) in enumerate(zip(cos, sin, strict=True)):
         x, y, z, origin = frames[k]
-        turned[0] = x * cos[k] + y * sin[k]
-        turned[1] = y * cos[k] - x * sin[k]
+        np.multiply(x, c, out=turned[0])
+        turned[0] += np.multiply(y, s, out=part)
+        np.multiply(y, c, out=turned[1])
+        turned[1] -= np.multiply(x, s, out=part)
         turned[2] = z
         np.matmul(mixers[k + 1], turned.reshape(3, -1), out=frames[k + 1].reshape(4, -1))
         frames[k + 1, 3] += origin
@@ -274,6 +289,43 @@ def placement_columns(rotations: Array, origins: Array, tip: Array, *, out: Arra
     columns[:, :3] = axes
     cross(axes, (tip - origins)[:, None], out=columns[:, 3:])
     return columns
+
+
+def independent_columns(rotations: Array, origins: Array, *, out: Array) -> Array:
+    """Return the rows of `placement_columns` that are not combinations of others, for a tip at the last frame.
+
+    A joint turns about the z axis of the frame before it, so that sliding along and turning about this axis
+    are also twists of the next placement (`along_next`). What is left, (4 n + 3, 3, N), is x and y sliding,
+    x and y turning of each frame, and the three ways of the tip; further rows of ``out`` become zero.
+    """
+    n, count = len(origins) - 1, origins.shape[-1]
+    columns = out[: 4 * n].reshape(n, 4, 3, count)
+    plane = rotations[:-1].swapaxes(1, 2)[:, :2]
+    columns[:, :2] = plane
+    cross(plane, (origins[-1] - origins[:-1])[:, None], out=columns[:, 2:])
+    out[4 * n : 4 * n + 3] = rotations[-1].swapaxes(0, 1)
+    out[4 * n + 3 :] = 0.0
+    return out
+
+
+def along_next(placements: Array) -> Array:
+    """Return (6 (n + 1), 4 n + 6): every twist of a placement by those of `independent_columns`.
+
+    Behind the tip's three ways stand its three turns, which move nothing but an attitude.
+    """
+    n = len(placements) - 1
+    combine = np.zeros((n + 1, 6, 4 * n + 6))
+    k = np.arange(n)
+    for row, column in ((0, 0), (1, 1), (3, 2), (4, 3)):
+        combine[k, row, 4 * k + column] = 1.0
+    combine[n, :, 4 * n :] = np.eye(6)
+    x, y, z = placements[1:, :3, :3].swapaxes(0, 1)  # rows: axes before a placement, seen after it
+    slide_turn = np.zeros((n, 2, 6))
+    slide_turn[:, 0, :3] = slide_turn[:, 1, 3:] = z
+    slide_turn[:, 1, :3] = placements[1:, :1, 3] * y - placements[1:, 1:2, 3] * x
+    for i in reversed(range(n)):
+        combine[i, 2::3] = slide_turn[i] @ combine[i + 1]
+    return combine.reshape(6 * (n + 1), -1)
 
 
 def cross(a: Array, b: Array, *, out: Array | None = None) -> Array:
