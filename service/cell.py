@@ -1,5 +1,6 @@
 """The composition root: a cell file becomes drivers, and drivers become the Cell that procedures are lent."""
 
+import os
 import sqlite3
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -20,6 +21,7 @@ from drivers.interfaces import (
 from procedures.cell import Cell, GaugeSetup, MotionLimits
 from service.config import CellConfig, GaugeEntry
 from service.journal import Journal, StoreError
+from service.lease import DEVICES, lease
 from service.store import Store
 
 
@@ -27,13 +29,20 @@ from service.store import Store
 async def open_cell(config: CellConfig, operator: Operator, robot: str | None = None) -> AsyncIterator[Cell]:
     """Connect to one robot of the cell and to the gauge that is hooked to it; disconnect at the end.
 
+    A second connection can take a gauge or a program away from the first, in the middle of a run: so one at a
+    time.
+
     Raises
     ------
+    LeaseHeldError
+        Another cellcal is connected to them.
     DeviceError
         A device cannot be reached, or is not the one that the file names.
     """
     entry = config.robot(robot)
     async with AsyncExitStack() as devices:
+        holder = f"another cellcal (process {os.getpid()})"
+        devices.enter_context(lease(leases(config), entry.serial, holder, DEVICES))
         arm: Any = await devices.enter_async_context(entry.open())
         gauge_entry = config.gauge_for(entry.name)
         gauge: DistanceGauge | None = None
@@ -51,6 +60,11 @@ async def lend_record(cell: Cell, journal: Journal) -> Cell:
 def journal_path(config: CellConfig) -> Path:
     """Return where the cell's journal lives."""
     return config.cell.data_dir / "journal.db"
+
+
+def leases(config: CellConfig) -> Path:
+    """Return where it is kept who works on which robot."""
+    return config.cell.data_dir / "leases"
 
 
 def open_journal(config: CellConfig) -> Journal:

@@ -297,12 +297,18 @@ def _refuse_difference(view: RunView, entry: Entry, now: Fingerprint) -> None:
     if entry.epoch_may_change:
         was, present = was | {"encoder_epoch": None}, present | {"encoder_epoch": None}
     changed = [key for key in present if not alike(was.get(key), present[key])]
-    differences += [f"{key} was {was.get(key)}, is {present[key]}" for key in changed]
+    differences += [_difference(key, was.get(key), present[key]) for key in changed]
     if differences:
         raise ReplayMismatchError(
             f"run {view.run_id} cannot be continued: {'; '.join(differences)}",
             remedy="Restore what was changed, or start a new run; the stored points stay readable.",
         )
+
+
+def _difference(key: str, was: object, present: object) -> str:
+    if key == "config_sha256":
+        return "the cell file has been edited since"
+    return f"{key} was {was}, is {present}"
 
 
 def _refuse_small_disk(path: Path, needed: int) -> None:

@@ -8,6 +8,7 @@ valid one.
 import difflib
 import hashlib
 import os
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -146,6 +147,7 @@ def _text_of(path: Path) -> str:
         raise ConfigError(path, [("file", f"cannot be read: {error}")]) from error
 
 
+_NAME = re.compile(r"\w[\w .-]*")
 _MOST_BYTES = 1_000_000
 _TABLES = ("cell", "robot", "gauge", "watch", "fake")
 _SETUP_KEYS = frozenset(GaugeSetup.model_fields)
@@ -204,6 +206,9 @@ class _Reader:
         return GaugeEntry(self._device(GaugeConfig, device, where), self._model(GaugeSetup, setup, where))
 
     def _names(self, names: list[str], gauges: list[GaugeEntry], robots: set[str]) -> None:
+        for name in names:
+            if not _NAME.fullmatch(name):  # it becomes part of file names
+                self.faults.append(("name", f"{name!r} is no name; letters, digits, '-', '_', '.', ' '"))
         for name in sorted({name for name in names if names.count(name) > 1}):
             self.faults.append(("name", f"two devices are called {name!r}"))
         for entry in gauges:
@@ -229,8 +234,16 @@ class _Reader:
                 sentence = fault["msg"]
                 if fault["type"] == "extra_forbidden":
                     sentence = f"unknown key; {_nearest(key, valid)}"
+                elif fault["type"].startswith("union_tag"):
+                    told = "names no driver" if tag is None else f"there is no driver {tag!r}"
+                    sentence = f"{told}; there are {', '.join(_drivers())}"
                 self.faults.append((f"{where}.{path}" if path else where, sentence))
             return None
+
+
+def _drivers() -> list[str]:
+    models = getattr(RobotConfig, "__origin__", RobotConfig).__args__
+    return [str(name) for model in models for name in model.model_fields["driver"].annotation.__args__]
 
 
 def _keys_of(union: Any, driver: Any) -> tuple[str, ...]:

@@ -16,9 +16,12 @@ class LeaseHeldError(CellError):
     code = "busy"
 
 
+DEVICES = " devices"  # the right to connect to a robot and its gauge; without it, to run procedures on them
+
+
 @contextmanager
-def lease(directory: Path, robot: str, holder: str) -> Iterator[None]:
-    """Hold the exclusive right to run procedures on a robot.
+def lease(directory: Path, robot: str, holder: str, right: str = "") -> Iterator[None]:
+    """Hold the exclusive right to run procedures on a robot, or to connect to it (``DEVICES``).
 
     Raises
     ------
@@ -26,7 +29,7 @@ def lease(directory: Path, robot: str, holder: str) -> Iterator[None]:
         Another run holds it, in this process or another.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    descriptor = os.open(_path(directory, robot), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    descriptor = os.open(_path(directory, robot + right), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -43,10 +46,10 @@ def lease(directory: Path, robot: str, holder: str) -> Iterator[None]:
         os.close(descriptor)
 
 
-def is_held(directory: Path, robot: str) -> bool:
-    """Tell whether somebody runs a procedure on a robot now."""
+def is_held(directory: Path, robot: str, right: str = "") -> bool:
+    """Tell whether somebody runs a procedure on a robot now, or is connected to it (``DEVICES``)."""
     try:
-        descriptor = os.open(_path(directory, robot), os.O_RDWR | os.O_CLOEXEC)
+        descriptor = os.open(_path(directory, robot + right), os.O_RDWR | os.O_CLOEXEC)
     except FileNotFoundError:
         return False
     try:

@@ -3,6 +3,9 @@
 import asyncio
 from dataclasses import dataclass
 
+import numpy as np
+
+from calibration.geometry import Pose
 from calibration.kinematics import RobotModel
 from calibration.mastering import DriveTrain, MasteringRecord
 from drivers.errors import UnreachableError
@@ -20,6 +23,7 @@ from drivers.interfaces import (
 from procedures.cell import Cell, GaugeSetup, MotionLimits
 from procedures.run import NeedsUnmetError, ProcedureError, RefusalError
 
+MODEL_TOLERANCE_M = 0.05  # no robot leaves its maker with so much; the arm of another model is further off
 BOOT_DEADLINE_S = 300.0
 BOOT_PAUSE_S = 0.5
 
@@ -53,13 +57,17 @@ async def read_motors(cell: Cell) -> MotorState:
     store, gauge = motor_store(cell), length_gauge(cell)
     if cell.gauge_setup is None:
         raise NeedsUnmetError("the cell file does not say where the wire is fixed", missing=("gauge_setup",))
+    condition, mastering = await cell.robot.condition(), await store.mastering()
+    joints_rad = (await cell.robot.joints()).joints_rad
+    if mastering.mastered and condition.readiness is Readiness.READY:
+        _refuse_other_model(nominal_model(cell), joints_rad, await cell.robot.flange_pose())
     return MotorState(
         identity=await cell.robot.identify(),
-        condition=await cell.robot.condition(),
+        condition=condition,
         model=nominal_model(cell).name,
         counts=await store.encoder_counts(),
-        joints_rad=(await cell.robot.joints()).joints_rad,
-        mastering=await store.mastering(),
+        joints_rad=joints_rad,
+        mastering=mastering,
         drive=await store.drive_train(),
         epoch=await store.encoder_epoch(),
         gauge_setup=cell.gauge_setup,
@@ -67,6 +75,22 @@ async def read_motors(cell: Cell) -> MotorState:
         gauge_sigma_m=gauge.capabilities.sigma_m,
         limits=cell.limits,
     )
+
+
+def model_error_m(model: RobotModel, joints_rad: Joints, base_flange: Pose) -> float:
+    """Return how far the controller's own flange is from where the model puts it [m]."""
+    ours = model.base_flange(np.array([joints_rad]))[0, :3, 3]
+    return float(np.linalg.norm(ours - np.array(base_flange.position_m)))
+
+
+def _refuse_other_model(model: RobotModel, joints_rad: Joints, base_flange: Pose) -> None:
+    error_m = model_error_m(model, joints_rad, base_flange)
+    if error_m > MODEL_TOLERANCE_M:
+        raise RefusalError(
+            f"the controller says its flange is {error_m * 1e3:.0f} mm from where a {model.name} has it",
+            code="procedure.wrong_model",
+            remedy="Correct the robot's model in the cell file, then start a new run.",
+        )
 
 
 async def stored_record(cell: Cell) -> MasteringRecord:

@@ -39,7 +39,13 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
         EN_ROUTE.print(table)
         for line in report.advice:
             EN_ROUTE.print(f"[bold yellow]{escape(line)}[/]")
-    return ExitCode.PASS if report.all_reached else ExitCode.UNREACHABLE
+        if report.damage:
+            EN_ROUTE.print(f"[bold red]{escape(report.damage)}[/]")
+    if not report.all_reached:
+        return ExitCode.UNREACHABLE
+    if report.damage:
+        return ExitCode.SIGNATURE
+    return ExitCode.BUSY if report.in_use else ExitCode.PASS
 
 
 def fakes(cell: Path, /) -> int:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+from cyclopts.validators import Number
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,7 +26,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     level: int | None = None,
     check: Path | None = None,
     train_rows: int | None = None,
-    seed: int = 0,
+    seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
     plot: Path | None = None,
     columns: tuple[str, ...] = (),
     units: tuple[str, ...] = (),

@@ -9,6 +9,7 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from service.conduct import Outcome
     from service.config import CellConfig
+    from service.journal import Damage
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -127,18 +128,22 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
 
     from service.cli.printing import print_json
 
-    with _journal(cell) as (_, store):
+    with _journal(cell) as (journal, store):
         views = store.runs()
+        damage = journal.damage
     if as_json:
         keys = ("run_id", "procedure", "started_utc", "state", "reason")
         print_json({"runs": [{key: getattr(view, key) for key in keys} for view in views]})
-        return 0
+        return _tell_damage(damage)
     table = Table(Column("run", no_wrap=True), Column("started (UTC)", min_width=10), "ended", "reason")
     for view in views:
         started = view.started_utc[:19].replace("T", " ")
         table.add_row(view.run_id, started, view.state.replace("_", " "), escape(view.reason))
-    Console().print(table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`.")
-    return 0
+    if views or damage is None:
+        Console().print(
+            table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`."
+        )
+    return _tell_damage(damage)
 
 
 def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
@@ -158,6 +163,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     from rich.table import Table
     from rich.tree import Tree
 
+    from service.check import told_damage
     from service.cli.printing import print_json
     from service.execute import newest
 
@@ -171,10 +177,10 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
             {
                 "run_id": view.run_id, "procedure": view.procedure, "state": view.state,
                 "reason": view.reason, "spec": view.spec, "findings": findings, "result": view.result,
-                "journal": "unchanged" if damage is None else str(damage),
+                "journal": "unchanged" if damage is None else told_damage(damage),
             }
         )  # fmt: skip
-        return 0
+        return _tell_damage(damage)
     console = Console()
     console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {escape(view.reason)}")
     table = Table("event", "time (UTC)", "kind", "step", "who")
@@ -186,8 +192,22 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         for key, value in view.result.items():
             tree.add(f"{key}: {_short(value)}")
         console.print(tree)
-    console.print("journal: unchanged" if damage is None else f"[bold red]journal: {damage}[/]")
-    return 0
+    if damage is None:
+        console.print("journal: unchanged")
+    return _tell_damage(damage)
+
+
+def _tell_damage(damage: "Damage | None") -> int:
+    from rich.markup import escape
+
+    from service.check import told_damage
+    from service.cli.printing import EN_ROUTE
+    from service.exit_codes import ExitCode
+
+    if damage is None:
+        return ExitCode.PASS
+    EN_ROUTE.print(f"[bold red]{escape(told_damage(damage))}[/]")
+    return ExitCode.SIGNATURE
 
 
 def _step_of(body: str) -> str:
