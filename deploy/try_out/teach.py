@@ -1,0 +1,106 @@
+"""Play the technician who drives a fake robot by hand: try the taught procedures without a robot.
+
+In one terminal ``cellcal fakes CELL.toml``, which prints the port of its control door; in another::
+
+    python deploy/try_out/teach.py CELL.toml PORT six_point_tcp
+    python deploy/try_out/teach.py CELL.toml PORT three_point_frame
+
+The tool that the pretended technician holds is ``TIP_M`` from the flange, so that the result can be judged.
+"""
+
+import asyncio
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from calibration.geometry import Array
+from calibration.kinematics import RobotModel, load_model
+from drivers.operator.scripted import ScriptedOperator
+from service.cli.runs import tell
+from service.config import read_cell_file
+from service.demo.door import Door
+from service.execute import Where, start
+
+TIP_M = (0.03, -0.02, 0.15)
+START_RAD = (0.1, 0.0, -0.6, -1.0, -0.8, 0.8)  # the whole lesson is in reach from here
+STEP_M = 0.32
+SETTINGS: dict[str, dict[str, Any]] = {
+    "six_point_tcp": {"tool_number": 1},
+    "three_point_frame": {"frame_number": 1, "tip_in_flange_m": TIP_M, "check_above": True},
+}
+# key of the instruction: turn about the tool's axes [deg], and way along them or along the base's axes [m]
+TOUCHES = {"touch": (0, 0, 0), "touch_about_x": (40, 0, 0), "touch_about_y": (0, 35, 0)}
+ALONG_TOOL = {"along_x": (STEP_M, 0, 0), "along_y": (0, STEP_M, 0), "along_z": (0, 0, STEP_M)}
+ALONG_BASE = {
+    "touch_origin": (0, 0, 0), "touch_on_x": (STEP_M, 0, 0), "touch_on_xy": (0.05, STEP_M, 0),
+    "touch_above": (0, 0, STEP_M),
+}  # fmt: skip
+ONLY_YES = ("pin_is_fixed", "pointer_is_mounted", "accept_tool", "accept_frame", "may_move")
+
+
+def flanges(model: RobotModel) -> dict[str, Array]:
+    """Return where the flange has to be for each instruction (4, 4)."""
+    square = model.base_flange(np.array([START_RAD]))[0]
+    pin = square @ np.array([*TIP_M, 1.0])
+    wanted = {}
+    for key, degrees in TOUCHES.items():
+        flange = square.copy()
+        flange[:3, :3] = square[:3, :3] @ Rotation.from_euler("xyz", degrees, degrees=True).as_matrix()
+        flange[:3, 3] = pin[:3] - flange[:3, :3] @ np.array(TIP_M)
+        wanted[key] = flange
+    for key, way in ALONG_TOOL.items():
+        wanted[key] = square.copy()
+        wanted[key][:3, 3] += square[:3, :3] @ np.array(way)
+    for key, way in ALONG_BASE.items():
+        wanted[key] = square.copy()
+        wanted[key][:3, 3] += np.array(way)
+    return wanted
+
+
+def joints_for(model: RobotModel, flange: Array) -> Array:
+    """Return joints near the start that bring the flange there."""
+
+    def miss(joints_rad: Array) -> Array:
+        found = model.base_flange(joints_rad[None])[0]
+        return np.append((found[:3, 3] - flange[:3, 3]) * 1e3, (found[:3, :3] - flange[:3, :3]).ravel() * 1e3)
+
+    solved = least_squares(miss, np.array(START_RAD), bounds=(model.lower_rad, model.upper_rad), xtol=1e-14)
+    if solved.cost > 1e-6:
+        raise SystemExit("the arm does not reach this pose: choose another START_RAD")
+    joints: Array = solved.x
+    return joints
+
+
+def technician(door: Door, model: RobotModel, robot: str) -> ScriptedOperator:
+    """Return somebody who drives the arm at the control door, then says yes."""
+
+    def hands(joints_rad: Array) -> Callable[[], Awaitable[None]]:
+        async def drive() -> None:
+            await door.fault("hand_moves", device=robot, joints=joints_rad.tolist())
+
+        return drive
+
+    hooks = {key: hands(joints_for(model, flange)) for key, flange in flanges(model).items()}
+    return ScriptedOperator(
+        dict.fromkeys([*hooks, *ONLY_YES], "yes"), hooks=hooks, who="pretended technician"
+    )
+
+
+async def teach(cell: Path, port: int, procedure: str) -> int:
+    """Run the procedure on the fake cell's first robot and return its exit code."""
+    config = read_cell_file(cell)
+    entry = config.robot()
+    operator = technician(Door("127.0.0.1", port), load_model(entry.model), entry.name)
+    outcome = await start(Where(config, operator, entry.name), procedure, dict(SETTINGS[procedure]))
+    return tell(outcome, as_json=True)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 4 or sys.argv[3] not in SETTINGS:
+        raise SystemExit(__doc__)
+    sys.exit(asyncio.run(teach(Path(sys.argv[1]), int(sys.argv[2]), sys.argv[3])))
