@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.errors import DeviceError
-from service.cell import journal_path
+from service.cell import leases
 from service.config import CellConfig
-from service.lease import is_held
+from service.lease import DEVICES, is_held
 from service.watch import LastHealthyCounts, PositionLoss, Watch
 
 _RETRY_S = 5.0
@@ -32,6 +32,9 @@ async def follow(config: CellConfig, listener: Listener) -> None:
 async def _follow_robot(config: CellConfig, entry: Any, listener: Listener) -> None:
     told = ""
     while True:
+        if is_held(leases(config), entry.serial, DEVICES):  # connecting could take the link away from a run
+            await asyncio.sleep(_RETRY_S)
+            continue
         try:
             async with entry.open() as robot:
                 if not robot.capabilities.writes_mastering:
@@ -50,9 +53,10 @@ async def _follow_robot(config: CellConfig, entry: Any, listener: Listener) -> N
 async def _look_again_and_again(config: CellConfig, entry: Any, robot: Any, listener: Listener) -> None:
     memory = LastHealthyCounts(config.cell.data_dir)
     watch = Watch(robot, memory, listener.on_loss, period_s=config.watch.period_s)
-    leases = journal_path(config).parent / "leases"
     while True:
-        if is_held(leases, entry.serial):  # a run moves this robot; its own steps guard the encoders
+        if is_held(
+            leases(config), entry.serial, DEVICES
+        ):  # a run has the robot; its own steps guard the encoders
             watch.forget_motion()
         else:
             await watch.look()
