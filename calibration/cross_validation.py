@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.special import stdtrit
 
 from calibration.geometry import Array
@@ -14,6 +15,9 @@ _FEWEST_RUNS = 8
 _FEWEST_ROWS_PER_RUN = 3.0
 _SINGLE_ROWS = 40  # up to here each row is its own group
 _BLOCKS = 40
+_FEWEST_POSTURES = 5
+_REPEATED = 0.6  # of the rows: above, most postures are new
+_MOST_CELLS = 100_000  # beyond, only joints that round to the same numbers count as equal
 _CONFIDENCE = 0.99  # four levels and some breaks are tried: each must be surer than 95 %
 
 
@@ -53,12 +57,48 @@ class Grouping:
         """The number of groups."""
         return int(self.groups.max(initial=-1)) + 1
 
+    def of_rows(self, rows: Rows) -> "Grouping":
+        """Return the groups of some rows, numbered anew."""
+        return Grouping(np.unique(self.groups[rows], return_inverse=True)[1].reshape(-1), self.kind)
+
 
 def group_rows(joints_rad: Array, given: Rows | None = None) -> Grouping:
-    """Return groups: those given, runs of constant wrist, single rows if few, or blocks of neighbours."""
+    """Return groups: those given, runs of constant wrist, single rows if few, or blocks of neighbours.
+
+    Rows that come back to a posture go with those that were there before: a posture that was fitted is no test.
+    If most rows come back, each posture is a group.
+    """
     count = len(joints_rad)
     if given is not None:
         return Grouping(np.unique(given, return_inverse=True)[1].reshape(-1), "groups named in the file")
+    postures = same_postures(joints_rad)
+    distinct = int(postures.max(initial=0)) + 1
+    if _FEWEST_POSTURES <= distinct <= _REPEATED * count:
+        return Grouping(postures, "postures that were measured again and again")
+    neighbours = _neighbours(joints_rad)
+    first = np.unique(postures, return_index=True)[1]
+    together = neighbours.groups[first][postures]
+    return Grouping(np.unique(together, return_inverse=True)[1].reshape(-1), neighbours.kind)
+
+
+def same_postures(joints_rad: Array, tolerance_rad: float = _SAME_RAD) -> Rows:
+    """Return the number of the posture of every row (N,): rows with equal joints share it, however far apart."""
+    cells, row, cell = np.unique(
+        np.round(joints_rad / tolerance_rad), axis=0, return_index=True, return_inverse=True
+    )
+    order = np.argsort(row)  # of cells, by first row
+    tree, leader = cKDTree(cells), np.full(len(cells), -1, dtype=np.intp)
+    for each in order if len(cells) <= _MOST_CELLS else ():
+        if leader[each] < 0:
+            near = np.array(tree.query_ball_point(cells[each], 1.0, p=np.inf))
+            leader[near[leader[near] < 0]] = each
+    if len(cells) > _MOST_CELLS:
+        leader = np.arange(len(cells))
+    return np.unique(leader[cell.reshape(-1)], return_inverse=True)[1].reshape(-1)
+
+
+def _neighbours(joints_rad: Array) -> Grouping:
+    count = len(joints_rad)
     wrist = joints_rad[:, joints_rad.shape[1] // 2 :]
     starts = np.abs(np.diff(wrist, axis=0)).max(axis=1, initial=0.0) > _SAME_RAD
     runs = np.concatenate([[0], np.cumsum(starts)]).astype(np.intp)
@@ -71,16 +111,23 @@ def group_rows(joints_rad: Array, given: Rows | None = None) -> Grouping:
 
 
 def deal_folds(grouping: Grouping, folds: int, seed: int) -> Rows:
-    """Return the fold of every row: groups in random order, each to the fold that has fewest rows."""
+    """Return the fold of every row: of as many groups in a row as there are folds, each goes to another fold.
+
+    So every fold is spread over the whole series. The largest group goes to the fold that has fewest rows;
+    which of equals is drawn.
+    """
     sizes = np.bincount(grouping.groups)
     folds = min(folds, grouping.count)
-    order = np.random.default_rng(seed).permutation(grouping.count)
+    random = np.random.default_rng(seed)
     filled = np.zeros(folds, dtype=np.intp)
     fold_of_group = np.zeros(grouping.count, dtype=np.intp)
-    for group in order:
-        fold = int(np.argmin(filled))
-        fold_of_group[group] = fold
-        filled[fold] += sizes[group]
+    for first in range(0, grouping.count, folds):
+        some = random.permutation(np.arange(first, min(first + folds, grouping.count)))
+        some = some[np.argsort(-sizes[some], kind="stable")]
+        drawn = random.permutation(folds)
+        chosen = drawn[np.argsort(filled[drawn], kind="stable")][: len(some)]
+        fold_of_group[some] = chosen
+        filled[chosen] += sizes[some]
     dealt: Rows = fold_of_group[grouping.groups]
     return dealt
 

@@ -158,6 +158,15 @@ def _inverse(columns: Array) -> Array:
     return inverse
 
 
+def change_between(before_m: Array, after_m: Array) -> int:
+    """Return how many of some rows (N,) belong before a change, given their errors on either side of it [m]."""
+    usual = max(float(np.median(np.minimum(before_m, after_m))), 1e-6)
+    # Capped: one wild row must not decide.
+    first, second = (np.minimum((errors / usual) ** 2, _CAPPED_COST) for errors in (before_m, after_m))
+    cost = np.concatenate([[0.0], np.cumsum(first)]) + np.concatenate([[0.0], np.cumsum(second[::-1])])[::-1]
+    return int(np.argmin(cost))
+
+
 def assign_mountings(errors_m: Array, sigma_m: float) -> Rows:
     """Return the mounting of every row of another series, changing as seldom as the rows allow.
 

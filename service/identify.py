@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from calibration import lints
-from calibration.cross_validation import Errors, Grouping, group_rows
+from calibration.cross_validation import Errors, Grouping, group_rows, same_postures
 from calibration.estimator import Problem, errors_m, estimate, whitened_residuals
 from calibration.geometry import Array
-from calibration.identification import Identification, Options, identify
+from calibration.identification import Identification, identify
 from calibration.kinematics import RobotModel, load_model
 from calibration.lints import Lint
 from calibration.observations import Observations, Rows, with_joints, with_mounting
 from calibration.parameters import FRAMES, LEVEL_NAMES, ArmState, make_layout
+from calibration.selection import Options
 from calibration.series_breaks import assign_mountings, mounting_of
 from calibration.unrounding import unround_joints
 from service.measurement_table import MeasurementError
@@ -93,6 +94,10 @@ class IdentifyReport:
             "level_reasons": list(found.level_reasons),
             "break_reasons": list(found.break_reasons),
             "held_out_by": self.held_out_by,
+            "folds": [
+                {"level": level, "breaks": [int(self.measurements.rows[row]) for row in breaks]}
+                for level, breaks in zip(found.judgement.levels, found.judgement.breaks, strict=True)
+            ],
             "parameters": [asdict(parameter) for parameter in self.parameters],
             "correlated": [asdict(pair) for pair in found.correlated],
             "lints": [asdict(lint) for lint in self.lints],
@@ -134,19 +139,17 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
         model,
         prepared.observations.take(train),
         grouping=grouping,
-        options=Options(level=options.level, seed=options.seed),
+        options=Options(level=options.level, seed=options.seed, judge=not len(held)),
     )
     breaks = [int(train[item.row]) for item in found.breaks]
-    before, after, rows, by = (
-        found.before_m,
-        found.held_out_m,
-        train,
-        f"cross-validation over {grouping.count} {grouping.kind}",
-    )
+    judged = found.judgement
+    before, after, rows, by = judged.before_m, judged.held_out_m, train, judged.said(grouping)
+    seen_before: list[Lint] = []
     if len(held):
         others = with_mounting(prepared.observations, mounting_of(count, breaks)).take(held)
         before, after = _errors(found.frames, others), _errors(found.state, others)
-        rows, by = held, f"{len(held)} rows that no fit has seen"
+        rows, by = held, f"{len(held)} rows, drawn at random, that neither fit nor any choice has seen"
+        seen_before = _seen_before(prepared.measurements, train, held)
     check, check_lints = _check(options, model, found, prepared)
     return IdentifyReport(
         robot=model.name,
@@ -161,7 +164,12 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
         identification=found,
         measurements=prepared.measurements,
         parameters=_parameters(found),
-        lints=(*prepared.noticed, *_lints_of_fit(found, before, prepared.measurements), *check_lints),
+        lints=(
+            *prepared.noticed,
+            *seen_before,
+            *_lints_of_fit(found, before, prepared.measurements),
+            *check_lints,
+        ),
         breaks=tuple(int(prepared.measurements.rows[row]) for row in breaks),
         held_out_rows=prepared.measurements.rows[rows],
         held_out_m=after,
@@ -212,6 +220,22 @@ def _split(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
         )
     order = np.random.default_rng(options.seed).permutation(count)
     return np.sort(order[: options.train_rows]), np.sort(order[options.train_rows :])
+
+
+def _seen_before(measurements: Measurements, train: Rows, held: Rows) -> list[Lint]:
+    """Name held-out rows in a posture that was fitted."""
+    postures = same_postures(measurements.observations.joints_rad)
+    again = held[np.isin(postures[held], postures[train])]
+    if not len(again):
+        return []
+    return [
+        Lint(
+            "leakage",
+            f"{len(again)} held-out rows repeat a posture that was fitted: without --train-rows such rows stay "
+            "together.",
+            tuple(int(row) for row in measurements.rows[again]),
+        )
+    ]
 
 
 def _errors(state: ArmState, observations: Observations) -> Array:

@@ -115,6 +115,9 @@ def _print_report(console: "Console", report: "IdentifyReport") -> None:
         _add(table, "check file", report.check)
     console.print(table)
     console.print(f"Held out by {report.held_out_by}.")
+    levels = [str(level) for level in report.identification.judgement.levels]
+    if len(set(levels)) > 1:
+        console.print(f"[dim]Without one fold each, the level would be {', '.join(levels)}.[/]")
     if report.breaks:
         rows = ", ".join(str(row) for row in report.breaks)
         console.print(f"[bold]The device was moved[/] before rows {rows} (data rows counted from 0).")

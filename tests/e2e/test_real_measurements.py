@@ -70,10 +70,12 @@ def test_held_out_rows_of_a_real_robot_are_predicted(name, robot, options, rmse_
         notes = {lint["code"]: lint for lint in found["lints"]}
         assert {744, 939} <= set(notes["sign"]["rows"])
         assert 950 in notes["controller_rows"]["rows"]
+        assert len({(fold["level"], *fold["breaks"]) for fold in found["folds"]}) > 1
         assert "J1 offset" in {item["parameter"] for item in found["not_identified"]}
     if "figaroh" in name:
         assert found["level"] == 0  # no model improves the position of rows that it has not seen
-        assert found["held_out"] == found["before"]
+        # The choice itself is judged, too: without some rows it is another one, and no better.
+        assert 0.9 * found["before"]["rmse_m"] < found["held_out"]["rmse_m"]
 
 
 def test_the_finished_model_is_checked_on_another_series():

@@ -10,7 +10,7 @@ from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.estimator import Problem, errors_m, estimate, place_columns, whitened_residuals
 from calibration.first_guess import first_guess
 from calibration.geometry import exp_twist
-from calibration.identification import Options, fit_level, identify, terms_of_level
+from calibration.identification import identify
 from calibration.joint_terms import gravity_terms, harmonic_terms, term_values
 from calibration.kinematics import load_model
 from calibration.observations import LengthObservations, PointObservations, PoseObservations
@@ -23,6 +23,7 @@ from calibration.parameters import (
     Priors,
     make_layout,
 )
+from calibration.selection import Options, fit_level, terms_of_level
 from tests.unit.helpers.simulated_arm import (
     ANCHOR,
     random_joints,

@@ -6,9 +6,10 @@ import numpy as np
 
 from calibration import lints
 from calibration.cross_validation import compare, deal_folds, group_rows
-from calibration.identification import Options, identify
+from calibration.identification import identify
 from calibration.kinematics import load_model
 from calibration.parameters import GEOMETRY
+from calibration.selection import Options
 from calibration.series_breaks import assign_mountings, candidate_breaks
 from calibration.unrounding import resolution, unround_joints
 from tests.unit.helpers.simulated_arm import ANCHOR, random_joints, tracker_points, wire_lengths
