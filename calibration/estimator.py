@@ -18,7 +18,8 @@ _BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the c
 _MAX_ITERATIONS = 40
 _SETTLED = 1e-3  # of a posterior standard deviation: nobody can see the rest of the step
 _CURVED = 1e-2  # of the smallest posterior deviation
-_INVISIBLE_M = 1e-7
+_INVISIBLE_M = 1e-7  # a tenth of a micrometre: no arm and no tracker shows it
+_NEAR_M = 3e-4  # its square is invisible: one step of all rows does the rest
 _MAX_DAMPING = 1e8
 _ROUNDING = 1e-6
 _COARSE = 150  # rows are enough to come near
@@ -99,7 +100,7 @@ def estimate(
     weights : (N,) or None
         Weight of each row's squared residual [1].
     from_afar : bool
-        The start is rough: walk most of the way with a few hundred of the rows.
+        The start is rough: walk most of the way with a few hundred of the rows, the last step with all.
 
     Returns
     -------
@@ -122,11 +123,12 @@ def estimate(
     if from_afar and count > 2 * _COARSE:
         some = np.arange(0, count, min(count // _COARSE, _THINNEST))
         few = problem.take(some)
-        state = _iterate(_Equations(layout, few, None if root is None else root[some]), state).state
+        equations = _Equations(layout, few, None if root is None else root[some])
+        state = _iterate(equations, state, enough_m=_NEAR_M).state
     return _iterate(_Equations(layout, problem, root), state)
 
 
-def _iterate(equations: "_Equations", state: ArmState) -> Fit:
+def _iterate(equations: "_Equations", state: ArmState, *, enough_m: float = _INVISIBLE_M) -> Fit:
     layout = equations.layout
     information, gradient, cost = equations.at(state)
     damping = 0.0
@@ -137,7 +139,7 @@ def _iterate(equations: "_Equations", state: ArmState) -> Fit:
         damped = _inverse(information + damping * np.diag(np.diag(information))) if damping else inverse
         step, spread = damped @ gradient, np.sqrt(np.diag(damped))
         candidate = layout.step(state, step * layout.prior)
-        if _settled(step, spread, layout.prior):
+        if settled(step, spread, layout.prior, enough_m):
             state, cost = candidate, cost - float(gradient @ step)
             break
         there = equations.at(candidate)
@@ -151,12 +153,15 @@ def _iterate(equations: "_Equations", state: ArmState) -> Fit:
     return Fit(state, layout, covariance, layout.deviations(state), cost, iterations)
 
 
-def _settled(step: Array, spread: Array, prior: Array) -> bool:
-    """Tell whether the rest is invisible: the step itself, or what is quadratic in it (an arm is a metre long)."""
+def settled(step: Array, spread: Array, prior: Array, enough_m: float = _INVISIBLE_M) -> bool:
+    """Tell whether all that a step leaves out is invisible; step and posterior deviations in prior deviations.
+
+    That is so when the step itself is, or what is quadratic in it (an arm is a metre long).
+    """
     if float(np.max(np.abs(step) / spread)) < _SETTLED:
         return True
     curved_m = float(np.max(np.abs(step * prior))) ** 2
-    return curved_m < max(_CURVED * float(np.min(spread * prior)), _INVISIBLE_M)
+    return curved_m < max(_CURVED * float(np.min(spread * prior)), enough_m)
 
 
 def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Array, Array]:

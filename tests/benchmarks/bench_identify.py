@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from calibration.base_parameters import base_subset
-from calibration.estimator import Fit, Problem, errors_m, estimate, place_columns
+from calibration.estimator import Fit, Problem, errors_m, estimate, place_columns, settled
 from calibration.first_guess import first_guess
 from calibration.geometry import Array
 from calibration.kinematics import RobotModel
@@ -57,9 +57,8 @@ def measure(rows: int, *, repeats: int, seeds: int) -> Figures:
     model, observations = simulated.model, simulated.observations
     layout = _base_layout(model)
     batched = _fastest(lambda: _identify(model, layout, observations), repeats)
-    few = 1 if rows > 2000 else 3
-    plain = _fastest(lambda: _loop(model, layout, observations, _plain_equations), few)
-    lean = _fastest(lambda: _loop(model, layout, observations, _lean_equations), few)
+    plain = _fastest(lambda: _loop(model, layout, observations, _plain_equations), repeats)
+    lean = _fastest(lambda: _loop(model, layout, observations, _lean_equations), repeats)
     squares = np.array([_accuracy(rows, seed, layout) for seed in range(seeds)])
     actual, bound = np.sqrt(squares.mean(axis=0))
     return Figures(
@@ -113,15 +112,16 @@ def _fastest(run: Callable[[], object], repeats: int) -> float:
 def _loop(
     model: RobotModel, layout: Layout, observations: PointObservations, equations: Equations
 ) -> ArmState:
-    """Solve the same problem from the same start by full passes, to a step that nobody can see."""
+    """Solve the same problem from the same start to the same end, by full passes over the postures."""
     state = first_guess(model, observations)[0]
     inverse_prior = layout.prior**-2.0
     for _ in range(10):
         information, gradient = equations(state, layout, observations)
         gradient = gradient - inverse_prior * layout.deviations(state)
-        step = np.linalg.solve(information + np.diag(inverse_prior), gradient)
+        covariance = np.linalg.inv(information + np.diag(inverse_prior))
+        step = covariance @ gradient
         state = layout.step(state, step)
-        if np.max(np.abs(step)) < 1e-6:
+        if settled(step / layout.prior, np.sqrt(np.diag(covariance)) / layout.prior, layout.prior):
             break
     return state
 
