@@ -5,7 +5,9 @@ only what check poses have confirmed, and says why when it refuses.
 """
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
+from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from calibration.mastering import MasteringRecord, WireCapture, provisional_turns
@@ -52,15 +54,17 @@ class MasteringRecoverySpec:
     """What is known of the time before the loss, and how much may be measured."""
 
     last_counts: Counts | None = None  # the last healthy counts, from the watch
-    exchanged_axes: tuple[int, ...] = ()  # from 1: motor, encoder, belt or gear exchanged, as far as known
-    first_captures: int = 10
-    max_captures: int = 30
-    check_captures: int = 4
-    max_check_captures: int = 8
-    final_captures: int = 2
-    samples: int = 5
-    tolerance_counts: int = 50
-    index_speed_rad_s: float = 0.035
+    exchanged_axes: tuple[
+        Annotated[int, Field(ge=1)], ...
+    ] = ()  # from 1: motor, encoder, belt or gear exchanged, as far as known
+    first_captures: Annotated[int, Field(ge=6, le=200)] = 10
+    max_captures: Annotated[int, Field(ge=6, le=200)] = 30
+    check_captures: Annotated[int, Field(ge=1, le=50)] = 4
+    max_check_captures: Annotated[int, Field(ge=1, le=100)] = 8
+    final_captures: Annotated[int, Field(ge=1, le=50)] = 2
+    samples: Annotated[int, Field(ge=1, le=1000)] = 5
+    tolerance_counts: Annotated[int, Field(ge=0)] = 50
+    index_speed_rad_s: Annotated[float, Field(gt=0, le=0.25)] = 0.035
     room: Room = field(default_factory=Room)
     alarms: AlarmCodes = field(default_factory=AlarmCodes)
 

@@ -82,14 +82,15 @@ def _joints(report: DemoReport) -> Table:
         "joint", "turns lost (truth)", "turns restored", "zero error (truth, deg)", "stated U k=2 (deg)",
         title="What was lost, what was restored", title_justify="left",
     )  # fmt: skip
+    refused = report.verdict != "PASS"
     for joint in report.joints:
         exact = joint.offset_u_rad == 0.0
         same = joint.turns_lost == joint.turns_restored
         table.add_row(
             joint.name,
             f"{joint.turns_lost:+d}",
-            f"[{'green' if same or not exact else 'red'}]{joint.turns_restored:+d}[/]",
+            "none" if refused else f"[{'green' if same or not exact else 'red'}]{joint.turns_restored:+d}[/]",
             f"{np.rad2deg(joint.offset_error_rad):+.5f}",
-            "exact" if exact else f"{np.rad2deg(joint.offset_u_rad):.4f}",
+            "no claim" if refused else "exact" if exact else f"{np.rad2deg(joint.offset_u_rad):.4f}",
         )
     return table
