@@ -35,17 +35,20 @@ _LENGTHS = {
     "rope", "rope_length", "range", "d",
 }  # fmt: skip
 _TURNS = (
-    ("qw", "qx", "qy", "qz"), ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
+    ("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"),
+    ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
     ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
 )  # fmt: skip
 _STEMS = ("joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a",
-          "theta", "th", "ax", "achse", "angle")  # fmt: skip
+          "theta", "th", "ax", "achse", "angle", "rax", "jt", "gelenk", "axe", "eje")  # fmt: skip
 _JOINT = re.compile(rf"^(?P<before>(?:.*_)?)(?P<stem>{'|'.join(_STEMS)})_?(?P<number>\d)(?P<after>\D.*)?$")
 _UNIT = re.compile(r"[\[(]\s*(?P<unit>[^\])]*)\s*[\])]")
 _TRAILING_UNIT = re.compile(r"_(mm|deg|rad|m|degrees|radians|cm)$")
 _UNIT_NAMES = {
     "mm": "mm", "m": "m", "cm": "cm", "deg": "deg", "°": "deg", "degree": "deg", "degrees": "deg",
-    "rad": "rad", "radian": "rad", "radians": "rad", "millimeter": "mm", "meter": "m", "grad": "deg",
+    "rad": "rad", "radian": "rad", "radians": "rad", "millimeter": "mm", "millimeters": "mm",
+    "meter": "m", "meters": "m", "millimetre": "mm", "metre": "m", "grad": "deg", "in": "inch",
+    "inch": "inch", "inches": "inch", "µm": "um", "um": "um",
 }  # fmt: skip
 _BY_MAKER = (
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,9 @@ from calibration.errors import CellError
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _LOOK_AHEAD = 60  # lines
 _FEWEST_COLUMNS = 3
+_GROUP_MARKS = re.compile("[ \u2009\u202f'\u2019]")
+_GROUPED = re.compile(r"^[+-]?\d{1,3}([ \u2009\u202f'\u2019]\d{3})+([.,]\d+)?$")
+_THOUSANDS = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")  # without a point, a comma is a decimal mark
 _EXCEL = {".xlsx", ".xlsm"}
 
 
@@ -63,6 +67,9 @@ def _text(path: Path) -> str:
     data = path.read_bytes()
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16")
+    for order, high_bytes in (("utf-16-le", data[1:400:2]), ("utf-16-be", data[:400:2])):
+        if high_bytes.count(0) > len(high_bytes) // 2:
+            return data.decode(order, errors="replace")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -102,8 +109,12 @@ def _dialect(lines: Sequence[str]) -> tuple[str, bool]:
 def _cell(text: str, comma: bool) -> float | str:
     cleaned = text.strip().strip('"').strip()
     number = cleaned.replace("\u2212", "-").replace("\u00a0", "")
+    if _GROUPED.match(number):
+        number = _GROUP_MARKS.sub("", number)
     if comma:
         number = number.replace(".", "").replace(",", ".") if "," in number else number
+    elif _THOUSANDS.match(number):
+        number = number.replace(",", "")
     if number[:1].isalpha() or "_" in number:  # float() would take nan, infinity and 1_000
         return cleaned
     try:

@@ -22,7 +22,7 @@ from calibration.unrounding import resolution
 from service.measurement_columns import Layout, detect_layout
 from service.measurement_table import MeasurementError, Table, read_table
 
-_LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 25.4e-3}
+_LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 25.4e-3, "um": 1e-6}
 _ANGLE_UNITS = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
 _MOST_RADIANS = 8.2  # a turn and a third: beyond, angles are degrees
 _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
@@ -50,6 +50,7 @@ class ReadOptions:
     units: Mapping[str, str] = field(default_factory=dict)  # joints, position, length, controller, rotation
     convention: str = ""  # of the measured attitude; "none" leaves it out
     sheet: str | None = None
+    joint_coupling: str = ""  # "controller", or "geometric": every angle is turned against the link before
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +68,9 @@ class Measurements:
     temperature: Array | None
     groups: Rows | None
     guesses: tuple[str, ...]
+    layout: Layout
+    units: Mapping[str, str]  # meaning -> unit, stated or guessed
+    convention: str  # of the attitude; empty if none is used
 
 
 def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None = None) -> Measurements:
@@ -86,12 +90,13 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     if not good.any():
         first = f"row {rejected[0].row}: {rejected[0].reason}" if rejected else "it has no rows"
         raise MeasurementError(f"{path} has no usable row; {first}.", remedy="Name columns with `--columns`.")
+    _refuse_mostly_text(path, rejected, len(table.rows))
     numbers = {name: values[good] for name, values in numbers.items()}
     guesses = [table.dialect] if table.dialect else []
     units = _Units({**layout.units, **options.units}, guesses)
     raw = np.column_stack([numbers[name] for name in layout.joints])
     unit = units.angle("joints", layout.joints, raw)
-    source = _Source(layout, numbers, model, options, units, raw * unit)
+    source = _Source(layout, numbers, model, options, units, _of_controller(raw * unit, model, options))
     controller, controller_step = source.controller()
     observations, value_step = source.observations()
     rows = np.flatnonzero(good)
@@ -107,7 +112,24 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         temperature=_numbers(table, layout.temperature)[rows] if layout.temperature else None,
         groups=_groups(table, layout.group, rows),
         guesses=tuple(guesses),
+        layout=layout,
+        units={key: unit for key, unit in units.used.items() if key != "convention"},
+        convention=units.used.get("convention", ""),
     )
+
+
+def _of_controller(angles_rad: Array, model: RobotModel, options: ReadOptions) -> Array:
+    """Return joints as the controller counts them, from geometric ones if the user says so."""
+    known = ("", "controller", "geometric")
+    if options.joint_coupling not in known:
+        raise MeasurementError(
+            f"joints cannot be {options.joint_coupling!r}.",
+            remedy="joint_coupling is controller (as on the pendant) or geometric.",
+        )
+    if options.joint_coupling != "geometric":
+        return angles_rad
+    signed: Array = angles_rad * np.sign(np.diag(model.joint_coupling))
+    return np.asarray(np.linalg.solve(model.joint_coupling, signed.T).T, dtype=np.float64)
 
 
 def _numbers(table: Table, name: str) -> Array:
@@ -128,6 +150,16 @@ def _usable(
             what = f"holds {cell!r}, which is no number" if cell != "" else "is empty"
             rejected.append(RejectedRow(row, f"line {table.lines[row]}: column {bad[0]!r} {what}"))
     return good, tuple(rejected)
+
+
+def _refuse_mostly_text(path: Path, rejected: tuple[RejectedRow, ...], rows: int) -> None:
+    """Refuse a file that is half words where numbers should be; a device that lost its target leaves cells empty."""
+    words = [row for row in rejected if not row.reason.endswith("is empty")]
+    if 2 * len(words) > rows:
+        raise MeasurementError(
+            f"{len(words)} of {rows} rows of {path} cannot be read; {words[0].reason}.",
+            remedy="Write numbers with a decimal point and no thousands marks, or name other `--columns`.",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +236,7 @@ class _Source:
                 "attitudes left out; `--convention` names it"
             )
             return points
+        self.units.used["convention"] = best
         self.units.guesses.append(f"attitude ({written}) read as {best}: {CONVENTIONS[best].formula}")
         return pose_from_points(points, rotation_from(best, turns), np.full(len(points), _SIGMA_RAD))
 
@@ -220,7 +253,11 @@ class _Source:
                 remedy=f"--convention takes none, {', '.join(CONVENTIONS)}.",
             )
         if len(fields) == 4:
-            turns = turns[:, [fields.index(f) for f in ("qw", "qx", "qy", "qz")]]
+            # Numbered quaternions, such as q1 to q4, begin with the scalar.
+            order = ("qw", "qx", "qy", "qz") if "qw" in fields else tuple(sorted(fields))
+            if wanted == "ros_quaternion" and "qw" not in fields:
+                order = (order[3], *order[:3])
+            turns = turns[:, [fields.index(f) for f in order]]
             # Printed quaternions are rounded; anything further from unit length is refused later.
             length = np.linalg.norm(turns, axis=1, keepdims=True)
             return np.where(np.abs(length - 1.0) < _ROUNDED, turns / length, turns), ["abb_quaternion"]
@@ -244,6 +281,7 @@ class _Units:
 
     known: Mapping[str, str]
     guesses: list[str]
+    used: dict[str, str] = field(default_factory=dict)
 
     def angle(self, meaning: str, columns: Sequence[str], values: Array) -> float:
         """Return rad per unit: degrees if any angle is beyond a turn and a third."""
@@ -275,9 +313,11 @@ class _Units:
                 f"{meaning} cannot be in {unit!r}.",
                 remedy=f"`--units {meaning}=UNIT` takes {', '.join(table)}.",
             )
+        self.used[meaning] = unit
         return table[unit]
 
     def _note(self, meaning: str, columns: Sequence[str], unit: str) -> None:
+        self.used[meaning] = unit
         self.guesses.append(f"{meaning} ({', '.join(columns)}) taken as {unit}")
 
 

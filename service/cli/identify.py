@@ -1,6 +1,7 @@
 """``cellcal identify``: kinematic identification from a file of measurements."""
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
 
     from calibration.cross_validation import Errors
     from service.identify import IdentifyReport
+    from service.measurements import ReadOptions
 
 _MOST_ROWS_SHOWN = 12
 _WIDER = "these postures hardly show them: measure over a wider range of these joints"
@@ -32,6 +34,13 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     units: tuple[str, ...] = (),
     convention: str = "",
     sheet: str | None = None,
+    layout: Path | None = None,
+    show_layout: bool = False,
+    save: Path | None = None,
+    serial: str = "",
+    by: str = "",
+    urdf: Path | None = None,
+    geometric_joints: bool = False,
     as_json: Annotated[bool, Parameter(name="--json")] = False,
 ) -> int:
     """Identify a robot from measurements, and say how far the result can be believed.
@@ -62,6 +71,20 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         Orientation convention of the measured attitude, or none.
     sheet
         Sheet of an Excel file.
+    layout
+        TOML file that names columns, units, orientation convention, joint coupling and groups.
+    show_layout
+        Print how the file is understood, as such a layout file, and stop.
+    save
+        Folder of parameter sets, in which the result becomes the robot's newest version; needs `--serial`, `--by`.
+    serial
+        Of the robot, for `--save`.
+    by
+        Who measured, for `--save`.
+    urdf
+        Write the identified arm as a URDF file.
+    geometric_joints
+        In that file, where the controller couples joints: angles against the link before.
     as_json
         Print one JSON object on standard output.
     """
@@ -71,11 +94,19 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
 
     from service.cli.printing import EN_ROUTE, print_json
     from service.identify import IdentifyOptions, identify_file
+    from service.measurement_layouts import overlaid, read_layout
     from service.measurements import ReadOptions
 
     named = {key: tuple(value.split(",")) for key, value in _pairs(columns, "--columns").items()}
     read = ReadOptions(named, _pairs(units, "--units"), convention, sheet)
+    if layout is not None:
+        read = overlaid(read_layout(layout), read)
+    if show_layout:
+        return _show_layout(measurements, robot, read, as_json=as_json)
+    outputs = _Outputs(save, serial, by, urdf, geometric_joints)
+    outputs.check()
     report = identify_file(measurements, robot, IdentifyOptions(level, check, train_rows, seed, read))
+    outputs.write(report, measurements)
     if plot is not None:
         from service.identify_plots import draw_identification
 
@@ -86,6 +117,65 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     else:
         _print_report(Console(highlight=False), report)
     return 0
+
+
+def _show_layout(measurements: Path, robot: str, read: "ReadOptions", *, as_json: bool) -> int:
+    from rich.console import Console
+
+    from calibration.kinematics import load_model
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.measurement_layouts import layout_document, layout_text
+    from service.measurements import read_measurements
+
+    found = read_measurements(measurements, load_model(robot), read)
+    document = layout_document(found, read)
+    if as_json:
+        usable = {"rows": found.read, "usable": len(found.rows), "guesses": list(found.guesses)}
+        print_json({**document, **usable})
+        return 0
+    EN_ROUTE.print(f"{len(found.rows)} of {found.read} rows are usable.")
+    for guess in found.guesses:
+        EN_ROUTE.print(guess, markup=False, soft_wrap=True)
+    Console(highlight=False, soft_wrap=True).print(layout_text(document), end="", markup=False)
+    return 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Outputs:
+    """Files to write when the identification is done."""
+
+    save: Path | None
+    serial: str
+    by: str
+    urdf: Path | None
+    geometric_joints: bool
+
+    def check(self) -> None:
+        """Refuse before the work rather than after it."""
+        from service.measurement_table import MeasurementError
+
+        if self.save is not None and not (self.serial and self.by):
+            raise MeasurementError(
+                "a parameter set belongs to one robot and to the person who measured it.",
+                remedy="Give `--serial` and `--by`.",
+            )
+
+    def write(self, report: "IdentifyReport", measurements: Path) -> None:
+        """Write them."""
+        import datetime
+
+        from service.cli.printing import EN_ROUTE
+        from service.identify_outputs import save_identification, write_identified_urdf
+        from service.parameter_files import Who
+
+        if self.save is not None:
+            now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+            made = save_identification(report, measurements, self.save, Who(self.serial, self.by, now))
+            EN_ROUTE.print(f"saved version {made.version} of robot {made.robot_serial}", markup=False)
+        if self.urdf is not None:
+            missing = write_identified_urdf(report, self.urdf, geometric_joints=self.geometric_joints)
+            without = f", without {' and '.join(missing)}, which a description cannot hold" if missing else ""
+            EN_ROUTE.print(f"wrote {self.urdf}{without}", markup=False)
 
 
 def _pairs(words: tuple[str, ...], option: str) -> dict[str, str]:
