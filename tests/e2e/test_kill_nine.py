@@ -14,6 +14,7 @@ from service.journal import Journal
 from service.store import RunView, Store
 from tests.e2e.kill_nine.world import Served, child, parts_of
 from tests.procedures.cells import Scene, recovering
+from tests.procedures.conclusions import concluded
 
 KILLS = 10
 _context = multiprocessing.get_context("forkserver")
@@ -95,20 +96,8 @@ def _one_run(path: Path, dice: random.Random, calls: int) -> tuple[RunView, int]
 def _differences(end: RunView, whole: RunView) -> list[str]:
     if end.state != "passed":
         return [f"{end.state}: {end.reason}"]
-    found, wanted = _essence(end), _essence(whole)
+    found, wanted = concluded(end.result), concluded(whole.result)
     return [f"{key} is {found[key]}, not {wanted[key]}" for key in wanted if found[key] != wanted[key]]
-
-
-def _essence(view: RunView) -> dict[str, Any]:
-    """Return the result without what a repeated step may change.
-
-    A power cycle done twice counts two epochs. A motor whose way past its index was cut short is sent there
-    again and comes back a turn further on, so that lengths are then measured elsewhere: the figures behind
-    the checks differ, what they say does not.
-    """
-    gate = [(check["name"], check["passed"]) for check in view.result["gate"]]
-    record = view.result["record"] | {"epoch": 0, "sha256": ""}
-    return view.result | {"robot_seconds": 0.0, "gate": gate, "record": record}
 
 
 def test_ten_kills_lose_nothing_and_end_in_the_same_result() -> None:

@@ -15,6 +15,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "outlier": (losses.outlier, 200),
     "poor": (losses.poor, 200),
     "kill": (durability.kill, 100),
+    "matrix": (durability.matrix, 1000),
     "power": (durability.power, 300),
     "fence": (ur_fence.fence, 20),
     "compensation": (compensation.compensation, 1_000_000),

@@ -1,14 +1,42 @@
 """Campaigns over what must survive: kill -9 in the middle of a recovery, and power cuts under the journal."""
 
+import os
+import subprocess
+import sys
+
 from tests.e2e.test_kill_nine import kill_and_resume
 from tests.e2e.test_power_cut import lost_in
 from tests.soak.figures import Figures
+
+MATRIX = "tests/procedures/test_crash_and_cancel.py"
 
 
 def kill(kills: int) -> Figures:
     """Kill -9 at random instants: nothing acknowledged lost or doubled, the same result after resume."""
     wrong = kill_and_resume(kills, seed=7)
     return Figures(f"kill: {kills} kills, {len(wrong)} runs with another end: {wrong[:3]}", not wrong)
+
+
+def matrix(most: int) -> Figures:
+    """Crash every procedure after every write and cancel it in every step, up to so many of each."""
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:randomly",
+        "--timeout",
+        "1800",
+        "-n",
+        "2",
+        MATRIX,
+    ]
+    ended = subprocess.run(
+        command, env=os.environ | {"CELLCAL_CRASHES": str(most)}, capture_output=True, text=True, check=False
+    )
+    last = ended.stdout.strip().splitlines()[-1]
+    return Figures(f"matrix: at most {most} crashes and cancels per procedure: {last}", ended.returncode == 0)
 
 
 def power(cuts: int) -> Figures:
