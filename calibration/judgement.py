@@ -19,7 +19,7 @@ from calibration.series_breaks import change_between, mounting_of
 
 _FOLDS = 5
 _MANY_FOLDS = 10
-_FEW_ROWS = 300  # up to here ten folds cost little, and each row left out costs much
+_FEW_ROWS = 100  # up to here ten folds cost little, and each row left out costs much
 _VERY_FEW_ROWS = 40  # up to here each group is a fold: which groups share one would show
 _MOST_ROWS = 20_000  # are fitted in each fold; all rows are judged
 

@@ -127,6 +127,12 @@ class _Trial:
     start: ArmState
     priors: Priors
 
+    def unknowns(self, level: int) -> int:
+        """Return how many unknowns a level has."""
+        terms = terms_of_level(self.model, self.observations.joints_rad, level)
+        kind, mountings = self.observations.kind, len(self.start.devices)
+        return len(make_layout(self.model, kind, mountings, level=level, terms=terms))
+
     def held_out(self, level: int) -> Array:
         """Return the errors (N,) of rows predicted by fits without their fold."""
 
@@ -140,16 +146,20 @@ class _Trial:
 def _choose_level(trial: _Trial, wanted: int | None) -> tuple[int, tuple[str, ...]]:
     if wanted is not None:
         return wanted, (f"level {wanted}, {LEVEL_NAMES[wanted]}, was asked for",)
-    errors = {
-        level: trial.held_out(level)
-        for level in LEVELS
-        if level < GRAVITY or terms_of_level(trial.model, trial.observations.joints_rad, level)
-    }
+    sizes = {level: trial.unknowns(level) for level in LEVELS}
+    most = trial.observations.channels * len(trial.observations)
+    possible = [level for level in LEVELS if level == FRAMES or sizes[level - 1] < sizes[level] <= most]
+    errors = {level: trial.held_out(level) for level in possible}
     # The same rows vote on all levels: those that at least one of them can believe.
     smallest = np.min(list(errors.values()), axis=0)
     believable = smallest < _BELIEVABLE * np.median(smallest)
-    best, said = FRAMES, []
-    for level in [level for level in errors if level != FRAMES]:
+    best = FRAMES
+    said = [
+        f"level {level} ({LEVEL_NAMES[level]}) has {size} unknowns, more than {most} readings: not tried"
+        for level, size in sizes.items()
+        if size > most
+    ]
+    for level in possible[1:]:
         narrow = (f"level {best} ({LEVEL_NAMES[best]})", errors[best][believable])
         wide = (f"level {level} ({LEVEL_NAMES[level]})", errors[level][believable])
         comparison = compare(narrow, wide, trial.grouping.groups[believable])

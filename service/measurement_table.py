@@ -3,16 +3,23 @@
 import csv
 import math
 import re
+from array import array
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 from zipfile import BadZipFile
 
+import numpy as np
+
 from calibration.errors import CellError
+from calibration.geometry import Array
+from calibration.observations import Rows
 
 _SEPARATORS = (";", "\t", ",", "|", " ")
-_LOOK_AHEAD = 60  # lines
+_LOOK_AHEAD = 200  # lines, to find separator and decimal mark
+_HEAD = 2000  # lines, to find the column names
 _FEWEST_COLUMNS = 3
 _GROUP_MARKS = re.compile("[ \u2009\u202f'\u2019]")
 _GROUPED = re.compile(r"^[+-]?\d{1,3}([ \u2009\u202f'\u2019]\d{3})+([.,]\d+)?$")
@@ -26,19 +33,31 @@ class MeasurementError(CellError):
     code = "measurements"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Table:
-    """Names and cells; a cell is a number, or the text that is not one. Rows may be ragged."""
+    """Names and cells; a cell is a number, or the text that is not one. Rows may have been ragged."""
 
     names: tuple[str, ...]
-    rows: tuple[tuple[float | str, ...], ...]
-    lines: tuple[int, ...]  # of the file, counted from one, for each row
+    numbers: Array  # (N, k): not a number where there is a text, or nothing
+    texts: Mapping[tuple[int, int], str]
+    lines: Rows  # (N,) of the file, counted from one
     dialect: str  # for people
 
-    def column(self, name: str) -> list[float | str]:
-        """Return the cells of a column; rows that are too short give an empty text."""
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def column(self, name: str) -> Array:
+        """Return the numbers of a column."""
+        found: Array = self.numbers[:, self.names.index(name)]
+        return found
+
+    def words(self, name: str) -> list[str]:
+        """Return the cells of a column as text."""
         at = self.names.index(name)
-        return [row[at] if at < len(row) else "" for row in self.rows]
+        return [
+            self.texts.get((row, at), "" if math.isnan(number) else str(number))
+            for row, number in enumerate(self.numbers[:, at].tolist())
+        ]
 
 
 def read_table(path: Path, *, sheet: str | None = None) -> Table:
@@ -53,47 +72,46 @@ def read_table(path: Path, *, sheet: str | None = None) -> Table:
         raise MeasurementError(f"there is no file {path}.", remedy="Check the name.")
     if path.suffix.lower() in _EXCEL:
         return _read_excel(path, sheet)
-    lines = _text(path).splitlines()
-    separator, comma = _dialect(lines)
-    split = _split(lines, separator)
-    table = _assemble(path, [[_cell(cell, comma) for cell in cells] for cells in split], "")
+    encoding = _encoding(path)
+    with path.open(encoding=encoding, errors="replace") as file:
+        separator, comma = _dialect(list(islice((line for line in file if line.strip()), _LOOK_AHEAD)))
     mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
-    return Table(
-        table.names, table.rows, table.lines, f"separated by {mark}, decimal {'comma' if comma else 'point'}"
-    )
+    with path.open(encoding=encoding, errors="replace") as file:
+        cells = ([_cell(cell, comma) for cell in _split(line, separator)] for line in file)
+        return _assemble(path, cells, f"separated by {mark}, decimal {'comma' if comma else 'point'}")
 
 
-def _text(path: Path) -> str:
+def _encoding(path: Path) -> str:
     data = path.read_bytes()
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return data.decode("utf-16")
+        return "utf-16"
     for order, high_bytes in (("utf-16-le", data[1:400:2]), ("utf-16-be", data[:400:2])):
         if high_bytes.count(0) > len(high_bytes) // 2:
-            return data.decode(order, errors="replace")
+            return order
     try:
-        return data.decode("utf-8-sig")
+        data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
+        return "cp1252"
+    return "utf-8-sig"
 
 
-def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
+def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
-        return [line.split() for line in lines]
+        return line.split()
     # One line, one row: a quotation mark that is never closed must not swallow the rest of the file.
-    return [next(csv.reader([line], delimiter=separator), []) for line in lines]
+    return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
 
 
 def _dialect(lines: Sequence[str]) -> tuple[str, bool]:
     """Return separator and whether the decimal mark is a comma: those that make most numbers of most rows."""
-    sample = [line for line in lines if line.strip()][:_LOOK_AHEAD]
     best: tuple[float, str, bool] = (0.0, ",", False)
     for separator in _SEPARATORS:
         for comma in (False, True):
             if separator == "," and comma:
                 continue
             counts = [
-                sum(isinstance(_cell(cell, comma), float) for cell in cells)
-                for cells in _split(sample, separator)
+                sum(isinstance(_cell(cell, comma), float) for cell in _split(line, separator))
+                for line in lines
             ]
             common, often = (
                 Counter(count for count in counts if count >= _FEWEST_COLUMNS).most_common(1)[0]
@@ -124,19 +142,31 @@ def _cell(text: str, comma: bool) -> float | str:
     return value if math.isfinite(value) else cleaned
 
 
-def _assemble(path: Path, cells: list[list[float | str]], dialect: str) -> Table:
-    numbers = [sum(isinstance(cell, float) for cell in row) for row in cells]
-    widths = Counter(count for count in numbers if count >= _FEWEST_COLUMNS)
+def _assemble(path: Path, cells: Iterable[list[float | str]], dialect: str) -> Table:
+    rows = iter(cells)
+    head = list(islice(rows, _HEAD))
+    counts = [sum(isinstance(cell, float) for cell in row) for row in head]
+    widths = Counter(count for count in counts if count >= _FEWEST_COLUMNS)
     if not widths:
         raise MeasurementError(
             f"{path} holds no table of numbers.",
             remedy="A file of measurements has one row a posture: joints, and what the device read.",
         )
     usual = widths.most_common(1)[0][0]
-    first = next(i for i, count in enumerate(numbers) if count >= max(_FEWEST_COLUMNS, 0.5 * usual))
-    names = _names(path, cells[:first], len(cells[first]))
-    filled = [(i + 1, row) for i, row in enumerate(cells[first:], start=first) if any(c != "" for c in row)]
-    return Table(names, tuple(tuple(row) for _, row in filled), tuple(line for line, _ in filled), dialect)
+    first = next(i for i, count in enumerate(counts) if count >= max(_FEWEST_COLUMNS, 0.5 * usual))
+    names = _names(path, head[:first], len(head[first]))
+    numbers, texts, lines = array("d"), dict[tuple[int, int], str](), array("q")
+    for line, row in enumerate(chain(head[first:], rows), start=first + 1):
+        if not any(cell != "" for cell in row):
+            continue
+        padded = [*row[: len(names)], *[""] * (len(names) - len(row))]
+        for at, cell in enumerate(padded):
+            if isinstance(cell, str) and cell:
+                texts[len(lines), at] = cell
+        numbers.extend(cell if isinstance(cell, float) else math.nan for cell in padded)
+        lines.append(line)
+    shaped = np.frombuffer(numbers, dtype=float).reshape(-1, len(names))
+    return Table(names, shaped, texts, np.frombuffer(lines, dtype=np.int64), dialect)
 
 
 def _names(path: Path, above: list[list[float | str]], width: int) -> tuple[str, ...]:

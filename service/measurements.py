@@ -30,6 +30,7 @@ _SIGMA_RAD = 2e-3
 _CONSISTENT_RAD = float(np.deg2rad(2.0))
 _LIKELY = ("ur_rotation_vector", "ros_rpy", "instrument_xyz")  # of equal formulas, the first is named
 _ROUNDED = 0.01
+_ENOUGH_ROWS = 20_000  # to tell a unit by
 _EQUAL = 1.001
 _DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
 
@@ -85,12 +86,12 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     table = read_table(path, sheet=options.sheet)
     layout = detect_layout(table.names, model.joint_names, options.columns)
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
-    numbers = {name: _numbers(table, name) for name in (*names, *layout.spread, *layout.controller)}
+    numbers = {name: table.column(name) for name in (*names, *layout.spread, *layout.controller)}
     good, rejected = _usable(table, names, numbers)
     if not good.any():
         first = f"row {rejected[0].row}: {rejected[0].reason}" if rejected else "it has no rows"
         raise MeasurementError(f"{path} has no usable row; {first}.", remedy="Name columns with `--columns`.")
-    _refuse_mostly_text(path, rejected, len(table.rows))
+    _refuse_mostly_text(path, rejected, len(table))
     numbers = {name: values[good] for name, values in numbers.items()}
     guesses = [table.dialect] if table.dialect else []
     units = _Units({**layout.units, **options.units}, guesses)
@@ -103,13 +104,13 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     return Measurements(
         observations=observations,
         rows=rows,
-        read=len(table.rows),
+        read=len(table),
         rejected=rejected,
         joint_step_rad=np.array([resolution(column) for column in raw.T]) * unit,
         controller_m=controller,
         controller_step_m=controller_step,
         value_step_m=value_step,
-        temperature=_numbers(table, layout.temperature)[rows] if layout.temperature else None,
+        temperature=table.column(layout.temperature)[rows] if layout.temperature else None,
         groups=_groups(table, layout.group, rows),
         guesses=tuple(guesses),
         layout=layout,
@@ -132,23 +133,17 @@ def _of_controller(angles_rad: Array, model: RobotModel, options: ReadOptions) -
     return np.asarray(np.linalg.solve(model.joint_coupling, signed.T).T, dtype=np.float64)
 
 
-def _numbers(table: Table, name: str) -> Array:
-    return np.array([cell if isinstance(cell, float) else np.nan for cell in table.column(name)], dtype=float)
-
-
 def _usable(
     table: Table, names: Sequence[str], numbers: Mapping[str, Array]
 ) -> tuple[np.typing.NDArray[np.bool_], tuple[RejectedRow, ...]]:
-    good = np.ones(len(table.rows), dtype=bool)
+    missing = np.isnan(np.column_stack([numbers[name] for name in names]))
+    good: np.typing.NDArray[np.bool_] = np.logical_not(missing.any(axis=1))
     rejected = []
-    for row in range(len(table.rows)):
-        bad = [name for name in names if np.isnan(numbers[name][row])]
-        if bad:
-            good[row] = False
-            at = table.names.index(bad[0])
-            cell = table.rows[row][at] if at < len(table.rows[row]) else ""
-            what = f"holds {cell!r}, which is no number" if cell != "" else "is empty"
-            rejected.append(RejectedRow(row, f"line {table.lines[row]}: column {bad[0]!r} {what}"))
+    for row in np.flatnonzero(~good).tolist():
+        name = names[int(np.argmax(missing[row]))]
+        cell = table.texts.get((row, table.names.index(name)), "")
+        what = f"holds {cell!r}, which is no number" if cell else "is empty"
+        rejected.append(RejectedRow(row, f"line {table.lines[row]}: column {name!r} {what}"))
     return good, tuple(rejected)
 
 
@@ -179,7 +174,8 @@ class _Source:
 
     def spread_m(self) -> float:
         """Return how far the nominal flange moved about its mean (RMS) [m]."""
-        reach = self.model.tip_positions(self.joints_rad, np.zeros(3))
+        some = self.joints_rad[:: 1 + len(self.joints_rad) // _ENOUGH_ROWS]
+        reach = self.model.tip_positions(some, np.zeros(3))
         return float(np.sqrt(((reach - reach.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
     def controller(self) -> tuple[Array | None, float]:
@@ -269,7 +265,7 @@ class _Source:
 def _groups(table: Table, name: str, rows: Rows) -> Rows | None:
     if not name:
         return None
-    cells = [str(cell) for cell in table.column(name)]
+    cells = table.words(name)
     codes = np.unique([cells[row] for row in rows], return_inverse=True)[1].reshape(-1)
     count = int(codes.max()) + 1
     return codes if 2 < count <= len(rows) // 2 else None
