@@ -7,7 +7,7 @@ padding. TCP may cut and join them anywhere.
 import asyncio
 import struct
 from collections.abc import Callable
-from enum import IntEnum, IntFlag
+from enum import IntEnum
 
 PORT = 30004
 HEADER = struct.Struct(">HB")
@@ -33,23 +33,6 @@ class RuntimeState(IntEnum):
     PAUSING = 3
     PAUSED = 4
     RESUMING = 5
-
-
-class SafetyBit(IntFlag):
-    """The safety_status_bits of the guide."""
-
-    NORMAL = 1 << 0
-    REDUCED = 1 << 1
-    PROTECTIVE_STOP = 1 << 2
-    RECOVERY = 1 << 3
-    SAFEGUARD_STOP = 1 << 4
-    SYSTEM_EMERGENCY_STOP = 1 << 5
-    ROBOT_EMERGENCY_STOP = 1 << 6
-    EMERGENCY_STOP = 1 << 7
-    VIOLATION = 1 << 8
-    FAULT = 1 << 9
-    STOPPED_DUE_TO_SAFETY = 1 << 10
-    THREE_POSITION_ENABLING = 1 << 11
 
 
 MODE_RUNNING = 7  # robot_mode: brakes released, program may move the arm

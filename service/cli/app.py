@@ -56,7 +56,6 @@ def run_command_line(arguments: Sequence[str]) -> int:
     """Run one command and return its exit code; an error becomes a sentence, never a trace.
 
     Standard output carries results only; progress, logs and errors go to standard error.
-
     """
     logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s: %(message)s")
     for library in ("pymodbus", "can", "canopen"):  # the drivers turn what matters into errors of ours
