@@ -17,6 +17,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry import Array, inverse_transform, is_rigid
 from calibration.kinematics import RobotModel, chain_frames
 from calibration.motion_check import WirePath
+from calibration.motion_quantities import Excess
 
 Place = tuple[float, float, float]
 
@@ -178,7 +179,7 @@ class CollisionCheck:
             words.append(f"touching by construction, so not checked: {', '.join(pairs)}")
         words.append("links that share a joint are not checked against each other")
         if not self.shape.obstacles:
-            words.append("no obstacles known: collisions with the cell are not checked")
+            words.append("no obstacles known: path not checked for collisions with the cell")
         if self.shape.wire is None:
             words.append("no draw-wire known")
         words.append("cables, hoses and people are not known")
@@ -206,6 +207,29 @@ class CollisionCheck:
                 found[i] = (first, second, float(clearance[i]))
         return tuple(Contact(i, *item) for i, item in enumerate(found))
 
+    def distances(self, joints_rad: Array) -> Excess:
+        """Return the clearance of every pair of shapes in every posture, against what it must be.
+
+        Raises
+        ------
+        CalibrationError
+            Joint angles that are not finite.
+        """
+        joints = np.asarray(joints_rad, dtype=float)
+        names, margins, columns = [], [], []
+        for first, second, clearance, margin in self._clearances(joints):
+            names.append(f"{first} and {second}")
+            margins.append(margin)
+            columns.append(clearance)
+        found = np.array(columns).T.reshape(len(joints), len(names))
+        limit = np.broadcast_to(np.array(margins), found.shape)
+        return Excess("clearance", found, limit, limit - found, "m", tuple(names))
+
+    def looks(self, start_rad: Array, stop_rad: Array) -> int:
+        """Return into how many pieces a way must be cut for no point of the arm to move more than 5 mm."""
+        turns = np.abs(self.model.joint_coupling @ (stop_rad - start_rad))
+        return int(np.ceil(turns @ self._levers() / _LARGEST_STEP_M)) + 1
+
     def ways_free(self, waypoints_rad: Array) -> NDArray[np.bool_]:
         """Return (W - 1,): which joint moves from one waypoint to the next keep every distance on their way.
 
@@ -216,8 +240,7 @@ class CollisionCheck:
         for i, (start, stop) in enumerate(pairwise(waypoints)):
             if not np.isfinite([*start, *stop]).all():
                 continue
-            turns = np.abs(self.model.joint_coupling @ (stop - start))
-            steps = int(np.ceil(turns @ self._levers() / _LARGEST_STEP_M)) + 1
+            steps = self.looks(start, stop)
             share = np.linspace(0.0, 1.0, steps + 1)[:, None]
             free[i] = bool(self.free(start + share * (stop - start)).all())
         return free

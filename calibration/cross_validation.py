@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import stdtrit
 
+from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
 from calibration.observations import Rows
 
@@ -141,6 +142,29 @@ def held_out_errors(folds: Rows, errors_without: Callable[[Rows, Rows], Array]) 
     return errors
 
 
+def rmse_uncertainty(sizes_m: Array, groups: Rows) -> tuple[float, float, float]:
+    """Return the RMSE of errors (N,), its standard uncertainty [m] and degrees of freedom, by leaving groups out.
+
+    Rows of one group share what drifts, so the group is what may be left out (the jackknife).
+
+    Raises
+    ------
+    DegenerateDataError
+        Fewer than two groups: nobody knows how the next would do.
+    """
+    labels = np.unique(groups, return_inverse=True)[1].reshape(-1)
+    counts, squares = np.bincount(labels), np.bincount(labels, sizes_m**2)
+    number = len(counts)
+    if number < 2:
+        raise DegenerateDataError(
+            "one group of rows tells no uncertainty.",
+            remedy="Hold out more rows, or name groups in the file.",
+        )
+    without = np.sqrt((squares.sum() - squares) / (counts.sum() - counts))
+    spread = float(np.sqrt((number - 1) / number * ((without - without.mean()) ** 2).sum()))
+    return float(np.sqrt(np.mean(sizes_m**2))), spread, float(number - 1)
+
+
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Whether a wider model predicts unseen rows better than a narrower one, and how sure that is."""
@@ -161,7 +185,7 @@ def compare(
     before, after = float(np.sqrt(np.mean(first**2))), float(np.sqrt(np.mean(second**2)))
     sure = _surely_positive(_relative_gains(first, second, groups))
     large = after < before * (1 - least_gain)
-    change = f"held-out RMSE {before * 1e3:.3f} mm with {narrow_name}, {after * 1e3:.3f} mm with {wide_name}"
+    change = f"{wide_name}: {after * 1e3:.3f} mm ({narrow_name}: {before * 1e3:.3f})"
     if large and sure:
         return Comparison(True, f"{change}: better")
     why = "not better" if not large else "no more than groups differ by chance"

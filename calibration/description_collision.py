@@ -87,7 +87,7 @@ class DescriptionCheck:
         check = cls(arm, (), pin, model, shapes, at, matrix, margin_m)
         words = [*check._leave_out_what_always_touches(), "links that share a joint are not checked"]
         if not obstacles:
-            words.append("no obstacles known: collisions with the cell are not checked")
+            words.append("no obstacles known: path not checked for collisions with the cell")
         words.append("cables, hoses, people and the draw-wire are not known")
         return cls(arm, tuple(words), pin, model, shapes, at, matrix, margin_m)
 

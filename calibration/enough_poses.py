@@ -131,7 +131,7 @@ def enough_poses(
     last = plan_of(most)
     missing = gaps(last.prediction, acceptance)
     if missing:
-        words = _why_not(missing[0], outlook, candidates, acceptance, tests)
+        words = why_not(missing[0], outlook, candidates, acceptance, tests)
         return Sufficiency(None, last.prediction, f"not reachable with {most} poses: {words}", last.after)
     short, enough = 0, most
     while enough - short > 1:
@@ -146,7 +146,7 @@ def enough_poses(
     return Sufficiency(last, last.prediction, words, last.after)
 
 
-def _why_not(gap: Gap, outlook: Outlook, candidates: Array, acceptance: Acceptance, tests: TestPoses) -> str:
+def why_not(gap: Gap, outlook: Outlook, candidates: Array, acceptance: Acceptance, tests: TestPoses) -> str:
     """Say what stands in the way: too few poses, an instrument too coarse, or something that no pose shows."""
     scale, unit = (1e3, "mm") if gap.unit == "m" else (float(np.rad2deg(1.0)), "deg")
     words = f"{gap.what} {gap.predicted * scale:.3g} {unit}, allowed {gap.allowed * scale:.3g} {unit}"

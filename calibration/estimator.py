@@ -1,20 +1,22 @@
 """Maximum a posteriori estimation of an arm from observations: Gauss-Newton, in blocks of postures."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from math import prod
+from threading import local
 from typing import TypeAlias
 
 import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
-from calibration.joint_terms import term_values
-from calibration.kinematics import along_next, independent_columns, turned_frames
+from calibration.joint_terms import JointTerm, term_values
+from calibration.kinematics import RobotModel, along_next, independent_columns, turned_frames
 from calibration.observations import Observations, Rows
 from calibration.parameters import ArmState, Layout
 
 _BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the cache
+_MOST_HELD = 10_000_000  # values of joint terms: 80 MB
 _MAX_ITERATIONS = 40
 _SETTLED = 1e-3  # of a posterior standard deviation: nobody can see the rest of the step
 _CURVED = 1e-2  # of the smallest posterior deviation
@@ -45,30 +47,49 @@ class Problem:
     """Observations with everything about them that does not change while the parameters do."""
 
     observations: Observations
-    values: Array  # (K, N) of the joint terms
+    arm: RobotModel  # nominal
+    terms: tuple[JointTerm, ...]
+    held: Array | None  # (K, N) values of the joint terms; None: too many, made again block by block
     angles_rad: Array  # (n, N): what the joints add to the angles of the nominal arm
     blocks: tuple[Block, ...]
+    root: Array | None = None  # (N,) of each row's weight; None weighs all rows alike
 
     @classmethod
     def of(cls, state: ArmState, observations: Observations) -> "Problem":
         """Prepare the observations for states with the same nominal arm and joint terms."""
-        values = term_values(state.nominal, observations.joints_rad, state.terms)
+        held = None
+        if len(state.terms) * len(observations) <= _MOST_HELD:
+            held = term_values(state.nominal, observations.joints_rad, state.terms)
         angles = state.nominal.joint_coupling @ observations.joints_rad.T
-        return cls(observations, values, angles, tuple(_blocks(observations)))
+        return cls(observations, state.nominal, state.terms, held, angles, tuple(_blocks(observations)))
+
+    def values(self, rows: Rows | slice) -> Array:
+        """Return the values of the joint terms in some rows (K, n)."""
+        if self.held is not None:
+            return self.held[:, rows]
+        return term_values(self.arm, self.observations.joints_rad[rows], self.terms)
 
     def take(self, rows: Rows) -> "Problem":
         """Return the same for some of the rows."""
         taken = self.observations.take(rows)
-        return Problem(taken, self.values[:, rows], self.angles_rad[:, rows], tuple(_blocks(taken)))
+        root = None if self.root is None else self.root[rows]
+        held = self.values(rows) if len(self.terms) * len(taken) <= _MOST_HELD else None
+        angles = self.angles_rad[:, rows]
+        return Problem(taken, self.arm, self.terms, held, angles, tuple(_blocks(taken)), root)
+
+    def scales(self, rows: Rows | slice) -> Array:
+        """Return what makes the channels of rows count alike: root of the weight over sigma (channels or 1, N)."""
+        scales = self.observations.scales(rows)
+        return scales if self.root is None else scales * self.root[rows]
 
 
 def whitened_residuals(state: ArmState, problem: Problem) -> Array:
     """Return measured minus predicted of every row, in sigmas, (channels, N)."""
     observations = problem.observations
     residuals = np.empty((observations.channels, len(observations)))
-    scratch = _Scratch()
     for mounting, rows in problem.blocks:
-        rotations, origins = _frames(state, _placements(state, mounting), problem, rows, scratch)
+        values = problem.values(rows)
+        rotations, origins = _frames(state, _placements(state, mounting), problem.angles_rad[:, rows], values)
         tip = origins[-1], rotations[-1]
         residuals[:, rows] = observations.residuals(tip, state.devices[mounting], rows)
     return residuals
@@ -118,14 +139,13 @@ def estimate(
     ends when what the next step could change, its own part or the curvature that it leaves out, is far below
     the posterior deviations.
     """
-    root = None if weights is None else np.sqrt(weights)
+    if weights is not None:
+        problem = replace(problem, root=np.sqrt(weights))
     count = len(problem.observations)
     if from_afar and count > 2 * _COARSE:
-        some = np.arange(0, count, min(count // _COARSE, _THINNEST))
-        few = problem.take(some)
-        equations = _Equations(layout, few, None if root is None else root[some])
-        state = _iterate(equations, state, enough_m=_NEAR_M).state
-    return _iterate(_Equations(layout, problem, root), state)
+        few = problem.take(np.arange(0, count, min(count // _COARSE, _THINNEST)))
+        state = _iterate(_Equations(layout, few), state, enough_m=_NEAR_M).state
+    return _iterate(_Equations(layout, problem), state)
 
 
 def _iterate(equations: "_Equations", state: ArmState, *, enough_m: float = _INVISIBLE_M) -> Fit:
@@ -133,10 +153,12 @@ def _iterate(equations: "_Equations", state: ArmState, *, enough_m: float = _INV
     information, gradient, cost = equations.at(state)
     damping = 0.0
     iterations = 0
-    inverse = _inverse(information)
+    inverse = inverse_information(information)
     while iterations < _MAX_ITERATIONS and damping <= _MAX_DAMPING:
         iterations += 1
-        damped = _inverse(information + damping * np.diag(np.diag(information))) if damping else inverse
+        damped = (
+            inverse_information(information + damping * np.diag(np.diag(information))) if damping else inverse
+        )
         step, spread = damped @ gradient, np.sqrt(np.diag(damped))
         candidate = layout.step(state, step * layout.prior)
         if settled(step, spread, layout.prior, enough_m):
@@ -145,7 +167,7 @@ def _iterate(equations: "_Equations", state: ArmState, *, enough_m: float = _INV
         there = equations.at(candidate)
         if there[2] <= cost * (1 + 1e-12):
             state, (information, gradient, cost) = candidate, there
-            inverse = _inverse(information)
+            inverse = inverse_information(information)
             damping = 0.0 if damping < 1e-3 else damping / 10
         else:
             damping = max(1e-3, damping * 10)
@@ -169,10 +191,9 @@ def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Ar
     observations = problem.observations
     every = np.zeros((len(layout), observations.channels, len(observations)))
     left = np.empty((observations.channels, len(observations)))
-    scratch = _Scratch()
     for mounting, rows in problem.blocks:
         chain = _Chain.of(layout, state, mounting)
-        system = _system(state, chain, problem, (mounting, rows), scratch)
+        system = _system(state, chain, problem, (mounting, rows))
         every[:, :, rows] = np.tensordot(chain.tangent, system[:-1], axes=1)
         left[:, rows] = system[-1]
     return every, left
@@ -191,8 +212,12 @@ def _together(rows: Rows) -> Rows | slice:
     return slice(first, last + 1) if last - first + 1 == len(rows) else rows
 
 
-class _Scratch:
-    """Arrays that are written again block after block: touching fresh memory costs more than the arithmetic."""
+class _Workspace(local):
+    """Arrays that are written again block after block, kept by each thread between fits.
+
+    Touching memory that is new from the system costs more than the arithmetic on it. What is taken under a name
+    is good until the next one takes it.
+    """
 
     def __init__(self) -> None:
         self._kept: dict[str, Array] = {}
@@ -203,6 +228,9 @@ class _Scratch:
         if name not in self._kept or self._kept[name].size < size:
             self._kept[name] = np.empty(size)
         return self._kept[name][:size].reshape(shape)
+
+
+_WORKSPACE = _Workspace()
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,16 +254,18 @@ class _Chain:
 
 
 def _placements(state: ArmState, mounting: int) -> Array:
-    return state.seen_from(mounting).placements
+    """Return those of `ArmState.seen_from`, without a model around them."""
+    placements = state.arm.placements.copy()
+    placements[0] = state.devices[mounting].device_base @ placements[0]
+    placements[-1] = placements[-1] @ state.flange_tool
+    return placements
 
 
-def _frames(
-    state: ArmState, placements: Array, problem: Problem, rows: Rows | slice, scratch: _Scratch
-) -> tuple[Array, Array]:
-    angles = problem.angles_rad[:, rows] + state.arm.theta0_rad[:, None]
-    for term, coefficient, values in zip(state.terms, state.coefficients, problem.values, strict=True):
-        angles[term.joint] += coefficient * values[rows]
-    out = scratch.take("frames", len(placements), 4, 3, angles.shape[1])
+def _frames(state: ArmState, placements: Array, joints_rad: Array, values: Array) -> tuple[Array, Array]:
+    angles = joints_rad + state.arm.theta0_rad[:, None]
+    for term, coefficient, value in zip(state.terms, state.coefficients, values, strict=True):
+        angles[term.joint] += coefficient * value
+    out = _WORKSPACE.take("frames", len(placements), 4, 3, angles.shape[1])
     return turned_frames(placements, angles, out=out)
 
 
@@ -245,8 +275,6 @@ class _Equations:
 
     layout: Layout
     problem: Problem
-    root: Array | None
-    scratch: _Scratch = field(default_factory=_Scratch)
 
     def at(self, state: ArmState) -> tuple[Array, Array, float]:
         """Return information and gradient in prior deviations, and twice the negative log posterior."""
@@ -274,34 +302,35 @@ class _Equations:
         for block in self.problem.blocks:
             if block[0] != mounting:
                 continue
-            system = _system(state, chain, self.problem, block, self.scratch)
-            if self.root is not None:
-                system *= self.root[block[1]]
+            system = _system(state, chain, self.problem, block)
             flat = system.reshape(size, -1)
             products += flat @ flat.T
         return products
 
 
-def _system(state: ArmState, chain: _Chain, problem: Problem, block: Block, scratch: _Scratch) -> Array:
+def _system(state: ArmState, chain: _Chain, problem: Problem, block: Block) -> Array:
     """Return the whitened columns of a block and, in the last row, its residuals (P + K + D + 1, channels, N)."""
     observations, (mounting, rows) = problem.observations, block
     device, count = state.devices[mounting], chain.turns.shape[1]
-    rotations, origins = _frames(state, chain.placements, problem, rows, scratch)
+    values = problem.values(rows)
+    rotations, origins = _frames(state, chain.placements, problem.angles_rad[:, rows], values)
     tip, rows_taken = (origins[-1], rotations[-1]), origins.shape[-1]
-    system = scratch.take("system", chain.tangent.shape[1] + 1, observations.channels, rows_taken)
-    points = observations.channels == 3  # then the tip's motion is the answer, in place
-    linear = system[:count] if points else scratch.take("linear", count, 3, rows_taken)
-    independent_columns(rotations, origins, out=linear)
-    if not points:
+    system = _WORKSPACE.take("system", chain.tangent.shape[1] + 1, observations.channels, rows_taken)
+    scales, columns = problem.scales(rows), system[:count]
+    if observations.channels == 3:  # the tip's motion is the answer, in place
+        independent_columns(rotations, origins, out=columns, scale=scales[0])
+    else:
+        linear = independent_columns(rotations, origins, out=_WORKSPACE.take("linear", count, 3, rows_taken))
         angular = _angular_columns(rotations) if observations.needs_rotation else None
-        system[:count] = observations.project(linear, angular, tip, device)
+        np.multiply(observations.project(linear, angular, tip, device), scales, out=columns)
     if state.terms:
-        turned = chain.turns @ system[:count].reshape(count, -1)
-        moved = turned.reshape(-1, *system.shape[1:]) * problem.values[:, rows][:, None]
+        turned = chain.turns @ columns.reshape(count, -1)
+        moved = turned.reshape(-1, *system.shape[1:]) * values[:, None]
         system[count : count + len(moved)] = moved
-    system[count + len(state.terms) : -1] = observations.own_columns(tip, device)
-    system[:-1] *= observations.scales(rows)
+    system[count + len(state.terms) : -1] = observations.own_columns(tip, device) * scales
     system[-1] = observations.residuals(tip, device, rows)
+    if problem.root is not None:
+        system[-1] *= problem.root[rows]
     return system
 
 
@@ -314,7 +343,7 @@ def _angular_columns(rotations: Array) -> Array:
     return columns
 
 
-def _inverse(information: Array) -> Array:
+def inverse_information(information: Array) -> Array:
     """Return the inverse of information in prior deviations, whose eigenvalues are one or more.
 
     With few rows and small residuals they span more digits than there are; then the smallest are cut to what the

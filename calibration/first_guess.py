@@ -9,7 +9,7 @@ from calibration.observations import Device, LengthObservations, Observations, P
 from calibration.parameters import ArmState, nominal_state
 
 _MOST_ROWS = 100  # more make a guess no better
-_NEAR_M = 1e-4
+_NEAR_M = 1e-3  # a nominal arm is off by as much
 _UNTURNED = 1e-10  # of the largest eigenvalue
 _FEWEST = {"point": 4, "pose": 3, "length": 8}
 
@@ -31,17 +31,17 @@ def first_guess(model: RobotModel, observations: Observations) -> tuple[ArmState
     observations = observations.take(np.arange(0, len(observations), 1 + len(observations) // _MOST_ROWS))
     frames = model.base_flange(observations.joints_rad)
     if isinstance(observations, LengthObservations):
-        anchors = _anchors(frames[:, :3, 3], observations.lengths_m)
-        places = [tuple(Device(np.eye(4), anchor) for _ in range(count)) for anchor in anchors]
+        both = anchors(frames[:, :3, 3], observations.lengths_m)
+        places = [tuple(Device(np.eye(4), anchor) for _ in range(count)) for anchor in both]
         return tuple(nominal_state(model, devices) for devices in places)
-    device_base, tool = _base_and_tool(frames, observations.positions_m)
+    device_base, tool = base_and_tool(frames, observations.positions_m)
     if isinstance(observations, PoseObservations):
         turned = np.swapaxes(device_base[:3, :3] @ frames[:, :3, :3], 1, 2) @ observations.rotations
         tool = homogeneous(mean_rotation(turned), tool[:3, 3])
     return (nominal_state(model, (Device(device_base, np.zeros(3)),) * count, tool),)
 
 
-def _base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array]:
+def base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array]:
     """Alternate between the best base for a tool point and the best tool point for a base.
 
     With base R, t and tool point x each posture says ``R (F x + c) + t = p``, of which only sums over the
@@ -51,15 +51,15 @@ def _base_and_tool(base_flange: Array, positions_m: Array) -> tuple[Array, Array
     turn, origin, goal = turns.mean(axis=0), origins.mean(axis=0), positions_m.mean(axis=0)
     moved = positions_m - goal
     with_origins = moved.T @ origins
-    with_turns = np.tensordot(moved, turns, axes=(0, 0))  # (3, 3, 3)
-    turned_origins = np.tensordot(turns, origins - origin, axes=((0, 1), (0, 1)))
+    with_turns = (moved.T @ turns.reshape(-1, 9)).reshape(9, 3)  # rows: measured and base axis
+    turned_origins = (origins - origin).reshape(-1) @ turns.reshape(-1, 3)
     # Postures that turn the flange about one axis only, or not at all, leave some of the tool point at zero.
     inverse = np.linalg.pinv(len(turns) * (np.eye(3) - turn.T @ turn), rcond=_UNTURNED, hermitian=True)
     tip = np.zeros(3)
     for _ in range(30):
-        rotation = _rotation(with_turns @ tip + with_origins)
+        rotation = _rotation((with_turns @ tip).reshape(3, 3) + with_origins)
         # Tip and shift are found together, or the alternation would crawl.
-        better = inverse @ (np.tensordot(rotation, with_turns, axes=2) - turned_origins)
+        better = inverse @ (rotation.reshape(-1) @ with_turns - turned_origins)
         step, tip = better - tip, better
         if step @ step < _NEAR_M**2:
             break
@@ -76,14 +76,14 @@ def _rotation(spread: Array) -> Array:
         ) from error
 
 
-def _anchors(flange_m: Array, lengths_m: Array) -> tuple[Array, Array]:
-    """Return the anchor by linear trilateration of the flange, and its mirror image.
+def anchors(tips_m: Array, lengths_m: Array) -> tuple[Array, Array]:
+    """Return the anchor by linear trilateration of the tips, and its mirror image.
 
     ``l^2 = |a|^2 - 2 a . p + |p|^2`` is linear in a and |a|^2. Where the postures lie almost in a plane, the
     linear equations cannot tell on which side the anchor is, so both are tried.
     """
-    centre = flange_m.mean(axis=0)
-    points = flange_m - centre
+    centre = tips_m.mean(axis=0)
+    points = tips_m - centre
     design = np.column_stack([-2 * points, np.ones(len(points))])
     right = lengths_m**2 - (points**2).sum(axis=1)
     anchor = np.linalg.lstsq(design, right, rcond=None)[0][:3]

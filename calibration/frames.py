@@ -9,10 +9,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, Pose, homogeneous, inverse_transform, log_transform
+from calibration.geometry import Array, Pose, exp_twist, homogeneous, inverse_transform, log_transform, skew
 from calibration.registration import RigidFit, best_fit_transform
+from calibration.uncertainty import chi_square_limit
 
 Triple = tuple[float, float, float]
 
@@ -29,6 +31,8 @@ class TaughtFrame:
     x_length_m: float  # from the first point to the one on x
     origin_sigma_m: Triple  # standard, along the frame's axes; zeros where the points' sigma was not given
     rotation_sigma_rad: Triple  # standard, about the frame's axes
+    rms_m: float = 0.0  # of what the points miss their line and plane by; zero with three
+    redundancy: int = 0  # how many points there are to spare, as degrees of freedom
 
 
 def frame_from_three_points(
@@ -83,6 +87,70 @@ def frame_from_three_points(
     if above_m is not None:
         _refuse_below(matrix, above_m)
     return _taught(_three_point_matrix, points, sigma_m, opening, length)
+
+
+def frame_from_more_points(
+    origin_m: Sequence[float],
+    on_x_m: Sequence[Sequence[float]],
+    in_plane_m: Sequence[Sequence[float]],
+    *,
+    above_m: Sequence[float] | None = None,
+    sigma_m: float,
+) -> TaughtFrame:
+    """Fit a frame to its origin, points on +x and points of its x-y plane by least squares.
+
+    The origin misses (0, 0, 0), a point on x misses y = z = 0, a point of the plane misses z = 0; the squares of all
+    misses are made least by Gauss-Newton from the frame of three of the points.
+
+    Parameters
+    ----------
+    origin_m : point
+        In the base frame [m].
+    on_x_m, in_plane_m : points
+        One or more each; the first of them as for `frame_from_three_points` [m].
+    above_m : point, optional
+        Any point known to lie on the +z side.
+    sigma_m : float
+        Standard uncertainty of one coordinate of one point [m], above zero.
+
+    Raises
+    ------
+    DegenerateDataError
+        The first three points fix no frame.
+    CalibrationError
+        The points miss line and plane by more than ``sigma_m`` explains at 99.9 %, or one on +x is behind the origin.
+    """
+    first = frame_from_three_points(origin_m, on_x_m[0], in_plane_m[0], sigma_m=sigma_m)
+    points = _points(origin_m, *on_x_m, *in_plane_m)
+    misses = np.zeros((len(points), 3), dtype=bool)
+    misses[:, 2] = True
+    misses[: 1 + len(on_x_m), 1] = True
+    misses[0, 0] = True
+    matrix = first.base_frame.matrix()
+    for _ in range(20):
+        local = (points - matrix[:3, 3]) @ matrix[:3, :3]
+        jacobian = np.concatenate([-np.broadcast_to(np.eye(3), (len(points), 3, 3)), skew(local)], axis=2)[
+            misses
+        ]
+        covariance = np.linalg.inv(jacobian.T @ jacobian)
+        step = -covariance @ jacobian.T @ local[misses]
+        matrix = matrix @ exp_twist(step)
+        if np.abs(step).max() < 1e-13:
+            break
+    local = (points - matrix[:3, 3]) @ matrix[:3, :3]
+    _refuse_misses(local, misses, 1 + len(on_x_m), sigma_m)
+    if above_m is not None:
+        _refuse_below(matrix, above_m)
+    sigma = [float(v) for v in np.sqrt(np.diag(covariance)) * sigma_m]
+    return TaughtFrame(
+        base_frame=Pose.from_matrix(matrix),
+        opening_rad=first.opening_rad,
+        x_length_m=first.x_length_m,
+        origin_sigma_m=(sigma[0], sigma[1], sigma[2]),
+        rotation_sigma_rad=(sigma[3], sigma[4], sigma[5]),
+        rms_m=float(np.sqrt(np.mean(local[misses] ** 2))),
+        redundancy=int(misses.sum()) - 6,
+    )
 
 
 def frame_from_six_points(
@@ -197,6 +265,21 @@ def _taught(
         origin_sigma_m=(sigma[0], sigma[1], sigma[2]),
         rotation_sigma_rad=(sigma[3], sigma[4], sigma[5]),
     )
+
+
+def _refuse_misses(local: Array, misses: NDArray[np.bool_], on_x: int, sigma_m: float) -> None:
+    if (local[1:on_x, 0] <= 0).any():
+        raise CalibrationError(
+            "a point on the +x axis lies behind the origin.", remedy="Touch points on one side of the origin."
+        )
+    spare = int(misses.sum()) - 6
+    if spare and float((local[misses] ** 2).sum()) / sigma_m**2 > chi_square_limit(spare):
+        worst = int(np.argmax(np.abs(local * misses).max(axis=1)))
+        raise CalibrationError(
+            f"point {worst + 1} misses its line or plane by {np.abs(local * misses).max() * 1e3:.2f} mm, more than "
+            f"touches of {sigma_m * 1e3:.2f} mm explain.",
+            remedy="Touch that point again; see that pointer and workpiece are whole.",
+        )
 
 
 def _refuse_below(matrix: Array, above_m: Sequence[float]) -> None:

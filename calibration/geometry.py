@@ -69,13 +69,11 @@ def homogeneous(rotation: Array, translation_m: Array) -> Array:
 
 def rotation_from_quaternion(quaternion: Array) -> Array:
     """Return (…, 3, 3) rotations from (…, 4) unit quaternions w, x, y, z."""
-    w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=float), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    quaternion = np.asarray(quaternion, dtype=float)
+    w, v = quaternion[..., :1, None], quaternion[..., 1:]
+    turn = skew(v)
+    rotation: Array = np.eye(3) + 2.0 * (w * turn + turn @ turn)
+    return rotation
 
 
 def quaternion_from_rotation(rotation: Array) -> Array:
@@ -131,19 +129,21 @@ def is_rotation(rotation: Array, *, tolerance: float = 1e-6) -> bool:
 
 def skew(vector: Array) -> Array:
     """Return (…, 3, 3) with ``skew(v) @ w == v x w``."""
-    x, y, z = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    vector = np.asarray(vector, dtype=float)
+    matrix = np.zeros((*vector.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[..., k, j] = vector[..., i]
+        matrix[..., j, k] = -vector[..., i]
+    return matrix
 
 
 def exp_rotation(vector_rad: Array) -> Array:
     """Return (…, 3, 3) rotations from (…, 3) rotation vectors [rad]."""
     vector = np.asarray(vector_rad, dtype=float)
-    angle = np.linalg.norm(vector, axis=-1)[..., None]
-    # np.sinc(x) is sin(pi x) / (pi x): sin(angle / 2) / angle, right down to zero.
+    half = 0.5 * np.sqrt((vector * vector).sum(axis=-1, keepdims=True))
+    # np.sinc(x) is sin(pi x) / (pi x): right down to zero.
     return rotation_from_quaternion(
-        np.concatenate([np.cos(angle / 2), vector * np.sinc(angle / (2 * np.pi)) / 2], axis=-1)
+        np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vector], axis=-1)
     )
 
 
@@ -167,14 +167,15 @@ def exp_twist(twist: Array) -> Array:
     """
     twist = np.asarray(twist, dtype=float)
     v, w = twist[..., :3], twist[..., 3:]
-    angle = np.linalg.norm(w, axis=-1)[..., None, None]
+    angle = np.sqrt((w * w).sum(axis=-1))[..., None, None]
     cross = skew(w)
+    twice = cross @ cross
+    # np.sinc(x) is sin(pi x) / (pi x): right down to zero.
+    sine, first = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
     small = angle < 1e-3
-    safe = np.where(small, 1.0, angle)
-    first = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
-    second = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
-    left = np.eye(3) + first * cross + second * (cross @ cross)
-    return homogeneous(exp_rotation(w), (left @ v[..., None])[..., 0])
+    second = np.where(small, 1 / 6 - angle**2 / 120, (1.0 - sine) / np.where(small, 1.0, angle) ** 2)
+    left = np.eye(3) + first * cross + second * twice
+    return homogeneous(np.eye(3) + sine * cross + first * twice, (left @ v[..., None])[..., 0])
 
 
 def log_transform(matrix: Array) -> Array:

@@ -1,6 +1,8 @@
 """What the measurements cannot determine, what it hides behind, and what would bring it out."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -15,6 +17,24 @@ _MOST_PARTNERS = 3
 _STRONG = 0.95
 _ARM_ROLES = ("offset", "geometry", "wire", "gravity")
 _PLACE_ROLES = ("base", "anchor", "tool")
+
+
+class Unknowns(Protocol):
+    """What was free."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]: ...
+    @property
+    def prior(self) -> Array: ...
+
+
+class Estimate(Protocol):
+    """A fit of one device or of a cell."""
+
+    @property
+    def covariance(self) -> Array: ...
+    @property
+    def layout(self) -> Unknowns: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +57,7 @@ class CorrelatedPair:
     correlation: float
 
 
-def correlations(fit: Fit) -> Array:
+def correlations(fit: Estimate) -> Array:
     """Return the correlation matrix of all parameters (p, p)."""
     sigma = np.sqrt(np.diag(fit.covariance))
     matrix: Array = fit.covariance / np.outer(sigma, sigma)
@@ -67,17 +87,23 @@ def _describe(fit: Fit, own: int, ratio: float) -> NotIdentified:
 
 
 def _partners(fit: Fit, own: int) -> tuple[tuple[Parameter, ...], float]:
+    parameters = fit.layout.parameters
+    rho = np.abs(correlations(fit)[own])
+    blocks, share = partners(fit, own, lambda p: p.role if p.role in _PLACE_ROLES else p.name)
+    return tuple(parameters[max(block, key=lambda i: rho[i])] for block in blocks), share
+
+
+def partners(
+    fit: Estimate, own: int, block_of: Callable[[Parameter], str]
+) -> tuple[tuple[list[int], ...], float]:
     """Return who hides a parameter: the fewest others, three at most, who take its variance away if known.
 
-    A place is one partner, however many coordinates it has; the one that correlates most speaks for it.
+    A place is one partner, however many coordinates it has: ``block_of`` names the block of a parameter.
     """
-    parameters = fit.layout.parameters
     blocks: dict[str, list[int]] = {}
-    for i, parameter in enumerate(parameters):
+    for i, parameter in enumerate(fit.layout.parameters):
         if i != own and parameter.role != "harmonic":
-            name = parameter.role if parameter.role in _PLACE_ROLES else parameter.name
-            blocks.setdefault(name, []).append(i)
-    rho = np.abs(correlations(fit)[own])
+            blocks.setdefault(block_of(parameter), []).append(i)
     chosen: list[str] = []
     share = 0.0
     while len(chosen) < _MOST_PARTNERS and share < _EXPLAINED and len(chosen) < len(blocks):
@@ -88,12 +114,10 @@ def _partners(fit: Fit, own: int) -> tuple[tuple[Parameter, ...], float]:
         }
         best = max(shares, key=lambda name: shares[name])
         chosen, share = [*chosen, best], shares[best]
-    if share < _PARTNER:
-        return (), share
-    return tuple(parameters[max(blocks[name], key=lambda i: rho[i])] for name in chosen), share
+    return (tuple(blocks[name] for name in chosen) if share >= _PARTNER else ()), share
 
 
-def _share(fit: Fit, own: int, others: list[int]) -> float:
+def _share(fit: Estimate, own: int, others: list[int]) -> float:
     """Return the share of a parameter's variance that would vanish if the others were known."""
     covariance = fit.covariance
     cross, inner = covariance[own, others], covariance[np.ix_(others, others)]
@@ -103,7 +127,7 @@ def _share(fit: Fit, own: int, others: list[int]) -> float:
     return min(float(known / covariance[own, own]), 1.0)
 
 
-def correlated_pairs(fit: Fit) -> tuple[CorrelatedPair, ...]:
+def correlated_pairs(fit: Estimate) -> tuple[CorrelatedPair, ...]:
     """Return pairs with a correlation beyond 0.95, strongest first, places of devices and tools left out."""
     rho, parameters = correlations(fit), fit.layout.parameters
     shown = [
@@ -141,9 +165,15 @@ def _cure(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
         return "use a target off the last axis whose place on the flange is known"
     if partners and "wire" in together:
         return "check the wire's zero and scale against a known length"
-    if partners and together == {"geometry"}:
+    if partners and (together == {"geometry"} or _one_turn(parameter, partners)):
         return "none needed while they act together: only their sum moves the tip in these postures"
     return _turn_more(parameter, partners)
+
+
+def _one_turn(parameter: Parameter, partners: tuple[Parameter, ...]) -> bool:
+    """Tell whether only an offset and the beta of one row are meant: without parallel axes they are one turn."""
+    words = {p.name.split()[-1] for p in (parameter, *partners)}
+    return words == {"offset", "beta"} and {p.joint for p in partners} == {parameter.joint}
 
 
 def _turn_more(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:

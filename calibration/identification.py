@@ -1,23 +1,38 @@
 """Identification of an arm: which model the measurements support, how good it is, what stays unknown."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.cross_validation import Errors, Grouping, group_rows
+from calibration.cross_validation import Errors, Grouping, compare, group_rows
+from calibration.earlier_posterior import Contradiction, EarlierPosterior, contradicted, told
 from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.estimator import errors_m
+from calibration.free_parameters import StartingPoint, every_term, spelled
 from calibration.geometry import Array
+from calibration.group_effect import GroupEffect, widened
 from calibration.identifiability import CorrelatedPair, NotIdentified, correlated_pairs, not_identified
 from calibration.judgement import Judgement, judge
 from calibration.kinematics import RobotModel
 from calibration.observations import Observations, Rows
-from calibration.parameters import FRAMES, OFFSETS, ArmState
+from calibration.parameters import FRAMES, GEAR, LEVEL_NAMES, OFFSETS, ArmState, Parameter, make_layout
+from calibration.residual_model import ResidualModel, residual_of
 from calibration.robust import RobustFit
 from calibration.selection import LEVELS, Options, fit_level, select
 from calibration.series_breaks import SeriesBreak
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
+_FEWEST_TO_PLACE = {"length": 9, "point": 5, "pose": 4}
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualFinding:
+    """A residual model, and whether unseen groups are better predicted with it."""
+
+    model: ResidualModel
+    chosen: bool
+    reason: str
+    held_out: Errors  # with it, of the rows that were cross-validated
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +41,8 @@ class Identification:
 
     state: ArmState
     frames: ArmState  # base and tool fitted to the nominal arm, by the same rows
-    robust: RobustFit
+    robust: RobustFit  # its covariance widened by what rows of a group share
+    group_effect: GroupEffect
     level: int
     level_reasons: tuple[str, ...]
     breaks: tuple[SeriesBreak, ...]
@@ -37,6 +53,8 @@ class Identification:
     fit_m: Array  # (N,) errors of the fit itself
     not_identified: tuple[NotIdentified, ...]
     correlated: tuple[CorrelatedPair, ...]
+    residual: ResidualFinding | None = None
+    contradicted: tuple[Contradiction, ...] = ()  # offsets that an earlier fit has elsewhere
 
     @property
     def before(self) -> Errors:
@@ -87,29 +105,27 @@ def identify(
     CalibrationError
         A level that does not exist.
     """
-    options = options or Options()
-    if options.level is not None and options.level not in LEVELS:
-        raise CalibrationError(
-            f"there is no level {options.level}.", remedy=f"Levels are {LEVELS[0]} to {LEVELS[-1]}."
-        )
-    fewest = _FEWEST_ROWS[observations.kind]
-    if len(observations) < fewest:
-        raise DegenerateDataError(
-            f"{len(observations)} usable rows are too few to identify anything and to check it.",
-            remedy=f"Measure at least {fewest} postures, better 60.",
-        )
+    options = _checked(model, observations, options or Options())
     grouping = grouping or group_rows(observations.joints_rad)
     choice = select(model, observations, grouping, options)
-    robust = fit_level(model, choice.seen, choice.start, choice.level, options.priors)
-    frames = fit_level(model, choice.seen, choice.start, FRAMES, options.priors)
-    known = robust
+    robust, frames = (
+        fit_level(model, choice.seen, choice.places, level, options.priors, options.start)
+        for level in (choice.level, FRAMES)
+    )
+    weighed = robust
     if choice.level == FRAMES:
-        known = fit_level(model, choice.seen, choice.start, OFFSETS, options.priors)
+        weighed = fit_level(model, choice.seen, choice.places, OFFSETS, options.priors, options.start)
     judgement = judge(model, observations, grouping, options) if options.judge else Judgement.none()
+    moved: tuple[Contradiction, ...] = ()
+    if options.start.covariance is not None:
+        moved = contradicted(robust, EarlierPosterior(options.start.names, options.start.covariance))
+    robust, effect = widened(robust, grouping.groups)
+    robust, weak = replace(robust, fit=told(robust.fit)), told(weighed.fit)
     return Identification(
         robust.fit.state,
         frames.fit.state,
         robust,
+        effect,
         choice.level,
         choice.level_reasons,
         choice.breaks,
@@ -118,6 +134,46 @@ def identify(
         grouping,
         judgement,
         errors_m(robust.fit.state, robust.problem),
-        not_identified(known.fit),
-        correlated_pairs(known.fit),
+        not_identified(weak),
+        correlated_pairs(weak),
+        _residual(robust, choice.seen, judgement, grouping, options) if options.residual_model else None,
+        moved,
     )
+
+
+def _checked(model: RobotModel, observations: Observations, options: Options) -> Options:
+    """Return the options with their words spelled out; refuse what cannot be done before the work."""
+    if options.level is not None and options.level not in LEVELS:
+        names = ", ".join(f"{level} {LEVEL_NAMES[level]}" for level in LEVELS)
+        raise CalibrationError(
+            f"there is no level {options.level}.", remedy=f"Levels are: {names}.", code="usage"
+        )
+    layout = make_layout(model, observations.kind, 1, level=GEAR, terms=every_term(model))
+    start = replace(options.start, free=spelled(options.start.free, layout.parameters))
+    fewest = _fewest_rows(observations, start, layout.parameters)
+    if len(observations) < fewest:
+        raise DegenerateDataError(
+            f"{len(observations)} usable rows are too few to identify anything and to check it.",
+            remedy=f"Measure at least {fewest} postures, better 60.",
+        )
+    return replace(options, start=start)
+
+
+def _fewest_rows(observations: Observations, start: StartingPoint, parameters: tuple[Parameter, ...]) -> int:
+    """Return how many rows determine what is free, and one more to check it."""
+    if not start.free:
+        known = start.covariance is not None
+        return (_FEWEST_TO_PLACE if known else _FEWEST_ROWS)[observations.kind]
+    needed = -(-sum(start.frees(parameter) for parameter in parameters) // observations.channels) + 1
+    if start.holds_places:
+        return max(needed, 2)
+    return min(max(needed, _FEWEST_TO_PLACE[observations.kind]), _FEWEST_ROWS[observations.kind])
+
+
+def _residual(
+    robust: RobustFit, seen: Observations, judgement: Judgement, grouping: Grouping, options: Options
+) -> ResidualFinding:
+    plain, smooth = judgement.held_out_m, judgement.with_residual_m
+    found = compare(("the arm alone", plain), ("a residual model over the joints", smooth), grouping.groups)
+    model = residual_of(robust, seen, options.seed)
+    return ResidualFinding(model, found.better, found.reason, Errors.of(smooth))

@@ -1,4 +1,4 @@
-"""What a joint does beside turning by its angle: sagging under weight, and ripple of its gear.
+"""What a joint does beside turning by its angle: sagging under weight, ripple and a wrong ratio of its gear.
 
 A term adds ``coefficient * f(q)`` to one DH angle. ``f`` is taken from the nominal arm, so that it is a fixed
 column of numbers for given joints: its own change with the errors being sought is of second order.
@@ -19,17 +19,22 @@ _POSTURES = np.linspace(-1.5, 1.5, 13)
 class JointTerm:
     """One term: which joint it moves (0-based), by what."""
 
-    kind: str  # gravity | harmonic
+    kind: str  # gravity | harmonic | gear
     joint: int
     link: int = 0  # gravity: the link whose weight it is
     order: int = 0  # harmonic: periods per turn of the joint
     phase: str = ""  # harmonic: cos | sin
+    source: int = 0  # gear: the joint whose angle it follows
 
     @property
     def name(self) -> str:
         """A name for people: joints and links count from one."""
         if self.kind == "gravity":
             return f"J{self.joint + 1} sag under link {self.link + 1}"
+        if self.kind == "gear":
+            return f"J{self.joint + 1} " + (
+                "gear ratio" if self.source == self.joint else f"coupling to J{self.source + 1}"
+            )
         return f"J{self.joint + 1} ripple {self.phase} {self.order}"
 
 
@@ -58,13 +63,26 @@ def harmonic_terms(model: RobotModel, orders: tuple[int, ...] = (1, 2)) -> tuple
     )
 
 
+def gear_terms(model: RobotModel) -> tuple[JointTerm, ...]:
+    """Return ``(1 + e) q_i`` of every joint, and ``c_ik q_k`` where gears and linkages do couple joints.
+
+    Those are J3 behind J2 (a linkage, or a motor at the shoulder), and the wrist's last two joints, whose shafts
+    run through the joints before them.
+    """
+    n = model.axes
+    coupled = [(2, 1)] if n > 2 else []
+    coupled += [(joint, source) for joint in range(max(n - 2, 3), n) for source in range(n - 3, joint)]
+    ratios = (JointTerm("gear", joint, source=joint) for joint in range(n))
+    return (*ratios, *(JointTerm("gear", joint, source=source) for joint, source in coupled))
+
+
 def term_values(
     model: RobotModel,
     joints_rad: Array,
     terms: tuple[JointTerm, ...],
     gravity_in_base: tuple[float, float, float] = (0.0, 0.0, -1.0),
 ) -> Array:
-    """Return ``f`` of every term for every posture, (K, N): metres of lever, or 1."""
+    """Return ``f`` of every term for every posture, (K, N): metres of lever, 1, or radians."""
     joints = np.asarray(joints_rad, dtype=float)
     values = np.empty((len(terms), len(joints)))
     if any(term.kind == "gravity" for term in terms):
@@ -81,6 +99,8 @@ def term_values(
     for row, term in enumerate(terms):
         if term.kind == "gravity":
             values[row] = across[term.joint, term.link]
+        elif term.kind == "gear":
+            values[row] = joints[:, term.source]
         else:
             wave = np.cos if term.phase == "cos" else np.sin
             values[row] = wave(term.order * joints[:, term.joint])

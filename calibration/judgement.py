@@ -4,7 +4,7 @@ A fit that leaves rows out is not enough. If all rows have chosen the level, or 
 the rows left out have had their say. Here breaks, level and fit are made anew without each fold.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,13 +14,14 @@ from calibration.geometry import Array
 from calibration.kinematics import RobotModel
 from calibration.observations import Observations, Rows, with_mounting
 from calibration.parameters import FRAMES
+from calibration.residual_model import errors_with, residual_of
 from calibration.selection import Options, Selection, errors_in_both, evenly, fit_level, select
 from calibration.series_breaks import change_between, mounting_of
 
 _FOLDS = 5
 _MANY_FOLDS = 10
 _FEW_ROWS = 100  # up to here ten folds cost little, and each row left out costs much
-_VERY_FEW_ROWS = 40  # up to here each group is a fold: which groups share one would show
+_VERY_FEW_ROWS = 25  # up to here each group is a fold: which groups share one would show
 _MOST_ROWS = 20_000  # are fitted in each fold; all rows are judged
 
 
@@ -33,11 +34,12 @@ class Judgement:
     levels: tuple[int, ...]  # chosen without each fold
     breaks: tuple[tuple[int, ...], ...]  # found without each fold, as rows of the series
     placed: Rows  # rows next to a break, whose order does not tell their mounting
+    with_residual_m: Array  # (N,) with a residual model; empty if none was asked for
 
     @classmethod
     def none(cls) -> "Judgement":
         """Return the judgement of no rows."""
-        return cls(np.zeros(0), np.zeros(0), (), (), np.zeros(0, dtype=np.intp))
+        return cls(np.zeros(0), np.zeros(0), (), (), np.zeros(0, dtype=np.intp), np.zeros(0))
 
     def said(self, grouping: Grouping) -> str:
         """Return how the rows were judged, for people."""
@@ -58,10 +60,11 @@ def judge(model: RobotModel, observations: Observations, grouping: Grouping, opt
     count = len(observations)
     folds = deal_folds(grouping, _number_of_folds(count), options.seed)
     before, after = np.zeros(count), np.zeros(count)
+    smooth = np.zeros(count if options.residual_model else 0)
     levels: list[int] = []
     breaks: list[tuple[int, ...]] = []
     placed: list[Rows] = []
-    inner = Options(options.level, options.seed, _FOLDS, options.find_breaks, options.priors)
+    inner = replace(options, folds=_FOLDS)
     for fold in range(int(folds.max()) + 1):
         training, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
         training = training[evenly(len(training), _MOST_ROWS)]
@@ -69,12 +72,15 @@ def judge(model: RobotModel, observations: Observations, grouping: Grouping, opt
         rows, unsure = _mountings(choice, observations, training, held)
         seen = with_mounting(observations.take(held), rows)
         for level, errors in ((FRAMES, before), (choice.level, after)):
-            state = fit_level(model, choice.seen, choice.start, level, options.priors).fit.state
+            fit = fit_level(model, choice.seen, choice.places, level, options.priors, options.start)
+            state = fit.fit.state
             errors[held] = errors_m(state, Problem.of(state, seen))
+        if options.residual_model:
+            smooth[held] = errors_with(residual_of(fit, choice.seen, options.seed), state, seen)
         levels.append(choice.level)
         breaks.append(tuple(int(training[found.row]) for found in choice.breaks))
         placed.append(unsure)
-    return Judgement(before, after, tuple(levels), tuple(breaks), np.sort(np.concatenate(placed)))
+    return Judgement(before, after, tuple(levels), tuple(breaks), np.sort(np.concatenate(placed)), smooth)
 
 
 def _number_of_folds(rows: int) -> int:
@@ -98,7 +104,7 @@ def _mountings(
         last = int(training[found.row - 1])
         between = np.flatnonzero((held > last) & (held < first[mounting]))
         if len(between):
-            both = errors_in_both(choice.start, observations.take(held[between]), mounting)
+            both = errors_in_both(choice.places, observations.take(held[between]), mounting)
             mountings[between] = mounting + (np.arange(len(between)) >= change_between(*both))
             unsure.append(held[between])
     return mountings, np.concatenate(unsure)

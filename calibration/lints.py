@@ -12,9 +12,9 @@ from calibration.observations import Rows
 _FAR_FROM_ZERO_RAD = float(np.deg2rad(10.0))
 _NEAR_RAD = float(np.deg2rad(2.0))
 _FEW = 0.2  # of the rows may be the doubtful ones
-_DRIFT_K = 2.0
 _ALIKE = 0.3  # correlation of neighbouring residuals
 _FLOOR_M = 5e-5
+_SHARE = 0.3  # of the floor, above which a resolution is named
 _ENOUGH_ROWS = 20_000  # for a mean
 _UNIFORM = 1 / np.sqrt(12.0)
 
@@ -112,12 +112,16 @@ def rounding_floor(
     floor = float(np.hypot(by_joint, value_step_m * _UNIFORM))
     if floor < _FLOOR_M:
         return []
-    steps = np.rad2deg(joint_step_rad).max()
+    coarse = []
+    if by_joint >= _SHARE * floor:
+        coarse.append(f"joints are rounded to {np.rad2deg(joint_step_rad).max():g} deg")
+    if value_step_m * _UNIFORM >= _SHARE * floor:
+        coarse.append(f"measured values to {value_step_m * 1e3:g} mm")
     return [
         Lint(
             "resolution",
-            f"joints are rounded to {steps:g} deg: from that alone the tip is uncertain by "
-            f"{floor * 1e3:.2f} mm (RMS).",
+            f"{' and '.join(coarse)}: from that alone an error of {floor * 1e3:.2f} mm (RMS) is to be expected "
+            "where nothing sharpens them.",
         )
     ]
 
@@ -158,16 +162,6 @@ def not_a_measurement(errors_m: Array, step_m: float) -> list[Lint]:
     ]
 
 
-def temperature_drift(temperature: Array | None) -> list[Lint]:
-    """Warn if the temperature moved by more than 2 K over the series."""
-    if temperature is None or not np.isfinite(temperature).any():
-        return []
-    low, high = float(np.nanmin(temperature)), float(np.nanmax(temperature))
-    if high - low < _DRIFT_K:
-        return []
-    return [Lint("temperature", f"the temperature moved from {low:.1f} to {high:.1f} °C over the series.")]
-
-
 def alike_neighbours(residuals: Array) -> list[Lint]:
     """Warn if neighbouring residuals (channels, N) are alike: something drifts unmodelled."""
     centred = residuals - residuals.mean(axis=1, keepdims=True)
@@ -179,8 +173,8 @@ def alike_neighbours(residuals: Array) -> list[Lint]:
     return [
         Lint(
             "drift",
-            f"neighbouring residuals are alike (correlation {rho:.2f}): something drifts, so stated "
-            "deviations of parameters are too small. Held-out errors, by groups, are not affected.",
+            f"neighbouring residuals are alike (correlation {rho:.2f}): something drifts that the "
+            "model does not have. Held-out errors, by groups, are not affected.",
         )
     ]
 

@@ -79,6 +79,60 @@ class WireCapture:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaceCapture:
+    """The tool at a place that stays where it is, with the motor counts read at standstill.
+
+    ``kind`` is "point" (a tip touches it), "seat" (a keyed seat holds the tool in all six directions), "target"
+    (an instrument saw a target on the flange at ``seen_m``) or "nest" (it saw a fixed target there; the counts
+    then mean nothing). ``place`` numbers places: the same number is the same place, before the loss and after.
+    """
+
+    kind: str
+    place: int
+    counts: tuple[int, ...]
+    sigma_m: float
+    sigma_rad: float = 0.0  # of a seat's attitude
+    seen_m: tuple[float, float, float] | None = None  # in the instrument's own frame
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("point", "seat", "target", "nest"):
+            raise CalibrationError(f"capture {self.label!r}: there is no kind {self.kind!r} of place")
+        seen = (0.0, 0.0, 0.0) if self.seen_m is None else self.seen_m
+        if not np.isfinite([self.sigma_m, self.sigma_rad, *seen]).all() or self.sigma_m <= 0:
+            raise CalibrationError(f"capture {self.label!r}: numbers must be finite, the deviation > 0")
+        if self.kind == "seat" and self.sigma_rad <= 0:
+            raise CalibrationError(f"capture {self.label!r}: a seat needs a deviation of its attitude > 0")
+        if (self.kind in ("target", "nest")) != (self.seen_m is not None):
+            raise CalibrationError(
+                f"capture {self.label!r}: an instrument's capture says where it saw its target"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryKit:
+    """Places measured while the robot was healthy, any of which tells lost turns again without a draw-wire."""
+
+    tip_in_flange_m: tuple[float, float, float]  # touching tip, or the instrument's target
+    places: tuple[PlaceCapture, ...]
+    sigma_tip_m: float = 0.001
+    sigma_length_m: float = 0.0005  # of each link length and offset
+    sigma_angle_rad: float = 0.0005236  # of each link angle
+    sigma_flex_rad: float = 0.00015  # joints under gravity, smooth over the postures
+    sigma_joint_rad: float = (
+        0.0002  # gear ripple, and a joint that comes to rest by hand on either tooth flank
+    )
+
+    def __post_init__(self) -> None:
+        sigmas = [self.sigma_tip_m, self.sigma_length_m, self.sigma_angle_rad]
+        sigmas += [self.sigma_flex_rad, self.sigma_joint_rad]
+        if not np.isfinite([*self.tip_in_flange_m, *sigmas]).all() or min(sigmas) <= 0:
+            raise CalibrationError(
+                "the tip and the deviations of a recovery kit must be finite, deviations > 0"
+            )
+
+
+@dataclass(frozen=True, slots=True)
 class MasteringRecord:
     """What is stored while the robot is healthy, so that lost turns can be found again. Never changed."""
 
@@ -94,6 +148,7 @@ class MasteringRecord:
     prior: WirePrior
     taken_by: str
     sha256: str
+    kit: RecoveryKit | None = None  # None in records older than kits
 
     def capture_joints_rad(self) -> Array:
         """Return (N, n): the joints at the record's captures [rad]."""

@@ -1,19 +1,44 @@
-"""Whether a list of joint targets may be commanded: limits, speed, workspace, singularity, draw-wire.
+"""Whether a list of joint targets may be commanded: limits, speed, workspace, collision, singularity, draw-wire.
 
 This is a check of a plan, not a safety function: stops and space limits are the controller's.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel, chain_frames
+from calibration.kinematics import RobotModel
+from calibration.motion_quantities import (
+    Excess,
+    joint_limit_excess,
+    singularity_excess,
+    speed_excess,
+    wire_range_excesses,
+    wire_wrap_excess,
+    workspace_excess,
+)
 
-_RATE_SAMPLE_RAD = 0.02  # paths are looked at this densely
+_HOPELESS_RAD = 1.0  # beyond a joint's limit
+_RATE_SAMPLE_RAD = 0.02  # paths are looked at this densely; more so where collisions are checked
+
+
+class Clearances(Protocol):
+    """What knows the shapes of arm and cell: `calibration.collision.CollisionCheck`."""
+
+    @property
+    def not_checked(self) -> tuple[str, ...]: ...
+    def distances(self, joints_rad: Array) -> Excess:
+        """Return the clearance of every pair of shapes in every posture, against what it must be."""
+        ...
+
+    def looks(self, start_rad: Array, stop_rad: Array) -> int:
+        """Return into how many pieces a way must be cut for no point of the arm to move more than 5 mm."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +51,7 @@ class WirePath:
     zero_m: float = 0.0
     lowest_fraction: float = 0.03
     highest_fraction: float = 0.97
+    wrap_rad: float = 4.712389  # 270 deg: how far it may wind about the flange from where a plan begins
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +66,7 @@ class MotionLimits:
     box_high_m: tuple[float, float, float] | None = None
     smallest_singular_value: float | None = None  # of the Jacobian, in m/rad; for straight moves
     wire: WirePath | None = None
+    clearances: Clearances | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +87,6 @@ class MotionVerdict:
     allowed: bool
     findings: tuple[MotionFinding, ...]
     not_checked: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Excess:
-    """A quantity per pose and by how much it breaks its limit (> 0: broken)."""
-
-    check: str
-    found: Array
-    limit: Array
-    excess: Array
-    unit: str
 
 
 def check_moves(  # noqa: PLR0913 - one move needs all of it
@@ -115,8 +131,9 @@ def check_moves(  # noqa: PLR0913 - one move needs all of it
     Notes
     -----
     On its way back from beyond a limit a robot may be as far out as where it started, and no further; where
-    it shall stay must keep the limit itself. Joints interpolate linearly; samples are at most 0.02 rad apart.
-    Collisions with the cell are not checked.
+    it shall stay must keep the limit itself. Joints interpolate linearly; samples are at most 0.02 rad apart,
+    and where shapes are known no point of the arm moves more than 5 mm between two samples. The speeds of tip,
+    flange and every joint's centre (elbow and wrist among them) are held to one cap.
     """
     targets, start = np.atleast_2d(np.asarray(targets_rad, dtype=float)), np.asarray(start_rad, dtype=float)
     if start.shape != (model.axes,) or targets.shape[1] != model.axes:
@@ -126,13 +143,21 @@ def check_moves(  # noqa: PLR0913 - one move needs all of it
     invalid = _not_finite(start, targets, (speed_rad_s, *tip_in_flange_m))
     if invalid:
         return MotionVerdict(False, invalid, ())
-    owner, path = _sample(start, targets)
+    findings = _joint_speed(model, limits, speed_rad_s)
+    findings += _far_outside(model, np.vstack([targets, start]))
+    if any(finding.check == "joint limits" for finding in findings):
+        return MotionVerdict(False, tuple(findings), _not_checked(limits))
+    owner, path, direction = _sample(start, targets, limits.clearances)
     with_start = np.vstack([start, path])
     stays = _stays(owner, stops)
     postures = _posture_excesses(model, with_start, limits, tip_in_flange_m)
-    excesses = [_beyond_start(excess, stays) for excess in postures]
-    excesses.append(_tip_speed(model, path, limits, (speed_rad_s, tip_in_flange_m)))
-    findings = _joint_speed(model, limits, speed_rad_s)
+    if limits.wire is not None:
+        wire = limits.wire
+        places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
+        postures.append(wire_wrap_excess(model, with_start, places, wire.wrap_rad))
+    excesses = [excess.forgiving(stays) for excess in postures]
+    rates = speed_rad_s * direction
+    excesses.append(speed_excess(model, path, rates, tip_in_flange_m, limits.tip_speed_m_s))
     findings += [f for excess in excesses for f in _findings(excess, owner)]
     findings.sort(key=lambda f: f.target)
     return MotionVerdict(not findings, tuple(findings), _not_checked(limits))
@@ -149,9 +174,32 @@ def allowed_postures(
     finite = np.isfinite(joints).all(axis=1)
     broken = np.zeros(len(joints), dtype=bool)
     for excess in _posture_excesses(model, np.where(finite[:, None], joints, 0.0), limits, tip_in_flange_m):
-        broken |= excess.excess > 0
+        broken |= excess.broken()
     allowed: Array = finite & ~broken
     return allowed
+
+
+def seem_free(
+    model: RobotModel, start_rad: Array, targets_rad: Array, limits: MotionLimits, *, looks: int = 12
+) -> Array:
+    """Return (N,): to which targets the straight way seems free, looked at in a few places: to choose with.
+
+    What is chosen is checked by ``check_moves``. Targets are finite.
+    """
+    targets = np.asarray(targets_rad, dtype=float)
+    share = np.linspace(0.0, 1.0, looks + 1)[1:, None]
+    ways = np.array([start_rad + share * (target - start_rad) for target in targets])
+    free = np.ones(ways.shape[:2], dtype=bool)
+    for excess in _posture_excesses(model, ways.reshape(-1, model.axes), limits, (0.0, 0.0, 0.0)):
+        free &= ~excess.broken().reshape(free.shape)
+    if limits.wire is not None:
+        wire = limits.wire
+        places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
+        for k, way in enumerate(ways):
+            free[k] &= ~wire_wrap_excess(model, np.vstack([start_rad, way]), places, wire.wrap_rad).broken()[
+                1:
+            ]
+    return np.asarray(free.all(axis=1))
 
 
 def _stays(owner: NDArray[np.int_], stops: Sequence[bool] | None) -> NDArray[np.bool_]:
@@ -159,13 +207,6 @@ def _stays(owner: NDArray[np.int_], stops: Sequence[bool] | None) -> NDArray[np.
     last = np.append(owner[1:] != owner[:-1], True)
     stays: NDArray[np.bool_] = last if stops is None else last & np.asarray(stops, dtype=bool)[owner]
     return stays
-
-
-def _beyond_start(excess: _Excess, stays: NDArray[np.bool_]) -> _Excess:
-    """Drop the start from a checked way; forgive on the way by how much the start breaks the limit."""
-    forgiven = np.where(stays, 0.0, max(float(excess.excess[0]), 0.0))
-    limit = np.broadcast_to(excess.limit, excess.excess.shape)
-    return _Excess(excess.check, excess.found[1:], limit[1:], excess.excess[1:] - forgiven, excess.unit)
 
 
 def _not_finite(start: Array, targets: Array, others: tuple[float, ...]) -> tuple[MotionFinding, ...]:
@@ -177,98 +218,64 @@ def _not_finite(start: Array, targets: Array, others: tuple[float, ...]) -> tupl
     return tuple(MotionFinding(int(i), "finite", nan, nan, f"target {i + 1}: {words}") for i in bad)
 
 
-def _sample(start: Array, targets: Array) -> tuple[NDArray[np.int_], Array]:
-    """Return which target each sample belongs to, and the samples (S, n); every target is a sample."""
-    owners, pieces, before = [], [], start
+def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
+    """Refuse targets, the last row a start, far beyond the limits: a way there is not worth looking at."""
+    beyond = np.maximum(model.lower_rad - targets, targets - model.upper_rad)
+    findings = []
+    for index in np.flatnonzero((beyond > _HOPELESS_RAD).any(axis=1)):
+        axis = int(np.argmax(beyond[index]))
+        found = float(targets[index, axis])
+        limit = float(model.lower_rad[axis] if found < model.lower_rad[axis] else model.upper_rad[axis])
+        who = f"target {index + 1}" if index < len(targets) - 1 else "the start"
+        words = f"{who}, joint limits: {found:.4g} rad, limit {limit:.4g} rad"
+        findings.append(MotionFinding(int(index), "joint limits", found, limit, words))
+    return findings
+
+
+def _sample(
+    start: Array, targets: Array, clearances: Clearances | None
+) -> tuple[NDArray[np.int_], Array, Array]:
+    """Return which target each sample belongs to, the samples (S, n), and the joints' rates there (S, n).
+
+    Every target is a sample; the fastest joint has the rate 1.
+    """
+    owners, pieces, rates, before = [], [], [], start
     for index, target in enumerate(targets):
-        steps = max(int(np.ceil(np.abs(target - before).max() / _RATE_SAMPLE_RAD)), 1)
+        way = target - before
+        farthest = float(np.abs(way).max())
+        steps = max(int(np.ceil(farthest / _RATE_SAMPLE_RAD)), 1)
+        if clearances is not None:
+            steps = max(steps, clearances.looks(before, target))
         share = np.arange(1, steps + 1)[:, None] / steps
-        pieces.append(before + share * (target - before))
+        pieces.append(before + share * way)
         owners.append(np.full(steps, index))
+        rates.append(np.broadcast_to(way / farthest if farthest > 0 else way, (steps, len(way))))
         before = target
-    return np.concatenate(owners), np.concatenate(pieces)
+    return np.concatenate(owners), np.concatenate(pieces), np.concatenate(rates)
 
 
 def _posture_excesses(
     model: RobotModel, joints: Array, limits: MotionLimits, tip_in_flange_m: tuple[float, float, float]
-) -> list[_Excess]:
+) -> list[Excess]:
     excesses = [_joint_limits(model, joints, limits)]
     if limits.box_low_m is not None and limits.box_high_m is not None:
-        excesses.append(_box(model, joints, limits, tip_in_flange_m))
+        box = (limits.box_low_m, limits.box_high_m)
+        excesses.append(workspace_excess(model, joints, box, tip_in_flange_m))
     if limits.smallest_singular_value is not None:
-        excesses.append(_singularity(model, joints, limits.smallest_singular_value))
+        excesses.append(singularity_excess(model, joints, limits.smallest_singular_value))
     if limits.wire is not None:
-        excesses += _wire_range(model, joints, limits.wire)
+        wire = limits.wire
+        low, high = wire.lowest_fraction * wire.range_m, wire.highest_fraction * wire.range_m
+        places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
+        excesses += wire_range_excesses(model, joints, places, wire.zero_m, (low, high))
+    if limits.clearances is not None:
+        excesses.append(limits.clearances.distances(joints))
     return excesses
 
 
-def _joint_limits(model: RobotModel, joints: Array, limits: MotionLimits) -> _Excess:
+def _joint_limits(model: RobotModel, joints: Array, limits: MotionLimits) -> Excess:
     doubt = np.array(limits.mastering_uncertainty_rad or (0.0,) * model.axes)
-    margin = limits.joint_margin_rad + doubt
-    below, above = model.lower_rad + margin - joints, joints - model.upper_rad + margin
-    outside = np.maximum(below, above)
-    axis = np.argmax(outside, axis=1)
-    rows = np.arange(len(joints))
-    limit = np.where(
-        below[rows, axis] > above[rows, axis],
-        (model.lower_rad + margin)[axis],
-        (model.upper_rad - margin)[axis],
-    )
-    return _Excess("joint limits", joints[rows, axis], limit, outside[rows, axis], "rad")
-
-
-def _box(
-    model: RobotModel, joints: Array, limits: MotionLimits, tip_in_flange_m: tuple[float, float, float]
-) -> _Excess:
-    low, high = np.array(limits.box_low_m), np.array(limits.box_high_m)
-    origins = chain_frames(model, joints)[1].transpose(2, 0, 1)[:, 2:]
-    points = np.concatenate(
-        [origins, model.tip_positions(joints, np.array(tip_in_flange_m))[:, None]], axis=1
-    )
-    outside = np.maximum(low - points, points - high).reshape(len(joints), -1)
-    worst = np.argmax(outside, axis=1)
-    rows = np.arange(len(joints))
-    found = points.reshape(len(joints), -1)[rows, worst]
-    edges = np.where(
-        found < np.tile(low, points.shape[1])[worst],
-        np.tile(low, points.shape[1])[worst],
-        np.tile(high, points.shape[1])[worst],
-    )
-    return _Excess("workspace box", found, edges, outside[rows, worst], "m")
-
-
-def _singularity(model: RobotModel, joints: Array, limit: float) -> _Excess:
-    values = np.linalg.svd(model.flange_jacobian(joints)[1], compute_uv=False)
-    smallest = np.asarray(values[:, -1], dtype=np.float64)
-    return _Excess("singularity", smallest, np.full(len(joints), limit), limit - smallest, "m/rad")
-
-
-def _wire_range(model: RobotModel, joints: Array, wire: WirePath) -> list[_Excess]:
-    tips = model.tip_positions(joints, np.array(wire.hook_in_flange_m))
-    lengths = wire.zero_m + np.linalg.norm(tips - np.array(wire.anchor_in_base_m), axis=1)
-    low, high = wire.lowest_fraction * wire.range_m, wire.highest_fraction * wire.range_m
-    return [
-        _Excess("wire too short", lengths, np.full(len(lengths), low), low - lengths, "m"),
-        _Excess("wire too long", lengths, np.full(len(lengths), high), lengths - high, "m"),
-    ]
-
-
-def _tip_speed(
-    model: RobotModel, path: Array, limits: MotionLimits, command: tuple[float, tuple[float, float, float]]
-) -> _Excess:
-    speed_rad_s, tip = command
-    # The fastest joint turns at the commanded speed; the others in the proportion of the path's direction.
-    direction = np.gradient(path, axis=0) if len(path) > 1 else np.ones_like(path)
-    largest = np.abs(direction).max(axis=1, keepdims=True)
-    rates = speed_rad_s * direction / np.where(largest > 0, largest, 1.0)
-    tips = [np.array(tip), np.zeros(3)]
-    speeds = [
-        np.linalg.norm(np.einsum("nij,nj->ni", model.tip_jacobian(path, t)[1], rates), axis=1) for t in tips
-    ]
-    fastest = np.maximum(*speeds)
-    return _Excess(
-        "tip speed", fastest, np.full(len(path), limits.tip_speed_m_s), fastest - limits.tip_speed_m_s, "m/s"
-    )
+    return joint_limit_excess(model, joints, limits.joint_margin_rad + doubt)
 
 
 def _joint_speed(model: RobotModel, limits: MotionLimits, speed_rad_s: float) -> list[MotionFinding]:
@@ -279,24 +286,27 @@ def _joint_speed(model: RobotModel, limits: MotionLimits, speed_rad_s: float) ->
     return [MotionFinding(0, "joint speed", speed_rad_s, limit, words)]
 
 
-def _findings(excess: _Excess, owner: NDArray[np.int_]) -> list[MotionFinding]:
+def _findings(excess: Excess, owner: NDArray[np.int_]) -> list[MotionFinding]:
     """Report, per target, the sample that breaks this limit most."""
     findings = []
-    for target in np.unique(owner[excess.excess > 0]):
+    for target in np.unique(owner[excess.broken()]):
         samples = np.flatnonzero(owner == target)
-        worst = samples[np.argmax(excess.excess[samples])]
-        found, limit = float(excess.found[worst]), float(excess.limit[worst])
-        words = (
-            f"target {target + 1}, {excess.check}: {found:.4g} {excess.unit}, limit {limit:.4g} {excess.unit}"
-        )
+        row, column = np.unravel_index(np.argmax(excess.excess[samples]), excess.excess[samples].shape)
+        worst = samples[row]
+        found, limit = float(excess.found[worst, column]), float(excess.limit[worst, column])
+        who = f" of {excess.names[column]}" if excess.names else ""
+        told = f"{found:.4g} {excess.unit}, limit {limit:.4g} {excess.unit}"
+        words = f"target {target + 1}, {excess.check}{who}: {told}"
         findings.append(MotionFinding(int(target), excess.check, found, limit, words))
     return findings
 
 
 def _not_checked(limits: MotionLimits) -> tuple[str, ...]:
-    words = ["no obstacles known: path not checked for collisions"]
+    words = [] if limits.clearances is None else list(limits.clearances.not_checked)
+    if limits.clearances is None:
+        words.append("no obstacles known: path not checked for collisions")
     if limits.box_low_m is None or limits.box_high_m is None:
         words.append("no workspace box known")
-    if limits.wire is None:
+    if limits.wire is None and "no draw-wire known" not in words:
         words.append("no draw-wire known")
     return tuple(words)

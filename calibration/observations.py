@@ -5,8 +5,9 @@ pose first. ``mounting`` says, row by row, which mounting of the device the row 
 taken down and put up again has a new place and the same scale.
 """
 
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Self, TypeAlias
+from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +29,33 @@ class Device:
     anchor_in_base_m: Array  # (3,); used by a length gauge
     zero_m: float = 0.0
     scale: float = 1.0
+    radius_m: float = 0.0  # of a wire's guide, or by how much a touched ball is larger than stated
+
+
+class MeasuredRows:
+    """What all kinds share: every field is an array with one entry a row, joints first."""
+
+    joints_rad: Array  # (N, n)
+    sigma_m: Array  # (N,)
+
+    def __len__(self) -> int:
+        return len(self.joints_rad)
+
+    def take(self, rows: Rows) -> Self:
+        """Return these rows only."""
+        taken = copy(self)
+        for field, values in self.__dict__.items():
+            object.__setattr__(taken, field, values[rows])
+        return taken
+
+    def scales(self, rows: Rows | slice) -> Array:
+        """Return 1 / sigma of every channel (channels or 1, N)."""
+        scales: Array = 1.0 / self.sigma_m[None, rows]
+        return scales
 
 
 @dataclass(frozen=True, eq=False)
-class PointObservations:
+class PointObservations(MeasuredRows):
     """Positions of one target on the end-effector in the frame of a tracker or camera [m]."""
 
     joints_rad: Array  # (N, n)
@@ -43,22 +67,11 @@ class PointObservations:
     channels = 3
     device_columns = 0
     needs_rotation = False
+    place_axes: ClassVar[tuple[int, ...]] = (0, 1, 2, 3, 4, 5)  # of the device's frame, that the rows see
+    scalars: ClassVar[tuple[str, ...]] = ()  # of the device: the last of its own columns
 
     def __post_init__(self) -> None:
-        _check(self.joints_rad, self.positions_m, (3,))
-
-    def __len__(self) -> int:
-        return len(self.joints_rad)
-
-    def take(self, rows: Rows) -> Self:
-        """Return these rows only."""
-        return replace(
-            self,
-            joints_rad=self.joints_rad[rows],
-            positions_m=self.positions_m[rows],
-            sigma_m=self.sigma_m[rows],
-            mounting=self.mounting[rows],
-        )
+        check_rows(self.joints_rad, self.positions_m, (3,))
 
     def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
         """Return measured minus predicted (channels, N), in units of each row's sigma."""
@@ -68,11 +81,6 @@ class PointObservations:
     def project(self, linear: Array, angular: Array | None, tip: TipFrames, device: Device) -> Array:
         """Return how the channels follow motions of the tip: (P, 3, N) to (P, channels, N)."""
         return linear
-
-    def scales(self, rows: Rows | slice) -> Array:
-        """Return 1 / sigma of every channel (channels or 1, N)."""
-        scales: Array = 1.0 / self.sigma_m[None, rows]
-        return scales
 
     def own_columns(self, tip: TipFrames, device: Device) -> Array:
         """Return how the channels follow the device's own parameters (D, channels, N)."""
@@ -95,10 +103,6 @@ class PoseObservations(PointObservations):
     channels = 6
     needs_rotation = True
 
-    def take(self, rows: Rows) -> Self:
-        taken = super().take(rows)
-        return replace(taken, rotations=self.rotations[rows], sigma_rad=self.sigma_rad[rows])
-
     def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
         linear = super().residuals(tip, device, rows)
         predicted = np.moveaxis(tip[1], -1, 0)
@@ -116,7 +120,7 @@ class PoseObservations(PointObservations):
 
 
 @dataclass(frozen=True, eq=False)
-class LengthObservations:
+class LengthObservations(MeasuredRows):
     """Lengths of a draw-wire between its anchor and a hook on the end-effector [m]."""
 
     joints_rad: Array  # (N, n)
@@ -128,22 +132,11 @@ class LengthObservations:
     channels = 1
     device_columns = 5  # anchor x y z, zero, scale
     needs_rotation = False
+    place_axes: ClassVar[tuple[int, ...]] = (0, 1, 2)
+    scalars: ClassVar[tuple[str, ...]] = ("zero_m", "scale")
 
     def __post_init__(self) -> None:
-        _check(self.joints_rad, self.lengths_m, ())
-
-    def __len__(self) -> int:
-        return len(self.joints_rad)
-
-    def take(self, rows: Rows) -> Self:
-        """Return these rows only."""
-        return replace(
-            self,
-            joints_rad=self.joints_rad[rows],
-            lengths_m=self.lengths_m[rows],
-            sigma_m=self.sigma_m[rows],
-            mounting=self.mounting[rows],
-        )
+        check_rows(self.joints_rad, self.lengths_m, ())
 
     def residuals(self, tip: TipFrames, device: Device, rows: Rows | slice) -> Array:
         """Return measured minus predicted (1, N), in units of each row's sigma."""
@@ -157,11 +150,6 @@ class LengthObservations:
         direction = -device.scale * _directions(tip, device)
         along: Array = np.einsum("pcn,cn->pn", linear, direction)[:, None]
         return along
-
-    def scales(self, rows: Rows | slice) -> Array:
-        """Return 1 / sigma (1, N)."""
-        scales: Array = 1.0 / self.sigma_m[None, rows]
-        return scales
 
     def own_columns(self, tip: TipFrames, device: Device) -> Array:
         """Return how the length follows anchor, zero and scale (5, 1, N)."""
@@ -212,7 +200,8 @@ def _directions(tip: TipFrames, device: Device) -> Array:
     return unit
 
 
-def _check(joints_rad: Array, values: Array, shape: tuple[int, ...]) -> None:
+def check_rows(joints_rad: Array, values: Array, shape: tuple[int, ...]) -> None:
+    """Refuse values that do not belong to the joints, or are not finite."""
     if joints_rad.ndim != 2 or values.shape != (len(joints_rad), *shape):
         raise CalibrationError(
             f"observations of shape {values.shape} do not belong to joints {joints_rad.shape}"

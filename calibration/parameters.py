@@ -15,13 +15,14 @@ from calibration.joint_terms import JointTerm
 from calibration.kinematics import RobotModel
 from calibration.observations import Device, Rows
 
-FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE = range(5)
+FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR = range(6)
 LEVEL_NAMES = (
     "base and tool only",
     "mastering offsets",
     "full geometry",
     "geometry and sag under gravity",
     "geometry, sag and gear ripple",
+    "geometry, sag, ripple and gear ratios",
 )
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _DH_NAMES = ("offset", "d", "a", "alpha", "beta")
@@ -38,6 +39,7 @@ class Priors:
     sag_rad_per_m: float = float(np.deg2rad(0.1))
     # Tight: looser ripple predicts other rows of a series slightly better and another series far worse.
     ripple_rad: float = float(np.deg2rad(0.003))
+    gear_ratio: float = 1e-4  # of ratios and couplings: tooth counts are exact, belts and linkages nearly
     wire_zero_m: float = 1e-3
     wire_scale: float = 1e-3
     place_m: float = 10.0  # where devices and tools are is not known beforehand
@@ -51,7 +53,7 @@ class Parameter:
     name: str
     unit: str  # m | rad | rad/m | 1
     prior: float
-    role: str  # base | anchor | wire | tool | offset | geometry | gravity | harmonic
+    role: str  # base | anchor | wire | tool | offset | geometry | gravity | harmonic | gear
     joint: int = -1
 
 
@@ -172,7 +174,9 @@ class Layout:
         first = tool + self._tool_size
         if self.geometry:
             rows, columns = self._entries
-            matrix[first : first + len(self.geometry), : 6 * (n + 1)] = geometry_twists(state)[rows, columns]
+            matrix[first : first + len(self.geometry), : 6 * (n + 1)] = geometry_twists(
+                state.arm, state.flange_tool
+            )[rows, columns]
         if self.terms:
             rows = np.arange(len(self) - self.terms, len(self))
             matrix[rows, 6 * (n + 1) + np.arange(self.terms)] = 1.0
@@ -227,9 +231,8 @@ def make_layout(
 ) -> Layout:
     """Return the unknowns of a level, in the order: devices, tool, geometry, joint terms."""
     priors = priors or Priors()
-    entries, geometry = _geometry_parameters(model, level, priors)
-    sag = {"gravity": ("rad/m", priors.sag_rad_per_m), "harmonic": ("rad", priors.ripple_rad)}
-    extra = [Parameter(t.name, *sag[t.kind], t.kind, t.joint) for t in terms]
+    entries, geometry = geometry_parameters(model, level, priors)
+    extra = term_parameters(terms, priors)
     parameters = [
         *_device_parameters(kind, mountings, level, priors),
         *_tool_parameters(kind, priors),
@@ -237,6 +240,16 @@ def make_layout(
         *extra,
     ]
     return Layout(tuple(parameters), kind, mountings, tuple(entries), len(extra))
+
+
+def term_parameters(terms: tuple[JointTerm, ...], priors: Priors) -> list[Parameter]:
+    """Return the unknown coefficients of joint terms."""
+    sizes = {
+        "gravity": ("rad/m", priors.sag_rad_per_m),
+        "harmonic": ("rad", priors.ripple_rad),
+        "gear": ("1", priors.gear_ratio),
+    }
+    return [Parameter(term.name, *sizes[term.kind], term.kind, term.joint) for term in terms]
 
 
 def adjoint(transform: Array) -> Array:
@@ -248,9 +261,9 @@ def adjoint(transform: Array) -> Array:
     return matrix
 
 
-def geometry_twists(state: ArmState) -> Array:
+def geometry_twists(arm: RobotModel, flange_tool: Array) -> Array:
     """Return the twists of the placements that every entry of the geometry stands for (…, 6 (n + 1))."""
-    n, arm = state.nominal.axes, state.arm
+    n = arm.axes
     if arm.dh is None:
         maps = np.eye(6 * (n + 1)).reshape(n + 1, 6, n + 1, 6)
     else:
@@ -259,7 +272,7 @@ def geometry_twists(state: ArmState) -> Array:
         maps[rows, 0, rows, 5] = 1.0  # theta turns about z of the placement before
         maps[rows, 1:, rows + 1] = _row_twists(arm.dh.alpha_rad, arm.dh.beta_rad)
     # Behind the last placement stands the tool.
-    maps[:, :, n] = maps[:, :, n] @ adjoint(inverse_transform(state.flange_tool)).T
+    maps[:, :, n] = maps[:, :, n] @ adjoint(inverse_transform(flange_tool)).T
     return maps.reshape(*maps.shape[:2], -1)
 
 
@@ -300,9 +313,10 @@ def _place(axis: str, priors: Priors) -> tuple[str, float]:
     return ("rad", priors.turn_rad) if axis.startswith("r") else ("m", priors.place_m)
 
 
-def _geometry_parameters(
+def geometry_parameters(
     model: RobotModel, level: int, priors: Priors
 ) -> tuple[list[tuple[int, int]], list[Parameter]]:
+    """Return the entries of `ArmState.geometry` that a level frees, and the unknowns they are."""
     if level == FRAMES:
         return [], []
     n = model.axes

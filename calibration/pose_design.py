@@ -104,7 +104,7 @@ def next_poses(
     return tuple(int(i) - first for i in chosen)
 
 
-def kit_poses(
+def kit_poses(  # noqa: PLR0913 - a kit depends on all of it
     model: RobotModel,
     drive: DriveTrain,
     prior: WirePrior,
@@ -112,6 +112,7 @@ def kit_poses(
     k: int,
     *,
     seed: int = 1,
+    usable: Callable[[Array], Array] | None = None,
 ) -> Array:
     r"""Choose the k poses of a mastering record: reachable, and D-optimal for turns and nuisance together.
 
@@ -132,6 +133,8 @@ def kit_poses(
         How many poses, 24 to 36 in practice.
     seed : int
         Of the candidates.
+    usable : callable, optional
+        From candidates (C, n) to (C,): which of them can be gone to.
 
     Returns
     -------
@@ -141,11 +144,13 @@ def kit_poses(
     Raises
     ------
     DegenerateDataError
-        Fewer than 2 k candidates keep the limits.
+        Fewer than 2 k candidates keep the limits and can be gone to.
     """
     candidates = candidate_joints(
         model, limits, max(400, 12 * k), seed=seed, hook_in_flange_m=prior.hook_in_flange_m
     )
+    if usable is not None:
+        candidates = candidates[usable(candidates)]
     if len(candidates) < 2 * k:
         raise DegenerateDataError(
             f"only {len(candidates)} of the postures tried keep all limits",

@@ -5,20 +5,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
 from calibration.estimator import Fit, Problem, estimate, whitened_residuals
 from calibration.geometry import Array
+from calibration.leverage import (
+    channel_groups,
+    effective_unknowns,
+    redundant_shares,
+    standardised_residuals,
+)
 from calibration.observations import PoseObservations, Rows, with_sigma
 from calibration.parameters import ArmState, Layout
 
 _CAUCHY = 2.5  # deviations at which a row's weight is one half
 _MAX_ROUNDS = 12
 _WEIGHTS_SETTLED = 0.02
+_SCALES_SETTLED = 0.01
 _LEAST_REJECTION = 4.0
 _FALSE_ALARMS = 0.05  # good rows rejected per fit, if errors were Gaussian
 _SMALLEST_M = 1e-7  # a series without errors is no reason to believe in none
 _SMALLEST_RAD = 1e-8
+_MEDIAN_EFFICIENCY = {1: 0.37, 3: 0.53, 6: 0.58}  # of a variance from the median of chi squares, by channels
 _NEIGHBOURS = 7  # rows, with the one in question
 _BEYOND_COMPANY = 5.0
 
@@ -55,55 +63,72 @@ def fit_robustly(layout: Layout, start: ArmState, problem: Problem) -> RobustFit
 
     Notes
     -----
-    A row is rejected beyond ``max(4, t)`` deviations, where t would reject 0.05 good Gaussian rows in all,
-    unless its neighbours are off in the same way. The deviation is taken from the median, so up to half
-    of the rows may be bad.
+    A row is rejected beyond ``max(4, t)`` deviations of what its residual may be, where t would reject 0.05 good
+    Gaussian rows in all, given how well so few residuals tell their deviation; unless its neighbours are off in
+    the same way. The deviation is taken from the median, so up to half of the rows may be bad.
     """
+    if not len(layout):
+        return _unfitted(layout, start, problem)
     fit = estimate(layout, start, problem, from_afar=True)
-    problem = _rescaled(layout, fit, problem)
     weights = np.ones(len(problem.observations))
+    problem, left = _rescaled(fit, problem, weights)
     for _ in range(_MAX_ROUNDS):
-        size = _sizes(fit, problem)
-        fresh = 1.0 / (1.0 + (size / _CAUCHY) ** 2)
+        fresh = 1.0 / (1.0 + (left**2).sum(axis=0) / _CAUCHY**2)
         settled = float(np.abs(fresh - weights).max()) < _WEIGHTS_SETTLED
         weights = fresh
         if settled:
             break
         fit = estimate(layout, fit.state, problem, weights)
-        problem = _rescaled(layout, fit, problem)
-    return _reject_and_refit(layout, fit, problem)
+        problem, left = _rescaled(fit, problem, weights)
+    return _reject_and_refit(fit, problem, left)
 
 
-def _reject_and_refit(layout: Layout, fit: Fit, problem: Problem) -> RobustFit:
-    limit = rejection_limit(problem.observations.channels, len(problem.observations))
-    kept = np.ones(len(problem.observations), dtype=bool)
+def _unfitted(layout: Layout, state: ArmState, problem: Problem) -> RobustFit:
+    """Return a fit of nothing: everything is held where it was known."""
+    fit = Fit(state, layout, np.zeros((0, 0)), np.zeros(0), 0.0, 0)
+    problem, left = _rescaled(fit, problem, np.ones(len(problem.observations)))
+    seen = problem.observations
+    freedom = float(seen.channels * len(seen))
+    limit = rejection_limit(seen.channels, len(seen), freedom)
+    out = np.flatnonzero(standing_out(left, limit))
+    groups = len(channel_groups(seen.channels))
+    return RobustFit(fit, problem, out, np.linalg.norm(left, axis=0), limit, np.ones(groups), freedom)
+
+
+def _reject_and_refit(fit: Fit, problem: Problem, left: Array) -> RobustFit:
+    seen, layout = problem.observations, fit.layout
+    redundant = max(seen.channels * len(seen) - effective_unknowns(fit), 1.0)
+    limit = rejection_limit(seen.channels, len(seen), redundant)
+    kept = np.ones(len(seen), dtype=bool)
     for _ in range(_MAX_ROUNDS):
-        problem = _rescaled(layout, fit, problem)
-        fresh = ~_standing_out(whitened_residuals(fit.state, problem), limit)
-        if bool((fresh == kept).all()) and not fresh.all():
-            break
+        fresh = ~standing_out(left, limit)
         settled = bool((fresh == kept).all())
+        if settled and not fresh.all():
+            break
         kept = fresh
         fit = estimate(layout, fit.state, problem, kept.astype(float))
+        problem, left = _rescaled(fit, problem, kept.astype(float))
         if settled:
             break
-    size = _sizes(fit, problem)
-    fit, problem, scale, freedom = _scaled_by_chi_square(layout, fit, problem, kept)
-    return RobustFit(fit, problem, np.flatnonzero(~kept), size, limit, scale, freedom)
+    fit, problem, scale, freedom = _scaled_by_chi_square(fit, problem, kept)
+    return RobustFit(fit, problem, np.flatnonzero(~kept), np.linalg.norm(left, axis=0), limit, scale, freedom)
 
 
-def rejection_limit(channels: int, rows: int) -> float:
-    """Return the number of deviations beyond which a row is not believed."""
-    limit = float(np.sqrt(chdtri(channels, min(0.5, _FALSE_ALARMS / max(rows, 1)))))
-    return max(_LEAST_REJECTION, limit)
+def rejection_limit(channels: int, rows: int, freedom: float = np.inf) -> float:
+    """Return the number of deviations beyond which a row is not believed.
+
+    The deviation itself comes from a median of residuals with so many degrees of freedom; from few, good rows reach
+    farther: Fisher's F takes the place of chi square.
+    """
+    alarm = min(0.5, _FALSE_ALARMS / max(rows, 1))
+    limit = np.sqrt(chdtri(channels, alarm))
+    if np.isfinite(freedom):
+        known = max(_MEDIAN_EFFICIENCY[channels] * freedom, 1.0)
+        limit = np.sqrt(channels * fdtri(channels, known, 1.0 - alarm))
+    return max(_LEAST_REJECTION, float(limit))
 
 
-def channel_groups(channels: int) -> tuple[slice, ...]:
-    """Return the channels that share one unit: positions or lengths, and attitudes."""
-    return (slice(0, 3), slice(3, 6)) if channels == 6 else (slice(0, channels),)
-
-
-def _standing_out(residuals: Array, limit: float) -> NDArray[np.bool_]:
+def standing_out(residuals: Array, limit: float) -> NDArray[np.bool_]:
     """Tell which rows (channels, N) are beyond the limit, and not in the company of their neighbours.
 
     A row that is as far off as the rows around it is no blunder but a drift, which a fit should see.
@@ -121,53 +146,50 @@ def _standing_out(residuals: Array, limit: float) -> NDArray[np.bool_]:
     return out
 
 
-def _sizes(fit: Fit, problem: Problem) -> Array:
-    sizes: Array = np.linalg.norm(whitened_residuals(fit.state, problem), axis=0)
-    return sizes
+def _rescaled(fit: Fit, problem: Problem, weights: Array) -> tuple[Problem, Array]:
+    """Return the problem with sigmas as the median residual shows them, and the residuals in such deviations."""
+    left = standardised_residuals(fit, problem, weights)
+    groups = channel_groups(len(left))
+    factors = np.array(
+        [np.sqrt(np.median((left[g] ** 2).sum(axis=0)) / chdtri(len(left[g]), 0.5)) for g in groups]
+    )
+    factors = _believable(problem, factors)
+    for group, factor in zip(groups, factors, strict=True):
+        left[group] /= factor
+    return _with_factors(problem, factors), left
 
 
-def _rescaled(layout: Layout, fit: Fit, problem: Problem) -> Problem:
-    """Return the problem with sigmas as the median residual shows them."""
-    residuals = whitened_residuals(fit.state, problem)
-    count = residuals.size
-    # Fitted rows look better than they are; a prior takes part of the unknowns away again.
-    inflation = np.sqrt(count / max(count - _effective(layout, fit), 0.2 * count))
-    factors = [
-        inflation
-        * np.sqrt(np.median((residuals[group] ** 2).sum(axis=0)) / chdtri(len(residuals[group]), 0.5))
-        for group in channel_groups(len(residuals))
-    ]
-    return _with_factors(problem, np.array(factors))
-
-
-def _median_square(residuals: Array) -> float:
-    return float(np.median((residuals**2).sum(axis=0)))
-
-
-def _effective(layout: Layout, fit: Fit) -> float:
-    """Return how many unknowns the rows, rather than the priors, determine."""
-    return len(layout) - float((np.diag(fit.covariance) / layout.prior**2).sum())
-
-
-def _with_factors(problem: Problem, factors: Array) -> Problem:
+def _believable(problem: Problem, factors: Array) -> Array:
     seen = problem.observations
     smallest = [_SMALLEST_M / float(np.median(seen.sigma_m))]
     if isinstance(seen, PoseObservations):
         smallest.append(_SMALLEST_RAD / float(np.median(seen.sigma_rad)))
-    factors = np.maximum(factors, smallest)
-    observations = with_sigma(problem.observations, *(float(f) for f in factors))
-    return replace(problem, observations=observations)
+    return np.maximum(factors, smallest)
+
+
+def _with_factors(problem: Problem, factors: Array) -> Problem:
+    return replace(problem, observations=with_sigma(problem.observations, *(float(f) for f in factors)))
 
 
 def _scaled_by_chi_square(
-    layout: Layout, fit: Fit, problem: Problem, kept: Array
+    fit: Fit, problem: Problem, kept: NDArray[np.bool_]
 ) -> tuple[Fit, Problem, Array, float]:
-    residuals = whitened_residuals(fit.state, problem)[:, kept]
-    freedom = max(residuals.size - _effective(layout, fit), 1.0)
-    share = freedom / residuals.size
-    factors = np.array(
-        [np.sqrt(np.mean(residuals[group] ** 2) / share) for group in channel_groups(len(residuals))]
-    )
-    problem = _with_factors(problem, factors)
-    fit = estimate(layout, fit.state, problem, kept.astype(float))
-    return fit, problem, factors, freedom
+    """Return the fit with the scale that the kept rows show, and the freedom of the scale that is known least.
+
+    Places and attitudes have scales of their own, on which it depends what each of them has to tell: a few rounds
+    settle that.
+    """
+    groups, weights = channel_groups(problem.observations.channels), kept.astype(float)
+    total = np.ones(len(groups))
+    for _ in range(_MAX_ROUNDS):
+        residuals = whitened_residuals(fit.state, problem)[:, kept]
+        shares = redundant_shares(fit, problem.take(np.flatnonzero(kept)))
+        readings = np.array([residuals[group].size for group in groups])
+        freedom = np.maximum(readings * shares, 1.0)
+        squares = np.array([float((residuals[group] ** 2).sum()) for group in groups])
+        factors = _believable(problem, np.sqrt(squares / freedom))
+        problem, total = _with_factors(problem, factors), total * factors
+        fit = estimate(fit.layout, fit.state, problem, weights)
+        if len(groups) == 1 or float(np.abs(factors - 1.0).max()) < _SCALES_SETTLED:
+            break
+    return fit, problem, total, float(freedom.min())

@@ -1,19 +1,30 @@
 """What the measurements support: where the device was moved, and how much model predicts unseen groups."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.cross_validation import Grouping, compare, deal_folds, held_out_errors
+from calibration.earlier_posterior import EarlierPosterior, turned
 from calibration.errors import DegenerateDataError
 from calibration.estimator import Problem, errors_m, estimate
+from calibration.free_parameters import (
+    RIPPLE_ORDERS,
+    PartLayout,
+    StartingPoint,
+    every_term,
+    level_of,
+    prepared,
+)
 from calibration.geometry import Array
-from calibration.joint_terms import JointTerm, gravity_terms, harmonic_terms
+from calibration.joint_terms import JointTerm, gear_terms, gravity_terms, harmonic_terms
 from calibration.kinematics import RobotModel
 from calibration.observations import Observations, Rows, with_mounting
 from calibration.parameters import (
     FRAMES,
+    GEAR,
     GEOMETRY,
     GRAVITY,
     LEVEL_NAMES,
@@ -22,13 +33,14 @@ from calibration.parameters import (
     ArmState,
     Priors,
     make_layout,
+    nominal_state,
 )
 from calibration.robust import RobustFit, fit_robustly
 from calibration.series_breaks import SeriesBreak, candidate_breaks, change_between, fit_frames, mounting_of
 
-LEVELS = (FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE)
-_RIPPLE_ORDERS = (1, 2, 3, 4)
-_DISTINCT_ANGLES = 20  # of a joint, before its ripple may be asked for
+LEVELS = (FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR)
+_DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for
+_ANGLES_PER_PERIOD = 5  # distinct ones, or a wave is read into gaps
 _ANGLE_STEP_RAD = 2e-3
 _FOLDS = 10
 _FOLDS_FOR_BREAKS = 5
@@ -48,6 +60,8 @@ class Options:
     find_breaks: bool = True
     priors: Priors = field(default_factory=Priors)
     judge: bool = True  # repeat every choice without each fold, for held-out errors
+    start: StartingPoint = field(default_factory=StartingPoint)
+    residual_model: bool = False  # try a smooth function of the joints for what the arm leaves over
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,35 +70,49 @@ class Selection:
 
     breaks: tuple[SeriesBreak, ...]  # in terms of these rows
     break_reasons: tuple[str, ...]
-    start: ArmState  # base and tool fitted to the nominal arm
+    places: ArmState  # base and tool fitted to the arm as it was known before
     seen: Observations  # the rows with their mountings
     level: int
     level_reasons: tuple[str, ...]
 
 
 def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[JointTerm, ...]:
-    """Return the joint terms that a level has; a joint's ripple needs twenty distinct angles."""
+    """Return the joint terms that a level has; a joint's ripple and gear ratio need twenty distinct angles."""
     if level < GRAVITY:
         return ()
     sag = gravity_terms(model)
     if level < RIPPLE:
         return sag
     distinct = [len(np.unique(np.round(angle / _ANGLE_STEP_RAD))) for angle in joints_rad.T]
-    ripple = harmonic_terms(model, _RIPPLE_ORDERS)
-    return (*sag, *(term for term in ripple if distinct[term.joint] >= _DISTINCT_ANGLES))
+    ripple = (
+        term
+        for term in harmonic_terms(model, RIPPLE_ORDERS)
+        if distinct[term.joint] >= max(_DISTINCT_ANGLES, _ANGLES_PER_PERIOD * term.order)
+    )
+    terms = (*sag, *ripple)
+    if level < GEAR:
+        return terms
+    # After ripple: without it a ratio passes for the long waves of a gear, and is believed wrongly.
+    return (*terms, *(term for term in gear_terms(model) if distinct[term.source] >= _DISTINCT_ANGLES))
 
 
 def fit_level(
-    model: RobotModel, observations: Observations, start: ArmState, level: int, priors: Priors
+    model: RobotModel,
+    observations: Observations,
+    places: ArmState,
+    level: int,
+    priors: Priors,
+    start: StartingPoint | None = None,
 ) -> RobustFit:
-    """Fit one level robustly, from a state of any level of the same arm."""
+    """Fit one level robustly, from the places of devices and tool that any state of the same arm has."""
     terms = terms_of_level(model, observations.joints_rad, level)
-    state = replace(
-        start, geometry=np.zeros_like(start.geometry), terms=terms, coefficients=np.zeros(len(terms))
-    )
     layout = make_layout(
-        model, observations.kind, len(start.devices), level=level, terms=terms, priors=priors
+        model, observations.kind, len(places.devices), level=level, terms=terms, priors=priors
     )
+    start = start or StartingPoint()
+    layout, state = prepared(layout, terms, model, places, start, priors)
+    if start.covariance is not None and not start.free and isinstance(layout, PartLayout):
+        layout = turned(layout, EarlierPosterior(start.names, start.covariance))
     return fit_robustly(layout, state, Problem.of(state, observations))
 
 
@@ -100,15 +128,24 @@ def select(model: RobotModel, observations: Observations, grouping: Grouping, op
     """
     rows = evenly(len(observations), _MOST_ROWS)
     some, groups = observations.take(rows), grouping.of_rows(rows)
-    coarse, break_reasons = _choose_breaks(model, some, groups, options)
-    breaks = _placed_to_the_row(model, observations, rows, coarse)
-    at = [found.row for found in breaks]
-    start = fit_frames(model, observations, at).state
-    seen = with_mounting(observations, mounting_of(len(observations), at))
+    breaks: tuple[SeriesBreak, ...] = ()
+    break_reasons: tuple[str, ...] = ()
+    known = options.start.places
+    if known is not None and options.start.holds_places:
+        once = np.zeros(len(observations), dtype=np.intp)
+        seen = with_mounting(observations, once)
+        places = nominal_state(model, (known.device,), known.flange_tool)
+    else:
+        chain = options.start.chain(model)
+        coarse, break_reasons = _choose_breaks(chain, some, groups, options)
+        breaks = _placed_to_the_row(chain, observations, rows, coarse)
+        at = [found.row for found in breaks]
+        places = fit_frames(chain, observations, at).state
+        seen = with_mounting(observations, mounting_of(len(observations), at))
     folds = deal_folds(groups, options.folds, options.seed)
-    trial = _Trial(model, seen.take(rows), groups, folds, start, options.priors)
+    trial = _Trial(model, seen.take(rows), groups, folds, places, options)
     level, reasons = _choose_level(trial, options.level)
-    return Selection(breaks, break_reasons, start, seen, level, reasons)
+    return Selection(breaks, break_reasons, places, seen, level, reasons)
 
 
 def evenly(count: int, most: int) -> Rows:
@@ -124,20 +161,29 @@ class _Trial:
     observations: Observations
     grouping: Grouping
     folds: Rows
-    start: ArmState
-    priors: Priors
+    places: ArmState
+    options: Options
 
     def unknowns(self, level: int) -> int:
         """Return how many unknowns a level has."""
         terms = terms_of_level(self.model, self.observations.joints_rad, level)
-        kind, mountings = self.observations.kind, len(self.start.devices)
-        return len(make_layout(self.model, kind, mountings, level=level, terms=terms))
+        kind, mountings = self.observations.kind, len(self.places.devices)
+        layout = make_layout(self.model, kind, mountings, level=level, terms=terms)
+        return sum(self.options.start.frees(parameter) for parameter in layout.parameters)
+
+    def level_of_free(self) -> tuple[int, tuple[str, ...]]:
+        """Return the level of the parameters that were named, which is no choice of ours."""
+        start, terms = self.options.start, every_term(self.model)
+        every = make_layout(self.model, self.observations.kind, 1, level=GEAR, terms=terms).parameters
+        level = level_of(start, every)
+        return level, (f"level {level}, {LEVEL_NAMES[level]}, has what is free: {', '.join(start.free)}",)
 
     def held_out(self, level: int) -> Array:
         """Return the errors (N,) of rows predicted by fits without their fold."""
 
         def errors_without(training: Rows, held: Rows) -> Array:
-            fit = fit_level(self.model, self.observations.take(training), self.start, level, self.priors)
+            rows, priors, start = self.observations.take(training), self.options.priors, self.options.start
+            fit = fit_level(self.model, rows, self.places, level, priors, start)
             return errors_m(fit.fit.state, Problem.of(fit.fit.state, self.observations.take(held)))
 
         return held_out_errors(self.folds, errors_without)
@@ -146,27 +192,60 @@ class _Trial:
 def _choose_level(trial: _Trial, wanted: int | None) -> tuple[int, tuple[str, ...]]:
     if wanted is not None:
         return wanted, (f"level {wanted}, {LEVEL_NAMES[wanted]}, was asked for",)
+    if trial.options.start.free:
+        return trial.level_of_free()
     sizes = {level: trial.unknowns(level) for level in LEVELS}
-    most = trial.observations.channels * len(trial.observations)
-    possible = [level for level in LEVELS if level == FRAMES or sizes[level - 1] < sizes[level] <= most]
-    errors = {level: trial.held_out(level) for level in possible}
+    possible, said = possible_levels(sizes, trial.observations.channels * len(trial.observations))
+    voting = np.ones(len(trial.observations), dtype=bool)
+    level, reasons = best_level(possible, trial.held_out, trial.grouping.groups, voting)
+    return level, (*said, *reasons)
+
+
+def possible_levels(sizes: Mapping[int, int], readings: int) -> tuple[list[int], list[str]]:
+    """Return the levels that so many readings can carry, given their numbers of unknowns, and why not the others.
+
+    Ripple needs two readings an unknown: with fewer, its priors speak, and cost the more time the less they say.
+    """
+    most = {level: readings // 2 if level >= RIPPLE else readings for level in sizes}
+    possible = [level for level in sizes if level == FRAMES or sizes[level - 1] < sizes[level] <= most[level]]
+    said = [
+        f"level {level}, {LEVEL_NAMES[level]}: {size} unknowns are too many for {readings} readings: not tried"
+        for level, size in sizes.items()
+        if size > most[level]
+    ]
+    return possible, said
+
+
+def best_level(
+    possible: Sequence[int], held_out: Callable[[int], Array], groups: Rows, voting: NDArray[np.bool_]
+) -> tuple[int, tuple[str, ...]]:
+    """Return the level whose held-out errors are surely the smallest, narrower ones first, and every comparison.
+
+    Gear ratios are tried where ripple is worth its unknowns: what a ratio does, ripple shows as long waves.
+    """
+    errors = {level: held_out(level) for level in possible if level != GEAR}
+    best, said = _compared(errors, groups, voting)
+    if GEAR in possible and best == RIPPLE:
+        errors[GEAR] = held_out(GEAR)
+        best, said = _compared(errors, groups, voting)
+    elif GEAR in possible:
+        said.append(f"level {GEAR}, {LEVEL_NAMES[GEAR]}: not tried, because ripple does not help")
+    return best, tuple(said)
+
+
+def _compared(errors: Mapping[int, Array], groups: Rows, voting: NDArray[np.bool_]) -> tuple[int, list[str]]:
     # The same rows vote on all levels: those that at least one of them can believe.
     smallest = np.min(list(errors.values()), axis=0)
-    believable = smallest < _BELIEVABLE * np.median(smallest)
-    best = FRAMES
-    said = [
-        f"level {level} ({LEVEL_NAMES[level]}) has {size} unknowns, more than {most} readings: not tried"
-        for level, size in sizes.items()
-        if size > most
-    ]
-    for level in possible[1:]:
-        narrow = (f"level {best} ({LEVEL_NAMES[best]})", errors[best][believable])
-        wide = (f"level {level} ({LEVEL_NAMES[level]})", errors[level][believable])
-        comparison = compare(narrow, wide, trial.grouping.groups[believable])
+    believable = voting & (smallest < _BELIEVABLE * np.median(smallest[voting]))
+    best, said = FRAMES, []
+    for level in [level for level in errors if level != FRAMES]:
+        narrow = (f"level {best}", errors[best][believable])
+        wide = (f"level {level}, {LEVEL_NAMES[level]}", errors[level][believable])
+        comparison = compare(narrow, wide, groups[believable])
         said.append(comparison.reason)
         if comparison.better:
             best = level
-    return best, tuple(said)
+    return best, said
 
 
 def _choose_breaks(

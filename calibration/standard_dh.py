@@ -1,7 +1,8 @@
-"""Standard Denavit-Hartenberg rows of any chain: four numbers a joint, as controllers keep them.
+"""Denavit-Hartenberg rows of any chain: four numbers a joint, as controllers keep them, or with Hayati's beta.
 
 Where two axes are nearly parallel the common normal lies far away, and lengths of hundreds of metres cancel.
-That is what a controller expects of such a table; `calibration.ur_factory.well_conditioned` is the way back.
+That is what a controller expects of a standard table; `calibration.ur_factory.well_conditioned` is the way back.
+With Hayati's rule such a row has no d of its own, but a turn beta about y, and every number stays near nominal.
 """
 
 import math
@@ -16,6 +17,7 @@ from calibration.orientation import elementary
 
 _PARALLEL = 1e-9  # sine of the angle between two axes, below which they have no common normal of their own
 _NEARLY = 0.1
+_APART_M = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +51,37 @@ def standard_dh(model: RobotModel, nominal: RobotModel) -> StandardTable:
     ----------
     J. Denavit, R. S. Hartenberg, A kinematic notation for lower-pair mechanisms based on matrices, 1955.
     """
+    return _table(model, nominal, frozenset())
+
+
+def hayati_dh(model: RobotModel, nominal: RobotModel) -> StandardTable:
+    """Write a chain in DH, with Hayati's beta instead of d wherever the nominal axes are parallel.
+
+    The origin of such a row is where the next axis pierces the plane across the axis before, at the nominal d.
+
+    Parameters
+    ----------
+    model, nominal : RobotModel
+        As for `standard_dh`.
+
+    References
+    ----------
+    S. Hayati, Robot arm geometric link parameter estimation, 1983, IEEE CDC.
+    """
+    return _table(model, nominal, frozenset(parallel_rows(nominal)))
+
+
+def parallel_rows(nominal: RobotModel) -> tuple[int, ...]:
+    """Return the rows (0-based) whose axis and the next are parallel, but not one line, in a table."""
+    if nominal.dh is None:
+        return ()
+    rows = nominal.dh.rows()[:-1]
+    return tuple(
+        i for i, row in enumerate(rows) if abs(math.sin(row[3])) < _NEARLY and abs(row[2]) > _APART_M
+    )
+
+
+def _table(model: RobotModel, nominal: RobotModel, hayati: frozenset[int]) -> StandardTable:
     same_base = np.allclose(model.placements[0], nominal.placements[0], rtol=0, atol=1e-12)
     if nominal.dh is None or model.axes != nominal.axes or not same_base:
         raise CalibrationError(f"{model.name}: a table needs a nominal model with a table and the same base")
@@ -60,7 +93,10 @@ def standard_dh(model: RobotModel, nominal: RobotModel) -> StandardTable:
     for i in range(model.axes):
         step = _turn(float(model.theta0_rad[i])) @ carried @ model.placements[i + 1]
         if i + 1 < model.axes:
-            rows[i, :4] = _common_normal(step, expected[i])
+            if i in hayati:
+                rows[i] = _pierced_plane(step, expected[i])
+            else:
+                rows[i, :4] = _common_normal(step, expected[i])
             carried = inverse_transform(_row_matrix(rows[i])) @ step
             carried[:3, :2], carried[:2, 3] = _turn(math.atan2(carried[1, 0], carried[0, 0]))[:3, :2], 0.0
             carried[:3, 2] = (0.0, 0.0, 1.0)
@@ -70,7 +106,7 @@ def standard_dh(model: RobotModel, nominal: RobotModel) -> StandardTable:
     rows[:, 0] = [
         t + math.remainder(v - t, 2 * math.pi) for v, t in zip(rows[:, 0], expected[:, 0], strict=True)
     ]
-    return StandardTable(DhTable.from_rows(rows[:, :4]), rest)
+    return StandardTable(DhTable.from_rows(rows if hayati else rows[:, :4]), rest)
 
 
 def _common_normal(step: Array, expected: Array) -> Array:
@@ -87,6 +123,18 @@ def _common_normal(step: Array, expected: Array) -> Array:
     normal = sign * np.array([-axis[1], axis[0], 0.0]) / across
     d, a, _ = np.linalg.solve(np.column_stack([[0.0, 0.0, 1.0], normal, axis]), point)
     return np.array([math.atan2(normal[1], normal[0]), d, a, math.atan2(sign * across, axis[2])])
+
+
+def _pierced_plane(step: Array, expected: Array) -> Array:
+    """Return theta, the nominal d, a, alpha, beta: where the axis of ``step`` meets the plane at d, and its tilt."""
+    axis, point = step[:3, 2] * np.sign(step[2, 2]) * np.sign(math.cos(expected[3])), step[:3, 3]
+    point = point + axis * (expected[1] - point[2]) / axis[2]
+    sign = -1.0 if expected[2] < 0 else 1.0
+    theta = math.atan2(sign * point[1], sign * point[0])
+    x, y, z = _turn(-theta)[:3, :3] @ axis
+    length = sign * math.hypot(point[0], point[1])
+    alpha = expected[3] + math.remainder(math.atan2(-y, z) - expected[3], 2 * math.pi)
+    return np.array([theta, expected[1], length, alpha, math.asin(x)])
 
 
 def _last_row(step: Array, expected: Array) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
+from calibration.deleted_residuals import deleted_residuals
 from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.geometry import (
     Array,
@@ -17,8 +18,10 @@ from calibration.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
+from calibration.uncertainty import coverage_in_space
 
 Triple = tuple[float, float, float]
+MIN_OPENING_RAD = math.radians(15.0)  # between the moves of the two-point method
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +38,12 @@ class ToolPoint:
     degrees_of_freedom: int
     tip_covariance_m2: tuple[Triple, Triple, Triple]
     tip_u_m: Triple  # expanded, 95 %, per flange axis
+    tip_u_in_space_m: float  # expanded, 95 %: the tip is within this distance, whatever the direction
+    coverage_in_space: float  # of it, over the root of the trace of the covariance
     leave_one_out_max_m: float | None  # None where a touch cannot be spared
+    leave_one_out_m: tuple[float, ...]  # of each touch; empty where one cannot be spared
+    stray_touch: int  # the touch that the others contradict most, counted from 0 …
+    stray_probability: float  # … and how probable a worse one is among touches that are all alike
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +60,9 @@ class ToolAxes:
     """The tool's axes seen from the flange, and how square the taught moves were."""
 
     quaternion: tuple[float, float, float, float]  # flange_tool: w, x, y, z
+    turn_gain_per_m2: tuple[
+        Triple, Triple, Triple
+    ]  # covariance of the axes' turn, for poses good to one metre
     squareness_rad: float  # largest departure of two taught moves from a right angle
     turn_rad: float  # largest turn of the flange between the taught poses
     shortest_move_m: float
@@ -117,9 +128,13 @@ def locate_tool_point(
     residuals = (matrix @ solution - (centre - positions).ravel()).reshape(n, 3)
     freedom = 3 * n - 6
     variance = float((residuals**2).sum()) / freedom if sigma_m is None else sigma_m**2
-    covariance = (vt.T[:3] / singular**2) @ vt[:, :3] * variance
+    gain = (vt.T[:3] / singular**2) @ vt[:, :3]
+    covariance = gain * variance
+    known = freedom if sigma_m is None else math.inf
+    in_space = coverage_in_space(np.linalg.eigvalsh(gain).clip(0.0).tolist(), known)
     factor = float(stdtrit(freedom, 0.975)) if sigma_m is None else 1.96
     distances = np.linalg.norm(residuals, axis=1)
+    deleted = deleted_residuals(u.reshape(n, 3, 6), residuals)
     return ToolPoint(
         tip_in_flange_m=_triple(solution[:3]),
         pin_in_base_m=_triple(solution[3:] + centre),
@@ -131,7 +146,12 @@ def locate_tool_point(
         degrees_of_freedom=freedom,
         tip_covariance_m2=(_triple(covariance[0]), _triple(covariance[1]), _triple(covariance[2])),
         tip_u_m=_triple(factor * np.sqrt(np.diag(covariance))),
-        leave_one_out_max_m=_leave_one_out(u.reshape(n, 3, 6), residuals),
+        tip_u_in_space_m=in_space * math.sqrt(float(np.trace(covariance))),
+        coverage_in_space=in_space,
+        leave_one_out_max_m=max(deleted.sizes_m, default=None),
+        leave_one_out_m=deleted.sizes_m,
+        stray_touch=deleted.stray,
+        stray_probability=deleted.probability,
     )
 
 
@@ -186,25 +206,77 @@ def tool_axes(
         )
     return ToolAxes(
         quaternion=_quaternion(_nearest_frame(units)),
+        turn_gain_per_m2=_turn_gain(units, moves),
         squareness_rad=squareness,
         turn_rad=max(_turn(square, pose) for pose in taught.values()),
         shortest_move_m=min(float(np.linalg.norm(move)) for move in moves.values()),
     )
 
 
+def axes_from_plane(
+    origin: Pose, along: Pose, beside: Pose, *, above: Pose | None = None, limits: AxesLimits = AxesLimits()
+) -> ToolAxes:
+    """Find the tool's axes from a straight move along its +x and one to the +y side of its x-y plane.
+
+    The makers' two-point method: x is kept as taught, the second move only tells where the plane is.
+
+    Parameters
+    ----------
+    origin : Pose
+        base_flange at the start of both moves [m].
+    along, beside : Pose
+        base_flange after the move along +x, and after the move towards +y, at any slant to x [m].
+    above : Pose, optional
+        base_flange after a move towards +z: catches a move in the wrong direction.
+    limits : AxesLimits
+        Shortest move and largest turn of the flange; right angles are not asked for.
+
+    Raises
+    ------
+    DegenerateDataError
+        A move too short, or the two nearly on one line.
+    CalibrationError
+        The tool turned during a move, or the check point is on the side of -z.
+    """
+    x, side = _move(origin, along, "x", limits), _move(origin, beside, "x-y", limits)
+    opening = math.atan2(float(np.linalg.norm(np.cross(x, side))), float(x @ side))
+    if not MIN_OPENING_RAD < opening < math.pi - MIN_OPENING_RAD:
+        raise DegenerateDataError(
+            f"the two moves open only {math.degrees(min(opening, math.pi - opening)):.1f} degrees.",
+            remedy=f"Move to the +y side, {math.degrees(MIN_OPENING_RAD):.0f} degrees or more off the x axis.",
+        )
+    z = np.cross(x, side)
+    if above is not None and not _move(origin, above, "z", limits) @ z > 0:
+        raise CalibrationError(
+            "the move towards +z ended on the side of -z: the taught frame is left-handed.",
+            remedy="One move went along the negative axis; teach it again.",
+        )
+    units = {"x": x / np.linalg.norm(x), "z": z / np.linalg.norm(z)}
+    heights = {"x": x, "z": units["z"] * float(np.linalg.norm(side)) * math.sin(opening)}
+    taught = [along, beside, *(() if above is None else (above,))]
+    return ToolAxes(
+        quaternion=_quaternion(_nearest_frame(units)),
+        turn_gain_per_m2=_turn_gain(units, heights),
+        squareness_rad=0.0,
+        turn_rad=max(_turn(origin, pose) for pose in taught),
+        shortest_move_m=min(float(np.linalg.norm(move)) for move in (x, side)),
+    )
+
+
+def axes_from_attitude(base_flange: Pose, base_tool: Pose) -> ToolAxes:
+    """Return the tool's axes from one pose in which the tool is held in a known attitude to the base.
+
+    How well it was held is for the technician to say: nothing here shows it.
+    """
+    rotation = base_flange.rotation().T @ base_tool.rotation()
+    zero = (0.0, 0.0, 0.0)
+    return ToolAxes(_quaternion(rotation), (zero, zero, zero), 0.0, 0.0, 0.0)
+
+
 def tool_pose(tip_in_flange_m: Triple, axes: ToolAxes | None = None) -> Pose:
     """Return flange_tool: the tip with the given axes, or with the flange's own."""
     rotation = np.eye(3) if axes is None else rotation_from_quaternion(np.array(axes.quaternion))
     return Pose.from_matrix(homogeneous(rotation, np.array(tip_in_flange_m)))
-
-
-def _leave_one_out(orthonormal: Array, residuals: Array) -> float | None:
-    """Return the largest deleted residual from the (n, 3, 6) left singular vectors, or None."""
-    remaining = np.eye(3) - orthonormal @ orthonormal.transpose(0, 2, 1)
-    if np.linalg.eigvalsh(remaining)[:, 0].min() < 1e-6:
-        return None
-    deleted = np.linalg.solve(remaining, residuals[..., None])[..., 0]
-    return float(np.linalg.norm(deleted, axis=1).max())
 
 
 def _move(square: Pose, pose: Pose, axis: str, limits: AxesLimits) -> Array:
@@ -242,6 +314,22 @@ def _nearest_frame(units: dict[str, Array]) -> Array:
             remedy="One move went along the negative axis; teach it again.",
         )
     return nearest_rotation(matrix)
+
+
+def _turn_gain(units: dict[str, Array], moves: dict[str, Array]) -> tuple[Triple, Triple, Triple]:
+    """Return the covariance of the axes' turn, flange axes, for poses whose coordinates are good to one metre.
+
+    A direction tells a turn about what is square to it; both ends of a move have the pose's error.
+    """
+    information = sum(
+        (
+            (np.eye(3) - np.outer(unit, unit)) * float(moves[axis] @ moves[axis]) / 2.0
+            for axis, unit in units.items()
+        ),
+        np.zeros((3, 3)),
+    )
+    gain = np.linalg.inv(information)
+    return (_triple(gain[0]), _triple(gain[1]), _triple(gain[2]))
 
 
 def _quaternion(rotation: Array) -> tuple[float, float, float, float]:

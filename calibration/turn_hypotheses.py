@@ -4,9 +4,10 @@ All stories are judged around the real-valued solution, where lengths are linear
 the lengths whitened by their covariance, one small matrix of inner products is all that any story needs.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Protocol
 
 import numpy as np
 
@@ -28,6 +29,20 @@ _OUTLIER_M = 0.050
 _RARER = -4.0
 
 
+class Evidence(Protocol):
+    """Captures of a robot that lost counts: what they say if the motors had lost these or those turns."""
+
+    captures: int
+
+    def values(self, turns: Array) -> Array:
+        """Return what is modelled to be seen (m,), if the motors had lost these turns (n,)."""
+        ...
+
+    def at(self, turns: Array) -> "Local":
+        """Look at the captures as if the motors had lost these turns (n,)."""
+        ...
+
+
 class LossProblem:
     """Captures of a robot with lost counts, seen with its healthy record: lengths against turns."""
 
@@ -41,8 +56,9 @@ class LossProblem:
         self._lengths = np.array([c.length_m for c in captures])
         self._sigma = np.array([c.sigma_m for c in captures])
         self._flank = np.array([float(c.settled_from != "record") for c in captures])
+        self.captures = len(captures)
 
-    def lengths(self, turns: Array) -> Array:
+    def values(self, turns: Array) -> Array:
         """Return the modelled lengths (m,) [m] if the motors had lost these turns (n,)."""
         return self._terms(turns).lengths
 
@@ -54,18 +70,55 @@ class LossProblem:
         """Look at the captures as if the motors had lost these turns (n,)."""
         terms = self._terms(turns)
         expected, scatter = self.predictor.expect(terms)
-        return Local(turns, terms, self._lengths - expected, terms.by_joint @ self._per_turn, scatter)
+        return Local(
+            turns=turns,
+            joints_rad=terms.seen.joints_rad,
+            values=terms.lengths,
+            residuals=self._lengths - expected,
+            by_turn=terms.by_joint @ self._per_turn,
+            scatter=scatter,
+            parts=_changed_parts(terms.by_parameter, self._read_joints.shape[1]),
+            rows=tuple(slice(k, k + 1) for k in range(self.captures)),
+        )
+
+
+def _changed_parts(by_x: Array, axes: int) -> dict[str, Array]:
+    """Return the columns of the wire's ends and the links, each of the size of a knock or a crash."""
+    ends = {
+        "the anchor of the wire": by_x[:, :3] * _ANCHOR_MOVED_M,
+        "the hook": by_x[:, 3:6] * _HOOK_MOVED_M,
+    }
+    return ends | bent_links(by_x[:, FRAME_PARAMETERS:], axes)
+
+
+def bent_links(by_geometry: Array, axes: int) -> dict[str, Array]:
+    """Return columns (m, p) by link, scaled to what a crash may do, from derivatives by geometry errors."""
+    length, angle = _CRASH_LENGTH_M, _CRASH_ANGLE_RAD
+    dh = by_geometry.shape[1] == 5 * axes
+    sizes = np.array([angle, length, length, angle, angle] if dh else [length] * 3 + [angle] * 3)
+    return {
+        f"link {index + 1 if dh else index}": by_geometry[:, index * len(sizes) : (index + 1) * len(sizes)]
+        * sizes
+        for index in range(by_geometry.shape[1] // len(sizes))
+    }
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Local:
-    """Residuals (m,) [m] at some turns, their derivative by turns (m, n) and their covariance (m, m)."""
+    """Residuals (m,) at some turns, their derivative by turns (m, n) and their covariance (m, m).
+
+    Rows are lengths [m], coordinates [m] or angles [rad]; ``rows`` tells which belong to one capture. ``parts``
+    are columns of what else may have moved, one name each.
+    """
 
     turns: Array
-    terms: WireTerms
+    joints_rad: Array  # of the captures
+    values: Array  # as modelled
     residuals: Array
     by_turn: Array
     scatter: Array
+    parts: Mapping[str, Array]
+    rows: tuple[slice, ...]
 
     def chi_square(self) -> float:
         """Return the residuals' squared length in the metric of their covariance."""
@@ -84,7 +137,7 @@ class Local:
 
 
 def solve_real(
-    problem: LossProblem, start: Array, *, free: Sequence[int], towards: Array, doubt_turns: float
+    problem: Evidence, start: Array, *, free: Sequence[int], towards: Array, doubt_turns: float
 ) -> Local:
     """Return the real-valued solution of the free motors, by Gauss-Newton from ``start``."""
     local = problem.at(start)
@@ -124,11 +177,11 @@ class Storyteller:
         self._loose = np.eye(len(local.turns)) / doubt_turns**2
         factor = np.linalg.cholesky(local.scatter)
         stacked = np.column_stack(
-            [local.by_turn, local.residuals, *self._parts().values(), np.eye(len(factor))]
+            [local.by_turn, local.residuals, *local.parts.values(), np.eye(len(factor))]
         )
         self._white = np.linalg.solve(factor, stacked)
         names, position = {}, len(local.turns) + 1
-        for name, columns in self._parts().items():
+        for name, columns in local.parts.items():
             names[name] = slice(position, position + columns.shape[1])
             position += columns.shape[1]
         self._columns, self._impulses = names, position
@@ -155,8 +208,8 @@ class Storyteller:
     def outliers(self, real_axes: tuple[int, ...] = ()) -> "Iterator[Story]":
         """One length is wrong; besides, motors may be replaced."""
         real_axes = real_axes or self._replaced
-        for capture in range(len(self._local.residuals)):
-            impulse = _OUTLIER_M * self._white[:, self._impulses + capture, None]
+        for capture, rows in enumerate(self._local.rows):
+            impulse = _OUTLIER_M * self._white[:, self._impulses + rows.start : self._impulses + rows.stop]
             yield self._tell("outlier", real_axes, str(capture), extra=impulse)
 
     def detectable_m(self, real_axes: Sequence[int], power: float) -> float:
@@ -166,23 +219,8 @@ class Storyteller:
         if real_axes:
             basis = np.linalg.qr(white)[0]
             impulses = impulses - basis @ (basis.T @ impulses)
-        return float(power / np.sqrt(np.maximum(np.sum(impulses**2, axis=0), 1e-12)).min())
-
-    def _parts(self) -> dict[str, Array]:
-        by_x = self._local.terms.by_parameter
-        axes = len(self._local.turns)
-        parts = {
-            "the anchor of the wire": by_x[:, :3] * _ANCHOR_MOVED_M,
-            "the hook": by_x[:, 3:6] * _HOOK_MOVED_M,
-        }
-        geometry = by_x[:, FRAME_PARAMETERS:]
-        length, angle = _CRASH_LENGTH_M, _CRASH_ANGLE_RAD
-        dh = geometry.shape[1] == 5 * axes
-        sizes = np.array([angle, length, length, angle, angle] if dh else [length] * 3 + [angle] * 3)
-        for index in range(geometry.shape[1] // len(sizes)):
-            columns = geometry[:, index * len(sizes) : (index + 1) * len(sizes)]
-            parts[f"link {index + 1 if dh else index}"] = columns * sizes
-        return parts
+        seen = [np.linalg.svd(impulses[:, rows], compute_uv=False)[-1] for rows in self._local.rows]
+        return float(power / max(min(seen), 1e-6))
 
     def _tell(
         self, kind: str, real_axes: tuple[int, ...], subject: str = "", *, extra: Array | None = None
@@ -213,7 +251,9 @@ class Storyteller:
             fix=fix,
             rounded_same=fix.best == tuple(int(v) for v in np.rint(estimate[whole])),
             chi_square=chi_square,
-            degrees_of_freedom=len(self._local.residuals) - len(real) - int(kind == "outlier"),
+            degrees_of_freedom=len(self._local.residuals)
+            - len(real)
+            - (extra.shape[1] if kind == "outlier" and extra is not None else 0),
             log_evidence=-0.5 * (chi_square + penalty)
             + _RARER * min(max(len(real) - max(len(self._replaced), 1), 0), 2),
             covariance=spread,

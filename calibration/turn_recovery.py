@@ -1,7 +1,9 @@
 """Lost motor turns, found again from wire lengths: exactly, or to a stated uncertainty, or not at all."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -9,12 +11,13 @@ from calibration.errors import CalibrationError
 from calibration.geometry import Array
 from calibration.integer_search import success_probability
 from calibration.kinematics import RobotModel
-from calibration.mastering import MasteringRecord, WireCapture
+from calibration.mastering import DriveTrain, MasteringRecord, WireCapture
 from calibration.pose_design import next_poses, predict, turn_covariances
-from calibration.turn_hypotheses import Local, LossProblem, Story, Storyteller, solve_real
+from calibration.turn_hypotheses import Evidence, Local, LossProblem, Story, Storyteller, solve_real
 from calibration.turn_results import GateCheck, TurnRecovery
 from calibration.turn_verification import verification_power, verify_recovery
 from calibration.uncertainty import chi_square_limit
+from calibration.wire_reference import WirePredictor
 
 __all__ = [
     "GateCheck",
@@ -34,10 +37,22 @@ SPARE_CAPTURES = 6  # captures beyond the unknown turns, so that the residuals c
 HIDDEN_OUTLIER_M = 0.006  # a wrong length of this size must show in every capture …
 HIDDEN_POWER = 6.0  # … at so many deviations
 REAL_LIMIT_RAD = 0.0087266  # 0.5 deg: coarser offsets are not worth writing back
+BLIND_SIGMAS = 3.0
 _CHANGE_LIKELIER = 3.0  # log of the evidence ratio at which a change of geometry blocks whole turns
 _DECISIVE = 4.6  # log of the evidence ratio (100 to 1) needed to name what happened
 _SPARE_FOR_CHANGE = 8  # captures beyond the turns before a change of geometry may be stated
 _MOST_FURTHER = 12
+
+FurtherPoses = Callable[[Array, int], tuple[tuple[float, ...], ...]]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Robot:
+    """The arm whose counts were lost: what any evidence is judged with."""
+
+    model: RobotModel
+    drive: DriveTrain
+    counts_at_zero: tuple[int, ...]
 
 
 def recover_turns(
@@ -96,34 +111,61 @@ def recover_turns(
     P. J. G. Teunissen, O. Montenbruck (eds.), Springer Handbook of Global Navigation Satellite Systems, 2017,
     ch. 23: integer estimation and its validation. The stories and their comparison are ours.
     """
+    return recover_from(
+        LossProblem(model, record, captures) if captures else None,
+        Robot(model, record.drive, record.counts_at_zero),
+        provisional_turns=provisional_turns,
+        max_turns=max_turns,
+        replaced_axes=replaced_axes,
+        further=partial(_further_lengths, model, record),
+    )
+
+
+def recover_from(
+    problem: Evidence | None,
+    robot: Robot,
+    *,
+    provisional_turns: Sequence[int],
+    max_turns: float,
+    replaced_axes: Sequence[int],
+    further: FurtherPoses,
+) -> TurnRecovery:
+    """Find the lost turns from any evidence, as ``recover_turns`` does from lengths.
+
+    ``further`` names the poses still needed, given the joints measured (m, n) [rad] and how many at least.
+    """
+    model = robot.model
     guess = np.asarray(provisional_turns, dtype=float)
     if guess.shape != (model.axes,) or not np.isfinite(guess).all():
         raise CalibrationError(f"{model.axes} provisional turns are needed")
-    if not captures:
+    if problem is None:
         raise CalibrationError("nothing was captured")
-    problem = LossProblem(model, record, captures)
     local = solve_real(problem, guess, free=range(model.axes), towards=guess, doubt_turns=max_turns)
     teller = Storyteller(local, max_turns, replaced_axes)
-    return _Case(model, record, problem, local, teller, guess, max_turns).judge()
+    return _Case(robot, problem, local, teller, guess, max_turns, further).judge()
 
 
 @dataclass(frozen=True, eq=False)
 class _Case:
     """One set of captures on trial."""
 
-    model: RobotModel
-    record: MasteringRecord
-    problem: LossProblem
+    robot: Robot
+    problem: Evidence
     local: Local
     teller: Storyteller
     guess: Array
     doubt_turns: float
+    further: FurtherPoses
+
+    @property
+    def model(self) -> RobotModel:
+        return self.robot.model
 
     def judge(self) -> TurnRecovery:
         teller = self.teller
         real, whole = teller.real(), self._refined(teller.turns())
         if self._count - self.model.axes < SPARE_CAPTURES:
-            words = f"{self._count} captures are too few to notice a mistake"
+            words = f"{self.problem.captures} captures are too few to notice a mistake"
             return self._undecided(whole, real, words)
         if whole.fix.success_probability <= SUCCESS_PROBABILITY:
             return self._undecided(whole, real, self._weak_words(real))
@@ -199,7 +241,7 @@ class _Case:
 
     def _u_rad(self, story: Story) -> tuple[float, ...]:
         """Return the expanded uncertainty of the joints (k = 2), widened where the lengths scatter more."""
-        per_turn = self.record.drive.radians_per_turn()
+        per_turn = self.robot.drive.radians_per_turn()
         variance = np.diag(per_turn @ story.covariance @ per_turn.T)
         widened = max(1.0, story.chi_square / max(story.degrees_of_freedom, 1))
         return tuple(2.0 * float(np.sqrt(max(v, 0.0) * widened)) for v in variance)
@@ -218,26 +260,11 @@ class _Case:
     ) -> TurnRecovery:
         gate = self._gate(story, real) if gate is None else gate
         if story.kind == "outlier":
-            again = (tuple(float(v) for v in self.local.terms.seen.joints_rad[story.capture]),)
+            again = (tuple(float(v) for v in self.local.joints_rad[story.capture]),)
             return self._result(story, real, ("undecided", False, words), gate=gate, further=again)
-        further = self._further()
+        further = self.further(self.local.joints_rad, self.model.axes + SPARE_CAPTURES - self._count)
         words = f"{words}; measure {len(further)} more"
         return self._result(story, real, ("undecided", False, words), gate=gate, further=further)
-
-    def _further(self) -> tuple[tuple[float, ...], ...]:
-        """Return the poses of the record that are still needed, best first; at least one."""
-        kit = self.record.capture_joints_rad()
-        measured = self.local.terms.seen.joints_rad
-        order = next_poses(self.model, self.record, measured, kit, _MOST_FURTHER)
-        joints = np.vstack([measured, kit[list(order)]])
-        covariance_of = turn_covariances(self.record, self.problem.predictor, joints)
-        needed = max(1, self.model.axes + SPARE_CAPTURES - self._count)
-        while (
-            needed < len(order)
-            and success_probability(covariance_of(self._count + needed)) <= SUCCESS_PROBABILITY
-        ):
-            needed += 1
-        return tuple(tuple(float(v) for v in row) for row in kit[list(order[:needed])])
 
     def _weak_words(self, real: Story) -> str:
         sigma = np.sqrt(np.diag(real.covariance))
@@ -279,7 +306,7 @@ class _Case:
             replaced_axes=story.real_axes,
             offset_turns=offsets,
             offset_u_rad=self._u_rad(story),
-            counts_at_zero=self.record.drive.shifted_zero(self.record.counts_at_zero, offsets),
+            counts_at_zero=self.robot.drive.shifted_zero(self.robot.counts_at_zero, offsets),
             gate=gate,
             poses_needed=len(further),
             next_joints_rad=further,
@@ -289,9 +316,35 @@ class _Case:
             sigma_turns=tuple(float(v) for v in np.sqrt(np.diag(real.covariance))),
             chi_square=story.chi_square,
             degrees_of_freedom=story.degrees_of_freedom,
-            captures=self._count,
+            captures=self.problem.captures,
             offset_covariance=tuple(tuple(float(v) for v in row) for row in story.covariance),
+            **(self._sharpness() if mode == "turns" else {}),
         )
+
+    def _sharpness(self) -> dict[str, Any]:
+        """Say how far the captures put each motor from a whole turn, and what would pass for one."""
+        alone = list(self.teller.motors(1))
+        sigmas = [float(np.sqrt(story.covariance[story.real_axes[0], story.real_axes[0]])) for story in alone]
+        found = [float(story.turns[story.real_axes[0]]) for story in alone]
+        doubts = [abs(turns - round(turns)) / sigma for turns, sigma in zip(found, sigmas, strict=True)]
+        return {
+            "doubt_sigmas": max(doubts),
+            "blind_turns": tuple(BLIND_SIGMAS * sigma for sigma in sigmas),
+        }
+
+
+def _further_lengths(
+    model: RobotModel, record: MasteringRecord, measured: Array, at_least: int
+) -> tuple[tuple[float, ...], ...]:
+    """Return the poses of the record that are still needed, best first; at least one."""
+    kit = record.capture_joints_rad()
+    order = next_poses(model, record, measured, kit, _MOST_FURTHER)
+    joints = np.vstack([measured, kit[list(order)]])
+    covariance_of = turn_covariances(record, WirePredictor(model, record.wire, record.prior), joints)
+    needed, count = max(1, at_least), len(measured)
+    while needed < len(order) and success_probability(covariance_of(count + needed)) <= SUCCESS_PROBABILITY:
+        needed += 1
+    return tuple(tuple(float(v) for v in row) for row in kit[list(order[:needed])])
 
 
 def _integer_checks(story: Story) -> list[GateCheck]:

@@ -18,9 +18,10 @@ class GateCheck:
 class TurnRecovery:
     """What the captures say about the lost counts, and whether it may be used.
 
-    ``mode`` is "turns" (whole turns only: exact), "motor" (``replaced_axes`` are off by real amounts), "all"
-    (every reference lost), "geometry" (the robot or the wire changed: refused) or "undecided". The true count
-    of motor j is ``read + counts_per_turn * offset_turns[j]``; ``turns`` are the nearest whole ones.
+    ``mode`` is "memory" (nothing was lost but the controller's own data), "turns" (whole turns only: exact),
+    "motor" (``replaced_axes`` are off by real amounts), "all" (every reference lost), "geometry" (the robot or
+    the wire changed: refused) or "undecided". The true count of motor j is
+    ``read + counts_per_turn * offset_turns[j]``; ``turns`` are the nearest whole ones.
     """
 
     mode: str
@@ -42,3 +43,5 @@ class TurnRecovery:
     degrees_of_freedom: int
     captures: int
     offset_covariance: tuple[tuple[float, ...], ...]  # turns^2
+    doubt_sigmas: float = 0.0  # how far the motor that fits whole turns worst is from one, the others held
+    blind_turns: tuple[float, ...] = ()  # a new motor this near a whole turn would look like lost turns

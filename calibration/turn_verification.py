@@ -9,7 +9,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry import Array
 from calibration.kinematics import RobotModel
 from calibration.mastering import MasteringRecord, WireCapture
-from calibration.turn_hypotheses import Local, LossProblem
+from calibration.turn_hypotheses import Evidence, Local, LossProblem
 from calibration.turn_results import GateCheck, TurnRecovery
 from calibration.uncertainty import chi_square_limit
 from calibration.wire_model import WireSeen
@@ -50,11 +50,15 @@ def verify_recovery(
     """
     if not check_captures:
         raise CalibrationError("nothing was captured to verify the recovery with")
-    problem = LossProblem(model, record, check_captures)
+    return verify_evidence(LossProblem(model, record, check_captures), recovery)
+
+
+def verify_evidence(problem: Evidence, recovery: TurnRecovery) -> TurnRecovery:
+    """Judge a recovery by any captures that were not fitted, as ``verify_recovery`` does by lengths."""
     local = problem.at(np.array(recovery.offset_turns))
     spread = local.by_turn @ np.array(recovery.offset_covariance) @ local.by_turn.T
     local = replace(local, scatter=local.scatter + spread)
-    found, limit = local.chi_square(), chi_square_limit(len(check_captures))
+    found, limit = local.chi_square(), chi_square_limit(len(local.residuals))
     power = float(_detection(problem, local).max(axis=0).min())
     largest_mm = 1e3 * float(np.abs(local.residuals).max())
     checks = (
@@ -70,7 +74,7 @@ def verify_recovery(
             found <= limit,
             found,
             limit,
-            f"{len(check_captures)} lengths that were not fitted agree within {largest_mm:.2f} mm",
+            f"{problem.captures} captures that were not fitted agree within {largest_mm:.2f} mm",
         ),
     )
     passed = all(check.passed for check in checks)
@@ -79,24 +83,41 @@ def verify_recovery(
     return replace(recovery, accepted=accepted, reason=reason, gate=(*recovery.gate, *checks))
 
 
-def verification_power(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> Array:
-    """Return (V, n): by how many deviations one wrong turn of each motor would show at each check pose."""
+def verification_power(
+    model: RobotModel,
+    record: MasteringRecord,
+    joints_rad: Array,
+    offset_covariance: Sequence[Sequence[float]] | None = None,
+) -> Array:
+    """Return (V, m): by how many deviations each wrong story would show at each check pose.
+
+    The first n stories are one wrong turn of each motor, the others one wrong turn of two motors in either sense.
+    ``offset_covariance`` (n, n) [turns^2] is what a recovery does not know of offsets that are no whole turns.
+    """
     predictor = WirePredictor(model, record.wire, record.prior)
     terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
-    deviations = np.sqrt(np.diag(predictor.expect(terms)[1]))
+    variances = np.diag(predictor.expect(terms)[1])
+    if offset_covariance is not None:
+        by_turn = terms.by_joint @ record.drive.radians_per_turn()
+        variances = variances + np.einsum("vi,ij,vj->v", by_turn, np.array(offset_covariance), by_turn)
+    deviations = np.sqrt(variances)
     shifts = []
-    for turn in record.drive.radians_per_turn().T:
+    for turn in _wrong_turns(model.axes) @ record.drive.radians_per_turn().T:
         moved = predictor.terms(WireSeen.of(terms.seen.joints_rad + turn, predictor.sigma_m)).lengths
         shifts.append(np.abs(moved - terms.lengths) / deviations)
     return np.stack(shifts, axis=1)
 
 
-def _detection(problem: LossProblem, local: Local) -> Array:
-    """Return (V, patterns): how far a wrong turn of one motor, or two in either sense, shows at each pose."""
-    n = len(local.turns)
-    unit = np.eye(n)
-    pairs = [(i, j) for i in range(n) for j in range(i)]
-    patterns = [*unit, *(unit[i] + unit[j] for i, j in pairs), *(unit[i] - unit[j] for i, j in pairs)]
+def _wrong_turns(motors: int) -> Array:
+    """Return (m, n) [turns]: one motor wrong by one turn, then two motors in either sense."""
+    unit = np.eye(motors)
+    pairs = [(i, j) for i in range(motors) for j in range(i)]
+    return np.array([*unit, *(unit[i] + unit[j] for i, j in pairs), *(unit[i] - unit[j] for i, j in pairs)])
+
+
+def _detection(problem: Evidence, local: Local) -> Array:
+    """Return (V, m): how far each story of wrong turns shows in each row, in deviations."""
     deviations = np.sqrt(np.diag(local.scatter))
-    shifted = [np.abs(problem.lengths(local.turns + p) - local.terms.lengths) / deviations for p in patterns]
+    stories = local.turns + _wrong_turns(len(local.turns))
+    shifted = [np.abs(problem.values(turns) - local.values) / deviations for turns in stories]
     return np.stack(shifted, axis=1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy.special import chdtri, ndtri, stdtrit
+from scipy.special import chdtri, fdtri, ndtri, stdtrit
 
 from calibration.errors import CalibrationError
 
@@ -41,6 +41,43 @@ def coverage_factor(degrees_of_freedom: float = float("inf"), probability: float
     if np.isinf(degrees_of_freedom):
         return 2.0 if probability == 0.95 else float(ndtri(0.5 + probability / 2.0))
     return float(stdtrit(degrees_of_freedom, 0.5 + probability / 2.0))
+
+
+def coverage_in_space(
+    variances: Sequence[float], degrees_of_freedom: float = float("inf"), probability: float = 0.95
+) -> float:
+    r"""Return k such that a vector's error is no longer than ``k sqrt(sum of variances)`` with this probability.
+
+    A sum of squares with unequal variances is nearly ``g chi2(h)``, ``h = (sum v)^2 / sum v^2``; with variances that
+    share one scale, estimated from the residuals, ``k^2`` is the quantile of ``F(h, degrees of freedom)``. Exact
+    for one direction (Student's factor) and for equal variances (Hotelling).
+
+    Parameters
+    ----------
+    variances : n numbers >= 0
+        Along the principal axes of the covariance; not all zero.
+    degrees_of_freedom : float
+        Of the scale of the variances [1].
+
+    Raises
+    ------
+    CalibrationError
+        Variances that are negative, not finite or all zero; degrees of freedom <= 0.
+
+    References
+    ----------
+    F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110; G. E. P. Box, Ann. Math. Stat. 25 (1954) 290.
+    """
+    v = np.asarray(variances, dtype=float)
+    sound = bool(np.isfinite(v).all()) and bool((v >= 0).all()) and float(v.sum()) > 0
+    _require(sound, "coverage needs variances >= 0, one of them above")
+    _require(
+        degrees_of_freedom > 0 and 0 < probability < 1, "coverage needs degrees of freedom > 0 and 0 < p < 1"
+    )
+    directions = float(v.sum() ** 2 / (v**2).sum())
+    if np.isinf(degrees_of_freedom):
+        return float(np.sqrt(chdtri(directions, 1.0 - probability) / directions))
+    return float(np.sqrt(fdtri(directions, degrees_of_freedom, probability)))
 
 
 def effective_degrees_of_freedom(components: Sequence[tuple[float, float]]) -> float:

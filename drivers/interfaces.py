@@ -10,6 +10,7 @@ flag                           Protocol
 ``writes_mastering``           ``MasteringStore``
 ``writes_tool_frame``          ``ToolFrameStore``
 ``writes_user_frame``          ``UserFrameStore``
+``measures_poses``             ``MeasuresPoses``
 =============================  ==========================
 
 SI units. Every call ends within the deadline of the driver's configuration or raises a DeviceError.
@@ -203,11 +204,132 @@ class Reading:
 
 
 class DistanceGauge(Device, Protocol):
-    """Draw-wire, touch probe: one length at a time. A reading is fresh: taken after the call began."""
+    """Draw-wire, dial gauge: one length at a time. A reading is fresh: taken after the call began.
+
+    A dial gauge's length is how far its plunger is pushed in; a plunger that is free is no reading.
+    """
 
     @property
     def capabilities(self) -> GaugeCapabilities: ...
     async def distance(self) -> Reading: ...
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerCapabilities:
+    """What a device that measures places can do."""
+
+    measures_poses: bool
+    range_m: float  # farthest target it is used for
+    sigma_m: float  # of one coordinate close by
+    sigma_per_m: float = 0.0  # what each metre of distance adds to it
+    sigma_rad: float = 0.0  # of one angle, where poses are measured
+
+
+@dataclass(frozen=True, slots=True)
+class Air:
+    """The air that the light went through, as the device knows it."""
+
+    temperature_c: float
+    pressure_pa: float
+    humidity_percent: float
+
+
+@dataclass(frozen=True, slots=True)
+class PointReading:
+    """One point in the device's own frame.
+
+    ``station`` counts where the device stands: another station is another frame, and readings of two stations
+    are never used together as if they were of one.
+    """
+
+    position_m: tuple[float, float, float]
+    sigma_m: tuple[float, float, float]  # standard uncertainty per axis
+    taken_at_s: float  # host monotonic clock
+    station: int
+    air: Air | None = None
+    covariance_m2: tuple[float, float, float] = (0.0, 0.0, 0.0)  # between x and y, x and z, y and z
+    raw: str = ""  # hex of the wire form, or the text a person gave
+
+
+@dataclass(frozen=True, slots=True)
+class PoseReading:
+    """One pose of a probe in the device's own frame; ``station`` as for a point."""
+
+    station_probe: Pose
+    sigma_m: tuple[float, float, float]
+    sigma_rad: tuple[float, float, float]  # about the station's x, y, z
+    taken_at_s: float  # host monotonic clock
+    station: int
+    air: Air | None = None
+    raw: str = ""
+
+
+class Tracker(Device, Protocol):
+    """A laser tracker, or whatever measures places. Each sentence is a test in tests/wire/contract_tracker.py.
+
+    A reading is fresh: taken after the call began. It is in metres in the frame of its station, finite, with its
+    uncertainty. A device that was moved gives no reading under the old station's number. A second measurement
+    during one raises BusyError at once. A cancelled measurement leaves the device usable.
+    """
+
+    @property
+    def capabilities(self) -> TrackerCapabilities: ...
+    async def point(self) -> PointReading: ...
+
+
+class MeasuresPoses(Protocol):
+    """Trackers with capabilities.measures_poses."""
+
+    async def pose(self) -> PoseReading: ...
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeCapabilities:
+    """What a touch probe can do. The delay leads from the touch to the closed contact in the image."""
+
+    tip_radius_m: float
+    pretravel_m: float  # how far the tip gives way before its contact closes
+    sigma_m: float  # scatter of that, over all directions
+    overtravel_m: float  # how far the tip may give way without harm
+    delay_s: float
+    delay_tolerance_s: float  # the delay lies within plus and minus this
+    reaction_s: float  # longest time from a touch to the end of ``touched``
+
+
+@dataclass(frozen=True, slots=True)
+class ContactReading:
+    """Whether the contact is closed. ``raw`` is the word that held it."""
+
+    closed: bool
+    taken_at_s: float  # host monotonic clock
+    raw: int
+
+
+@dataclass(frozen=True, slots=True)
+class ContactEdge:
+    """A touch: it happened between ``earliest_s`` and ``latest_s`` [host monotonic], the probe's delay taken off."""
+
+    earliest_s: float
+    latest_s: float
+    bounces: int  # how often the contact was seen open again before it stayed closed
+    steady: bool  # false: it did not stay closed within the time a bounce may take
+    raw: tuple[int, ...]  # the words that were seen, from the last open one on
+
+
+class TouchProbe(Device, Protocol):
+    """A probe whose contact closes when its tip touches. Each sentence is a test in tests/wire/contract_probe.py.
+
+    A reading is fresh: taken after the call began. An image of the inputs that stands still gives no reading.
+    ``touched`` returns the first touch after the call, in bounds that hold it. A contact that is closed already is
+    refused. A second wait during one raises BusyError at once. A cancelled wait leaves the probe usable.
+    """
+
+    @property
+    def capabilities(self) -> ProbeCapabilities: ...
+    async def contact(self) -> ContactReading: ...
+    async def touched(self) -> ContactEdge:
+        """Wait for a touch, as long as it takes; the caller's limit is how far the arm travels."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,12 +1,27 @@
 """Every driver that a cell file may name. Adding a device means one line here."""
 
+from collections.abc import Mapping
 from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
-from drivers.draw_wire.config import DrawWireConfig
+from drivers.draw_wire.config import DrawWireConfig, ModbusDrawWireConfig
+from drivers.file_import.config import FileGaugeConfig, FileTrackerConfig
+from drivers.laser_tracker.config import LaserTrackerConfig
+from drivers.modbus_robot import fanuc_program
 from drivers.modbus_robot.config import ModbusRobotConfig
+from drivers.touch_probe.config import DialGaugeConfig, TouchProbeConfig
+from drivers.universal_robots import program_file
 from drivers.universal_robots.config import UniversalRobotConfig
+from drivers.wire.program_file import ProgramWriter
 
 RobotConfig: TypeAlias = Annotated[ModbusRobotConfig | UniversalRobotConfig, Field(discriminator="driver")]
-GaugeConfig: TypeAlias = DrawWireConfig
+_AnyDrawWire: TypeAlias = Annotated[DrawWireConfig | ModbusDrawWireConfig, Field(discriminator="interface")]
+GaugeConfig: TypeAlias = Annotated[_AnyDrawWire | FileGaugeConfig, Field(discriminator="driver")]
+TrackerConfig: TypeAlias = Annotated[LaserTrackerConfig | FileTrackerConfig, Field(discriminator="driver")]
+ProbeConfig: TypeAlias = Annotated[TouchProbeConfig | DialGaugeConfig, Field(discriminator="driver")]
+# Languages of pendants, by the robot's profile or else its driver.
+PROGRAM_WRITERS: Mapping[str, ProgramWriter] = {
+    "fanuc_hmi": fanuc_program.PROGRAM_WRITER,
+    "universal_robots": program_file.PROGRAM_WRITER,
+}

@@ -8,7 +8,7 @@ Source
 Modelled
     Geometry errors of this one arm (theta, d, a, alpha, and beta of parallel axes), joint compliance under
     gravity, backlash (unloaded axes lag behind the approach direction, loaded axes lie on the flank gravity
-    chooses), two harmonics of every gear, a small residue after each move that settles.
+    chooses), two harmonics of every gear, a small residue after each move that settles, less after a slow one.
 Not modelled
     Thermal growth, link bending, vibration, the pull of the measuring wire, payload changes.
 
@@ -31,6 +31,7 @@ from fake_devices.motion import Motion, SpeedChange, Standstill, Trapezoid
 
 GRAVITY_M_S2 = 9.81
 _SETTLE_TIME_S = 0.08
+_SHAKING_RAD_S = 0.02  # a motion slower than that leaves less of a residue
 _LOADED_NM = 3.0
 _GRAVITY_AXES = (1, 2, 4)
 
@@ -98,6 +99,7 @@ class Arm:
         self._motion: Motion = Standstill(start, clock.now())
         self._lag, self._lag_at = np.zeros(len(start)), start
         self._direction = np.zeros(len(start))
+        self._shaken = 0.0
         self._loaded = np.isin(np.arange(len(start)), _GRAVITY_AXES)
         self._factory = hidden
         self._commanded: tuple[float, Array, Array] | None = None
@@ -227,6 +229,9 @@ class Arm:
         self._motion, self._commanded = motion, None
         ahead_s = motion.end_s if np.isfinite(motion.end_s) else self.clock.now() + 1.0
         self._direction = np.sign(motion.position(ahead_s) - joints)
+        begin_s = self.clock.now() if when_s is None else when_s
+        speeds = [np.abs(motion.velocity(at_s)).max() for at_s in (begin_s, (begin_s + ahead_s) / 2.0)]
+        self._shaken = min(1.0, float(max(speeds)) / _SHAKING_RAD_S)
 
     def _lagging(self, joints: Array) -> Array:
         """Return how far the joint side lags: a play of the backlash's width, exact on monotone paths."""
@@ -236,7 +241,9 @@ class Arm:
 
     def _ringing(self, now: float) -> Array:
         gone = max(now - self._motion.end_s, 0.0) if np.isfinite(self._motion.end_s) else 0.0
-        return np.asarray(self._direction * np.exp(-gone / _SETTLE_TIME_S) * np.cos(60.0 * gone))
+        return np.asarray(
+            self._shaken * self._direction * np.exp(-gone / _SETTLE_TIME_S) * np.cos(60.0 * gone)
+        )
 
     def _link_angles(self, joints: Array, dh: Array) -> Array:
         """Return the links' axis angles (N, n) for motor-side joints: ripple, flank, compliance added."""

@@ -3,7 +3,7 @@
 Imitates
     A robot cell with its cabinet doors open.
 Source
-    The tables [[robot]], [[gauge]] and [fake] of a cell file.
+    The tables [[robot]], [[gauge]], [[tracker]], [[probe]] and [fake] of a cell file.
 Modelled
     Every driver that has a fake.
 Not modelled
@@ -16,7 +16,9 @@ from pathlib import Path
 from typing import Any
 
 import fake_devices.draw_wire.device
+import fake_devices.laser_tracker.device
 import fake_devices.modbus_robot.device
+import fake_devices.touch_probe.device
 import fake_devices.universal_robots.device
 from fake_devices.device import FakeDevice
 from fake_devices.world import World
@@ -27,7 +29,11 @@ FACTORIES: dict[str, Factory] = {
     "modbus_robot": fake_devices.modbus_robot.device.create,
     "universal_robots": fake_devices.universal_robots.device.create,
     "draw_wire": fake_devices.draw_wire.device.create,
+    "laser_tracker": fake_devices.laser_tracker.device.create,
+    "touch_probe": fake_devices.touch_probe.device.create_probe,
+    "dial_gauge": fake_devices.touch_probe.device.create_dial,
 }
+WITHOUT_WIRE = frozenset({"file_import"})  # a person or a file: nothing to play
 
 
 class FakeCell:
@@ -35,10 +41,14 @@ class FakeCell:
 
     def __init__(self, document: Mapping[str, Any]) -> None:
         fake = document.get("fake", {})
-        self.world = World(int(fake.get("seed", 1)), float(fake.get("time_factor", 1.0)))
+        hidden = bool(fake.get("hidden", True))  # false: a world as its drawings say, for tests of arithmetic
+        self.world = World(int(fake.get("seed", 1)), float(fake.get("time_factor", 1.0)), hidden=hidden)
+        self.world.add_furniture(fake)
         self.control_port = int(fake.get("control_port", 0))
         self.robots = self._build(document.get("robot", []))
         self.gauges = self._build(document.get("gauge", []))
+        self.trackers = self._build(document.get("tracker", []))
+        self.probes = self._build(document.get("probe", []))
 
     @classmethod
     def from_file(cls, path: Path) -> "FakeCell":
@@ -48,10 +58,11 @@ class FakeCell:
 
     @property
     def devices(self) -> list[FakeDevice]:
-        """Robots first, because gauges hang on them."""
-        return [*self.robots, *self.gauges]
+        """Robots first, because gauges, targets and probes hang on them."""
+        return [*self.robots, *self.gauges, *self.trackers, *self.probes]
 
     def _build(self, tables: list[Mapping[str, Any]]) -> list[FakeDevice]:
+        tables = [table for table in tables if table["driver"] not in WITHOUT_WIRE]
         for table in tables:
             if table["driver"] not in FACTORIES:
                 raise ValueError(f"there is no fake for the driver {table['driver']!r}")

@@ -83,6 +83,9 @@ class ControlDoor:
             "seed": self._cell.world.seed,
             "robots": {device.name: device.truth() for device in self._cell.robots},
             "gauges": {device.name: device.truth() for device in self._cell.gauges},
+            "trackers": {device.name: device.truth() for device in self._cell.trackers},
+            "probes": {device.name: device.truth() for device in self._cell.probes},
+            "artefacts": {thing.name: thing.truth() for thing in self._cell.world.artefacts},
         }
 
     async def _fault(self, question: JsonObject) -> JsonObject:

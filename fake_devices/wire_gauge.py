@@ -8,18 +8,20 @@ Source
     phi) longer.
 Modelled
     Where the wire really leaves and where it is really hooked, exit lip, scale, zero, linearity over the
-    drum, noise of every sample, slack, snap, a slipped hook, single outliers, both ends of the range.
+    drum, noise of every sample, slack, snap, a slipped hook, single outliers, both ends of the range; an exit moved
+    to a fixture's seats and a hook moved to an end-effector's holes, by hand.
 Not modelled
     Wire sag and stretch, the wire touching the robot, speed limits of the drum, temperature.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from fake_devices.arm import Arm
-from fake_devices.kinematics import Array, transform
+from fake_devices.fixture import own_base, own_flange
+from fake_devices.kinematics import Array, inverse, transform
 from fake_devices.world import World
 
 DRUM_M = 0.315  # one turn of the drum
@@ -44,8 +46,8 @@ class WireGauge:
         self.anchor_in_base_m = anchor + amount * _draw(dice, anchor_sigma_m)
         self.hook_in_flange_m = hook + amount * _draw(dice, hook_sigma_m)
         world.hooks_in_flange_m.setdefault(self.robot, self.hook_in_flange_m)
-        aim = np.array(_AIM_IN_BASE_M) - self.anchor_in_base_m
-        self._exit_axis = aim / np.linalg.norm(aim)
+        self._world, self._home = world, (self.anchor_in_base_m, self.hook_in_flange_m)
+        self._look_at(_AIM_IN_BASE_M)
         self.exit_radius_m = amount * float(dice.uniform(1.0e-3, 2.0e-3))
         self.scale_error = amount * float(dice.normal()) * 1e-4
         self.zero_m = amount * float(dice.normal()) * 2e-3
@@ -82,6 +84,18 @@ class WireGauge:
         linearity = float(self._waves_m @ np.sin(turns + self._phases_rad))
         return length * (1.0 + self.scale_error) + self.zero_m + linearity + self.slipped_m
 
+    def fixture_in_base(self) -> Array | None:
+        """Return the fixture seen from the base that the arm's first axis defines; None without one."""
+        if self._world.fixture is None or self._arm is None:
+            return None
+        return inverse(own_base(self._arm)) @ self._world.fixture.in_base(self.robot)
+
+    def tool_in_flange(self) -> Array | None:
+        """Return the tool seen from the flange that the arm's last axis defines; None without one."""
+        if self._world.end_effector is None or self._arm is None:
+            return None
+        return own_flange(self._arm) @ self._world.end_effector.flange_tool
+
     # reading
 
     def read_m(self) -> tuple[float, bool]:
@@ -104,6 +118,28 @@ class WireGauge:
         return self._slack_at_m
 
     # what happens to it
+
+    def mount(self, point: int, mouth_at_m: Sequence[float] = _AIM_IN_BASE_M) -> None:
+        """Put the base adaptor on an alignment point of the fixture, the wire's mouth towards a place."""
+        if self._world.fixture is None:
+            raise ValueError("this cell has no fixture")
+        self.anchor_in_base_m = self._world.fixture.seat_in_base(self.robot, point)
+        self._look_at(mouth_at_m)
+
+    def hook_to(self, target: int) -> None:
+        """Hang the hook into a target point of the end-effector."""
+        if self._world.end_effector is None:
+            raise ValueError("this cell has no end-effector with targets")
+        self.hook_in_flange_m = self._world.end_effector.hole_in_flange(target)
+
+    def go_home(self) -> None:
+        """Put exit and hook back where the cell file has them."""
+        self.anchor_in_base_m, self.hook_in_flange_m = self._home
+        self._look_at(_AIM_IN_BASE_M)
+
+    def _look_at(self, place_m: Sequence[float]) -> None:
+        ahead = np.array(place_m, dtype=float) - self.anchor_in_base_m
+        self._exit_axis = ahead / np.linalg.norm(ahead)
 
     def slacken(self) -> None:
         """Let the wire catch on something: it no longer winds up."""

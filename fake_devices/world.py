@@ -6,18 +6,21 @@ Source
     The [fake] table of a cell file: ``seed`` draws everything hidden, ``time_factor`` sets the clock.
 Modelled
     Arms by name, each with its own hidden errors; the masterings that can be lost; the true hooks of wires;
+    a fixture and an end-effector that a wire can be moved to; artefacts that a probe can touch;
     how far a tool tip is off when a controller works with a given mastering.
 Not modelled
     Collisions between arms, wire and furniture; people.
 """
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 
 from fake_devices.arm import Arm, generator
+from fake_devices.artefact import Artefact
 from fake_devices.clock import Clock
+from fake_devices.fixture import EndEffector, Fixture
 from fake_devices.kinematics import Array, transform
 
 _TIP_IN_FLANGE_M = (0.06, 0.05, 0.12)
@@ -41,12 +44,26 @@ class World:
         self.arms: dict[str, Arm] = {}
         self.masterings: dict[str, Mastering] = {}
         self.hooks_in_flange_m: dict[str, Array] = {}
+        self.fixture: Fixture | None = None
+        self.end_effector: EndEffector | None = None
+        self.artefacts: list[Artefact] = []
+        self.shared: dict[tuple[str, int], object] = {}  # by address: what several devices are wired to
 
     def add_arm(self, name: str, model_name: str) -> Arm:
         """Put up one arm; ``name`` is its robot's name in the cell file."""
         arm = Arm.from_model(model_name, self.seed, self.hidden, name=name, clock=self.clock)
         self.arms[name] = arm
         return arm
+
+    def add_furniture(self, fake: Mapping[str, Any]) -> None:
+        """Put up the fixture, the end-effector and the artefacts that the [fake] table describes, if any."""
+        if "fixture" in fake:
+            self.fixture = Fixture(self.seed, self.hidden, fake["fixture"])
+        if "end_effector" in fake:
+            self.end_effector = EndEffector(self.seed, self.hidden, fake["end_effector"])
+        for table in fake.get("artefact", []):
+            dice = self.dice("artefact", str(table["name"]))
+            self.artefacts.append(Artefact(table, dice, 1.0 if self.hidden else 0.0))
 
     def dice(self, *labels: str) -> np.random.Generator:
         """Return the random generator of one named purpose."""

@@ -2,7 +2,20 @@
 
 from difflib import get_close_matches
 
-from procedures import mastering_record, mastering_recovery, six_point_tcp, three_point_frame
+from procedures import (
+    accuracy_check,
+    base_to_base,
+    drift_check,
+    end_effector_points,
+    fixture_alignment,
+    frame_offset,
+    mastering_record,
+    mastering_recovery,
+    robot_calibration,
+    simulation_cell,
+    six_point_tcp,
+    three_point_frame,
+)
 from procedures.entry import Entry, missing
 from procedures.run import ProcedureError
 
@@ -13,6 +26,14 @@ ENTRIES: tuple[Entry, ...] = (
     mastering_recovery.ENTRY,
     six_point_tcp.ENTRY,
     three_point_frame.ENTRY,
+    frame_offset.ENTRY,
+    end_effector_points.ENTRY,
+    fixture_alignment.ENTRY,
+    base_to_base.ENTRY,
+    robot_calibration.ENTRY,
+    drift_check.ENTRY,
+    accuracy_check.ENTRY,
+    simulation_cell.ENTRY,
 )
 CATALOGUE: dict[str, Entry] = {entry.name: entry for entry in ENTRIES}
 

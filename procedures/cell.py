@@ -1,19 +1,60 @@
 """What a procedure's steps are lent: the devices of one cell, and what is known about them."""
 
 from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Protocol
 
+from calibration.alignment import Alignment
+from calibration.calibrated_arm import CalibratedArm
+from calibration.drift_reference import DriftReference
 from calibration.kinematics import RobotModel
 from calibration.mastering import MasteringRecord
 from drivers.interfaces import (
     DistanceGauge,
     Identity,
     JogsAxes,
+    Joints,
     MasteringStore,
     Operator,
     Robot,
     ToolFrameStore,
+    TouchProbe,
+    Tracker,
     UserFrameStore,
 )
+from procedures.surroundings import NOTHING_KNOWN, Surroundings
+
+
+class MotionLevel(StrEnum):
+    """Who moves a robot. Procedures do not know it; `procedures.motion_gate` does."""
+
+    OBSERVE = "observe"  # a person with the pendant, to the joints that are shown
+    PROGRAM = "program"  # a person lets the pendant run a small program that was written for it
+    COMMANDED = "commanded"  # this software
+
+
+class Permit(Protocol):
+    """The right to command a robot, which can be lost while it is used."""
+
+    def hold(self) -> None:
+        """Raise a CellError where the right is no longer ours."""
+        ...
+
+
+class ProgramShelf(Protocol):
+    """Writes programs for a pendant, where the robot's make is known."""
+
+    def put(self, way_rad: tuple[Joints, ...], speed_rad_s: float) -> str:
+        """Write joint moves along a way; return the file's name for the technician."""
+        ...
+
+
+@dataclass(slots=True)
+class MotionMemory:
+    """What the gate remembers of one entry into a run."""
+
+    approved: bool = False  # a person has said yes to the plan, or to moving from where the robot stands
+    epoch: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +62,7 @@ class MotionLimits:
     """Caps that no step exceeds, whatever a spec asks for."""
 
     speed_rad_s: float = 0.5
+    tip_speed_m_s: float = 0.25  # of any point of arm and tool; the speed of teaching by hand
     jog_speed_rad_s: float = 0.035  # 2 deg/s, also the pace while a robot does not know where it is
     settle_s: float = 1.0
     joint_tolerance_rad: float = 2e-3
@@ -34,6 +76,26 @@ class GaugeSetup:
     hook_in_flange_m: tuple[float, float, float]
     sigma_anchor_m: float = 0.010
     sigma_hook_m: float = 0.002
+    mouth_at_m: tuple[float, float, float] | None = (
+        None  # a place in front of it; None: nobody said where it looks
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSetup:
+    """Where a tracker's target sits on the flange, as well as a ruler tells."""
+
+    target_in_flange_m: tuple[float, float, float]
+    sigma_target_m: float = 0.002
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeSetup:
+    """Where the tip of a probe or dial gauge sits on the flange, as well as a ruler tells."""
+
+    tip_in_flange_m: tuple[float, float, float]
+    sigma_tip_m: float = 0.001
+    axis_in_flange: tuple[float, float, float] = (0.0, 0.0, 1.0)  # from the flange to the tip
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +129,23 @@ class Cell:
     user_frames: UserFrameStore | None = None
     gauge: DistanceGauge | None = None
     gauge_setup: GaugeSetup | None = None
+    tracker: Tracker | None = None
+    tracker_setup: TrackerSetup | None = None
+    probe: TouchProbe | None = None
+    probe_setup: ProbeSetup | None = None
+    dial: DistanceGauge | None = None  # its length is how far the plunger is pushed in
+    dial_setup: ProbeSetup | None = None
     model: RobotModel | None = None  # nominal kinematics
     record: MasteringRecord | None = None  # the latest of this robot
+    alignments: tuple[Alignment, ...] = ()  # of every robot with every fixture, oldest first
+    calibrated: CalibratedArm | None = None  # the latest parameters of this robot
+    drift_references: tuple[DriftReference, ...] = ()  # of this robot, oldest first
     limits: MotionLimits = field(default_factory=MotionLimits)
+    level: MotionLevel = MotionLevel.OBSERVE
+    surroundings: Surroundings = NOTHING_KNOWN
+    permit: Permit | None = None  # None: nobody else can reach this robot
+    programs: ProgramShelf | None = None
+    motion: MotionMemory = field(default_factory=MotionMemory)
     config_sha256: str = ""
 
 
@@ -78,5 +154,11 @@ async def fingerprint(cell: Cell) -> Fingerprint:
     marks = [DeviceMark("robot", await cell.robot.identify())]
     if cell.gauge is not None:
         marks.append(DeviceMark("gauge", await cell.gauge.identify()))
+    if cell.tracker is not None:
+        marks.append(DeviceMark("tracker", await cell.tracker.identify()))
+    if cell.probe is not None:
+        marks.append(DeviceMark("probe", await cell.probe.identify()))
+    if cell.dial is not None:
+        marks.append(DeviceMark("dial", await cell.dial.identify()))
     epoch = await cell.mastering.encoder_epoch() if cell.mastering is not None else None
     return Fingerprint(cell.name, tuple(marks), cell.config_sha256, epoch)

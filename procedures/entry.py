@@ -7,7 +7,9 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter
 
 from procedures.cell import Cell
+from procedures.forecast import Forecast, Knowledge
 from procedures.run import NeedsUnmetError, Run
+from procedures.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,9 @@ class Entry:
     outline: Callable[[Any], tuple[Phase, ...]]
     keeps: Callable[[Any, Any], Keepsake | None]  # spec, result
     epoch_may_change: bool = False  # it expects a lost position; it checks the epoch itself
+    wants: tuple[str, ...] = ()  # what its steps will refuse without; told beforehand in lists and dry runs
+    verdict: Callable[[Any, Any], Verdict] | None = None  # spec, result: what it claims and what it does not
+    forecast: Callable[[Any, Knowledge], Forecast] | None = None  # spec: the dry run
 
     def result_codec(self) -> TypeAdapter[Any]:
         """Return how the procedure's result is written down."""
@@ -68,14 +73,48 @@ NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
     "writes_tool_frame": ("access to the tool frames", lambda cell: cell.tool_frames is not None),
     "writes_user_frame": ("access to the user frames", lambda cell: cell.user_frames is not None),
     "gauge": ("a length gauge", lambda cell: cell.gauge is not None),
+    "probe": ("a touch probe", lambda cell: cell.probe is not None and cell.probe_setup is not None),
+    "dial": ("a dial gauge", lambda cell: cell.dial is not None and cell.dial_setup is not None),
     "model": ("a kinematic model of the robot", lambda cell: cell.model is not None),
     "gauge_setup": ("where the wire is fixed (cell.toml)", lambda cell: cell.gauge_setup is not None),
+    "record": (
+        "a mastering record of this robot, taken before the loss",
+        lambda cell: cell.record is not None,
+    ),
+    "evidence": (
+        "a draw-wire, touch probe or tracker, or a record with touched places or a seat",
+        lambda cell: (
+            (cell.gauge is not None and cell.gauge_setup is not None)
+            or (cell.probe is not None and cell.probe_setup is not None)
+            or (cell.tracker is not None and cell.tracker_setup is not None)
+            or (cell.record is not None and cell.record.kit is not None)
+        ),
+    ),
+    "tracker": ("an instrument that measures points", lambda cell: cell.tracker is not None),
+    "sees_the_flange": (
+        "a draw-wire or a tracker on the flange, and where it is (cell.toml)",
+        lambda cell: (
+            (cell.gauge is not None and cell.gauge_setup is not None)
+            or (cell.tracker is not None and cell.tracker_setup is not None)
+        ),
+    ),
+    "tracker_setup": ("where the target sits (cell.toml)", lambda cell: cell.tracker_setup is not None),
+    "measures_poses": (
+        "an instrument that measures poses",
+        lambda cell: cell.tracker is not None and cell.tracker.capabilities.measures_poses,
+    ),
 }
 
 
 def missing(entry: Entry, cell: Cell) -> tuple[str, ...]:
     """Return what this cell lacks for a procedure, in a technician's words."""
     return tuple(NEEDS[need][0] for need in entry.needs if not NEEDS[need][1](cell))
+
+
+def lacking(entry: Entry, cell: Cell) -> tuple[str, ...]:
+    """Return all that this cell lacks for a procedure, what its steps would refuse without included."""
+    wanted = tuple(NEEDS[want][0] for want in entry.wants if not NEEDS[want][1](cell))
+    return (*missing(entry, cell), *wanted)
 
 
 def refuse_unmet(entry: Entry, cell: Cell) -> None:

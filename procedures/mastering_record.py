@@ -10,16 +10,22 @@ from pydantic_core import to_jsonable_python
 from calibration.kinematics import load_model
 from calibration.mastering import MasteringRecord, WireCapture
 from calibration.pose_design import predict
+from calibration.uncertainty import chi_square_limit
 from calibration.wire_reference import WireReference, fit_wire_reference
 from drivers.interfaces import Instruction, Readiness
 from procedures.canonical import sha256_of
+from procedures.detours import known_way
 from procedures.entry import Entry, Keepsake, Phase
+from procedures.forecast import Forecast, Knowledge
+from procedures.mastering_forecasts import forecast_record
 from procedures.plans import MotionPlan, Room, plan_kit, wire_prior
+from procedures.recovery_kit import KitProspect, KitSpec, kit_phases, predict_kit, recorded_kit
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.capture import StillCapture, capture
 from procedures.steps.mastering import MotorState, read_motors, same_epoch
-from procedures.steps.motion import go_to
+from procedures.steps.motion import go_along
+from procedures.verdict import SetAside, Verdict, enough, held, stated
 
 HOOK_WIRE = Instruction("wire_is_hooked", "Hook the draw-wire to the flange; nothing may touch the wire.")
 GOOD_PROBABILITY = 0.9999
@@ -34,6 +40,7 @@ class MasteringRecordSpec:
     tolerance_counts: Annotated[int, Field(ge=0)] = 50
     retakes: Annotated[int, Field(ge=0, le=20)] = 2  # of captures that the others contradict
     seed: Annotated[int, Field(ge=0)] = 1
+    kit: KitSpec | None = None
     room: Room = field(default_factory=Room)
 
 
@@ -52,6 +59,8 @@ class RecordResult:
 
     record: MasteringRecord
     prospect: Prospect
+    kit: KitProspect | None = None  # what its places promise, where it has any
+    set_aside: tuple[str, ...] = ()  # captures that the others contradicted; measured again
 
 
 async def mastering_record(run: Run, spec: MasteringRecordSpec) -> RecordResult:
@@ -65,28 +74,34 @@ async def mastering_record(run: Run, spec: MasteringRecordSpec) -> RecordResult:
     await run.step("accept the plan", accept, shown(plan), sha256_of(to_jsonable_python(plan)))
 
     taken: list[StillCapture] = []
-    for k, pose in enumerate(plan.poses_rad, 1):
-        await run.move(f"go to pose {k}", go_to, pose, plan.speed_rad_s)
+    for k, way in enumerate(plan.ways_rad, 1):
+        await run.move(f"go to pose {k}", go_along, way, plan.speed_rad_s)
         taken.append(
             await run.step(f"capture {k}", capture, f"pose {k}", spec.samples, spec.tolerance_counts)
         )
 
-    captures = [still.wire for still in taken]
+    captures, here = [still.wire for still in taken], plan.poses_rad[-1]
+    sources, set_aside = [f"capture {k + 1}" for k in range(len(taken))], []
     wire = await run.solve("fit the wire 1", fit_wire, state, tuple(captures))
     for retake in range(1, spec.retakes + 1):
         if wire.consistent():
             break
         worst = wire.worst_capture
-        await run.move(f"go again to pose {retake}", go_to, plan.poses_rad[worst], plan.speed_rad_s)
+        back = known_way(state.joints_rad, plan.ways_rad, here, plan.poses_rad[worst])
+        await run.move(f"go again to pose {retake}", go_along, back, plan.speed_rad_s)
+        here = plan.poses_rad[worst]
         label = f"pose {worst + 1}, again"
         still = await run.step(f"capture again {retake}", capture, label, spec.samples, spec.tolerance_counts)
         captures[worst] = still.wire
+        set_aside.append(sources[worst])
+        sources[worst] = f"capture again {retake}"
         wire = await run.solve(f"fit the wire {retake + 1}", fit_wire, state, tuple(captures))
     _refuse_inconsistent(wire)
 
-    record = sealed(state, tuple(captures), wire)
+    record = seal(replace(sealed(state, tuple(captures), wire), kit=await recorded_kit(run, spec.kit)))
     prospect = await run.solve("predict a recovery", predict_recovery, record)
-    return RecordResult(record, prospect)
+    kit = await run.solve("predict a recovery by places", predict_kit, record) if record.kit else None
+    return RecordResult(record, prospect, kit, tuple(set_aside))
 
 
 def fit_wire(state: MotorState, captures: tuple[WireCapture, ...]) -> WireReference:
@@ -130,7 +145,46 @@ def seal(record: MasteringRecord) -> MasteringRecord:
 
 def seal_of(record: MasteringRecord) -> str:
     """Return the hash that a record must carry."""
-    return sha256_of(to_jsonable_python(replace(record, sha256="")))
+    content = to_jsonable_python(replace(record, sha256=""))
+    if record.kit is None:
+        del content["kit"]  # the seal of a record without a kit is that of records older than kits
+    return sha256_of(content)
+
+
+def verdict_on_record(result: RecordResult) -> Verdict:
+    """Say whether the lengths agree, and how surely a recovery would find lost turns with them."""
+    wire, prospect = result.record.wire, result.prospect
+    agree = held(
+        "the lengths agree with each other",
+        wire.consistent(),
+        "chi square at most its 99.9 % limit, and no capture stands out",
+        found=wire.chi_square,
+        limit=chi_square_limit(wire.degrees_of_freedom),
+    )
+    finds = enough(
+        "chance that all lost turns would be found",
+        prospect.success_probability >= GOOD_PROBABILITY,
+        f"PASS if at least {GOOD_PROBABILITY:g}, else UNDECIDED: record more poses",
+        found=prospect.success_probability,
+        limit=GOOD_PROBABILITY,
+    )
+    weakest, words = max(prospect.sigma_turns), "predicted from the record"
+    return Verdict(
+        (
+            *(agree, finds),
+            stated("deviation of the least known motor, were it lost", weakest, "turn", rule=words),
+            stated("RMS of the lengths about the fit", wire.residual_rms_m, "m", rule="no accuracy"),
+        ),
+        limits_from="fixed limits of the procedure",
+        not_verified=(
+            "The mastering itself was not checked: the record keeps it as it was found.",
+            "The accuracy of the robot was not measured.",
+        ),
+        remarks=("Take a new record after a motor, encoder, belt or gear was exchanged.",),
+        set_aside=tuple(
+            SetAside(step, "contradicted by the others; measured again") for step in result.set_aside
+        ),
+    )
 
 
 def shown(plan: MotionPlan) -> Instruction:
@@ -169,7 +223,7 @@ def _outline(spec: MasteringRecordSpec) -> tuple[Phase, ...]:
         *(Phase("read the motors"), Phase("plan the poses"), Phase("accept the plan")),
         *(Phase("go to pose", spec.poses), Phase("capture", spec.poses)),
         *(Phase("fit the wire", 1, adaptive=True), Phase("go again to pose", 0, adaptive=True)),
-        *(Phase("capture again", 0, adaptive=True), Phase("predict a recovery")),
+        *(Phase("capture again", 0, adaptive=True), *kit_phases(spec.kit), Phase("predict a recovery")),
     )
 
 
@@ -178,13 +232,19 @@ def _keeps(spec: MasteringRecordSpec, result: RecordResult) -> Keepsake:
     return Keepsake("mastering_record", result.record.robot_serial, result.record)
 
 
+def _forecast(spec: MasteringRecordSpec, known: Knowledge) -> Forecast:
+    return forecast_record(known, spec.room, spec.poses, spec.samples, spec.seed)
+
+
 ENTRY = Entry(
     name="mastering_record",
     title="Mastering record",
-    version=1,
+    version=2,
     procedure=mastering_record,
     spec_type=MasteringRecordSpec,
     needs=("moves_joints", "writes_mastering", "gauge", "gauge_setup", "model"),
     outline=_outline,
     keeps=_keeps,
+    verdict=lambda _, result: verdict_on_record(result),
+    forecast=_forecast,
 )

@@ -1,6 +1,7 @@
 """Plans of motion as pure functions: which poses, in which order, how fast. Plans are shown, then obeyed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -10,17 +11,40 @@ from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
 from calibration.kinematics import RobotModel, load_model
 from calibration.mastering import DriveTrain, MasteringRecord
-from calibration.motion_check import MotionLimits, WirePath, check_moves
+from calibration.motion_check import (
+    MotionLimits,
+    WirePath,
+    allowed_postures,
+    check_moves,
+    seem_free,
+)
 from calibration.pose_design import candidate_joints, kit_poses, next_poses
+from calibration.recovery_walk import Pace, WalkPlanner, nearby_joints
 from calibration.turn_recovery import verification_power
 from calibration.wire_model import WirePrior
 from drivers.interfaces import Joints
+from procedures.detours import ways_through
+from procedures.plan_ways import (
+    arrive,
+    as_way,
+    corners_of,
+    refuse_broken,
+    travel_order,
+    walk_allowed,
+    way_allowed,
+)
 from procedures.steps.mastering import MotorState
+from procedures.surroundings import NOTHING_KNOWN, Surroundings, clearances
 
 Triple = tuple[float, float, float]
 VERIFICATION_SIGMAS = 6.0
 SAME_POSE_RAD = 0.02
 SPARE_CANDIDATES = 60
+NEARBY_CANDIDATES = 300
+QUICK_EFOLD_S, THOROUGH_EFOLD_S = 200.0, 800.0  # of robot time for one e-fold of one motor's certainty
+QUICK_CAPTURES = 16  # who is not sure after these looks for better poses, also far away
+FINER_GAIN = 0.15  # e-folds of all motors together: below this another capture is not worth its time
+_WALKS_TRIED, _CHOICES_TRIED = 3, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +57,17 @@ class Room:
     wire_high: Annotated[float, Field(gt=0, le=1)] = 0.92
     box_low_m: Triple | None = None
     box_high_m: Triple | None = None
+    surroundings: Surroundings = NOTHING_KNOWN  # of the cell file
+
+    @property
+    def capped_tip_speed_m_s(self) -> float:
+        """The cap that holds here: half of it while nobody knows what stands in the cell."""
+        return self.tip_speed_m_s * self.surroundings.speed_share
+
+    def box_m(self) -> tuple[Triple | None, Triple | None]:
+        """Return the corners of the workspace: of the run, or else of the cell file."""
+        known = self.surroundings
+        return (self.box_low_m or known.box_low_m, self.box_high_m or known.box_high_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +78,19 @@ class MotionPlan:
     speed_rad_s: float
     travel_rad: float  # of the slowest axis, added over all moves
     not_checked: tuple[str, ...]
+    ways_rad: tuple[
+        tuple[Joints, ...], ...
+    ] = ()  # to each pose, with the corners in between; empty: straight
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What a recovery knows when it plans its checks."""
+
+    here_rad: Joints
+    visited: tuple[Joints, ...]
+    checked: tuple[Joints, ...]
+    offset_covariance: tuple[tuple[float, ...], ...]  # turns^2
 
 
 def wire_prior(state: MotorState) -> WirePrior:
@@ -67,77 +115,144 @@ def motion_limits(state: MotorState, drive: DriveTrain, room: Room) -> MotionLim
         lowest_fraction=room.wire_low,
         highest_fraction=room.wire_high,
     )
+    low, high = room.box_m()
     return MotionLimits(
         mastering_uncertainty_rad=tuple(float(v) for v in doubt),
         joint_speed_rad_s=state.limits.speed_rad_s,
-        tip_speed_m_s=room.tip_speed_m_s,
-        box_low_m=room.box_low_m,
-        box_high_m=room.box_high_m,
+        tip_speed_m_s=room.capped_tip_speed_m_s,
+        box_low_m=low,
+        box_high_m=high,
         wire=wire,
+        clearances=clearances(state.model, room.surroundings, wire),
     )
 
 
 def plan_kit(state: MotorState, room: Room, poses: int, seed: int) -> MotionPlan:
     """Plan the captures of a mastering record from where the robot stands."""
     model, limits = load_model(state.model), motion_limits(state, state.drive, room)
-    kit = kit_poses(model, state.drive, wire_prior(state), limits, poses, seed=seed)
-    ordered = _travel_order(model, state.joints_rad, kit, limits)
-    if len(ordered) < min(poses, model.axes + 8):
+    here = np.array(state.joints_rad)
+    kit = kit_poses(
+        model,
+        state.drive,
+        wire_prior(state),
+        limits,
+        poses,
+        seed=seed,
+        usable=lambda drawn: seem_free(model, here, drawn, limits),
+    )
+    ways = ways_through(state.joints_rad, kit, partial(arrive, model, limits))
+    if len(ways) < min(poses, model.axes + 6):
         raise DegenerateDataError(
-            f"only {len(ordered)} of {poses} planned poses can be reached without breaking a limit",
+            f"only {len(ways)} of {poses} planned poses can be reached without breaking a limit",
             remedy="Move the robot nearer to the middle of its range, or move the wire's anchor.",
         )
-    return _timed(model, state.joints_rad, ordered, limits, state.limits.speed_rad_s)
+    before, gone = here, []
+    for way in ways:
+        before = way[-2] if len(way) > 1 else before
+        gone.append(np.array([*way[:-1], *corners_of(before, way[-1], False)]))
+        before = way[-1]
+    plan = _checked(model, state.joints_rad, gone, limits, state.limits.speed_rad_s)
+    return replace(plan, ways_rad=tuple(map(as_way, ways)))
 
 
 def plan_first(
     record: MasteringRecord, state: MotorState, room: Room, here_rad: Joints, poses: int
 ) -> MotionPlan:
-    """Plan the first captures after a loss: the record's poses that tell most about the turns."""
+    """Plan the first captures after a loss: a short walk that tells every motor's turns."""
     model, limits = load_model(record.model), motion_limits(state, record.drive, room)
-    kit = record.capture_joints_rad()
-    order = next_poses(model, record, np.empty((0, model.axes)), kit, min(poses, len(kit)))
-    ordered = _travel_order(model, here_rad, kit[list(order)], limits, one_by_one=True)
-    if not ordered:
+    planner = _walks(model, record, limits, state)
+    here = np.array(here_rad)
+    for seed in range(_WALKS_TRIED):
+        walk = list(planner.plan(here, poses, seed=seed))
+        if walk_allowed(model, here, walk, limits):
+            break
+    else:  # hard by a limit: the record's own poses, as many as can be reached
+        kit = record.capture_joints_rad()
+        order = next_poses(model, record, np.empty((0, model.axes)), kit, min(poses, len(kit)))
+        walk = travel_order(model, here_rad, kit[list(order)], limits, one_by_one=True)
+    if not walk:
         raise _unreachable()
-    return _timed(model, here_rad, ordered, limits, state.limits.jog_speed_rad_s, one_by_one=True)
+    return _timed(model, here_rad, walk, limits, state.limits.jog_speed_rad_s, one_by_one=True)
 
 
 def plan_next(
     record: MasteringRecord, state: MotorState, room: Room, here_rad: Joints, measured: tuple[Joints, ...]
 ) -> MotionPlan:
-    """Plan one more capture: the reachable pose that tells most, given what is measured."""
-    model, limits = load_model(record.model), motion_limits(state, record.drive, room)
-    candidates = _unmeasured(_candidates(model, record, limits), measured)
-    for index in next_poses(model, record, np.array(measured), candidates, len(candidates)):
-        target = candidates[index]
-        if _allowed(model, here_rad, target, limits, one_by_one=True):
-            return _timed(model, here_rad, [target], limits, state.limits.jog_speed_rad_s, one_by_one=True)
-    raise _unreachable()
+    """Plan one more capture: the reachable pose that tells most for the time it takes, given what is measured."""
+    search = _NextPose(record, state, room, here_rad, measured)
+    plan = search.best(QUICK_EFOLD_S if len(measured) < QUICK_CAPTURES else THOROUGH_EFOLD_S)
+    if plan is None:
+        raise _unreachable()
+    return plan
+
+
+def plan_finer(
+    record: MasteringRecord, state: MotorState, room: Room, here_rad: Joints, measured: tuple[Joints, ...]
+) -> MotionPlan | None:
+    """Plan one more capture for offsets that are no whole turns, or none where no pose makes them much surer."""
+    return _NextPose(record, state, room, here_rad, measured).best(THOROUGH_EFOLD_S, least_gain=FINER_GAIN)
+
+
+@dataclass(frozen=True)
+class _NextPose:
+    """The search for one more pose."""
+
+    record: MasteringRecord
+    state: MotorState
+    room: Room
+    here_rad: Joints
+    measured: tuple[Joints, ...]
+
+    def best(self, efold_s: float, *, least_gain: float = 0.0) -> MotionPlan | None:
+        """Return a plan of the best pose that is worth it and can be reached."""
+        record, speed = self.record, self.state.limits.jog_speed_rad_s
+        model, limits = load_model(record.model), motion_limits(self.state, record.drive, self.room)
+        here = np.array(self.here_rad)
+        known = np.array(self.measured).reshape(-1, model.axes)
+        candidates = _unmeasured(_candidates(model, record, limits, here), self.measured)
+        walks = _walks(model, record, limits, self.state)
+        worth, gain = walks.worth(here, known, candidates, efold_s=efold_s)
+        for index in np.argsort(-worth):
+            if gain[index] >= least_gain and way_allowed(
+                model, here, candidates[index], limits, one_by_one=True
+            ):
+                return _timed(model, self.here_rad, [candidates[index]], limits, speed, one_by_one=True)
+        return None
 
 
 def plan_checks(
     record: MasteringRecord,
     state: MotorState,
     room: Room,
-    here_rad: Joints,
-    measured: tuple[Joints, ...],
+    known: Known,
     poses: int,
+    sigmas: float = VERIFICATION_SIGMAS,
 ) -> MotionPlan:
-    """Plan check captures at poses not fitted, which together see a wrong turn of every motor."""
+    """Plan check captures at poses not fitted, which together see a wrong turn of every one and two motors.
+
+    ``sigmas`` are the deviations at which a wrong turn shall show.
+    """
     model, limits = load_model(record.model), motion_limits(state, record.drive, room)
-    candidates = _unmeasured(_candidates(model, record, limits), measured)
-    power = verification_power(model, record, candidates) / VERIFICATION_SIGMAS
-    chosen: list[int] = []
-    while len(chosen) < min(poses, len(candidates)):
-        seen = power[chosen].max(axis=0) if chosen else np.zeros(model.axes)
-        gain = np.minimum(np.maximum(power, seen), 2.0).sum(axis=1)
-        gain[chosen] = -np.inf
-        chosen.append(int(np.argmax(gain)))
-    ordered = _travel_order(model, here_rad, candidates[chosen], limits, one_by_one=True)
+    here = np.array(known.here_rad)
+    candidates = _unmeasured(_candidates(model, record, limits, here), known.visited)
+    both = np.vstack([np.array(known.checked).reshape(-1, model.axes), candidates])
+    power = verification_power(model, record, both, known.offset_covariance) / sigmas
+    shown, power = power[: len(known.checked)].max(axis=0, initial=0.0), power[len(known.checked) :]
+    walks = _walks(model, record, limits, state)
+    ordered: list[Array] = []
+    for _ in range(_CHOICES_TRIED):  # the best that can be reached, where some of the best cannot
+        chosen = walks.quick_checks(here, candidates, power, shown, poses)
+        ordered = travel_order(model, known.here_rad, candidates[chosen], limits, one_by_one=True)
+        if len(ordered) == len(chosen):
+            break
+        out_of_reach = [k for k in chosen if not any(np.array_equal(candidates[k], pose) for pose in ordered)]
+        candidates, power = (
+            np.delete(candidates, out_of_reach, axis=0),
+            np.delete(power, out_of_reach, axis=0),
+        )
     if not ordered:
         raise _unreachable()
-    return _timed(model, here_rad, ordered, limits, state.limits.jog_speed_rad_s, one_by_one=True)
+    return _timed(model, known.here_rad, ordered, limits, state.limits.jog_speed_rad_s, one_by_one=True)
 
 
 def plan_finals(
@@ -146,7 +261,7 @@ def plan_finals(
     """Plan joint moves from the last check pose to earlier ones; where none is reachable, look from there."""
     model, limits = load_model(record.model), motion_limits(state, record.drive, room)
     here = checks[-1]
-    ordered = _travel_order(model, here, np.array(checks[:-1]).reshape(-1, model.axes), limits)[:poses]
+    ordered = travel_order(model, here, np.array(checks[:-1]).reshape(-1, model.axes), limits)[:poses]
     return _timed(model, here, ordered or [np.array(here)], limits, state.limits.jog_speed_rad_s)
 
 
@@ -159,11 +274,20 @@ def index_travel(record: MasteringRecord, here_rad: Joints, turns: float) -> Joi
     return tuple(float(v) for v in signs * per_turn * turns)
 
 
-def _candidates(model: RobotModel, record: MasteringRecord, limits: MotionLimits) -> Array:
-    extra = candidate_joints(
-        model, limits, SPARE_CANDIDATES, seed=2, hook_in_flange_m=record.prior.hook_in_flange_m
-    )
-    return np.vstack([record.capture_joints_rad(), extra])
+def _walks(
+    model: RobotModel, record: MasteringRecord, limits: MotionLimits, state: MotorState
+) -> WalkPlanner:
+    hook = record.prior.hook_in_flange_m
+    pace = Pace(speed_rad_s=state.limits.jog_speed_rad_s, settle_s=state.limits.settle_s)
+    return WalkPlanner(model, record, lambda joints: allowed_postures(model, joints, limits, hook), pace)
+
+
+def _candidates(model: RobotModel, record: MasteringRecord, limits: MotionLimits, here: Array) -> Array:
+    hook = record.prior.hook_in_flange_m
+    near = nearby_joints(here, NEARBY_CANDIDATES, seed=3)
+    near = near[allowed_postures(model, near, limits, hook)]
+    spread = candidate_joints(model, limits, SPARE_CANDIDATES, seed=2, hook_in_flange_m=hook)
+    return np.vstack([near, record.capture_joints_rad(), spread])
 
 
 def _unmeasured(candidates: Array, measured: tuple[Joints, ...]) -> Array:
@@ -172,45 +296,6 @@ def _unmeasured(candidates: Array, measured: tuple[Joints, ...]) -> Array:
     apart = np.abs(candidates[:, None, :] - np.array(measured)[None]).max(axis=2).min(axis=1)
     unmeasured: Array = candidates[apart > SAME_POSE_RAD]
     return unmeasured
-
-
-def _travel_order(
-    model: RobotModel, start_rad: Joints, poses: Array, limits: MotionLimits, *, one_by_one: bool = False
-) -> list[Array]:
-    """Order poses by nearest neighbour along allowed ways; poses that cannot be reached are left out."""
-    here, left, ordered = np.array(start_rad), list(poses), []
-    while left:
-        left.sort(key=lambda pose: _travel(here, pose, one_by_one))
-        reachable = (
-            k for k, pose in enumerate(left) if _allowed(model, here, pose, limits, one_by_one=one_by_one)
-        )
-        nearest = next(reachable, None)
-        if nearest is None:
-            break
-        here = left.pop(nearest)
-        ordered.append(here)
-    return ordered
-
-
-def _travel(here: Array, there: Array, one_by_one: bool) -> float:
-    apart = np.abs(there - here)
-    return float(apart.sum() if one_by_one else apart.max())
-
-
-def _ways(here: Array, there: Array, one_by_one: bool) -> Array:
-    """Return the corners of the way: all joints at once, or one after the other."""
-    if not one_by_one:
-        return there[None]
-    return np.array([np.concatenate([there[: k + 1], here[k + 1 :]]) for k in range(len(there))])
-
-
-def _allowed(
-    model: RobotModel, here: Array | Joints, there: Array, limits: MotionLimits, *, one_by_one: bool
-) -> bool:
-    start = np.array(here)
-    ways = _ways(start, there, one_by_one)
-    stops = [False] * (len(ways) - 1) + [True]
-    return check_moves(model, start, ways, limits, speed_rad_s=1e-3, stops=stops).allowed
 
 
 def _timed(
@@ -222,17 +307,27 @@ def _timed(
     *,
     one_by_one: bool = False,
 ) -> MotionPlan:
-    corners, here, travel = [], np.array(start_rad), 0.0
+    ways, here = [], np.array(start_rad)
     for pose in poses:
-        corners.append(_ways(here, pose, one_by_one))
-        travel += _travel(here, pose, one_by_one)
+        ways.append(corners_of(here, pose, one_by_one))
         here = pose
-    verdict = check_moves(model, start_rad, np.concatenate(corners), limits, speed_rad_s=speed_rad_s)
+    return _checked(model, start_rad, ways, limits, speed_rad_s)
+
+
+def _checked(
+    model: RobotModel, start_rad: Joints, ways: list[Array], limits: MotionLimits, speed_rad_s: float
+) -> MotionPlan:
+    """Return the plan of ways that are gone one after the other, as slow as its caps ask; refuse a broken one."""
+    corners = np.concatenate(ways)
+    stops = [last for way in ways for last in [*([False] * (len(way) - 1)), True]]
+    verdict = check_moves(model, start_rad, corners, limits, speed_rad_s=speed_rad_s, stops=stops)
     fastest = max((f.found / f.limit for f in verdict.findings if f.check == "tip speed"), default=1.0)
+    refuse_broken(verdict)
+    steps = np.abs(np.diff(np.vstack([np.array(start_rad), corners]), axis=0)).max(axis=1)
     return MotionPlan(
-        poses_rad=tuple(tuple(float(v) for v in pose) for pose in poses),
+        poses_rad=as_way([way[-1] for way in ways]),
         speed_rad_s=speed_rad_s / (fastest * 1.01) if fastest > 1.0 else speed_rad_s,
-        travel_rad=travel,
+        travel_rad=float(steps.sum()),
         not_checked=verdict.not_checked,
     )
 

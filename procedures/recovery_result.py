@@ -6,12 +6,21 @@ import numpy as np
 
 from calibration.kinematics import load_model
 from calibration.mastering import MasteringRecord, WireCapture
-from calibration.turn_recovery import GateCheck, TurnRecovery, recover_turns, verify_recovery
-from drivers.interfaces import Counts, MasteringData
+from calibration.turn_recovery import (
+    GateCheck,
+    TurnRecovery,
+    recover_turns,
+    verification_power,
+    verify_recovery,
+)
+from drivers.interfaces import Counts, Instruction, MasteringData
 from procedures.mastering_record import seal
 
 POWER_CHECK = "verification power"
+SHARP_CHECK = "sharpness"
 LENGTH_CHECK = "verification"
+MEMORY_POWER = 27.0  # deviations of a whole turn at which a fraction of 0.15 turn shows at four …
+HIDDEN_SIGMAS = 4.0  # … and what a few lengths may hide from their chi square
 SAME_JOINT_RAD = 1e-5  # controllers show joints as float32 degrees
 
 
@@ -31,7 +40,7 @@ class RecoveryResult:
     """The end of a recovery: what was restored and how sure that is, or why nothing was."""
 
     verdict: str  # restored, refused
-    mode: str  # turns, motor, all, geometry, undecided
+    mode: str  # memory, turns, motor, all, geometry, undecided
     reason: str
     joints: tuple[JointRecovery, ...]
     counts_at_zero_before: Counts
@@ -44,6 +53,12 @@ class RecoveryResult:
     poses_needed: int
     mastering: MasteringData | None = None  # as read back
     record: MasteringRecord | None = None  # the old record in the new counts
+    set_aside: tuple[str, ...] = ()  # captures that did not fit the others; measured again
+
+
+def widest_u_rad(recovery: TurnRecovery) -> float:
+    """Return the uncertainty (k = 2) of the least certain offset; 0 where whole turns were lost."""
+    return max(recovery.offset_u_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +69,7 @@ class Effort:
     check_captures: int
     measured_again: int
     robot_seconds: float
+    set_aside: tuple[str, ...] = ()
 
 
 def judge(
@@ -74,10 +90,68 @@ def confirmed(
     return verify_recovery(load_model(record.model), record, recovery, checks)
 
 
+def nothing_lost(record: MasteringRecord) -> TurnRecovery:
+    """Return the story that the controller forgot its mastering and the encoders forgot nothing."""
+    motors = len(record.counts_at_zero)
+    none = (0.0,) * motors
+    return TurnRecovery(
+        mode="memory",
+        accepted=True,
+        reason="the encoders kept their position; the controller had lost or changed its mastering data",
+        turns=(0,) * motors,
+        replaced_axes=(),
+        offset_turns=none,
+        offset_u_rad=none,
+        counts_at_zero=record.counts_at_zero,
+        gate=(),
+        poses_needed=0,
+        next_joints_rad=(),
+        suspect_capture=None,
+        changed_part="",
+        success_probability=1.0,
+        sigma_turns=none,
+        chi_square=0.0,
+        degrees_of_freedom=0,
+        captures=0,
+        offset_covariance=(none,) * motors,
+    )
+
+
+def confirmed_memory(
+    record: MasteringRecord, recovery: TurnRecovery, checks: tuple[WireCapture, ...]
+) -> TurnRecovery:
+    """Judge by check poses alone that nothing was lost: a fraction of a turn must show, too."""
+    verified = confirmed(record, recovery, checks)
+    joints = record.drive.joints(np.array([c.counts for c in checks]), np.array(record.counts_at_zero))
+    power = verification_power(load_model(record.model), record, joints)[:, : len(recovery.turns)].max(axis=0)
+    weakest = float(power.min())
+    words = f"the check poses see a whole turn of any motor at {weakest:.0f} deviations or more"
+    sharp = GateCheck(SHARP_CHECK, weakest >= MEMORY_POWER, weakest, MEMORY_POWER, words)
+    blind = tuple(float(HIDDEN_SIGMAS / p) for p in power)
+    accepted = verified.accepted and sharp.passed
+    return replace(verified, accepted=accepted, gate=(*verified.gate, sharp), blind_turns=blind)
+
+
+def controller_was_right(record: MasteringRecord, recovery: TurnRecovery, mastering: MasteringData) -> bool:
+    """Tell whether the measurement agrees with what the controller holds, and not with the record.
+
+    The record is older than the robot's last mastering then, or of another robot.
+    """
+    if (
+        not mastering.mastered
+        or not recovery.replaced_axes
+        or recovery.counts_at_zero == mastering.counts_at_zero
+    ):
+        return False
+    moved = np.subtract(mastering.counts_at_zero, recovery.counts_at_zero)
+    apart_rad = np.abs(np.array(record.drive.radians_per_count) @ moved)
+    return bool((apart_rad <= np.maximum(np.array(recovery.offset_u_rad), SAME_JOINT_RAD) * 1.5).all())
+
+
 def lacks_only_power(recovery: TurnRecovery) -> bool:
     """Tell whether the check poses agree and merely do not see enough."""
     failed = [check.name for check in recovery.gate if not check.passed]
-    return failed == [POWER_CHECK]
+    return bool(failed) and set(failed) <= {POWER_CHECK, SHARP_CHECK}
 
 
 def lengths_agree(recovery: TurnRecovery) -> bool:
@@ -99,6 +173,12 @@ def next_record(record: MasteringRecord, recovery: TurnRecovery, epoch: int) -> 
             counts_at_zero=recovery.counts_at_zero,
             reference_counts=moved(record.reference_counts),
             captures=tuple(replace(c, counts=moved(c.counts)) for c in record.captures),
+            kit=None
+            if record.kit is None
+            else replace(
+                record.kit,
+                places=tuple(replace(place, counts=moved(place.counts)) for place in record.kit.places),
+            ),
             taken_by="mastering_recovery 1",
         )
     )
@@ -140,4 +220,25 @@ def _result(
         robot_seconds=effort.robot_seconds,
         gate=recovery.gate,
         poses_needed=recovery.poses_needed,
+        set_aside=effort.set_aside,
+    )
+
+
+def told_correction(recovery: TurnRecovery) -> Instruction:
+    """Return the question before the mastering is written: what was found, and what no measurement tells."""
+    return Instruction(
+        "accept_mastering",
+        f"{recovery.reason}. The check poses confirm it. {_proviso(recovery)}"
+        "Write the mastering data to the controller?",
+    )
+
+
+def _proviso(recovery: TurnRecovery) -> str:
+    """Say what no measurement tells from lost turns."""
+    if recovery.mode not in ("turns", "memory"):
+        return ""
+    return (
+        "Whole turns are exact only if no motor, encoder, belt or gear was exchanged (a new one within "
+        f"{max(recovery.blind_turns):.2f} turn of a whole one looks the same); if one was, say no and start "
+        "again with exchanged_axes. "
     )

@@ -257,6 +257,7 @@ class Run:
             stored = task.codec.dump_python(await task.act(book.cell), mode="json")
             book.ledger.record(task.kind, body | {"value": stored}, key=f"{name}/{attempt}/{task.kind}")
         except BaseException as error:
+            book.cell.motion.approved = False
             stopped = await self._stop_robot()
             self._record_failure(body, error, stopped)
             raise
@@ -307,7 +308,7 @@ class Run:
         )
         text = f"{doubt}Look at the robot. May it move from where it stands? Next: {name}."
         await self._confirm(Instruction("may_move", text), name)
-        book.cleared = True
+        book.cleared = book.cell.motion.approved = True
 
     async def _may_retry(self, name: str, error: CellError) -> bool:
         text = f"{error} Look at the robot. Try '{name}' again?"

@@ -1,8 +1,10 @@
-"""A tool's tip and axes from six poses the technician teaches: the textbook's method with the robot alone.
+"""A tool's tip and axes from poses the technician teaches: with the robot alone, by the textbook or as the makers do.
 
+The touches go on in attitudes the program asks for until the tip is known well enough; `tcp_methods` has the ways.
 F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, section 3.2.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -10,42 +12,69 @@ from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from calibration.geometry import Pose
-from calibration.tool_point import AxesLimits, ToolAxes, ToolPoint, locate_tool_point, tool_axes, tool_pose
+from calibration.tool_point import ToolAxes, ToolPoint, tool_pose
+from calibration.touch_design import foreseen_u_m, planned_attitudes
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
+from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
-from procedures.run import OutOfToleranceError, Run
+from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
+from procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen
+from procedures.run import NeedsUnmetError, Run
 from procedures.steps.ask import accept, ask
-from procedures.steps.teach import teach
 from procedures.steps.write import write_and_read_back
+from procedures.tcp_methods import Held, Method, Orientation, Way, take_axes
+from procedures.tcp_touches import Touches, TouchRules, take_touches
+from procedures.tcp_verdict import Judging, axes_u, verdict_on_tool
+from procedures.verdict import SetAside, Verdict
 
 FOOT_M = 0.3048
 
 FIX_PIN = Instruction("pin_is_fixed", "Fix a pointed pin where the tool can reach it from several sides.")
-TOUCH = Instruction("touch", "Touch the pin with the tool's tip. Hold the tool square to the robot's base.")
-ABOUT_X = Instruction("touch_about_x", "Turn the tool about its x axis by up to 180 degrees; touch the pin.")
-ABOUT_Y = Instruction("touch_about_y", "Turn the tool about its y axis; touch the pin again.")
-EXTRA = Instruction("touch_again", "Touch the pin once more in an attitude not used so far.")
-ALONG_X = Instruction(
-    "along_x", "Go back to the first touch. Move straight along the tool's +x, a foot or more."
-)
-ALONG_Y = Instruction(
-    "along_y", "Go back to the first touch. Move straight along the tool's +y, a foot or more."
-)
-ALONG_Z = Instruction(
-    "along_z", "Go back to the first touch. Move straight along the tool's +z, a foot or more."
-)
 
 
 @dataclass(frozen=True, slots=True)
 class SixPointTcp:
-    """Which tool frame to write, and when to be content."""
+    """Which tool frame to write, how it is taught, and when to be content."""
 
     tool_number: Annotated[int, Field(ge=0, le=99)]
+    method: Method = "textbook"
+    orientation: Orientation = "two_points"  # of three_plus_orientation
+    held: Held = "z_down"  # how the tool is held where the orientation is by the world
+    check_handedness: bool = False  # one more move where a method has none to spare
     rms_limit_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0005
-    # three touches leave little redundancy for the RMS to speak
-    extra_touches: Annotated[int, Field(ge=0, le=50)] = 0
+    min_touches: Annotated[int, Field(ge=0, le=50)] = 0  # 0: as few as the method has
+    max_touches: Annotated[int, Field(ge=3, le=50)] = 12
+    min_turn_rad: Annotated[float, Field(gt=0, le=1)] = math.radians(20.0)  # between the first three touches
+    most_tilt_rad: Annotated[float, Field(gt=0.3, le=1.6)] = math.radians(60.0)  # asked for
     min_move_m: Annotated[float, Field(gt=0, le=10)] = FOOT_M * 0.98  # a foot by eye
+    touch_sigma_m: Annotated[float, Field(gt=0, le=0.1)] = (
+        0.0002  # of one coordinate of one touch, by experience
+    )
+    square_sigma_rad: Annotated[float, Field(ge=0, le=0.2)] = math.radians(
+        0.05
+    )  # how squarely the tool is held
+    accuracy_class: AccuracyClass = "B"
+    limits: ToolLimits | None = None
+
+    @property
+    def way(self) -> Way:
+        """The method with its choices."""
+        return Way(self.method, self.orientation, self.held, self.check_handedness, self.min_move_m)
+
+    @property
+    def rules(self) -> TouchRules:
+        """When there are enough touches."""
+        least = max(self.min_touches, self.way.least_touches)
+        return TouchRules(
+            least=least,
+            most=max(self.max_touches, least),
+            sigma_m=self.touch_sigma_m,
+            tip_u_m=chosen(TOOL, self.accuracy_class, self.limits).tip_m,
+            rms_limit_m=self.rms_limit_m,
+            min_turn_rad=self.min_turn_rad,
+            most_tilt_rad=self.most_tilt_rad,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,64 +84,73 @@ class ToolSetup:
     tool_number: int
     flange_tool: Pose
     tip: ToolPoint
-    axes: ToolAxes
+    axes: ToolAxes | None  # None: the method finds a place only, the axes are those of before
+    touches: int
+    fixed_plan_touches: int | None
+    set_aside: tuple[SetAside, ...]
+    before: Pose
     read_back: Pose
 
 
 async def six_point_tcp(run: Run, spec: SixPointTcp) -> ToolSetup:
-    """Find a tool's tip and axes from six poses the technician teaches, and write the tool frame."""
+    """Find a tool's tip and axes from poses the technician teaches, and write the tool frame."""
     await run.ensure("the pin is fixed", ask, FIX_PIN)
+    before = await run.step("read the tool frame", read_tool_frame, spec.tool_number)
 
-    square = await run.step("touch the pin", teach, TOUCH)
-    about_x = await run.step("touch, turned about x", teach, ABOUT_X)
-    about_y = await run.step("touch, turned about y", teach, ABOUT_Y)
-    extra = [await run.step(f"extra touch {k}", teach, EXTRA) for k in range(1, spec.extra_touches + 1)]
-    touches = tuple(taught.base_flange for taught in (square, about_x, about_y, *extra))
-    tip = await run.solve("locate the tip", locate_tool_point, touches)
-    if tip.rms_m > spec.rms_limit_m:
-        raise OutOfToleranceError(
-            f"the touches disagree by {tip.rms_m * 1e3:.2f} mm RMS, limit {spec.rms_limit_m * 1e3:.2f} mm.",
-            found=tip.rms_m,
-            limit=spec.rms_limit_m,
-            unit="m",
-            remedy=f"Check that the pin did not move, then redo touch {tip.worst_touch + 1}.",
-        )
+    touches = await take_touches(run, spec.rules, spec.way.touches)
+    axes = await take_axes(run, spec.way, touches.base_flange[0])
 
-    along_x = await run.step("move along x", teach, ALONG_X)
-    along_y = await run.step("move along y", teach, ALONG_Y)
-    along_z = await run.step("move along z", teach, ALONG_Z)
-    moves = (along_x.base_flange, along_y.base_flange, along_z.base_flange)
-    axes = await run.solve("find the axes", find_axes, square.base_flange, moves, spec.min_move_m)
-
-    flange_tool = tool_pose(tip.tip_in_flange_m, axes)
-    shown, sha256 = _shown(spec, tip, flange_tool), sha256_of(to_jsonable_python(flange_tool))
+    tip = touches.tip.tip_in_flange_m
+    flange_tool = Pose(tip, before.quaternion) if axes is None else tool_pose(tip, axes)
+    shown, sha256 = _shown(spec, touches, flange_tool), sha256_of(to_jsonable_python(flange_tool))
     await run.step("accept the result", accept, shown, sha256)
     read_back = await run.write("write the tool frame", write_and_read_back, spec.tool_number, flange_tool)
-    return ToolSetup(spec.tool_number, flange_tool, tip, axes, read_back)
+    return ToolSetup(
+        tool_number=spec.tool_number,
+        flange_tool=flange_tool,
+        tip=touches.tip,
+        axes=axes,
+        touches=len(touches.base_flange),
+        fixed_plan_touches=touches.fixed_plan,
+        set_aside=touches.set_aside,
+        before=before,
+        read_back=read_back,
+    )
 
 
-def find_axes(square: Pose, moves: tuple[Pose, Pose, Pose], min_move_m: float) -> ToolAxes:
-    """Return the tool's axes from straight moves along its x, y and z."""
-    along_x, along_y, along_z = moves
-    limits = AxesLimits(min_move_m=min_move_m)
-    return tool_axes(square, along_x=along_x, along_y=along_y, along_z=along_z, limits=limits)
+async def read_tool_frame(cell: Cell, number: int) -> Pose:
+    """Return what the controller holds before anything is changed."""
+    if cell.tool_frames is None:
+        raise NeedsUnmetError("this robot's tool frames cannot be read", missing=("writes_tool_frame",))
+    return await cell.tool_frames.read_tool_frame(number)
 
 
-def _shown(spec: SixPointTcp, tip: ToolPoint, flange_tool: Pose) -> Instruction:
-    x, y, z = (value * 1e3 for value in flange_tool.position_m)
+def _shown(spec: SixPointTcp, touches: Touches, flange_tool: Pose) -> Instruction:
+    tip, (x, y, z) = touches.tip, (value * 1e3 for value in flange_tool.position_m)
+    axes = " Its axes stay as they are." if spec.method == "four_point" else ""
     return Instruction(
         "accept_tool",
-        f"Tool {spec.tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange; the touches agree "
-        f"within {tip.rms_m * 1e3:.2f} mm RMS. Write it to the controller?",
+        f"Tool {spec.tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within "
+        f"{tip.tip_u_in_space_m * 1e3:.2f} mm (95 %); the touches agree within {tip.rms_m * 1e3:.2f} mm RMS."
+        f"{axes} Write it to the controller?",
     )
 
 
 def _outline(spec: SixPointTcp) -> tuple[Phase, ...]:
+    way, named = spec.way, spec.way.touches
+    expected = max(_expected_touches(spec), len(named))
+    origin = () if way.origin_step is None else (Phase(way.origin_step),)
     return (
-        *(Phase("touch the pin"), Phase("touch, turned about x"), Phase("touch, turned about y")),
-        *((Phase("extra touch", spec.extra_touches),) if spec.extra_touches else ()),
-        *(Phase("locate the tip"), Phase("move along x"), Phase("move along y"), Phase("move along z")),
-        *(Phase("find the axes"), Phase("accept the result"), Phase("write the tool frame")),
+        Phase("read the tool frame"),
+        *(Phase(step) for step, _ in named),
+        Phase("touch in another attitude", expected - len(named), adaptive=True),
+        Phase("touch anew", 0, adaptive=True),
+        Phase("judge the touches", expected, adaptive=True),
+        Phase("locate the tip"),
+        *origin,
+        *(Phase(f"move along {axis}") for axis in way.moves),
+        *(() if spec.method == "four_point" else (Phase("find the axes"),)),
+        *(Phase("accept the result"), Phase("write the tool frame")),
     )
 
 
@@ -120,13 +158,58 @@ def _keeps(spec: SixPointTcp, result: ToolSetup) -> Keepsake:
     return Keepsake("tool_frame", str(spec.tool_number), result)
 
 
+def _verdict(spec: SixPointTcp, result: ToolSetup) -> Verdict:
+    judging = Judging(spec.way, spec.square_sigma_rad, spec.accuracy_class, spec.limits)
+    return verdict_on_tool(judging, result)
+
+
+def _expected_touches(spec: SixPointTcp) -> int:
+    """Return after how many touches the tip will be known well enough if they are as good as stated."""
+    rules = spec.rules
+    for count in range(rules.least, rules.most):
+        u_m = _u_m(spec, count)
+        if u_m is not None and u_m <= rules.tip_u_m:
+            return count
+    return rules.most
+
+
+def _u_m(spec: SixPointTcp, count: int) -> float | None:
+    attitudes = planned_attitudes(count, spec.most_tilt_rad)
+    return foreseen_u_m(attitudes, spec.touch_sigma_m, max(3.0 * count - 6.0, 1.0))
+
+
+def _forecast(spec: SixPointTcp, known: Knowledge) -> Forecast:
+    del known
+    rules, expected = spec.rules, _expected_touches(spec)
+    best = _u_m(spec, rules.most)
+    limits = {name: limit.tip_m for name, limit in TOOL.items()}
+    turn = {name: limit.orientation_rad for name, limit in TOOL.items()}
+    poses = expected + len(spec.way.moves) + (spec.way.origin_step is not None)
+    tip = [] if best is None else [Prediction(f"tip, after {rules.most} touches at most", best, "m", limits)]
+    if spec.method != "four_point":
+        u_rad = axes_u(spec.way, spec.touch_sigma_m, spec.square_sigma_rad)
+        tip.append(Prediction("turn of the tool's axes", u_rad, "rad", turn))
+    return Forecast(
+        duration_s=poses * PERSON_S + 2.0 * ANSWER_S,
+        predictions=tuple(tip),
+        assumed=(
+            f"{poses} poses taught by a person, a minute each; {expected} of them touches, if all go well",
+            f"a touch repeats within {spec.touch_sigma_m * 1e3:.2f} mm per coordinate (touch_sigma_m)",
+            f"the tool can be turned by {math.degrees(spec.most_tilt_rad):.0f} degrees to every side (most_tilt_rad)",
+            f"the tool is held square within {math.degrees(spec.square_sigma_rad):.2f} degrees (square_sigma_rad)",
+        ),
+    )
+
+
 ENTRY = Entry(
     name="six_point_tcp",
     title="Tool frame from six points",
-    version=1,
+    version=2,
     procedure=six_point_tcp,
     spec_type=SixPointTcp,
     needs=("writes_tool_frame",),
     outline=_outline,
     keeps=_keeps,
+    verdict=_verdict,
+    forecast=_forecast,
 )

@@ -7,7 +7,7 @@ from drivers.interfaces import Condition, Counts, Instruction
 from procedures.cell import Cell
 from procedures.plans import index_travel
 from procedures.run import ProcedureError, Run
-from procedures.steps.ask import ask
+from procedures.steps.ask import ask, let_move
 from procedures.steps.mastering import look_at_alarms, reset_alarms, wait_for_the_robot
 from procedures.steps.motion import CountsToJoints, pass_index
 
@@ -39,17 +39,21 @@ class AlarmCodes:
 
 async def wake_encoders(
     run: Run, record: MasteringRecord, last_counts: Counts, codes: AlarmCodes, speed_rad_s: float
-) -> None:
+) -> bool:
     """Clear the position alarms: battery, power cycle, one turn of every motor past its index.
+
+    Returns whether there were any: encoders that report nothing may have kept their position.
 
     Raises
     ------
     StillAlarmedError
         An alarm stays that this procedure cannot answer.
     """
+    lost = False
     for k in range(1, ROUNDS + 1):
         condition = await run.step(f"look at the alarms {k}", look_at_alarms)
         active = {alarm.code for alarm in condition.alarms}
+        lost = lost or bool(active & {*codes.battery, *codes.power_cycle, *codes.index})
         if active & {*codes.battery, *codes.power_cycle}:
             if active & {*codes.battery}:
                 await run.step(f"new battery {k}", ask, NEW_BATTERY)
@@ -64,6 +68,7 @@ async def wake_encoders(
         else:
             break
     await run.ensure("no alarm is left", no_alarm)
+    return lost
 
 
 async def no_alarm(cell: Cell) -> Condition:
@@ -88,7 +93,7 @@ async def _pass_indices(
     healthy = CountsToJoints(record.drive, record.counts_at_zero, (0,) * len(last_counts))
     last_joints = healthy.joints(last_counts)
     travel = index_travel(record, last_joints, INDEX_TURNS)
-    await run.step(f"slow motion {k}", ask, SLOW_MOTION)
+    await run.step(f"slow motion {k}", let_move, SLOW_MOTION)
     for axis in range(len(last_counts)):
         await run.move(f"pass the index of J{axis + 1}, {k}", pass_index, axis, travel[axis], speed_rad_s)
     await run.write(f"clear the alarms {k}", reset_alarms)

@@ -8,13 +8,16 @@ from typing import Protocol
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.estimator import Fit
 from calibration.geometry import Array, homogeneous, inverse_transform
+from calibration.identifiability import correlations
 from calibration.kinematics import RobotModel
 from calibration.orientation import elementary
 from calibration.parameters import GEOMETRY, make_layout
 from calibration.urdf import calibrated_urdf, read_urdf
 from service.parameter_sets import ParameterSet, ParameterSetError, Value
 
+_ROUNDED = 1e-6  # of an eigenvalue of stored correlations
 _SAME_AXIS = 1e-3  # m and rad: descriptions round their numbers
 
 
@@ -85,9 +88,45 @@ def values_of_model(nominal: RobotModel, model: RobotModel) -> tuple[Value, ...]
     )
 
 
-def values_of_identification(parameters: Iterable[Identified]) -> tuple[Value, ...]:
-    """Return what an identification found, with its standard uncertainties."""
-    return tuple(Value(p.name, p.unit, float(p.value), float(p.sigma)) for p in parameters)
+def values_of_identification(parameters: Iterable[Identified], fit: Fit | None = None) -> tuple[Value, ...]:
+    """Return what an identification found, with its standard uncertainties; from its fit, correlations too."""
+    some = list(parameters)
+    rho = np.eye(len(some))
+    if fit is not None:
+        at = {p.name: i for i, p in enumerate(fit.layout.parameters)}
+        mine = [i for i, p in enumerate(some) if p.name in at]
+        theirs = [at[some[i].name] for i in mine]
+        rho[np.ix_(mine, mine)] = correlations(fit)[np.ix_(theirs, theirs)]
+    told = np.clip(rho, -1.0, 1.0)
+    return tuple(
+        Value(p.name, p.unit, float(p.value), float(p.sigma), tuple(told[i, :i].tolist()) if fit else ())
+        for i, p in enumerate(some)
+    )
+
+
+def covariance_of(parameter_set: ParameterSet) -> Array | None:
+    """Return the covariance of a set's values (k, k), or None if it does not hold it.
+
+    Raises
+    ------
+    ParameterSetError
+        Correlations that contradict each other.
+    """
+    values = parameter_set.values
+    complete = all(len(v.correlations) == i and v.standard_uncertainty for i, v in enumerate(values))
+    if not complete or len(values) < 2:
+        return None
+    rho = np.eye(len(values))
+    for i, value in enumerate(values):
+        rho[i, :i] = rho[:i, i] = value.correlations
+    if float(np.linalg.eigvalsh(rho)[0]) < -_ROUNDED:
+        raise ParameterSetError(
+            f"version {parameter_set.version} of robot {parameter_set.robot_serial}: its correlations contradict "
+            "each other."
+        )
+    sigma = np.array([value.standard_uncertainty for value in values], dtype=float)
+    covariance: Array = rho * np.outer(sigma, sigma)
+    return covariance
 
 
 def _entries(nominal: RobotModel) -> dict[str, tuple[int, int]]:

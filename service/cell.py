@@ -4,13 +4,14 @@ import os
 import sqlite3
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
 from calibration.kinematics import load_model
 from drivers.interfaces import (
     DistanceGauge,
+    GaugeCapabilities,
     JogsAxes,
     MasteringStore,
     Operator,
@@ -18,16 +19,17 @@ from drivers.interfaces import (
     ToolFrameStore,
     UserFrameStore,
 )
-from procedures.cell import Cell, GaugeSetup, MotionLimits
-from service.config import CellConfig, GaugeEntry
+from procedures.cell import Cell, GaugeSetup, MotionLimits, ProbeSetup, TrackerSetup
+from service.config import CellConfig, GaugeEntry, ProbeEntry, TrackerEntry
 from service.journal import Journal, StoreError
 from service.lease import DEVICES, lease
+from service.programs import program_shelf
 from service.store import Store
 
 
 @asynccontextmanager
 async def open_cell(config: CellConfig, operator: Operator, robot: str | None = None) -> AsyncIterator[Cell]:
-    """Connect to one robot of the cell and to the gauge that is hooked to it; disconnect at the end.
+    """Connect to one robot of the cell, its gauge, its tracker and its probes; disconnect at the end.
 
     A second connection can take a gauge or a program away from the first, in the middle of a run: so one at a
     time.
@@ -47,14 +49,52 @@ async def open_cell(config: CellConfig, operator: Operator, robot: str | None = 
         gauge_entry = config.gauge_for(entry.name)
         gauge: DistanceGauge | None = None
         if gauge_entry is not None:
-            gauge = await devices.enter_async_context(gauge_entry.device.open())
-        yield _lend(config, entry, arm, operator, gauge, gauge_entry)
+            gauge = await devices.enter_async_context(_opened(gauge_entry.device, operator))
+        cell = _lend(config, entry, arm, operator, gauge, gauge_entry)
+        tracker_entry = config.tracker_for(entry.name)
+        if tracker_entry is not None:
+            tracker = await devices.enter_async_context(_opened(tracker_entry.device, operator))
+            cell = replace(cell, tracker=tracker, tracker_setup=_tracker_setup(tracker_entry))
+        for probe_entry in config.probes_for(entry.name):
+            probe = await devices.enter_async_context(_opened(probe_entry.device, operator))
+            cell = _with_probe(cell, probe, probe_entry)
+        yield cell
+
+
+@dataclass(frozen=True, slots=True)
+class PaperDevice:
+    """What the cell file says of a device. It cannot be asked anything: nobody is connected."""
+
+    name: str
+    capabilities: Any = None
+
+
+def on_paper(config: CellConfig, robot: str | None = None) -> Cell:
+    """Return the cell as its file describes it, without reaching a device: to plan with, never to run."""
+    entry = config.robot(robot)
+    arm: Any = PaperDevice(entry.name, entry.capabilities)
+    gauge_entry, tracker_entry = config.gauge_for(entry.name), config.tracker_for(entry.name)
+    nobody: Any = None
+    cell = _lend(config, entry, arm, nobody, _paper_gauge(gauge_entry), gauge_entry)
+    if tracker_entry is not None:
+        device = tracker_entry.device
+        tracker: Any = PaperDevice(device.name, device.capabilities)
+        cell = replace(cell, tracker=tracker, tracker_setup=_tracker_setup(tracker_entry))
+    for probe_entry in config.probes_for(entry.name):
+        cell = _with_probe(cell, PaperDevice(probe_entry.device.name), probe_entry)
+    return cell
+
+
+def _paper_gauge(entry: GaugeEntry | None) -> Any:
+    if entry is None:
+        return None
+    device = entry.device
+    return PaperDevice(device.name, GaugeCapabilities(device.range_m, 0.0, device.sigma_m))
 
 
 async def lend_record(cell: Cell, journal: Journal) -> Cell:
-    """Return the cell with the latest mastering record of its very robot, as the journal has it."""
-    serial = (await cell.robot.identify()).serial
-    return replace(cell, record=Store(journal).mastering_record(serial))
+    """Return the cell with what the journal holds of its very robot, and all alignments."""
+    return Store(journal).lend(cell, (await cell.robot.identify()).serial)
 
 
 def journal_path(config: CellConfig) -> Path:
@@ -87,6 +127,11 @@ def open_journal(config: CellConfig) -> Journal:
         raise StoreError(error.message, remedy=error.remedy or remedy, code=error.code) from error
 
 
+def _opened(device: Any, operator: Operator) -> Any:
+    """Open a device; one without a wire asks the operator."""
+    return device.open(operator) if device.driver == "file_import" else device.open()
+
+
 def _lend(
     config: CellConfig,
     entry: Any,
@@ -95,7 +140,7 @@ def _lend(
     gauge: DistanceGauge | None,
     at: GaugeEntry | None,
 ) -> Cell:
-    can = arm.capabilities
+    can, motion = arm.capabilities, config.motion_of(entry.name)
     return Cell(
         name=config.cell.name,
         robot=arm,
@@ -108,6 +153,9 @@ def _lend(
         gauge_setup=None if at is None else _setup(at),
         model=load_model(entry.model),
         limits=MotionLimits(speed_rad_s=entry.speed_limit_rad_s, settle_s=getattr(entry, "settle_s", 1.0)),
+        level=motion.level,
+        surroundings=motion.surroundings,
+        programs=program_shelf(config, entry),
         config_sha256=config.sha256,
     )
 
@@ -119,4 +167,24 @@ def _setup(entry: GaugeEntry) -> GaugeSetup:
         hook_in_flange_m=setup.hook_in_flange_m,
         sigma_anchor_m=setup.anchor_sigma_mm * 1e-3,
         sigma_hook_m=setup.hook_sigma_mm * 1e-3,
+        mouth_at_m=None if setup.mouth_at_mm is None else _metres(setup.mouth_at_mm),
     )
+
+
+def _metres(millimetres: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = millimetres
+    return (x * 1e-3, y * 1e-3, z * 1e-3)
+
+
+def _tracker_setup(entry: TrackerEntry) -> TrackerSetup:
+    setup = entry.setup
+    return TrackerSetup(setup.target_in_flange_m, setup.target_sigma_mm * 1e-3)
+
+
+def _with_probe(cell: Cell, probe: Any, entry: ProbeEntry) -> Cell:
+    x, y, z = entry.setup.tip_in_flange_mm
+    tip_in_flange_m = (x * 1e-3, y * 1e-3, z * 1e-3)
+    setup = ProbeSetup(tip_in_flange_m, entry.setup.tip_sigma_mm * 1e-3, entry.setup.axis_in_flange)
+    if entry.device.driver == "touch_probe":
+        return replace(cell, probe=probe, probe_setup=setup)
+    return replace(cell, dial=probe, dial_setup=setup)

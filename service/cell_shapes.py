@@ -1,31 +1,25 @@
 """The shapes of arm and cell from a TOML file, in millimetres and degrees as people measure them."""
 
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration.collision import (
-    Box,
-    Capsule,
-    CellShape,
-    Obstacle,
-    Plane,
-    Sphere,
-    arm_shape,
-    assumed_shape,
-)
+from calibration.collision import Capsule, CellShape, Plane, Sphere
 from calibration.errors import CalibrationError, CellError
-from calibration.geometry import homogeneous
+from calibration.geometry import Pose, homogeneous
 from calibration.kinematics import RobotModel
 from calibration.motion_check import WirePath
 from calibration.orientation import rotation_from
+from calibration.robot_models import model_names
+from procedures.surroundings import Block, Surroundings, cell_shape, clearances
 
 Place = tuple[float, float, float]
 _TABLES = ("capsule", "box", "sphere", "plane")
-_SINGLE = ("link_radius_mm", "margin_mm", "wire_margin_mm")
+_LENGTHS = ("link_radius_mm", "margin_mm", "wire_margin_mm")
+_PLACES = ("tip_in_flange_mm", "box_low_mm", "box_high_mm")
+_SINGLE = (*_LENGTHS, *_PLACES)
 
 
 class CellShapeError(CellError):
@@ -47,6 +41,8 @@ def read_cell_shape(
 
         link_radius_mm = 80                       # of every link, if no [[capsule]] tells better
         margin_mm = 20
+        tip_in_flange_mm = [0, 0, 180]            # of the tool; adds a bar half as thick
+        box_low_mm = [-900, -1200, 0]             # with box_high_mm: the workspace that arm and tool keep to
         [[box]]
         name = "table"
         centre_in_base_mm = [600, 0, -50]
@@ -65,98 +61,109 @@ def read_cell_shape(
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as broken:
         raise CellShapeError(f"{path} cannot be read: {broken}") from broken
-    unknown = data.keys() - {*_TABLES, *_SINGLE}
-    if unknown:
-        raise CellShapeError(
-            f"{path}: unknown {sorted(unknown)}.", remedy=f"Known: {', '.join((*_SINGLE, *_TABLES))}."
-        )
-    obstacles: list[Obstacle] = [
-        build(table, path) for key, build in _BUILDERS.items() for table in _list(data, key, path)
-    ]
-    capsules = [_capsule(table, path) for table in _list(data, "capsule", path)]
-    margin = _number(data, "margin_mm", path) / 1e3 if "margin_mm" in data else 0.02
-    wire_margin = _number(data, "wire_margin_mm", path) / 1e3 if "wire_margin_mm" in data else 0.05
     try:
-        assumed: tuple[str, ...] = ()
-        arm = tuple(capsules)
-        if not capsules and "link_radius_mm" in data:
-            radius = _number(data, "link_radius_mm", path) / 1e3
-            arm = arm_shape(model, radius_m=radius, tip_in_flange_m=tip_in_flange_m)
-            assumed = (f"links are taken as {radius * 1e3:.0f} mm round about the kinematic skeleton",)
-        elif not capsules:
-            shape = assumed_shape(model, tip_in_flange_m=tip_in_flange_m)
-            arm, assumed = shape.arm, shape.assumed
-        return CellShape(arm, tuple(obstacles), wire, margin, wire_margin, assumed)
+        return cell_shape(model, surroundings_of(data, str(path)), wire, tip_in_flange_m)
     except CalibrationError as refused:
         raise CellShapeError(f"{path}: {refused.message}") from refused
 
 
-def _capsule(table: dict[str, Any], path: Path) -> Capsule:
-    _keys(table, {"name", "link", "start_mm", "end_mm", "radius_mm"}, set(), path)
-    if type(table["link"]) is not int:
-        raise CellShapeError(f"{path}: link is a whole number, 0 for the base")
-    start, end = (_place(table, key, path) for key in ("start_mm", "end_mm"))
-    return Capsule(str(table["name"]), table["link"], start, end, _number(table, "radius_mm", path) / 1e3)
+def surroundings_of(data: dict[str, Any], where: str) -> Surroundings:
+    """Read the same keys from a table, ``[robot.space]`` of a cell file; ``where`` names it in errors.
 
-
-def _box(table: dict[str, Any], path: Path) -> Box:
-    _keys(table, {"name", "centre_in_base_mm", "size_mm"}, {"rpy_deg"}, path)
-    angles = np.deg2rad(_three(table, "rpy_deg", path)) if "rpy_deg" in table else np.zeros(3)
-    centre = np.array(_place(table, "centre_in_base_mm", path))
-    size = _place(table, "size_mm", path)
-    return Box(str(table["name"]), homogeneous(rotation_from("ros_rpy", angles), centre), size)
-
-
-def _sphere(table: dict[str, Any], path: Path) -> Sphere:
-    _keys(table, {"name", "centre_in_base_mm", "radius_mm"}, set(), path)
-    return Sphere(
-        str(table["name"]), _place(table, "centre_in_base_mm", path), _number(table, "radius_mm", path) / 1e3
+    Raises
+    ------
+    CellShapeError
+        A key that is missing, unknown, or of the wrong kind.
+    """
+    unknown = data.keys() - {*_TABLES, *_SINGLE}
+    if unknown:
+        raise CellShapeError(
+            f"{where}: unknown {sorted(unknown)}.", remedy=f"Known: {', '.join((*_SINGLE, *_TABLES))}."
+        )
+    lengths = {
+        f"{key.removesuffix('_mm')}_m": _number(data, key, where) / 1e3 for key in _LENGTHS if key in data
+    }
+    places = {f"{key.removesuffix('_mm')}_m": _place(data, key, where) for key in _PLACES if key in data}
+    if ("box_low_m" in places) != ("box_high_m" in places):
+        raise CellShapeError(f"{where}: box_low_mm and box_high_mm are given together")
+    known: dict[str, Any] = {**lengths, **places}
+    return Surroundings(
+        blocks=tuple(_box(table, where) for table in _list(data, "box", where)),
+        balls=tuple(_sphere(table, where) for table in _list(data, "sphere", where)),
+        planes=tuple(_plane(table, where) for table in _list(data, "plane", where)),
+        capsules=tuple(_capsule(table, where) for table in _list(data, "capsule", where)),
+        **known,
     )
 
 
-def _plane(table: dict[str, Any], path: Path) -> Plane:
-    _keys(table, {"name", "point_in_base_mm", "normal_in_base"}, set(), path)
-    x, y, z = _three(table, "normal_in_base", path)
-    return Plane(str(table["name"]), _place(table, "point_in_base_mm", path), (x, y, z))
+def check_shapes(model_name: str, surroundings: Surroundings) -> None:
+    """Raise CalibrationError where shapes do not fit the arm; an unknown model is somebody else's fault."""
+    if model_name in model_names():
+        clearances(model_name, surroundings)
 
 
-_BUILDERS: dict[str, Callable[[dict[str, Any], Path], Obstacle]] = {
-    "box": _box,
-    "sphere": _sphere,
-    "plane": _plane,
-}
+def _capsule(table: dict[str, Any], where: str) -> Capsule:
+    _keys(table, {"name", "link", "start_mm", "end_mm", "radius_mm"}, set(), where)
+    if type(table["link"]) is not int:
+        raise CellShapeError(f"{where}: link is a whole number, 0 for the base")
+    start, end = (_place(table, key, where) for key in ("start_mm", "end_mm"))
+    return Capsule(str(table["name"]), table["link"], start, end, _number(table, "radius_mm", where) / 1e3)
 
 
-def _list(data: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
+def _box(table: dict[str, Any], where: str) -> Block:
+    _keys(table, {"name", "centre_in_base_mm", "size_mm"}, {"rpy_deg"}, where)
+    angles = np.deg2rad(_three(table, "rpy_deg", where)) if "rpy_deg" in table else np.zeros(3)
+    centre = np.array(_place(table, "centre_in_base_mm", where))
+    size = _place(table, "size_mm", where)
+    base_box = Pose.from_matrix(homogeneous(rotation_from("ros_rpy", angles), centre))
+    return Block(str(table["name"]), base_box, size)
+
+
+def _sphere(table: dict[str, Any], where: str) -> Sphere:
+    _keys(table, {"name", "centre_in_base_mm", "radius_mm"}, set(), where)
+    return Sphere(
+        str(table["name"]),
+        _place(table, "centre_in_base_mm", where),
+        _number(table, "radius_mm", where) / 1e3,
+    )
+
+
+def _plane(table: dict[str, Any], where: str) -> Plane:
+    _keys(table, {"name", "point_in_base_mm", "normal_in_base"}, set(), where)
+    x, y, z = _three(table, "normal_in_base", where)
+    return Plane(str(table["name"]), _place(table, "point_in_base_mm", where), (x, y, z))
+
+
+def _list(data: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
     tables = data.get(key, [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise CellShapeError(f"{path}: {key} is written as [[{key}]]")
+        raise CellShapeError(f"{where}: {key} is written as [[{key}]]")
     return tables
 
 
-def _keys(table: dict[str, Any], wanted: set[str], optional: set[str], path: Path) -> None:
+def _keys(table: dict[str, Any], wanted: set[str], optional: set[str], where: str) -> None:
     missing, unknown = wanted - table.keys(), table.keys() - wanted - optional
     if missing or unknown:
         raise CellShapeError(
-            f"{path}: {table.get('name', 'a table')} lacks {sorted(missing)}, does not know {sorted(unknown)}"
+            f"{where}: {table.get('name', 'a table')} lacks {sorted(missing)}, does not know {sorted(unknown)}"
         )
 
 
-def _place(table: dict[str, Any], key: str, path: Path) -> Place:
-    x, y, z = (value / 1e3 for value in _three(table, key, path))
+def _place(table: dict[str, Any], key: str, where: str) -> Place:
+    x, y, z = (value / 1e3 for value in _three(table, key, where))
     return x, y, z
 
 
-def _three(table: dict[str, Any], key: str, path: Path) -> list[float]:
+def _three(table: dict[str, Any], key: str, where: str) -> list[float]:
     values = table[key]
     if not isinstance(values, list) or len(values) != 3 or not all(_is_number(v) for v in values):
-        raise CellShapeError(f"{path}: {key} is three finite numbers")
+        raise CellShapeError(f"{where}: {key} is three finite numbers")
     return [float(v) for v in values]
 
 
-def _number(table: dict[str, Any], key: str, path: Path) -> float:
+def _number(table: dict[str, Any], key: str, where: str) -> float:
     if not _is_number(table[key]):
-        raise CellShapeError(f"{path}: {key} is a finite number")
+        raise CellShapeError(f"{where}: {key} is a finite number")
     return float(table[key])
 
 

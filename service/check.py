@@ -68,6 +68,8 @@ async def check_cell(config: CellConfig) -> CellReport:
     """Reach all devices at once; an unreachable one is a line of the report, not an end."""
     pairs: list[tuple[Any, str]] = [(robot, robot.serial) for robot in config.robots]
     pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.gauges]
+    pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.trackers]
+    pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.probes]
     devices = await asyncio.gather(*(_check_device(*pair, leases(config)) for pair in pairs))
     with open_journal(config) as journal:
         if journal.damage is not None:

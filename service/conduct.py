@@ -6,7 +6,6 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -18,7 +17,7 @@ from calibration.errors import CalibrationError, CellError
 from drivers.interfaces import Answer, Instruction, Operator, Question
 from procedures.canonical import alike
 from procedures.catalogue import entry_named
-from procedures.cell import Cell, Fingerprint, fingerprint
+from procedures.cell import Cell, Fingerprint, MotionMemory, fingerprint
 from procedures.entry import Entry, refuse_unmet
 from procedures.past import Kind, Past
 from procedures.progress import Gate, Progress, ignore
@@ -30,8 +29,9 @@ from procedures.run import (
     ReplayMismatchError,
     Run,
 )
+from service.definition import software
 from service.journal import Journal, NewEvent, StoreError
-from service.lease import lease
+from service.lease import Lease, lease
 from service.store import RunView, Store, stored_body
 
 _log = logging.getLogger(__name__)
@@ -61,6 +61,7 @@ class Outcome:
     reason: str = ""
     remedy: str = ""
     code: str = ""
+    judgement: Any = None  # what a finished procedure claims (procedures/verdict.py), as JSON values
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,13 +114,14 @@ async def run_procedure(
     _refuse_small_disk(journal.path, how.free_bytes)
     run_id = f"{name}-{uuid4().hex[:12]}"
     serial = (await cell.robot.identify()).serial
-    with lease(_leases(journal), serial, f"{how.actor} ({run_id})"):
+    with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
+        cell = permitted(cell, held)
         header = {
             "procedure": entry.name,
             "version": entry.version,
             "spec": to_jsonable_python(spec),
             "cell": to_jsonable_python(await fingerprint(cell)),
-            "software": installed_version("cellcal"),
+            **software(),
         }
         journal.append(run_id, Kind.STARTED, header, key="started", actor=how.actor)
         return await _Conductor(cell, entry, journal, run_id, how).conduct(spec, Past())
@@ -146,9 +148,11 @@ async def resume(
     _refuse_difference(view, entry, now)
     spec = _spec_of(view, entry)
     serial = (await cell.robot.identify()).serial
-    with lease(_leases(journal), serial, f"{how.actor} ({run_id})"):
+    with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
+        cell = permitted(cell, held)
         view = Store(journal).run(run_id)  # its holder may have gone on until the lease was ours
-        journal.append(run_id, Kind.RESUMED, {"cell": to_jsonable_python(now)}, actor=how.actor)
+        body = {"cell": to_jsonable_python(now), **software()}
+        journal.append(run_id, Kind.RESUMED, body, actor=how.actor)
         return await _Conductor(cell, entry, journal, run_id, how).conduct(spec, view.past)
 
 
@@ -170,6 +174,11 @@ def forget_from(journal: Journal, run_id: str, step: str, *, actor: str = "servi
     journal.append(run_id, Kind.FORGOTTEN, {"keep": names.index(step), "step": step}, actor=actor)
 
 
+def permitted(cell: Cell, held: Lease) -> Cell:
+    """Return the cell for one entry into a run: motion needs the lease, and nothing was approved or seen yet."""
+    return replace(cell, permit=held, motion=MotionMemory())
+
+
 class _Conductor:
     """One entry into one run."""
 
@@ -189,7 +198,18 @@ class _Conductor:
         except asyncio.CancelledError:
             self._end(Outcome(self._run_id, self._entry.name, Verdict.CANCELLED, reason="cancelled"))
             raise
-        return self._end(Outcome(self._run_id, self._entry.name, Verdict.PASSED, result), spec)
+        judgement = self._judged(spec, result)
+        passed = Outcome(self._run_id, self._entry.name, Verdict.PASSED, result, judgement=judgement)
+        return self._end(passed, spec)
+
+    def _judged(self, spec: Any, result: Any) -> Any:
+        if self._entry.verdict is None:
+            return None
+        try:
+            return self._entry.verdict(spec, result).as_object()
+        except Exception:  # noqa: BLE001  a result that was written to a robot is journalled, judged or not
+            _log.exception("the verdict of run %s could not be given", self._run_id)
+            return None
 
     def _end(self, outcome: Outcome, spec: Any = None) -> Outcome:
         passed = outcome.verdict is Verdict.PASSED
@@ -202,6 +222,7 @@ class _Conductor:
             "reason": outcome.reason,
             "remedy": outcome.remedy,
             "code": outcome.code,
+            "judgement": outcome.judgement,
         }
         facts = [*self._kept(spec, outcome.result, passed), NewEvent(Kind.ENDED, body)]
         try:
@@ -276,7 +297,8 @@ def _verdict_of(error: CellError) -> Verdict:
 
 def _stored_outcome(view: RunView, entry: Entry) -> Outcome:
     result = entry.result_codec().validate_python(view.result)
-    return Outcome(view.run_id, view.procedure, Verdict(view.state), result, view.reason)
+    state = Verdict(view.state)
+    return Outcome(view.run_id, view.procedure, state, result, view.reason, judgement=view.judgement)
 
 
 def _spec_of(view: RunView, entry: Entry) -> Any:

@@ -9,7 +9,7 @@ from procedures.progress import ignore
 from service.cell import lend_record, open_cell, open_journal
 from service.conduct import OnEvent, Outcome, Verdict, resume, run_procedure
 from service.config import CellConfig
-from service.journal import StoreError
+from service.redo import discard_from
 from service.specs import build_spec
 from service.store import Store
 from service.watch import LastHealthyCounts, remember_healthy
@@ -38,22 +38,23 @@ async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outco
             return outcome
 
 
-async def go_on(where: Where, run_id: str) -> Outcome:
-    """Resume a run; ``last`` is the newest."""
+async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outcome:
+    """Resume a run; ``last`` is the newest. ``redo_from`` is a step whose finding and all after it are done again.
+
+    Raises
+    ------
+    DeclinedError
+        The person did not agree to what would be discarded; nothing was.
+    """
     with open_journal(where.config) as journal:
         async with open_cell(where.config, where.operator, where.robot) as cell:
             lent = await lend_record(cell, journal)
-            outcome = await resume(lent, newest(Store(journal), run_id), journal, where.on_event)
+            run_id = Store(journal).newest(run_id)
+            if redo_from is not None:
+                await discard_from(where.operator, journal, run_id, redo_from)
+            outcome = await resume(lent, run_id, journal, where.on_event)
             await _remember(where.config, cell, outcome)
             return outcome
-
-
-def newest(store: Store, run_id: str) -> str:
-    """Return the id of the newest run for ``last``, else the id itself."""
-    views = store.runs()
-    if run_id == "last" and not views:
-        raise StoreError("no run was made yet", code="store.no_such_run", remedy="Begin with `cellcal run`.")
-    return views[-1].run_id if run_id == "last" else run_id
 
 
 async def _remember(config: CellConfig, cell: Cell, outcome: Outcome) -> None:

@@ -41,10 +41,13 @@ _BY_CODE = {
     "device.busy": ExitCode.BUSY,
     "store": ExitCode.REFUSED,  # a full disk, a torn-off network drive: nothing is begun that cannot be kept
     "store.damaged": ExitCode.SIGNATURE,
+    "signature": ExitCode.SIGNATURE,
+    "certificate": ExitCode.REFUSED,
     "store.busy": ExitCode.BUSY,
     "store.conflict": ExitCode.BUSY,
     "store.no_such_run": ExitCode.USAGE,
     "store.no_such_step": ExitCode.USAGE,
+    "store.finished": ExitCode.USAGE,
     "store.not_a_fact": ExitCode.INTERNAL,
 }
 
@@ -60,6 +63,12 @@ def exit_code_of(error: BaseException) -> ExitCode:
     if isinstance(error, OSError) and error.filename is not None:
         return ExitCode.USAGE  # a file or folder that was named cannot be used
     return ExitCode.INTERNAL
+
+
+def exit_code_of_word(word: str | None) -> ExitCode:
+    """Return the exit code of a finished run's verdict; where a procedure states none, its end is the verdict."""
+    by_word = {"fail": ExitCode.OUT_OF_TOLERANCE, "undecided": ExitCode.REFUSED}
+    return by_word.get(word or "", ExitCode.PASS)
 
 
 def exit_code_named(code: str) -> ExitCode:

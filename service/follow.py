@@ -5,10 +5,11 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.errors import DeviceError
+from drivers.errors import DeviceError, WrongDeviceError
 from service.cell import leases
 from service.config import CellConfig
 from service.lease import DEVICES, is_held
+from service.loss_modes import wrong_robot
 from service.watch import LastHealthyCounts, PositionLoss, Watch
 
 _RETRY_S = 5.0
@@ -43,6 +44,10 @@ async def _follow_robot(config: CellConfig, entry: Any, listener: Listener) -> N
                 listener.say(f"{robot.name}: watched every {config.watch.period_s:g} s.")
                 told = ""
                 await _look_again_and_again(config, entry, robot, listener)
+        except WrongDeviceError as error:
+            if error.message != told:
+                told = error.message
+                await listener.on_loss(PositionLoss(entry.name, error.message, (), None, wrong_robot()))
         except DeviceError as error:
             if error.message != told:
                 listener.say(f"{error}")
@@ -52,7 +57,7 @@ async def _follow_robot(config: CellConfig, entry: Any, listener: Listener) -> N
 
 async def _look_again_and_again(config: CellConfig, entry: Any, robot: Any, listener: Listener) -> None:
     memory = LastHealthyCounts(config.cell.data_dir)
-    watch = Watch(robot, memory, listener.on_loss, period_s=config.watch.period_s)
+    watch = Watch(robot, memory, listener.on_loss, period_s=config.watch.period_s, warn=listener.say)
     while True:
         if is_held(
             leases(config), entry.serial, DEVICES

@@ -1,30 +1,40 @@
 """The use case behind ``cellcal identify``: read, sharpen, fit, cross-validate, check. Prints nothing."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from calibration import lints
-from calibration.cross_validation import Errors, Grouping, group_rows, same_postures
-from calibration.estimator import Problem, errors_m, estimate, whitened_residuals
+from calibration.cross_validation import Errors, Grouping, group_rows
+from calibration.free_parameters import PartLayout, values_of
 from calibration.geometry import Array
 from calibration.identification import Identification, identify
-from calibration.kinematics import RobotModel, load_model
+from calibration.kinematics import load_model
 from calibration.lints import Lint
-from calibration.observations import Observations, Rows, with_joints, with_mounting
-from calibration.parameters import FRAMES, LEVEL_NAMES, ArmState, make_layout
+from calibration.observations import Observations, Rows, with_mounting
+from calibration.parameters import LEVEL_NAMES
+from calibration.residual_model import errors_with
 from calibration.selection import Options
-from calibration.series_breaks import assign_mountings, mounting_of
-from calibration.unrounding import unround_joints
+from calibration.series_breaks import mounting_of
+from calibration.tip_uncertainty import HayatiTable, hayati_table
+from calibration.uncertainty import coverage_factor
+from service.identify_check import (
+    Checked,
+    Prepared,
+    check_file,
+    errors_of,
+    lints_of_fit,
+    lints_of_start,
+    prepare,
+    seen_before,
+)
+from service.identify_start import Start, StartOptions, places_document, read_start
+from service.identify_verdicts import Limits, Verdicts, judge_limits
 from service.measurement_table import MeasurementError
-from service.measurements import Measurements, ReadOptions, RejectedRow, read_measurements
-
-_ENOUGH_TO_PLACE = 30  # check rows
-_MOVED = 1.5  # times better with device and target placed anew: one of them was moved
+from service.measurements import Measurements, ReadOptions, RejectedRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +46,9 @@ class IdentifyOptions:
     train_rows: int | None = None
     seed: int = 0
     read: ReadOptions = field(default_factory=ReadOptions)
+    start: StartOptions = field(default_factory=StartOptions)
+    residual_model: bool = False
+    limits: Limits = field(default_factory=Limits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +60,7 @@ class IdentifiedParameter:
     value: float
     sigma: float
     prior: float
+    held: bool = False  # not fitted: as it was known before
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +85,16 @@ class IdentifyReport:
     held_out_m: Array
     before_m: Array
     held_out_by: str
+    start: str  # what the fit and the figures "before" start from
+    with_residual: Errors | None  # held out, if a residual model was asked for
+    check_with_residual: Errors | None
+    verdicts: Verdicts
+    dh: HayatiTable | None  # of an arm that has a table
+
+    @property
+    def coverage(self) -> float:
+        """The factor from a standard deviation to 95 %: Student's, if few independent rows determine it."""
+        return coverage_factor(max(self.identification.robust.degrees_of_freedom, 1.0))
 
     def as_document(self) -> dict[str, Any]:
         """Return the object that ``--json`` prints."""
@@ -102,17 +126,30 @@ class IdentifyReport:
             "correlated": [asdict(pair) for pair in found.correlated],
             "lints": [asdict(lint) for lint in self.lints],
             "guesses": list(self.measurements.guesses),
+            "start": self.start,
+            "places": places_document(found.state, self.measurements.observations.kind),
+            "degrees_of_freedom": found.robust.degrees_of_freedom,
+            "coverage_factor": self.coverage,
+            "group_effect": asdict(found.group_effect),
+            "residual_model": self._residual_document(),
+            "verdicts": {
+                "error": None if self.verdicts.error is None else asdict(self.verdicts.error),
+                "offsets": None if self.verdicts.offsets is None else asdict(self.verdicts.offsets),
+            },
         }
 
-
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    """Measurements with sharpened joints, groups by the joints as written, and what was noticed."""
-
-    measurements: Measurements
-    observations: Observations
-    grouping: Grouping
-    noticed: tuple[Lint, ...]
+    def _residual_document(self) -> dict[str, Any] | None:
+        residual = self.identification.residual
+        if residual is None or self.with_residual is None:
+            return None
+        check = self.check_with_residual
+        return {
+            "chosen": residual.chosen,
+            "reason": residual.reason,
+            "held_out": asdict(self.with_residual),
+            "check": None if check is None else asdict(check),
+            "sigma_far_from_data_m": float(np.sqrt(residual.model.variance_m2)),
+        }
 
 
 def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None) -> IdentifyReport:
@@ -128,9 +165,9 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
     options = options or IdentifyOptions()
     started = time.perf_counter()
     model = load_model(robot)
-    prepared = _prepare(path, model, options.read)
-    count = len(prepared.observations)
-    train, held = _split(count, options)
+    prepared = prepare(path, model, options.read)
+    start = read_start(options.start, model, prepared.observations.kind)
+    train, held = _split(len(prepared.observations), options)
     grouping = group_rows(
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
     )
@@ -139,74 +176,112 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
         model,
         prepared.observations.take(train),
         grouping=grouping,
-        options=Options(level=options.level, seed=options.seed, judge=not len(held)),
+        options=Options(
+            level=options.level,
+            seed=options.seed,
+            judge=not len(held) or options.residual_model,
+            start=start.point,
+            residual_model=options.residual_model,
+        ),
     )
     breaks = [int(train[item.row]) for item in found.breaks]
-    judged = found.judgement
-    before, after, rows, by = judged.before_m, judged.held_out_m, train, judged.said(grouping)
-    seen_before: list[Lint] = []
-    if len(held):
-        others = with_mounting(prepared.observations, mounting_of(count, breaks)).take(held)
-        before, after = _errors(found.frames, others), _errors(found.state, others)
-        rows, by = held, f"{len(held)} rows, drawn at random, that neither fit nor any choice has seen"
-        seen_before = _seen_before(prepared.measurements, train, held)
-    check, check_lints = _check(options, model, found, prepared)
+    judged = _judged(prepared, found, (train, held), breaks)
+    checked = None
+    if options.check is not None:
+        checked = check_file(options.check, options.read, found, prepared)
+    measurements = prepared.measurements
+    noticed = [*prepared.noticed, *(seen_before(measurements, train, held) if len(held) else ())]
+    noticed += [*lints_of_fit(found, judged.before_m, prepared, train), *lints_of_start(found, start)]
+    noticed += _lints_of_free(start, judged)
     return IdentifyReport(
         robot=model.name,
-        rows=prepared.measurements.read,
+        rows=measurements.read,
         level=found.level,
-        before=Errors.of(before),
+        before=Errors.of(judged.before_m),
         fit=found.fit,
-        held_out=Errors.of(after),
-        check=check,
-        rejected=_rejected(prepared.measurements, found, train),
+        held_out=Errors.of(judged.held_out_m),
+        check=None if checked is None else Errors.of(checked.errors_m),
+        rejected=_rejected(measurements, found, train),
         seconds=time.perf_counter() - started,
         identification=found,
-        measurements=prepared.measurements,
-        parameters=_parameters(found),
-        lints=(
-            *prepared.noticed,
-            *seen_before,
-            *_lints_of_fit(found, before, prepared.measurements),
-            *check_lints,
+        measurements=measurements,
+        parameters=_parameters(found, start.sigmas),
+        lints=(*noticed, *(() if checked is None else checked.lints)),
+        breaks=tuple(int(measurements.rows[row]) for row in breaks),
+        held_out_rows=measurements.rows[judged.rows],
+        held_out_m=judged.held_out_m,
+        before_m=judged.before_m,
+        held_out_by=judged.by,
+        start=start.name,
+        with_residual=judged.with_residual,
+        check_with_residual=None if checked is None else checked.with_residual,
+        verdicts=_verdicts(options.limits, found, judged, checked),
+        dh=None if model.dh is None else hayati_table(found.robust.fit),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """Errors of rows that were not fitted."""
+
+    rows: Rows  # usable rows
+    groups: Rows
+    before_m: Array
+    held_out_m: Array
+    with_residual: Errors | None
+    by: str
+
+
+def _judged(
+    prepared: Prepared, found: Identification, split: tuple[Rows, Rows], breaks: list[int]
+) -> _Judged:
+    train, held = split
+    judged, groups = found.judgement, prepared.grouping.groups
+    if not len(held):
+        smooth = None if found.residual is None else found.residual.held_out
+        by = judged.said(found.grouping)
+        return _Judged(train, groups[train], judged.before_m, judged.held_out_m, smooth, by)
+    others = with_mounting(prepared.observations, mounting_of(len(prepared.observations), breaks)).take(held)
+    by = f"{len(held)} rows, drawn at random, that neither fit nor any choice has seen"
+    before, after = errors_of(found.frames, others), errors_of(found.state, others)
+    return _Judged(held, groups[held], before, after, _with_residual(found, others), by)
+
+
+def _with_residual(found: Identification, others: Observations) -> Errors | None:
+    if found.residual is None:
+        return None
+    return Errors.of(errors_with(found.residual.model, found.state, others))
+
+
+def _verdicts(limits: Limits, found: Identification, judged: _Judged, checked: Checked | None) -> Verdicts:
+    if checked is not None:
+        return judge_limits(limits, found, checked.errors_m, checked.groups, "check file")
+    return judge_limits(limits, found, judged.held_out_m, judged.groups, "held-out rows")
+
+
+def _lints_of_free(start: Start, judged: _Judged) -> list[Lint]:
+    """Say if more than was named is free, or if what was named does not help rows that were not fitted."""
+    if not start.point.free:
+        return []
+    noticed = []
+    if start.point.places is None:
+        noticed.append(
+            Lint(
+                "places",
+                "base and tool are fitted, too: the start does not tell where they are for these rows.",
+            )
+        )
+    before, after = Errors.of(judged.before_m), Errors.of(judged.held_out_m)
+    if after.rmse_m < before.rmse_m:
+        return noticed
+    return [
+        *noticed,
+        Lint(
+            "no_gain",
+            f"what is free ({', '.join(start.point.free)}) does not help rows that were not fitted: "
+            f"{before.rmse_m * 1e3:.3f} mm before, {after.rmse_m * 1e3:.3f} mm after.",
         ),
-        breaks=tuple(int(prepared.measurements.rows[row]) for row in breaks),
-        held_out_rows=prepared.measurements.rows[rows],
-        held_out_m=after,
-        before_m=before,
-        held_out_by=by,
-    )
-
-
-def _prepare(path: Path, model: RobotModel, options: ReadOptions) -> _Prepared:
-    measurements = read_measurements(path, model, options)
-    raw = measurements.observations
-    noticed = [
-        *lints.sign_flips(raw.joints_rad, model.joint_names),
-        *lints.duplicates(raw.joints_rad),
-        *lints.rounding_floor(model, raw.joints_rad, measurements.joint_step_rad, measurements.value_step_m),
-        *lints.temperature_drift(measurements.temperature),
     ]
-    observations = raw
-    if measurements.controller_m is not None and len(raw) >= 8:
-        known = np.isfinite(measurements.controller_m).all(axis=1)
-        if known.all():
-            sharp = unround_joints(
-                model,
-                raw.joints_rad,
-                measurements.joint_step_rad,
-                measurements.controller_m,
-                measurements.controller_step_m,
-            )
-            observations = with_joints(raw, sharp.joints_rad)
-            noticed += lints.controller_positions(
-                sharp.doubtful_rows, sharp.disagreement_m, used=sharp.useful
-            )
-    in_file = tuple(
-        Lint(lint.code, lint.message, tuple(int(measurements.rows[row]) for row in lint.rows))
-        for lint in noticed
-    )
-    return _Prepared(measurements, observations, group_rows(raw.joints_rad, measurements.groups), in_file)
 
 
 def _split(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
@@ -222,101 +297,32 @@ def _split(count: int, options: IdentifyOptions) -> tuple[Rows, Rows]:
     return np.sort(order[: options.train_rows]), np.sort(order[options.train_rows :])
 
 
-def _seen_before(measurements: Measurements, train: Rows, held: Rows) -> list[Lint]:
-    """Name held-out rows in a posture that was fitted."""
-    postures = same_postures(measurements.observations.joints_rad)
-    again = held[np.isin(postures[held], postures[train])]
-    if not len(again):
-        return []
-    return [
-        Lint(
-            "leakage",
-            f"{len(again)} held-out rows repeat a posture that was fitted: without --train-rows such rows stay "
-            "together.",
-            tuple(int(row) for row in measurements.rows[again]),
-        )
-    ]
-
-
-def _errors(state: ArmState, observations: Observations) -> Array:
-    return errors_m(state, Problem.of(state, observations))
-
-
-def _check(
-    options: IdentifyOptions, model: RobotModel, found: Identification, fitted: _Prepared
-) -> tuple[Errors | None, list[Lint]]:
-    """Evaluate the finished model, frames included, on another file."""
-    if options.check is None:
-        return None, []
-    other = _prepare(options.check, model, options.read)
-    if (other.observations.kind == "length") != (fitted.observations.kind == "length"):
-        raise MeasurementError(
-            f"{options.check} holds {other.observations.kind}s, not {fitted.observations.kind}s as the fit.",
-            remedy="Check with a file of the same instrument.",
-        )
-    pair = fitted.measurements.observations.joints_rad, other.measurements.observations.joints_rad
-    noticed = [*lints.leakage(*pair), *lints.beyond_fitted_range(*pair)]
-    count = len(other.observations)
-    by_mounting = np.array(
-        [
-            _errors(found.state, with_mounting(other.observations, np.full(count, mounting)))
-            for mounting in range(len(found.state.devices))
-        ]
-    )
-    chosen = assign_mountings(by_mounting, max(found.fit.rmse_m, 1e-6))
-    errors = Errors.of(by_mounting[chosen, np.arange(count)])
-    anew = _placed_anew(found, other.observations)
-    if count >= _ENOUGH_TO_PLACE and errors.rmse_m > _MOVED * anew.rmse_m:
-        fitted_mm, stood_mm = anew.rmse_m * 1e3, errors.rmse_m * 1e3
-        noticed.append(
-            Lint(
-                "check_moved",
-                f"with device and target placed anew the check file fits to {fitted_mm:.3f} mm (RMSE), as they "
-                f"stood to {stood_mm:.3f} mm: was one of them moved between the files?",
-            )
-        )
-    if len(by_mounting) > 1:
-        parts = ", ".join(f"{int((chosen == i).sum())} rows on mounting {i + 1}" for i in np.unique(chosen))
-        noticed.append(
-            Lint("check_mounting", f"the device had several mountings; the check file fits {parts}.")
-        )
-    return errors, noticed
-
-
-def _placed_anew(found: Identification, observations: Observations) -> Errors:
-    """Return the errors of the identified arm when base or anchor, and tool, are fitted to the check rows."""
-    state = replace(found.state, devices=found.state.devices[:1])
-    layout = make_layout(state.nominal, observations.kind, 1, level=FRAMES)
-    problem = Problem.of(state, observations)
-    return Errors.of(errors_m(estimate(layout, state, problem).state, problem))
-
-
 def _rejected(measurements: Measurements, found: Identification, train: Rows) -> tuple[RejectedRow, ...]:
     standing = [
         RejectedRow(
             int(measurements.rows[train[row]]),
-            f"stands out from model and neighbours: {found.fit_m[row] * 1e3:.2f} mm, "
-            f"{found.robust.deviations[row]:.1f} deviations (limit {found.robust.threshold:.1f}); not fitted",
+            f"off model and neighbours by {found.fit_m[row] * 1e3:.2f} mm, "
+            f"{found.robust.deviations[row]:.1f} deviations (limit {found.robust.threshold:.1f})",
         )
         for row in found.rejected
     ]
     return tuple(sorted([*measurements.rejected, *standing], key=lambda item: item.row))
 
 
-def _lints_of_fit(found: Identification, before_m: Array, measurements: Measurements) -> Sequence[Lint]:
-    residuals = np.delete(whitened_residuals(found.state, found.robust.problem), found.rejected, axis=1)
-    return (
-        *lints.not_a_measurement(before_m, measurements.value_step_m),
-        *lints.alike_neighbours(residuals),
-    )
-
-
-def _parameters(found: Identification) -> tuple[IdentifiedParameter, ...]:
-    """Return the arm's and wire's parameters; places of devices and tools follow, with what was found."""
+def _parameters(found: Identification, known: Mapping[str, float]) -> tuple[IdentifiedParameter, ...]:
+    """Return the arm's and wire's parameters, held ones too; places of devices and tools are told apart."""
     fit = found.robust.fit
-    sigma = np.sqrt(np.diag(fit.covariance))
+    layout = fit.layout.whole if isinstance(fit.layout, PartLayout) else fit.layout
+    sigma = dict(zip((p.name for p in fit.layout.parameters), np.sqrt(np.diag(fit.covariance)), strict=True))
     return tuple(
-        IdentifiedParameter(item.name, item.unit, float(value), float(deviation), item.prior)
-        for item, value, deviation in zip(fit.layout.parameters, fit.deviations, sigma, strict=True)
-        if item.role not in ("base", "anchor", "tool")
+        IdentifiedParameter(
+            item.name,
+            item.unit,
+            float(value),
+            float(sigma.get(item.name, known.get(item.name, item.prior))),
+            item.prior,
+            held=item.name not in sigma,
+        )
+        for item, value in zip(layout.parameters, values_of(layout, fit.state), strict=True)
+        if item.role not in ("base", "anchor", "tool") and (item.name in sigma or value != 0.0)
     )

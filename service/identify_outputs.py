@@ -31,7 +31,10 @@ def save_identification(report: IdentifyReport, measurements: Path, folder: Path
         made_by=who.made_by,
         source=f"identification: {measurements.name}, sha256 {digest}",
         # Zero and scale belong to the wire, not to the arm.
-        values=values_of_identification(p for p in report.parameters if not p.name.startswith("wire ")),
+        values=values_of_identification(
+            (p for p in report.parameters if not p.name.startswith("wire ")),
+            report.identification.robust.fit,
+        ),
         note=who.note,
     )
     return ParameterSets(folder).save(draft)
@@ -50,7 +53,7 @@ def write_identified_urdf(report: IdentifyReport, path: Path, *, geometric_joint
     _refuse_frames(report)
     state = report.identification.state
     path.write_text(bare_urdf(state.arm, geometric_joints=geometric_joints), encoding="utf-8")
-    kinds = {"gravity": "sag", "harmonic": "ripple"}
+    kinds = {"gravity": "sag", "harmonic": "ripple", "gear": "gear ratios"}
     return sorted({kinds[term.kind] for term in state.terms})
 
 

@@ -13,6 +13,22 @@ _UNITS = ("joints", "position", "rotation", "length", "controller")
 _WORDS = ("convention", "sheet", "joint_coupling")
 
 
+def layout_data(path: Path) -> dict[str, Any]:
+    """Return what a layout file holds.
+
+    Raises
+    ------
+    MeasurementError
+        No such file, or no TOML.
+    """
+    if not path.is_file():
+        raise MeasurementError(f"there is no layout file {path}.", remedy="Check the name.")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as broken:
+        raise MeasurementError(f"{path} is no TOML: {broken}.", remedy=_EXAMPLE) from broken
+
+
 def read_layout(path: Path) -> ReadOptions:
     """Read a layout file.
 
@@ -21,16 +37,11 @@ def read_layout(path: Path) -> ReadOptions:
     MeasurementError
         No such file, no TOML, or a key that no layout has.
     """
-    if not path.is_file():
-        raise MeasurementError(f"there is no layout file {path}.", remedy="Check the name.")
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as broken:
-        raise MeasurementError(f"{path} is no TOML: {broken}.", remedy=_EXAMPLE) from broken
-    _refuse_unknown(path, data, ("columns", "units", *_WORDS))
+    data = layout_data(path)
+    refuse_unknown(path, data, ("columns", "units", *_WORDS))
     columns, units = _table(path, data, "columns"), _table(path, data, "units")
-    _refuse_unknown(path, columns, _COLUMNS)
-    _refuse_unknown(path, units, _UNITS)
+    refuse_unknown(path, columns, _COLUMNS)
+    refuse_unknown(path, units, _UNITS)
     words = {key: _word(path, key, data[key]) for key in _WORDS if key in data}
     return ReadOptions(
         columns={key: _names(path, key, value) for key, value in columns.items()},
@@ -93,7 +104,8 @@ def _quoted(text: str) -> str:
     return f'"{escaped}"'
 
 
-def _refuse_unknown(path: Path, found: Mapping[str, Any], known: tuple[str, ...]) -> None:
+def refuse_unknown(path: Path, found: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    """Refuse a key that is not among those known."""
     unknown = [key for key in found if key not in known]
     if unknown:
         raise MeasurementError(

@@ -31,6 +31,7 @@ _CONSISTENT_RAD = float(np.deg2rad(2.0))
 _LIKELY = ("ur_rotation_vector", "ros_rpy", "instrument_xyz")  # of equal formulas, the first is named
 _ROUNDED = 0.01
 _ENOUGH_ROWS = 20_000  # to tell a unit by
+_UNBELIEVABLE = 1e9  # in any unit that instruments write
 _EQUAL = 1.001
 _DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
 
@@ -136,13 +137,16 @@ def _of_controller(angles_rad: Array, model: RobotModel, options: ReadOptions) -
 def _usable(
     table: Table, names: Sequence[str], numbers: Mapping[str, Array]
 ) -> tuple[np.typing.NDArray[np.bool_], tuple[RejectedRow, ...]]:
-    missing = np.isnan(np.column_stack([numbers[name] for name in names]))
+    wanted = np.column_stack([numbers[name] for name in names])
+    missing = ~(np.abs(wanted) < _UNBELIEVABLE)  # and what is no number at all
     good: np.typing.NDArray[np.bool_] = np.logical_not(missing.any(axis=1))
     rejected = []
     for row in np.flatnonzero(~good).tolist():
         name = names[int(np.argmax(missing[row]))]
         cell = table.texts.get((row, table.names.index(name)), "")
         what = f"holds {cell!r}, which is no number" if cell else "is empty"
+        if not np.isnan(numbers[name][row]):
+            what = f"holds {numbers[name][row]:g}, which nobody measured"
         rejected.append(RejectedRow(row, f"line {table.lines[row]}: column {name!r} {what}"))
     return good, tuple(rejected)
 

@@ -44,9 +44,12 @@ class Value:
     unit: str  # rad | m | rad/m | 1
     value: float
     standard_uncertainty: float | None = None
+    correlations: tuple[float, ...] = ()  # with the values before it in the set, from the first on
 
     def __post_init__(self) -> None:
         spread = 0.0 if self.standard_uncertainty is None else self.standard_uncertainty
+        if not all(-1.0 <= rho <= 1.0 for rho in self.correlations):
+            raise ParameterSetError(f"{self.name}: a correlation is between -1 and 1")
         if self.unit not in _SUFFIXES or not (
             math.isfinite(self.value) and math.isfinite(spread) and spread >= 0
         ):
@@ -257,11 +260,12 @@ def _from_data(data: dict[str, Any], where: str) -> ParameterSet:
 def _value(table: dict[str, Any], where: str) -> Value:
     for unit, suffix in _SUFFIXES.items():
         key, spread = f"value{suffix}", f"standard_uncertainty{suffix}"
-        if {"name", key} <= table.keys() <= {"name", key, spread}:
-            numbers = [table[key], table.get(spread, 0.0)]
+        if {"name", key} <= table.keys() <= {"name", key, spread, "correlations"}:
+            rho = table.get("correlations", [])
+            numbers = [table[key], table.get(spread, 0.0), *(rho if isinstance(rho, list) else [None])]
             if isinstance(table["name"], str) and all(type(v) in (int, float) for v in numbers):
                 uncertainty = float(table[spread]) if spread in table else None
-                return Value(table["name"], unit, float(table[key]), uncertainty)
+                return Value(table["name"], unit, float(table[key]), uncertainty, tuple(map(float, rho)))
     raise ParameterSetError(
         f"{where}: a parameter has a name, a value and a standard uncertainty of one unit"
     )
@@ -283,6 +287,8 @@ def _table(value: Value) -> str:
     lines = ["", "[[parameter]]", f"name = {_quoted(value.name)}", f"value{suffix} = {float(value.value)!r}"]
     if value.standard_uncertainty is not None:
         lines.append(f"standard_uncertainty{suffix} = {float(value.standard_uncertainty)!r}")
+    if value.correlations:
+        lines.append(f"correlations = [{', '.join(f'{rho:.9g}' for rho in value.correlations)}]")
     return "\n".join(lines) + "\n"
 
 

@@ -1,7 +1,8 @@
 """Follows the robots and sees an encoder loss by itself.
 
 Three independent witnesses, each enough: the controller's own alarms, the encoder epoch, and counts that jump
-further between two looks than the arm could have moved. The last healthy counts are kept on disk: after a
+further between two looks than the arm could have moved. A battery that is low is told before it is empty.
+The last healthy counts are kept on disk: after a
 loss they tell to within a few turns where each motor stood.
 """
 
@@ -11,7 +12,7 @@ import logging
 import os
 import time
 from collections.abc import Awaitable, Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
@@ -20,7 +21,8 @@ import numpy as np
 
 from calibration.mastering import DriveTrain
 from drivers.errors import DeviceError
-from drivers.interfaces import Alarm, Counts, MasteringStore, Readiness, Robot
+from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
+from service.loss_modes import Suspicion, battery_warning, crashed, suspect
 
 _LOG = logging.getLogger(__name__)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
@@ -48,6 +50,7 @@ class PositionLoss:
     detected_by: str
     alarms: tuple[Alarm, ...]
     last_healthy: HealthyCounts | None
+    suspicion: Suspicion = field(default_factory=lambda: suspect(()))
 
 
 class LastHealthyCounts:
@@ -103,8 +106,10 @@ class Watch:
         on_loss: Callable[[PositionLoss], Awaitable[None]],
         *,
         period_s: float,
+        warn: Callable[[str], None] = _LOG.warning,
     ) -> None:
         self._robot, self._memory, self._on_loss, self._period_s = robot, memory, on_loss, period_s
+        self._warn, self._warned = warn, ""
         self._seen: tuple[float, Counts] | None = None
         self._saved: HealthyCounts | None = memory.load(robot.name)
         self._drive: DriveTrain | None = None
@@ -127,8 +132,9 @@ class Watch:
         if condition.readiness is Readiness.UNREACHABLE:
             self._seen = None
             return None
+        self._warn_once(battery_warning(condition))
         found = None
-        if condition.readiness is Readiness.POSITION_LOST:
+        if condition.readiness is Readiness.POSITION_LOST or crashed(condition):
             found = f"the controller reports: {condition.message}"
         else:
             found = await self._compare()
@@ -138,9 +144,14 @@ class Watch:
         if self._reported:
             return None
         self._reported = True
-        loss = PositionLoss(self._robot.name, found, condition.alarms, self._saved)
+        loss = PositionLoss(self._robot.name, found, condition.alarms, self._saved, _suspected(condition))
         await self._on_loss(loss)
         return loss
+
+    def _warn_once(self, words: str) -> None:
+        if words and words != self._warned:
+            self._warn(f"{self._robot.name}: {words}")
+        self._warned = words
 
     async def acknowledge(self) -> None:
         """Take the present counts for healthy."""
@@ -182,3 +193,12 @@ class Watch:
         if self._drive is None:
             self._drive = await self._robot.drive_train()
         return self._drive
+
+
+def _suspected(condition: Condition) -> Suspicion:
+    """Return what the alarms suggest; a jump or a new epoch without any is a loss of turns."""
+    if condition.readiness is Readiness.POSITION_LOST:
+        return suspect(condition.alarms)
+    if crashed(condition):
+        return suspect(condition.alarms, position_lost=False)
+    return suspect((Alarm("SRVO-038", "a count changed while nobody looked"),))

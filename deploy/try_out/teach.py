@@ -30,8 +30,8 @@ TIP_M = (0.03, -0.02, 0.15)
 START_RAD = (0.1, 0.0, -0.6, -1.0, -0.8, 0.8)  # the whole lesson is in reach from here
 STEP_M = 0.32
 SETTINGS: dict[str, dict[str, Any]] = {
-    "six_point_tcp": {"tool_number": 1},
-    "three_point_frame": {"frame_number": 1, "tip_in_flange_m": TIP_M, "check_above": True},
+    "six_point_tcp": {"tool_number": 1, "touch_sigma_m": 5e-5},
+    "three_point_frame": {"frame_number": 1, "tip_in_flange_m": TIP_M, "check_above": True, "sigma_m": 5e-5},
 }
 # key of the instruction: turn about the tool's axes [deg], and way along them or along the base's axes [m]
 TOUCHES = {"touch": (0, 0, 0), "touch_about_x": (40, 0, 0), "touch_about_y": (0, 35, 0)}
@@ -97,7 +97,7 @@ async def teach(cell: Path, port: int, procedure: str) -> int:
     entry = config.robot()
     operator = technician(Door("127.0.0.1", port), load_model(entry.model), entry.name)
     outcome = await start(Where(config, operator, entry.name), procedure, dict(SETTINGS[procedure]))
-    return tell(outcome, as_json=True)
+    return tell(outcome, config, as_json=True)
 
 
 if __name__ == "__main__":

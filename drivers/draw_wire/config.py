@@ -1,4 +1,4 @@
-"""[[gauge]] driver = "draw_wire" in cell.toml. The model is the factory."""
+"""[[gauge]] driver = "draw_wire" in cell.toml, on the bus that ``interface`` names. The models are the factories."""
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -7,28 +7,61 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from drivers.draw_wire.gauge import DrawWire, GaugeOptions
+from drivers.draw_wire.modbus_gauge import EncoderOptions, ModbusDrawWire
+from drivers.draw_wire.modbus_registers import load_encoder_map
 from drivers.draw_wire.objects import load_objects
 from drivers.wire.can_session import BusOptions
 from drivers.wire.canopen import CanopenLink
+from drivers.wire.modbus import ModbusLink
+
+_TELEGRAM_SHARE = 0.5  # of the deadline: connecting takes two telegrams
 
 
-class DrawWireConfig(BaseModel):
-    """How to reach a draw-wire on CANopen, and how good it is."""
+class _AnyBus(BaseModel):
+    """How good a draw-wire is."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     driver: Literal["draw_wire"]
     name: str = Field(min_length=1, max_length=64)
-    interface: Literal["socketcand", "socketcan"]
-    channel: str = Field(min_length=1)
-    host: str = ""
-    port: int = Field(default=29536, ge=1, le=65535)
-    node_id: int = Field(ge=1, le=127)
     serial: int = Field(ge=0, lt=2**32)
     range_m: float = Field(gt=0, le=100)
     sigma_m: float = Field(gt=0, le=0.1)
     end_margin_m: float = Field(default=0.005, ge=0, le=1)
     deadline_s: float = Field(default=1.0, gt=0, le=60)
+
+
+class ModbusDrawWireConfig(_AnyBus):
+    """How to reach a draw-wire on Modbus TCP."""
+
+    interface: Literal["modbus"]
+    host: str = Field(min_length=1)
+    port: int = Field(default=502, ge=1, le=65535)
+    step_um: float = Field(gt=0, le=10_000)  # drum circumference by counts per turn
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[ModbusDrawWire]:
+        """Connect, check the serial number, and hang up at the end."""
+        options = EncoderOptions(
+            self.serial, self.step_um * 1e-6, self.range_m, self.sigma_m, self.end_margin_m, self.deadline_s
+        )
+        link = ModbusLink(self.name, self.host, self.port, deadline_s=_TELEGRAM_SHARE * self.deadline_s)
+        gauge = ModbusDrawWire(link, load_encoder_map(), options)
+        try:
+            await gauge.connect()
+            yield gauge
+        finally:
+            await gauge.close()
+
+
+class DrawWireConfig(_AnyBus):
+    """How to reach a draw-wire on CANopen."""
+
+    interface: Literal["socketcand", "socketcan"]
+    channel: str = Field(min_length=1)
+    host: str = ""
+    port: int = Field(default=29536, ge=1, le=65535)
+    node_id: int = Field(ge=1, le=127)
     heartbeat_s: float = Field(default=0.1, ge=0.02, le=10)
 
     @model_validator(mode="after")

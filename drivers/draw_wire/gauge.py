@@ -5,6 +5,7 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
+from drivers.draw_wire.ends import moved_zero, refuse_ends
 from drivers.draw_wire.objects import ObjectTable, decode
 from drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
 from drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, Readiness, Reading
@@ -94,7 +95,7 @@ class DrawWire:
             register = await self._value("error_register", self._link.read)
         self._require_trust(register)
         value_m = raw * self._step_m
-        self._require_range(value_m)
+        refuse_ends(self.name, value_m, self._options.range_m, self._options.end_margin_m)
         return Reading(value_m, self._options.sigma_m, taken_at_s, raw)
 
     async def _greet(self, link: CanopenLink) -> None:
@@ -121,12 +122,7 @@ class DrawWire:
         if self._offset is None:
             self._offset = offset
         if self._offset != offset:
-            moved_mm = (offset - self._offset) * self._step_m * 1e3
-            raise RefusedError(
-                self.name,
-                f"the zero of the gauge moved by {moved_mm:.1f} mm since it was connected.",
-                remedy="Its readings cannot be combined: restore the preset, or begin from the reference.",
-            )
+            raise moved_zero(self.name, (offset - self._offset) * self._step_m)
 
     async def _value(self, name: str, read: _Read) -> int:
         entry = self._table.objects[name]
@@ -156,21 +152,6 @@ class DrawWire:
             )
         if self._link.foreign_master:
             raise self._foreign()
-
-    def _require_range(self, value_m: float) -> None:
-        margin_m = self._options.end_margin_m
-        if value_m <= margin_m:
-            raise RefusedError(
-                self.name,
-                f"the wire is all in ({value_m * 1e3:.1f} mm): it is not hooked, or it has snapped.",
-                remedy="Stop the robot, look at the wire without reaching into the cell, and hook it again.",
-            )
-        if value_m >= self._options.range_m - margin_m:
-            raise RefusedError(
-                self.name,
-                f"the wire is out to its end ({value_m * 1e3:.1f} mm).",
-                remedy="Move the arm towards the gauge and choose poses within its range.",
-            )
 
     def _foreign(self) -> RefusedError:
         return RefusedError(

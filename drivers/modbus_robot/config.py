@@ -6,10 +6,11 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from drivers.interfaces import RobotCapabilities
 from drivers.modbus_robot.panel import Panel, SerialCheck
 from drivers.modbus_robot.profile import load_profile, profile_names
 from drivers.modbus_robot.program import CellProgram
-from drivers.modbus_robot.robot import ModbusRobot, MotionOptions
+from drivers.modbus_robot.robot import ModbusRobot, MotionOptions, capabilities_of
 from drivers.wire.modbus import ModbusLink
 
 _TELEGRAM_SHARE = 0.3  # of the deadline: a failed telegram leaves time for a stop and for saying so
@@ -38,6 +39,11 @@ class ModbusRobotConfig(BaseModel):
         if name not in profile_names():
             raise ValueError(f"there is no profile {name!r}; known: {', '.join(profile_names())}")
         return name
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        """What this robot can do, known before it is reached."""
+        return capabilities_of(load_profile(self.profile))
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[ModbusRobot]:

@@ -32,6 +32,7 @@ from drivers.modbus_robot.mastering import (
     write_mastering,
 )
 from drivers.modbus_robot.panel import Block, Panel
+from drivers.modbus_robot.profile import Profile
 from drivers.modbus_robot.program import CellProgram, ProgramState, Request
 from drivers.wire.deadline import deadline
 
@@ -51,6 +52,18 @@ class MotionOptions:
     motion_margin_s: float
 
 
+def capabilities_of(profile: Profile) -> RobotCapabilities:
+    """Return what a robot of this profile can do, known before it is reached."""
+    return RobotCapabilities(
+        axes=profile.axes,
+        jogs_single_axes=True,
+        reads_encoder_counts=True,
+        writes_mastering=True,
+        writes_tool_frame=True,
+        writes_user_frame=True,
+    )
+
+
 class ModbusRobot:
     """Robot, JogsAxes, MasteringStore, ToolFrameStore and UserFrameStore over one profile."""
 
@@ -65,14 +78,7 @@ class ModbusRobot:
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        return RobotCapabilities(
-            axes=self._panel.profile.axes,
-            jogs_single_axes=True,
-            reads_encoder_counts=True,
-            writes_mastering=True,
-            writes_tool_frame=True,
-            writes_user_frame=True,
-        )
+        return capabilities_of(self._panel.profile)
 
     async def connect(self) -> None:
         """Connect, check the serial number, and note a controller nobody has tried yet."""

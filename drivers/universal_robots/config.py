@@ -6,9 +6,10 @@ from typing import ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from drivers.interfaces import RobotCapabilities
 from drivers.universal_robots.contact import Contact, Timing
 from drivers.universal_robots.motion import Tolerances
-from drivers.universal_robots.robot import MotionOptions, UniversalRobot
+from drivers.universal_robots.robot import CAPABILITIES, MotionOptions, UniversalRobot
 from drivers.universal_robots.session import SessionOptions
 
 _MODELS = ("ur3e", "ur5e", "ur10e", "ur16e")  # e-Series: CB3 runs another software
@@ -44,6 +45,11 @@ class UniversalRobotConfig(BaseModel):
         if name not in _MODELS:
             raise ValueError(f"this driver does not know a {name!r}; it knows {', '.join(_MODELS)}")
         return name
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        """What this robot can do, known before it is reached."""
+        return CAPABILITIES
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator[UniversalRobot]:

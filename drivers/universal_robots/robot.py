@@ -63,6 +63,9 @@ class MotionOptions:
     tolerances: Tolerances
 
 
+CAPABILITIES = RobotCapabilities(axes=6, hand_guiding=True)
+
+
 class UniversalRobot:
     """Robot over RTDE. What it does not offer, a UR cannot do without a person or a program of its own."""
 
@@ -78,7 +81,7 @@ class UniversalRobot:
 
     @property
     def capabilities(self) -> RobotCapabilities:
-        return RobotCapabilities(axes=6, hand_guiding=True)
+        return CAPABILITIES
 
     async def connect(self) -> None:
         """Connect for reading. Nothing is sent to the arm before the first move."""

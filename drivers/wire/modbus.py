@@ -34,7 +34,7 @@ Words = tuple[int, ...]
 Greeting = Callable[["ModbusLink"], Awaitable[None]]
 _Ask = Callable[[AsyncModbusTcpClient], Awaitable[ModbusPDU]]
 
-_READ, _WRITE = 3, 16
+_READ, _WRITE_COIL, _WRITE = 3, 5, 16
 _BUSY_PAUSES_S = (0.02, 0.05, 0.1)
 _CABLE = "Check its power and the network cable; the next call connects again by itself."
 _UNKNOWN = "Report this to the maker of the profile; the reading was not used."
@@ -54,7 +54,7 @@ class ModbusLink:
         self.device = device
         self.trace = FrameTrace(device)
         self._host, self._port, self._deadline_s = host, port, deadline_s
-        self._greet = greet
+        self.greet = greet
         self._client: AsyncModbusTcpClient | None = None
         self._lost: asyncio.Future[None] | None = None
         self._greeted = False
@@ -96,6 +96,19 @@ class ModbusLink:
             if (answer.address, answer.count) != (address - 1, len(words)):
                 raise self._foreign(f"confirmed {answer.count} words at {answer.address + 1}")
 
+    async def write_coil(self, address: int, value: bool) -> None:
+        """Write one output bit (FC 5) and leave its neighbours alone. Never repeated by itself."""
+        async with self._turn:
+            await self._connect()
+            try:
+                answer = await self._exchange(
+                    lambda client: client.write_coil(address - 1, value), _WRITE_COIL
+                )
+            except _BusyAnswer as busy:
+                raise self._refusal(busy.entry) from None
+            if (answer.address, answer.bits[:1]) != (address - 1, [value]):
+                raise self._foreign(f"confirmed {answer.bits[:1]} at coil {answer.address + 1}")
+
     async def read_during_greeting(self, address: int, count: int) -> Words:
         """Read while the connection is being made; for greetings only."""
         return await self._ask_registers(address, count)
@@ -120,8 +133,8 @@ class ModbusLink:
         await self._backoff.wait()
         try:
             await self._dial()
-            if self._greet is not None:
-                await self._greet(self)
+            if self.greet is not None:
+                await self.greet(self)
             self._greeted = True
         except BaseException:
             self._backoff.failed()

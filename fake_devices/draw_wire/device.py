@@ -16,8 +16,11 @@ from contextlib import suppress
 from typing import Any
 
 from fake_devices.device import FaultRefusedError, JsonObject
+from fake_devices.draw_wire.modbus_device import ModbusDrawWire
 from fake_devices.draw_wire.node import KINDS, DrawWireNode
 from fake_devices.draw_wire.socketcand import SocketCanDaemon
+from fake_devices.draw_wire.wire_happenings import wire_happenings
+from fake_devices.kinematics import Array
 from fake_devices.link_faults import LinkFaults
 from fake_devices.wire_gauge import WireGauge
 from fake_devices.world import World
@@ -51,11 +54,7 @@ class DrawWire:
         self._wake = asyncio.Event()
         self._timer: asyncio.Task[None] | None = None
         self._happen: dict[str, Callable[[dict[str, Any]], None]] = {
-            "wire_slack": lambda _given: self.gauge.slacken(),
-            "wire_snap": lambda _given: self.gauge.snap(),
-            "wire_restore": lambda _given: self.gauge.restore(),
-            "wire_offset": lambda given: self.gauge.slip(float(given.pop("m", 0.005))),
-            "outlier": self._outlier,
+            **wire_happenings(self.gauge),
             "node_off": lambda _given: self.node.switch_off(),
             "node_on": lambda _given: self.node.switch_on(world.clock.real()),
             "emcy": self._emcy,
@@ -122,9 +121,6 @@ class DrawWire:
         self._faults.clear()
         self._wake.set()
 
-    def _outlier(self, given: dict[str, Any]) -> None:
-        self.gauge.spoil_next(float(given.pop("m", 0.008)), int(given.pop("count", 1)))
-
     def _emcy(self, given: dict[str, Any]) -> None:
         self.node.raise_emergency(int(given.pop("code", 0x5200)), int(given.pop("length", 8)))
 
@@ -145,6 +141,8 @@ class DrawWire:
             "hook_in_base_m": gauge.hook_in_base_m().tolist(),
             "length_m": gauge.true_length_m(),
             "reading_m": gauge.exact_reading_m(),
+            "fixture_in_base": _rows(gauge.fixture_in_base()),
+            "tool_in_flange": _rows(gauge.tool_in_flange()),
             "zero_m": gauge.zero_m,
             "scale_error": gauge.scale_error,
             "exit_radius_m": gauge.exit_radius_m,
@@ -158,6 +156,12 @@ class DrawWire:
         }
 
 
-def create(world: World, table: Mapping[str, Any]) -> DrawWire:
-    """Build the gauge that a cell file names."""
+def _rows(pose: Array | None) -> list[list[float]] | None:
+    return None if pose is None else [[float(value) for value in row] for row in pose]
+
+
+def create(world: World, table: Mapping[str, Any]) -> DrawWire | ModbusDrawWire:
+    """Build the gauge that a cell file names, on the bus that it names."""
+    if table.get("interface") == "modbus":
+        return ModbusDrawWire(world, table)
     return DrawWire(world, table)

@@ -100,6 +100,12 @@ class Controller:
         """Take $MASTER_DONE; the positions stay as they were until CALIBRATE."""
         self.master_done = value == 1
 
+    def forget_mastering(self) -> None:
+        """Lose MASTER_COUN with the rest of the memory; the pulse coders keep their counts."""
+        self.update()
+        self.counts_at_zero = self._effective = (0,) * len(self.counts_at_zero)
+        self.master_done = self.calibrated = False
+
     def calibrate(self) -> None:
         """Compute the joints from counts and MASTER_COUN."""
         self.update()

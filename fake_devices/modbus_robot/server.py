@@ -19,6 +19,7 @@ import socket
 import struct
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from functools import partial
 from typing import Any, Protocol
 
 from fake_devices.link_faults import LinkFaults
@@ -115,9 +116,12 @@ def _is_write(request: bytes) -> bool:
 class ModbusServer:
     """Serves one register map on one address; closed while the controller has no power."""
 
-    def __init__(self, host: str, port: int, registers: Registers, faults: LinkFaults) -> None:
-        self.host, self.port = host, port
-        self._registers, self.faults = registers, faults
+    def __init__(
+        self, host: str, port: int, reply: Registers | Callable[[bytes], bytes], faults: LinkFaults
+    ) -> None:
+        """Serve registers, or whatever turns a request PDU into a response PDU or raises ModbusError."""
+        self.host, self.port, self.faults = host, port, faults
+        self._reply = reply if callable(reply) else partial(answer, reply)
         self._server: asyncio.Server | None = None
         self._writers: list[asyncio.StreamWriter] = []
         self._serving: set[asyncio.Task[None]] = set()
@@ -198,7 +202,7 @@ class ModbusServer:
     def _respond(self, request: bytes) -> bytes:
         try:
             self._injected_exception(request)
-            return answer(self._registers, request)
+            return self._reply(request)
         except ModbusError as error:
             return bytes([request[0] | 0x80, error.code])
 

@@ -3,7 +3,7 @@
 Imitates
     A shop floor: a forgotten battery, a new motor, a collision, a hand on the pendant, the mains switch.
 Source
-    Loss modes M0 to M4 of the design's mastering page; rows F38-F46, F53 of its fault table.
+    Loss modes M0 to M5 of the design's mastering page; rows F38-F46, F53 of its fault table.
 Modelled
     The methods named in ``_HAPPEN``. Everything drawn comes from the world's seed and the number of the loss.
 Not modelled
@@ -37,6 +37,9 @@ class WorldFaults:
             "motor_exchange": self._motor_exchange,
             "reference_loss": self._reference_loss,
             "crash": self._crash,
+            "memory_loss": self._memory_loss,
+            "old_backup": self._old_backup,
+            "swapped_arm": self._swapped_arm,
             "new_battery": self._new_battery,
             "battery_low": self._battery_low,
             "alarm": self._alarm,
@@ -102,6 +105,28 @@ class WorldFaults:
         hit = np.isin(np.arange(6), (1, 2, 3, 4))
         self._controller.arm.bend(np.where(hit[:, None], bent, 0.0))
         self._lose(given, _axes(_EVERY_AXIS))
+
+    def _memory_loss(self, _given: dict[str, Any]) -> None:
+        """Forget the mastering data in the cabinet; the encoders go on counting."""
+        self._controller.forget_mastering()
+
+    def _old_backup(self, given: dict[str, Any]) -> None:
+        """Load a backup from before the robot was last mastered: one axis then had its zero elsewhere."""
+        controller, axis = self._controller, _axis(given.pop("axis", "J3"))
+        counts = list(controller.counts_at_zero)
+        counts[axis] += int(given.pop("counts", COUNTS_PER_TURN // 3))
+        controller.write_counts_at_zero(tuple(counts))
+        controller.calibrate()
+
+    def _swapped_arm(self, given: dict[str, Any]) -> None:
+        """Put another arm of the same type under the same cabinet: its zeros are its own, its links, too."""
+        dice, every = (
+            self._world.dice(self._controller.arm.name, "swap", str(self._losses)),
+            _axes(_EVERY_AXIS),
+        )
+        size = np.array([*np.radians([0.03]), 4e-4, 4e-4, *np.radians([0.03, 0.0])])
+        self._controller.arm.bend(dice.normal(0.0, 1.0, (6, 5)) * size)
+        self._lose(given, every, new_motors=every, drift_turns=2.0)
 
     def _lose(
         self,

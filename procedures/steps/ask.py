@@ -29,4 +29,13 @@ async def enter(cell: Cell, question: Question) -> Answer:
 async def accept(cell: Cell, instruction: Instruction, what_sha256: str) -> Answer:
     """Have a person accept exactly what is shown: its hash is journalled with the answer."""
     del what_sha256  # an input of the step: on replay it must be the same
-    return await ask(cell, instruction)
+    answer = await ask(cell, instruction)
+    cell.motion.approved = True  # a plan that was shown; any fault takes the approval back
+    return answer
+
+
+async def let_move(cell: Cell, instruction: Instruction) -> Answer:
+    """Have a person look at the robot and agree to moves that are told in words, since no plan can be made."""
+    answer = await ask(cell, instruction)
+    cell.motion.approved = True
+    return answer

@@ -52,6 +52,33 @@ class MotorState:
     limits: MotionLimits
 
 
+@dataclass(frozen=True, slots=True)
+class Motors:
+    """What the controller says about its motors, in a cell with or without a draw-wire."""
+
+    identity: Identity
+    condition: Condition
+    counts: Counts
+    joints_rad: Joints
+    mastering: MasteringData
+    drive: DriveTrain
+    epoch: int
+
+
+async def read_motors_alone(cell: Cell) -> Motors:
+    """Read identity, counts, mastering, gears and epoch; nothing of any instrument."""
+    store = motor_store(cell)
+    return Motors(
+        identity=await cell.robot.identify(),
+        condition=await cell.robot.condition(),
+        counts=await store.encoder_counts(),
+        joints_rad=(await cell.robot.joints()).joints_rad,
+        mastering=await store.mastering(),
+        drive=await store.drive_train(),
+        epoch=await store.encoder_epoch(),
+    )
+
+
 async def read_motors(cell: Cell) -> MotorState:
     """Read identity, counts, mastering, gears and epoch, and where the wire is fixed."""
     store, gauge = motor_store(cell), length_gauge(cell)
@@ -121,6 +148,7 @@ async def wait_for_the_robot(cell: Cell, gone: tuple[str, ...]) -> Condition:
 
     Who says yes before the switch is turned is waited for.
     """
+    cell.motion.epoch = None  # a power cycle after a loss begins a new epoch
     condition = await cell.robot.condition()
     for _ in range(round(BOOT_DEADLINE_S / BOOT_PAUSE_S)):
         waiting = any(alarm.code in gone for alarm in condition.alarms)
@@ -151,6 +179,7 @@ async def same_epoch(cell: Cell, epoch: int) -> int:
 async def reset_alarms(cell: Cell) -> Condition:
     """Acknowledge position alarms and say what is left."""
     await motor_store(cell).reset_position_alarms()
+    cell.motion.epoch = None  # what follows is a new beginning for the encoders
     return await cell.robot.condition()
 
 

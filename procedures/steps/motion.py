@@ -1,7 +1,7 @@
 """Steps that move the robot to planned joints. Every joint comes to rest turning in the positive sense.
 
 One side for all captures keeps the gears on one tooth flank, so that backlash does not enter the comparison
-of a record with a recovery.
+of a record with a recovery. Nothing here commands a robot: `procedures.motion_gate` does, or a person.
 """
 
 from dataclasses import dataclass
@@ -10,18 +10,13 @@ import numpy as np
 
 from calibration.mastering import DriveTrain
 from drivers.interfaces import Counts, Joints
+from procedures import motion_gate
+from procedures.approach import OVERSHOOT_RAD, from_below
 from procedures.cell import Cell
-from procedures.run import ProcedureError
-from procedures.steps.mastering import axis_jog, motor_store
+from procedures.motion_gate import Care, Jog, refuse_off_target
+from procedures.steps.mastering import motor_store
 
-OVERSHOOT_RAD = 0.0174533  # 1 deg
 AXIS_TOLERANCE_RAD = 2e-3
-
-
-class OffTargetError(ProcedureError):
-    """A move ended somewhere else than planned."""
-
-    code = "procedure.off_target"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,54 +44,65 @@ class CountsToJoints:
 
 
 async def go_to(cell: Cell, target_rad: Joints, speed_rad_s: float) -> Arrival:
-    """Move a mastered robot to joints, by way of a point below them where a joint would come from above."""
-    speed = min(speed_rad_s, cell.limits.speed_rad_s)
-    here = (await cell.robot.joints()).joints_rad
-    below = tuple(t - OVERSHOOT_RAD if t < q else t for t, q in zip(target_rad, here, strict=True))
-    if below != tuple(target_rad):
-        await cell.robot.move_joints(below, speed_rad_s=speed)
-    await cell.robot.move_joints(tuple(target_rad), speed_rad_s=speed)
-    arrival = await _arrival(cell)
-    _refuse_off_target(arrival.joints_rad, target_rad, cell.limits.joint_tolerance_rad)
-    return arrival
+    """Move a mastered robot, the wire hooked in, to joints; come to rest there from below."""
+    return await go_along(cell, (target_rad,), speed_rad_s)
+
+
+async def go_along(cell: Cell, way_rad: tuple[Joints, ...], speed_rad_s: float) -> Arrival:
+    """Move a mastered robot, the wire hooked in, along the corners of a way; come to rest at the last from below."""
+    await follow(cell, way_rad, speed_rad_s, wired=True)
+    return await _arrival(cell)
+
+
+async def come_from_below(cell: Cell, target_rad: Joints, speed_rad_s: float) -> Joints:
+    """Move any robot to joints as ``go_to`` does; return where it stands, in the controller's joints."""
+    return await follow(cell, (target_rad,), speed_rad_s)
+
+
+async def follow(
+    cell: Cell, way_rad: tuple[Joints, ...], speed_rad_s: float, *, wired: bool = False
+) -> Joints:
+    """Move along the corners of a way; come to rest at the last one from below.
+
+    ``wired`` tells that the draw-wire hangs where the cell file says, and has to keep its length and distances.
+    """
+    target = way_rad[-1]
+    before = way_rad[-2] if len(way_rad) > 1 else (await cell.robot.joints()).joints_rad
+    corners = (*way_rad[:-1], *from_below(before, target))
+    await motion_gate.move_along(cell, corners, speed_rad_s, care=Care.WIRED if wired else Care.FREE)
+    found = (await cell.robot.joints()).joints_rad
+    refuse_off_target(found, target, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
+    return found
 
 
 async def jog_to(cell: Cell, target_rad: Joints, mapping: CountsToJoints, speed_rad_s: float) -> Arrival:
     """Bring a robot that does not know its position to joints, one axis after the other, J1 first."""
-    jogs, store = axis_jog(cell), motor_store(cell)
-    speed = min(speed_rad_s, cell.limits.jog_speed_rad_s)
+    store = motor_store(cell)
+    tolerance = motion_gate.tolerance_rad(cell, AXIS_TOLERANCE_RAD)
     for axis, target in enumerate(target_rad):
-        here = mapping.joints(await store.encoder_counts())[axis]
-        delta = target - here
-        if abs(delta) <= AXIS_TOLERANCE_RAD / 20:
+        here = mapping.joints(await store.encoder_counts())
+        delta = target - here[axis]
+        if abs(delta) <= tolerance / 20:
             continue
         if delta < 0:
-            await jogs.jog_axis(axis, delta - OVERSHOOT_RAD, speed_rad_s=speed)
-            delta = target - mapping.joints(await store.encoder_counts())[axis]
-        await jogs.jog_axis(axis, delta, speed_rad_s=speed)
+            await motion_gate.jog_axis(cell, Jog(axis, delta - OVERSHOOT_RAD, speed_rad_s, here))
+            here = mapping.joints(await store.encoder_counts())
+            delta = target - here[axis]
+        await motion_gate.jog_axis(cell, Jog(axis, delta, speed_rad_s, here))
     arrival = await _arrival(cell)
-    _refuse_off_target(mapping.joints(arrival.counts), target_rad, AXIS_TOLERANCE_RAD)
+    refuse_off_target(mapping.joints(arrival.counts), target_rad, tolerance)
     return arrival
 
 
 async def pass_index(cell: Cell, axis: int, delta_rad: float, speed_rad_s: float) -> Arrival:
-    """Turn one motor past its index and back, so that its single-turn reading is known again."""
-    jogs = axis_jog(cell)
-    speed = min(speed_rad_s, cell.limits.jog_speed_rad_s)
-    await jogs.jog_axis(axis, delta_rad, speed_rad_s=speed)
-    await jogs.jog_axis(axis, -delta_rad, speed_rad_s=speed)
+    """Turn one motor past its index and back, to rest from below; its single-turn reading is known again."""
+    turns = [delta_rad, -delta_rad]
+    if delta_rad > 0:
+        turns = [delta_rad, -delta_rad - OVERSHOOT_RAD, OVERSHOOT_RAD]
+    for turn in turns:
+        await motion_gate.jog_axis(cell, Jog(axis, turn, speed_rad_s))
     return await _arrival(cell)
 
 
 async def _arrival(cell: Cell) -> Arrival:
     return Arrival(await motor_store(cell).encoder_counts(), (await cell.robot.joints()).joints_rad)
-
-
-def _refuse_off_target(found: Joints, target: Joints, tolerance_rad: float) -> None:
-    errors = [abs(f - t) for f, t in zip(found, target, strict=True)]
-    worst = max(range(len(errors)), key=errors.__getitem__)
-    if errors[worst] > tolerance_rad:
-        raise OffTargetError(
-            f"axis {worst + 1} ended {np.degrees(errors[worst]):.3f} deg from its target",
-            remedy="Look whether something blocks the arm, then resume.",
-        )

@@ -28,6 +28,20 @@ async def write_and_read_back(cell: Cell, number: int, flange_tool: Pose) -> Pos
     return _kept(f"tool frame {number}", found, flange_tool)
 
 
+async def read_tool_frame(cell: Cell, number: int) -> Pose:
+    """Return the tool frame that the controller holds, before anything is changed."""
+    if cell.tool_frames is None:
+        raise NeedsUnmetError("this robot's tool frames cannot be read", missing=("writes_tool_frame",))
+    return await cell.tool_frames.read_tool_frame(number)
+
+
+async def read_user_frame(cell: Cell, number: int) -> Pose:
+    """Return the user frame that the controller holds, before anything is changed."""
+    if cell.user_frames is None:
+        raise NeedsUnmetError("this robot's user frames cannot be read", missing=("writes_user_frame",))
+    return await cell.user_frames.read_user_frame(number)
+
+
 async def write_user_frame(cell: Cell, number: int, base_user: Pose) -> Pose:
     """Make user frame ``number`` be ``base_user`` and return what the controller then says."""
     store = cell.user_frames

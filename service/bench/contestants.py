@@ -16,7 +16,7 @@ from calibration.geometry import Array
 from service.bench.child import MISSING
 
 _HERE = Path(__file__).parent
-_DEADLINE_S = 600.0
+_DEADLINE_S = 1200.0
 _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OPENBLAS", "OMP", "MKL", "NUMEXPR", "VECLIB")}
 
 

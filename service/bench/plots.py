@@ -2,12 +2,21 @@
 
 import json
 from pathlib import Path
-from typing import Any
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+import numpy as np
 from matplotlib.figure import Figure
 
-from service.bench.results import Topic
+from service.bench.results import Result, Topic
+from service.plots.style import AFTER, BEFORE, house_style, new_figure, tidy, title_of, write_figures
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_BAR_INCHES = 0.27
+_TITLE_LETTERS = 105
+_FEWFOLD = 20.0  # figures nearer together than this are compared by their lengths
 
 
 def write_results(document: dict[str, Any], topics: tuple[Topic, ...], folder: Path) -> list[Path]:
@@ -15,26 +24,50 @@ def write_results(document: dict[str, Any], topics: tuple[Topic, ...], folder: P
     folder.mkdir(parents=True, exist_ok=True)
     text = folder / "bench.json"
     text.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    return [text, *(path for topic in topics for path in _draw(topic, folder))]
+    with house_style():
+        figures = {f"bench_{topic.name}": draw(topic) for topic in topics if topic.results}
+    return [text, *write_figures(figures, folder)]
 
 
-def _draw(topic: Topic, folder: Path) -> list[Path]:
+def draw(topic: Topic) -> Figure:
+    """Draw time beside figure of merit, one row of panels a case, fastest on top."""
     cases = list(dict.fromkeys(result.case for result in topic.results))
-    figure = Figure(figsize=(7.5, 1.2 + 1.6 * len(cases)), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(len(cases), 1, squeeze=False)[:, 0]
-    for panel, case in zip(axes, cases, strict=True):
-        results = sorted((r for r in topic.results if r.case == case), key=lambda r: r.rate)
-        names = [result.contestant for result in results]
-        colours = ["tab:blue" if name == "cellcal" else "tab:grey" for name in names]
-        bars = panel.barh(names, [result.rate for result in results], color=colours)
-        labels = [f"{r.rate:,.0f}/s, {r.error:.2g} {r.error_unit}" for r in results]
-        panel.bar_label(bars, labels=labels, padding=3, fontsize=8)
-        panel.set_xscale("log")
-        panel.margins(x=0.6)
-        panel.set_title(f"{topic.name}, {case}", fontsize=9)
-    axes[-1].set_xlabel("poses or rows a second, one thread, one run")
-    paths = [folder / f"bench_{topic.name}.{kind}" for kind in ("png", "svg")]
-    for path in paths:
-        figure.savefig(path, dpi=130, metadata={"Date": None} if path.suffix == ".svg" else None)
-    return paths
+    by_case = [sorted((r for r in topic.results if r.case == case), key=lambda r: r.rate) for case in cases]
+    heights = [len(results) * _BAR_INCHES + 0.5 for results in by_case]
+    title = wrap(f"{topic.name}: {topic.question}", _TITLE_LETTERS)
+    figure = new_figure(11.0, sum(heights) + 1.0 + 0.2 * len(title))
+    title_of(figure, "\n".join(title))
+    grid = figure.subplots(len(cases), 2, squeeze=False, sharex="col", height_ratios=heights)
+    for panels, case, results in zip(grid, cases, by_case, strict=True):
+        _bars(panels[0], results, [each.seconds / each.count * 1e6 for each in results])
+        _bars(panels[1], results, [each.error for each in results])
+        panels[0].set_title(case, loc="left")
+        panels[1].tick_params(labelleft=False)
+    grid[-1, 0].set_xscale("log")
+    grid[-1, 0].set_xlabel("microseconds of processor time a row or pose, one thread (log)")
+    wide = _spread([each.error for each in topic.results]) > _FEWFOLD
+    grid[-1, 1].set_xscale("log" if wide else "linear")
+    grid[-1, 1].xaxis.set_tick_params(which="both", rotation=0 if wide else 30)
+    grid[-1, 1].set_xlabel(topic.results[0].error_unit + (" (log)" if wide else ""))
+    return figure
+
+
+def _spread(values: list[float]) -> float:
+    sensible = [value for value in values if 0 < value < float("inf")]
+    return max(sensible) / min(sensible) if sensible else 1.0
+
+
+def _bars(panel: "Axes", results: list[Result], values: list[float]) -> None:
+    names = [each.contestant for each in results]
+    shown = np.array(values)
+    sensible = np.isfinite(shown) & (shown > 0)
+    colours = [AFTER if "cellcal" in name else BEFORE for name in names]
+    bars = panel.barh(names, np.where(sensible, shown, np.nan), color=colours, height=0.7)
+    labels = [
+        (f"{value:,.0f}" if value >= 1000 else f"{value:.3g}") if good else "none"
+        for value, good in zip(values, sensible, strict=True)
+    ]
+    panel.bar_label(bars, labels=labels, padding=3, fontsize=8)
+    panel.margins(x=0.2)
+    tidy(panel)
+    panel.grid(visible=False, axis="y")

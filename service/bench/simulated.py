@@ -22,12 +22,7 @@ class Arms:
 
     def inputs(self) -> dict[str, Array]:
         """Return both as placements with the joints' zeros in them, and as rows theta, d, a, alpha [rad, m]."""
-        return {
-            "nominal_placements": _placements(self.nominal),
-            "real_placements": _placements(self.real),
-            "nominal_dh": _rows(self.nominal),
-            "real_dh": _rows(self.real),
-        }
+        return {**model_inputs(self.nominal, "nominal"), **model_inputs(self.real, "real")}
 
 
 def arms(seed: int) -> Arms:
@@ -50,9 +45,14 @@ def device_and_target(rng: np.random.Generator) -> tuple[Array, Array]:
     return homogeneous(place[:3, :3], place[:3, 3]), np.array([0.08, -0.05, 0.12])
 
 
+def model_inputs(model: RobotModel, name: str) -> dict[str, Array]:
+    """Return one arm in forms that contestants read, under a name."""
+    return {f"{name}_placements": _placements(model), f"{name}_dh": _rows(model)}
+
+
 def _placements(model: RobotModel) -> Array:
     placements = model.placements.copy()
-    turns = exp_twist(np.concatenate([np.zeros((6, 5)), model.theta0_rad[:, None]], axis=1))
+    turns = exp_twist(np.concatenate([np.zeros((model.axes, 5)), model.theta0_rad[:, None]], axis=1))
     placements[:-1] = placements[:-1] @ turns
     return placements
 

@@ -8,6 +8,7 @@ from service.bench.compensate import run_compensate
 from service.bench.contestants import BenchError
 from service.bench.identify import run_identify
 from service.bench.poses import run_poses
+from service.bench.real import run_real
 from service.bench.results import Topic
 
 TopicRun: TypeAlias = Callable[[int, int, Mapping[str, Path]], Topic]
@@ -15,6 +16,7 @@ TOPICS: dict[str, TopicRun] = {
     "identify": run_identify,
     "compensate": run_compensate,
     "poses": run_poses,
+    "real": run_real,
 }
 
 

@@ -13,14 +13,19 @@ from rich.console import Console
 from rich.markup import escape
 
 from calibration.errors import CellError
+from service.cli.alignments import alignments
 from service.cli.bench import bench
 from service.cli.cells import check, fakes
+from service.cli.certificate import certificate, verify
 from service.cli.demo import demo
 from service.cli.identify import identify
+from service.cli.mastering import mastering
 from service.cli.models import models
+from service.cli.outlook import procedures
 from service.cli.parameters import parameters
 from service.cli.poses import poses
-from service.cli.runs import procedures, resume, run, runs, show
+from service.cli.runs import resume, run, runs, show
+from service.cli.simulate_cell import simulate_cell
 from service.cli.watch import watch
 from service.exit_codes import ExitCode, exit_code_of
 
@@ -43,6 +48,11 @@ for command in (
     runs,
     show,
     resume,
+    certificate,
+    verify,
+    mastering,
+    alignments,
+    simulate_cell,
     identify,
     models,
     poses,

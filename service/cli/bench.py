@@ -1,5 +1,6 @@
 """``cellcal bench``: speed and accuracy against peers, on the same data, in one run."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,12 +9,18 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from service.bench.reference import Comparison
     from service.bench.results import Topic
 
+_FILE_WIDTH = 170
 
-def bench(
+
+def bench(  # noqa: PLR0913  # a command's options are its arguments
     *,
     only: str = "",
+    reference: bool = False,
+    data: Path | None = None,
+    robot: str = "",
     out: Path | None = None,
     peer_python: tuple[str, ...] = (),
     seed: int = 0,
@@ -28,7 +35,15 @@ def bench(
     Parameters
     ----------
     only
-        Topics, separated by commas: identify, compensate, poses. All if not given.
+        Topics, separated by commas: identify, compensate, poses, real. All if not given.
+    reference
+        Instead, solve the shipped reference problems, whose answers come from an independent solver, and print
+        every difference beside its tolerance. Ends with exit code 3 if one fails.
+    data
+        Measurements of positions or poses, in any form that `cellcal identify` reads, for the topic `real`; the two
+        series of a UR10 that ship if not given.
+    robot
+        Nominal model that `--data` was measured on.
     out
         Folder for bench.json and a plot of each topic (PNG and SVG).
     peer_python
@@ -40,16 +55,23 @@ def bench(
     as_json
         Print one JSON object on standard output.
     """
-    from rich.console import Console
-
+    if reference:
+        return _reference(out, as_json=as_json)
     from service.bench.contestants import parse_interpreters
     from service.bench.results import as_document
     from service.bench.topics import choose_topics
     from service.cli.printing import EN_ROUTE, print_json
 
     interpreters = parse_interpreters(peer_python)
+    chosen = choose_topics(only)
+    if data is not None:
+        from functools import partial
+
+        from service.bench.real import read, run_real
+
+        chosen["real"] = partial(run_real, series=(read(data, robot),))
     topics = []
-    for name, topic in choose_topics(only).items():
+    for name, topic in chosen.items():
         EN_ROUTE.print(f"bench: {name} …")
         topics.append(topic(seed, max(1, rounds), interpreters))
     document = as_document(tuple(topics), seed, rounds)
@@ -61,8 +83,56 @@ def bench(
     if as_json:
         print_json(document)
     else:
-        _print(Console(highlight=False), tuple(topics))
+        _print(_wide_console(), tuple(topics))
     return 0
+
+
+def _reference(out: Path | None, *, as_json: bool) -> int:
+    from rich.console import Console
+
+    from service.bench.reference import as_document, check_all
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.exit_codes import ExitCode
+
+    found = check_all()
+    document = as_document(found)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        path = out / "reference.json"
+        path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        EN_ROUTE.print(f"wrote {path}")
+    if as_json:
+        print_json(document)
+    else:
+        _print_reference(Console(highlight=False), found)
+    return int(ExitCode.PASS if document["passed"] else ExitCode.OUT_OF_TOLERANCE)
+
+
+def _wide_console() -> "Console":
+    """Return a console on which a row of the table is a line, where nobody's window is in the way."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=_FILE_WIDTH)
+
+
+def _print_reference(console: "Console", found: "tuple[Comparison, ...]") -> None:
+    from rich.table import Table
+
+    from calibration.reference_data import load_reference
+
+    for problem in dict.fromkeys(each.problem for each in found):
+        document = load_reference(problem)
+        table = Table("posed", "answer", "numbers", "difference", "tolerance", "", title=document["title"])
+        for each in found:
+            if each.problem == problem:
+                verdict = "[green]pass[/]" if each.passed else "[red]FAIL[/]"
+                sizes = (f"{each.difference:.1e}", f"{each.tolerance:.0e}")
+                table.add_row(each.posed, each.answer, str(each.numbers), *sizes, verdict)
+        console.print(table)
+        console.print(f"[dim]answers by {document['solver']}[/]")
+    failed = sum(not each.passed for each in found)
+    console.print(f"{len(found)} comparisons, {failed} failed.")
 
 
 def _print(console: "Console", topics: tuple["Topic", ...]) -> None:
@@ -70,19 +140,18 @@ def _print(console: "Console", topics: tuple["Topic", ...]) -> None:
     from rich.table import Table
 
     for topic in topics:
-        table = Table(
-            "case", "contestant", "time", "a second", "cellcal is faster", "figure", "notes",
-            title=f"{topic.name}: {topic.question}",
-        )  # fmt: skip
+        table = Table("case", "contestant", title=f"{topic.name}: {topic.question}", title_justify="left")
+        for heading in ("processor time (ms)", "x cellcal's time", "figure"):
+            table.add_column(heading, justify="right", no_wrap=True)
+        table.add_column("notes")
         for result in sorted(topic.results, key=lambda each: (each.case, each.seconds / each.count)):
             ratio = topic.ratio(result)
             notes = ", ".join(f"{key.replace('_', ' ')} {value:.4g}" for key, value in result.notes.items())
             table.add_row(
                 result.case,
                 result.contestant,
-                f"{result.seconds * 1e3:.4g} ms",
-                f"{result.rate:,.0f}",
-                "" if ratio is None or result.contestant == "cellcal" else f"{ratio:.3g} x",
+                f"{result.seconds * 1e3:,.4g}",
+                "" if ratio is None or result.contestant == "cellcal" else f"{ratio:,.3g}",
                 f"{result.error:.3g} {result.error_unit}",
                 escape(notes),
             )

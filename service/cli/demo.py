@@ -30,7 +30,7 @@ def demo(
     time_factor
         How much faster than real the world's clock runs.
     keep
-        Keep the cell file and the journal in this folder.
+        Keep the cell file, the journal and the signed certificate of the recovery in this folder.
     as_json
         Print one JSON object on standard output; the story goes to standard error.
     """
@@ -53,7 +53,21 @@ def demo(
         print_json(report.as_object())
     else:
         teller.close_with(report)
+    if keep is not None:
+        _certify(keep)
     return ExitCode.PASS if report.verdict == "PASS" else ExitCode.REFUSED
+
+
+def _certify(folder: Path) -> None:
+    """Write the certificate of the recovery, or the record of its refusal, and say how to check it."""
+    from service.cli.certificate import issue_after_run
+    from service.cli.printing import EN_ROUTE
+    from service.config import read_cell_file
+
+    issued = issue_after_run(read_cell_file(folder / "cell.toml"), "last")
+    if issued is not None:
+        check = f"cellcal verify {issued.json_path} --key {issued.key.public}"
+        EN_ROUTE.print(f"check it with:\n{check}", markup=False, soft_wrap=True)
 
 
 def _refuse_impossible(seed: int, time_factor: float, keep: Path | None) -> None:

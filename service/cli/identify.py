@@ -9,15 +9,12 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
-    from calibration.cross_validation import Errors
+    from service.at_points import AtOptions
     from service.identify import IdentifyReport
     from service.measurements import ReadOptions
 
-_MOST_ROWS_SHOWN = 12
-_WIDER = "these postures hardly show them: measure over a wider range of these joints"
+_MM = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
+_DEG = {"deg": 0.017453292519943295, "mrad": 1e-3, "rad": 1.0}
 
 
 def identify(  # noqa: PLR0913  # a command's options are its arguments
@@ -29,6 +26,17 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     check: Path | None = None,
     train_rows: int | None = None,
     seed: Annotated[int, Parameter(validator=Number(gte=0))] = 0,
+    start: str = "nominal",
+    free: tuple[str, ...] = (),
+    residual_model: bool = False,
+    limit: str = "",
+    accept_offset_sd: str = "",
+    accept_offsets: tuple[str, ...] = (),
+    at: Path | None = None,
+    at_csv: Path | None = None,
+    at_convention: str = "",
+    at_identified: bool = False,
+    dh: bool = False,
     plot: Path | None = None,
     columns: tuple[str, ...] = (),
     units: tuple[str, ...] = (),
@@ -52,16 +60,45 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     robot
         Nominal model; `cellcal models` lists them.
     level
-        0 base and tool only, 1 mastering offsets, 2 geometry, 3 and sag, 4 and gear ripple. Chosen by
-        cross-validation if not given.
+        0 base and tool only, 1 mastering offsets, 2 geometry, 3 and sag, 4 and gear ripple, 5 and gear ratios.
+        Chosen by cross-validation if not given.
     check
         Another file, on which the finished model is evaluated.
     train_rows
         Fit this many rows, drawn at random; all other rows are held out.
     seed
         Of the draw and of the folds.
+    start
+        Where values and priors stand: nominal; previous (the newest set of `--serial` in `--save`); or a file, a
+        parameter set or the `--json` of an earlier identification. A set that holds its covariance is the prior as
+        it is: five rows add to it, and an offset that they contradict is named.
+    free
+        What may move, if not all of a level: offsets, geometry, gravity, ripple, gear, wire, base, tool, J3 (its
+        offset and geometry), or parameters such as "J2 offset", with commas. The rest is held. Base and tool are
+        free unless an earlier `--json` tells where they are.
+    residual_model
+        Try a smooth function of the joints for what the arm leaves over; used only if held-out groups gain.
+    limit
+        Judge the RMSE of rows that were not fitted (of the check file, if there is one): 0.5mm.
+    accept_offset_sd
+        Judge the standard deviation of joint offsets: 0.01deg.
+    accept_offsets
+        Only these offsets count, such as "J2 offset".
+    at
+        CSV: how surely the target's place is known there. Columns q1_deg, q2_deg …; or flange poses in the robot's
+        base, x_mm, y_mm, z_mm, qw, qx, qy, qz. A cell of several targets needs a column target.
+    at_csv
+        Write that as CSV.
+    at_convention
+        Poses are written as this maker does, in columns such as W_deg, P_deg, R_deg for fanuc_wpr.
+    at_identified
+        Poses are where the identified robot shall stand; else what its controller is told, which believes the
+        nominal robot.
+    dh
+        Show the arm as DH, with Hayati's beta where axes are parallel.
     plot
-        Folder for plots of the residuals (PNG and SVG).
+        Folder for pictures (PNG and SVG): an overview page, residuals by row and by joint, the error map over
+        the workspace, correlations, distributions.
     columns
         What a column is, where guessing fails: joints=q1,q2,… position=X,Y,Z length=L controller=… rotation=…
         group=…
@@ -72,17 +109,19 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     sheet
         Sheet of an Excel file.
     layout
-        TOML file that names columns, units, orientation convention, joint coupling and groups.
+        TOML file that names columns, units, orientation convention, joint coupling and groups; or the readings
+        of several devices, targets and robots, which are then fitted together: level, seed, free, limit,
+        accept-offset-sd, at, dh, plot, save and urdf mean the same there, the others are refused with the reason.
     show_layout
         Print how the file is understood, as such a layout file, and stop.
     save
         Folder of parameter sets, in which the result becomes the robot's newest version; needs `--serial`, `--by`.
     serial
-        Of the robot, for `--save`.
+        Of the robot, for `--save`; of a cell of several left=4711,right=4712.
     by
         Who measured, for `--save`.
     urdf
-        Write the identified arm as a URDF file.
+        Write the identified arm as a URDF file; of several robots one each, with its name.
     geometric_joints
         In that file, where the controller couples joints: angles against the link before.
     as_json
@@ -90,33 +129,122 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     """
     # Before numpy is imported: on matrices of this size a second BLAS thread only waits for the first.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from rich.console import Console
-
-    from service.cli.printing import EN_ROUTE, print_json
+    from calibration.cell_levels import CellOptions
+    from service.at_points import AtOptions
+    from service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
     from service.identify import IdentifyOptions, identify_file
+    from service.identify_start import StartOptions
+    from service.identify_verdicts import Limits
+    from service.measurement_cells import describes_a_cell
     from service.measurement_layouts import overlaid, read_layout
     from service.measurements import ReadOptions
 
+    limits = Limits(
+        _quantity(limit, "--limit", _MM),
+        _quantity(accept_offset_sd, "--accept-offset-sd", _DEG),
+        accept_offsets,
+    )
+    outputs = _Outputs(save, serial, by, urdf, geometric_joints)
+    outputs.check()
+    asked = None if at is None else AtOptions(at, at_convention, at_identified)
+    if layout is not None and describes_a_cell(layout):
+        refuse_for_a_cell({
+            "check": check, "train_rows": train_rows, "start": start != "nominal", "columns": columns,
+            "residual_model": residual_model, "units": units, "convention": convention, "sheet": sheet,
+            "show_layout": show_layout,
+        })  # fmt: skip
+        words = tuple(word.strip() for text in free for word in text.split(","))
+        command = CellCommand(
+            measurements, layout, robot, limits, asked, at_csv, plot, save, serial, by, urdf, geometric_joints,
+            dh, as_json,
+        )  # fmt: skip
+        return identify_cell(command, CellOptions(level=level, seed=seed, free=words))
     named = {key: tuple(value.split(",")) for key, value in _pairs(columns, "--columns").items()}
     read = ReadOptions(named, _pairs(units, "--units"), convention, sheet)
     if layout is not None:
         read = overlaid(read_layout(layout), read)
     if show_layout:
         return _show_layout(measurements, robot, read, as_json=as_json)
-    outputs = _Outputs(save, serial, by, urdf, geometric_joints)
-    outputs.check()
-    report = identify_file(measurements, robot, IdentifyOptions(level, check, train_rows, seed, read))
+    begin = StartOptions(start, save, serial, free)
+    options = IdentifyOptions(level, check, train_rows, seed, read, begin, residual_model, limits)
+    report = identify_file(measurements, robot, options)
     outputs.write(report, measurements)
-    if plot is not None:
-        from service.identify_plots import draw_identification
+    _show(report, _Views(plot, asked, at_csv, dh=dh), as_json=as_json)
+    return _exit_code(report)
 
-        for path in draw_identification(report, plot):
-            EN_ROUTE.print(f"wrote {path}")
+
+@dataclass(frozen=True, slots=True)
+class _Views:
+    """What is shown beside the report."""
+
+    plot: Path | None
+    at: "AtOptions | None"
+    at_csv: Path | None
+    dh: bool
+
+
+def _show(report: "IdentifyReport", views: _Views, *, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from rich.console import Console
+
+    from service.cli.identify_report import print_dh, print_report, print_tips
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.identify_at import tips_at, write_tips
+
+    tips = None if views.at is None else tips_at(views.at, report)
+    if tips is not None and views.at_csv is not None:
+        write_tips(tips, views.at_csv)
+        EN_ROUTE.print(f"wrote {views.at_csv}", markup=False)
+    if views.plot is not None:
+        _draw(report, views.plot)
     if as_json:
-        print_json(report.as_document())
-    else:
-        _print_report(Console(highlight=False), report)
-    return 0
+        at = {} if tips is None else {"at": tips.as_document()}
+        dh = {"dh": asdict(report.dh)} if views.dh and report.dh is not None else {}
+        print_json({**report.as_document(), **at, **dh})
+        return
+    console = Console(highlight=False)
+    print_report(console, report)
+    if views.dh:
+        print_dh(console, report.dh, report.robot)
+    if tips is not None:
+        print_tips(console, tips)
+
+
+def _draw(report: "IdentifyReport", folder: Path) -> None:
+    from service.cli.printing import EN_ROUTE
+    from service.identify_plots import draw_identification
+
+    for path in draw_identification(report, folder):
+        EN_ROUTE.print(f"wrote {path}")
+
+
+def _exit_code(report: "IdentifyReport") -> int:
+    from service.exit_codes import ExitCode
+
+    return ExitCode.PASS if report.verdicts.proved else ExitCode.OUT_OF_TOLERANCE
+
+
+def _quantity(text: str, option: str, units: dict[str, float]) -> float | None:
+    """Return a positive number with its unit in SI; None if nothing was said."""
+    import math
+    import re
+
+    from service.measurement_table import MeasurementError
+
+    if not text:
+        return None
+    match = re.fullmatch(r"\s*([0-9.eE+-]+)\s*([a-z]+)\s*", text)
+    try:
+        value = float(match[1]) * units[match[2]] if match else math.nan
+    except (KeyError, ValueError):
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise MeasurementError(
+            f"{option} {text} is no positive number with a unit.",
+            remedy=f"Write it as {option} 0.5{next(iter(units))}; units: {', '.join(units)}.",
+        )
+    return value
 
 
 def _show_layout(measurements: Path, robot: str, read: "ReadOptions", *, as_json: bool) -> int:
@@ -185,90 +313,3 @@ def _pairs(words: tuple[str, ...], option: str) -> dict[str, str]:
     if wrong:
         raise MeasurementError(f"{option} {wrong[0]} has no '='.", remedy=f"Write {option} joints=….")
     return dict(word.split("=", 1) for word in words)
-
-
-def _print_report(console: "Console", report: "IdentifyReport") -> None:
-    from rich.markup import escape
-    from rich.table import Table
-
-    from calibration.parameters import LEVEL_NAMES
-
-    for guess in report.measurements.guesses:
-        console.print(f"[dim]read: {escape(guess)}[/]")
-    table = Table(
-        "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {report.rows} rows"
-    )
-    _add(table, "before: base and tool fitted to the nominal robot", report.before)
-    _add(table, f"held out: level {report.level}, {LEVEL_NAMES[report.level]}", report.held_out)
-    _add(table, "fit (residuals, not an accuracy)", report.fit)
-    if report.check is not None:
-        _add(table, "check file", report.check)
-    console.print(table)
-    console.print(f"Held out by {report.held_out_by}.")
-    levels = [str(level) for level in report.identification.judgement.levels]
-    if len(set(levels)) > 1:
-        console.print(f"[dim]Without one fold each, the level would be {', '.join(levels)}.[/]")
-    if report.breaks:
-        rows = ", ".join(str(row) for row in report.breaks)
-        console.print(f"[bold]The device was moved[/] before rows {rows} (data rows counted from 0).")
-    for reason in (*report.identification.break_reasons, *report.identification.level_reasons):
-        console.print(f"  {escape(reason)}")
-    for lint in report.lints:
-        console.print(f"[yellow]note[/] {escape(lint.message)}")
-    _print_rejected(console, report)
-    _print_parameters(console, report)
-    console.print(f"{report.seconds:.1f} s")
-
-
-def _add(table: "Table", title: str, errors: "Errors") -> None:
-    sizes = (errors.rmse_m, errors.mean_m, errors.p95_m, errors.max_m)
-    table.add_row(title, str(errors.n), *(f"{size * 1e3:.3f}" for size in sizes))
-
-
-def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
-    from rich.markup import escape
-
-    if not report.rejected:
-        return
-    console.print(f"[bold]{len(report.rejected)} rows rejected[/]")
-    for item in report.rejected[:_MOST_ROWS_SHOWN]:
-        console.print(f"  row {item.row}: {escape(item.reason)}")
-    if len(report.rejected) > _MOST_ROWS_SHOWN:
-        console.print(f"  … and {len(report.rejected) - _MOST_ROWS_SHOWN} more (`--json` lists all)")
-
-
-def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
-    from rich.table import Table
-
-    scales = {
-        "rad": ("deg", 57.29577951308232),
-        "m": ("mm", 1e3),
-        "rad/m": ("deg/m", 57.29577951308232),
-        "1": ("ppm", 1e6),
-    }
-    unknown = {item.parameter for item in report.identification.not_identified}
-    known = [p for p in report.parameters if p.name not in unknown and " ripple " not in p.name]
-    if known:
-        table = Table("identified", "value", "sigma", "unit")
-        for parameter in known:
-            unit, scale = scales[parameter.unit]
-            table.add_row(
-                parameter.name, f"{parameter.value * scale:+.4f}", f"{parameter.sigma * scale:.4f}", unit
-            )
-        console.print(table)
-    _print_unknown(console, report)
-
-
-def _print_unknown(console: "Console", report: "IdentifyReport") -> None:
-    from rich.table import Table
-
-    together: dict[tuple[str, str], list[str]] = {}
-    for item in report.identification.not_identified:
-        where = item.cure if item.partner else _WIDER
-        together.setdefault((item.partner or "-", where), []).append(item.parameter)
-    if not together:
-        return
-    table = Table("not identified", "hidden behind", "cure")
-    for (partner, cure), names in together.items():
-        table.add_row(", ".join(names), partner, cure)
-    console.print(table)

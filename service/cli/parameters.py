@@ -153,6 +153,33 @@ def diff(
 
 
 @parameters.command
+def keep(
+    *,
+    cell: Annotated[Path, Parameter(name="--cell", help="The cell file (TOML).")],
+    by: str,
+    robot: str | None = None,
+    folder: Folder = _HERE,
+    as_json: Json = False,
+) -> int:
+    """Save what the newest robot calibration of a cell found as the robot's next version.
+
+    Parameters
+    ----------
+    cell
+        The cell file whose journal holds the calibration.
+    by
+        Who keeps it.
+    robot
+        Which robot of the cell; the first if not said.
+    """
+    from service.calibrated_runs import keep_calibration
+    from service.config import read_cell_file
+
+    saved = keep_calibration(read_cell_file(cell), robot, _sets(folder), by, _now())
+    return _report(saved, (), as_json=as_json)
+
+
+@parameters.command
 def rollback(
     robot_serial: str,
     version: int,

@@ -1,4 +1,4 @@
-"""``cellcal procedures | run | runs | show | resume``: do it, and look at what was done."""
+"""``cellcal run | runs | show | resume``: do it, and look at what was done."""
 
 import asyncio
 from pathlib import Path
@@ -14,41 +14,7 @@ if TYPE_CHECKING:
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
 
-def procedures(*, cell: Path | None = None, as_json: Json = False) -> int:
-    """List the procedures, and for a cell what it lacks for each.
-
-    Parameters
-    ----------
-    cell
-        The cell file (TOML); its devices are asked what they can do.
-    as_json
-        Print one JSON object on standard output.
-    """
-    from rich.console import Console
-    from rich.table import Table
-
-    from procedures.catalogue import ENTRIES
-    from service.cli.printing import print_json
-
-    lacking = asyncio.run(_lacking(cell)) if cell else {}
-    rows: list[dict[str, Any]] = [
-        {"name": entry.name, "title": entry.title, "version": entry.version, "lacks": lacking.get(entry.name)}
-        for entry in ENTRIES
-    ]
-    if as_json:
-        print_json({"procedures": rows})
-        return 0
-    table = Table("procedure", "what it does", *(["this cell"] if cell else []))
-    for row in rows:
-        state = (
-            [] if row["lacks"] is None else ["lacks " + ", ".join(row["lacks"]) if row["lacks"] else "ready"]
-        )
-        table.add_row(row["name"], row["title"], *state)
-    Console().print(table)
-    return 0
-
-
-def run(
+def run(  # noqa: PLR0913  a command's options are its arguments
     procedure: str,
     /,
     *,
@@ -56,9 +22,13 @@ def run(
     robot: str | None = None,
     setting: Annotated[tuple[str, ...], Parameter(name=["--set", "-s"], negative=())] = (),
     answers: Path | None = None,
+    dry_run: Annotated[bool, Parameter(negative=())] = False,
     as_json: Json = False,
 ) -> int:
     """Run a procedure on a cell, with progress; questions are asked in the terminal.
+
+    At its end the result is judged (PASS, FAIL, UNDECIDED) and a signed certificate is written. Exit codes: 0 PASS,
+    3 FAIL, 4 UNDECIDED or refused.
 
     Parameters
     ----------
@@ -72,14 +42,21 @@ def run(
         KEY=VALUE of the procedure's spec, in SI units (VALUE is JSON or text); may be repeated.
     answers
         A JSON file {instruction key: answer} that answers instead of a person.
+    dry_run
+        Show steps, poses, duration, predicted uncertainty and what the cell lacks; touch no device.
     as_json
         Print one JSON object on standard output.
     """
+    from service.cli.outlook import tell_dry_run
     from service.config import read_cell_file
+    from service.outline import refuse_class_out_of_reach
 
-    config = read_cell_file(cell)
-    outcome = asyncio.run(run_live(config, procedure, robot, _settings(setting), answers))
-    return tell(outcome, as_json=as_json)
+    config, settings = read_cell_file(cell), _settings(setting)
+    if dry_run:
+        return tell_dry_run(config, procedure, robot, settings, as_json=as_json)
+    refuse_class_out_of_reach(config, procedure, settings, robot)
+    outcome = asyncio.run(run_live(config, procedure, robot, settings, answers))
+    return tell(outcome, config, as_json=as_json)
 
 
 def resume(
@@ -88,6 +65,7 @@ def resume(
     *,
     cell: Path,
     robot: str | None = None,
+    redo_from: Annotated[str | None, Parameter(name="--from")] = None,
     answers: Path | None = None,
     as_json: Json = False,
 ) -> int:
@@ -101,6 +79,9 @@ def resume(
         The cell file (TOML); it must be the one the run was started with.
     robot
         Which robot of the cell; the first one when not said.
+    redo_from
+        A step of `cellcal show`: what was found from there on no longer counts and is done again. It is asked first;
+        the journal keeps everything.
     answers
         A JSON file {instruction key: answer} that answers instead of a person.
     as_json
@@ -108,8 +89,9 @@ def resume(
     """
     from service.config import read_cell_file
 
-    outcome = asyncio.run(_resume(read_cell_file(cell), run_id, robot, answers))
-    return tell(outcome, as_json=as_json)
+    config = read_cell_file(cell)
+    outcome = asyncio.run(_resume(config, run_id, robot, answers, redo_from))
+    return tell(outcome, config, as_json=as_json)
 
 
 def runs(*, cell: Path, as_json: Json = False) -> int:
@@ -165,10 +147,9 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
 
     from service.check import told_damage
     from service.cli.printing import print_json
-    from service.execute import newest
 
     with _journal(cell) as (journal, store):
-        view = store.run(newest(store, run_id))
+        view = store.run(store.newest(run_id))
         damage = journal.verify()
         events = journal.events(view.run_id)
     if as_json:
@@ -177,6 +158,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
             {
                 "run_id": view.run_id, "procedure": view.procedure, "state": view.state,
                 "reason": view.reason, "spec": view.spec, "findings": findings, "result": view.result,
+                "judgement": view.judgement,
                 "journal": "unchanged" if damage is None else told_damage(damage),
             }
         )  # fmt: skip
@@ -192,6 +174,8 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         for key, value in view.result.items():
             tree.add(f"{key}: {_short(value)}")
         console.print(tree)
+    if view.judgement is not None:
+        console.print(f"verdict: {view.judgement['word'].upper()}; `cellcal certificate` tells it whole")
     if damage is None:
         console.print("journal: unchanged")
     return _tell_damage(damage)
@@ -269,17 +253,6 @@ class _Opened:
 _journal = _Opened
 
 
-async def _lacking(cell: Path) -> dict[str, list[str]]:
-    from drivers.operator.scripted import ScriptedOperator
-    from procedures.catalogue import ENTRIES
-    from procedures.entry import missing
-    from service.cell import open_cell
-    from service.config import read_cell_file
-
-    async with open_cell(read_cell_file(cell), ScriptedOperator({})) as opened:
-        return {entry.name: list(missing(entry, opened)) for entry in ENTRIES}
-
-
 async def run_live(
     config: "CellConfig", procedure: str, robot: str | None, settings: dict[str, Any], answers: Path | None
 ) -> "Outcome":
@@ -291,12 +264,14 @@ async def run_live(
         return await start(Where(config, _operator(answers), robot, show_event), procedure, settings)
 
 
-async def _resume(config: "CellConfig", run_id: str, robot: str | None, answers: Path | None) -> "Outcome":
+async def _resume(
+    config: "CellConfig", run_id: str, robot: str | None, answers: Path | None, redo_from: str | None
+) -> "Outcome":
     from service.cli.progress import live_progress
     from service.execute import Where, go_on
 
     with live_progress("resume") as show_event:
-        return await go_on(Where(config, _operator(answers), robot, show_event), run_id)
+        return await go_on(Where(config, _operator(answers), robot, show_event), run_id, redo_from)
 
 
 def _operator(answers: Path | None) -> Any:
@@ -335,25 +310,53 @@ _WORDS = {
 }
 
 
-def tell(outcome: "Outcome", *, as_json: bool) -> int:
-    """Print how a run ended and return its exit code."""
+def tell(outcome: "Outcome", config: "CellConfig", *, as_json: bool) -> int:
+    """Print how a run ended, write its certificate or the record of its refusal, and return its exit code."""
     from pydantic_core import to_jsonable_python
     from rich.markup import escape
 
+    from service.cli.certificate import issue_after_run
     from service.cli.printing import EN_ROUTE, print_json
     from service.conduct import Verdict
-    from service.exit_codes import ExitCode, exit_code_named
+    from service.exit_codes import exit_code_named, exit_code_of_word
 
-    if as_json:
-        print_json(to_jsonable_python(outcome))
-    else:
-        colour = "green" if outcome.verdict is Verdict.PASSED else "red"
+    passed = outcome.verdict is Verdict.PASSED
+    if not as_json:
+        colour = "green" if passed else "red"
         EN_ROUTE.print(
             f"[bold {colour}]{_WORDS[outcome.verdict]}[/] {outcome.procedure}, run {outcome.run_id}"
         )
         for line in (outcome.reason, f"What to do: {outcome.remedy}" if outcome.remedy else ""):
             if line:
                 EN_ROUTE.print(escape(line))
-    if outcome.verdict is Verdict.PASSED:
-        return ExitCode.PASS
-    return exit_code_named(outcome.code)
+        tell_judgement(outcome.judgement)
+    told = passed or outcome.verdict in (Verdict.REFUSED, Verdict.OUT_OF_TOLERANCE)
+    issued = issue_after_run(config, outcome.run_id) if told else None
+    if as_json:
+        path = None if issued is None else str(issued.json_path)
+        print_json({**to_jsonable_python(outcome), "certificate": path})
+    return (
+        exit_code_of_word((outcome.judgement or {}).get("word")) if passed else exit_code_named(outcome.code)
+    )
+
+
+def tell_judgement(judgement: Any) -> None:
+    """Print the verdict, and what keeps it from being PASS."""
+    from rich.markup import escape
+
+    from service.cli.printing import EN_ROUTE
+    from service.quantities import quantity
+
+    if judgement is None:
+        return
+    word = judgement["word"]
+    colour = {"pass": "green", "fail": "red"}.get(word, "yellow")
+    EN_ROUTE.print(f"verdict: [bold {colour}]{word.upper()}[/] ({escape(judgement['limits_from'])})")
+    for figure in judgement["characteristics"]:
+        if figure["decision"] in ("fail", "undecided"):
+            unit, limit = figure["unit"], figure["limit"]
+            found = f"{figure['name']}: {quantity(figure['value'], unit)}"
+            found += "" if limit is None else f", limit {quantity(limit, unit)}"
+            EN_ROUTE.print(escape(f"  {figure['decision'].upper()} {found}. {figure['rule']}"))
+    for line in judgement["to_sign"]:
+        EN_ROUTE.print(f"[bold yellow]to be signed by hand:[/] {escape(line)}")

@@ -74,7 +74,10 @@ class Teller:
         colour = "green" if report.verdict == "PASS" else "red"
         console.print(f"[bold {colour}]{report.verdict}[/] {escape(report.reason)}")
         console.print(f"detected by: {escape(report.detected_by)}")
-        console.print(f"{report.captures} captures, {report.seconds:.1f} s in all")
+        minutes, seconds = divmod(round(report.robot_time_s), 60)
+        console.print(
+            f"{report.captures} captures, joints turned for {minutes} min {seconds} s; story {report.seconds:.1f} s"
+        )
 
 
 def _joints(report: DemoReport) -> Table:

@@ -36,12 +36,19 @@ def watch(cell: Path, /) -> int:
 
 
 async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:
+    from service.answers_to_loss import journal_detection, prepare_answer
     from service.cli.printing import EN_ROUTE
     from service.cli.runs import run_live, tell
 
-    command = f"cellcal run mastering_recovery --cell {config.path} --robot {loss.robot}"
-    if not config.watch.recover_alone:
-        EN_ROUTE.print(f"[bold]What to do:[/] look at the robot, then: {command}")
-        return
-    EN_ROUTE.print("The cell file allows it: the recovery starts and asks before anything moves.")
-    tell(await run_live(config, "mastering_recovery", loss.robot, {}, None), as_json=False)
+    entry = journal_detection(config, loss)
+    answer = prepare_answer(config, loss)
+    EN_ROUTE.print(f"Most likely {loss.suspicion.mode}: {loss.suspicion.words}. Journalled as {entry}.")
+    if answer.procedure is None:
+        EN_ROUTE.print("[bold]What to do:[/] compare the serial numbers; nothing is started for this robot.")
+    elif not answer.starts_alone:
+        EN_ROUTE.print(f"Not started alone: {'; '.join(answer.reasons)}.", markup=False)
+        EN_ROUTE.print(f"[bold]What to do:[/] look at the robot, then: {answer.command}")
+    else:
+        EN_ROUTE.print("The cell file allows it: the recovery starts, and asks where hands are needed.")
+        outcome = await run_live(config, answer.procedure, loss.robot, answer.settings, None)
+        tell(outcome, config, as_json=False)

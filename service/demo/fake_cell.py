@@ -30,19 +30,31 @@ profile = "fanuc_hmi"
 address = "{address}"
 port = 1502
 model = "fanuc_m6ib"
+motion = "commanded"
 serial = "F-104711"
 deadline_s = 2.0
 speed_limit_rad_s = 0.5
 settle_s = {settle_s}
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
 
 [[robot]]
 name = "ur"
 driver = "universal_robots"
 address = "{address}"
 model = "ur10e"
+motion = "commanded"
 serial = "20225500042"
 deadline_s = 2.0
 speed_limit_rad_s = 0.5
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
 
 [[gauge]]
 name = "wire"
@@ -61,10 +73,12 @@ anchor_in_base_mm = [900.0, -700.0, -450.0]
 hook_in_flange_mm = [60.0, 50.0, 120.0]
 anchor_sigma_mm = 10.0
 hook_sigma_mm = 2.0
+mouth_at_mm = [750.0, 0.0, 550.0]
 
 [watch]
 period_s = 0.2
 recover_alone = true
+cell_closed = true
 
 [fake]
 seed = {seed}

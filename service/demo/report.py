@@ -36,6 +36,7 @@ class DemoReport:
     verdict: str
     reason: str
     seconds: float
+    robot_time_s: float = 0.0  # of turning joints; rests, index runs and computing not counted
     gate: tuple[tuple[str, bool, str], ...] = field(default=())
 
     def as_object(self) -> dict[str, Any]:
@@ -58,4 +59,5 @@ class DemoReport:
             "tcp_error_after_m": {"mean": self.tcp_error_after_m.mean, "max": self.tcp_error_after_m.max},
             "verdict": self.verdict,
             "reason": self.reason,
+            "robot_time_s": self.robot_time_s,
         }

@@ -74,7 +74,8 @@ async def tell_story(folder: Path, plot: Plot) -> DemoReport:
                 assert cell.mastering is not None
                 drive = await cell.mastering.drive_train()
     seconds = time.monotonic() - started_s
-    told = _Told(loss, outcome, truth_before, truth_after, error_before, error_after, drive, seconds)
+    truths = (truth_before, truth_after, error_before, error_after)
+    told = _Told(loss, outcome, *truths, drive, seconds)
     return _report(plot, told)
 
 
@@ -196,5 +197,6 @@ def _report(plot: Plot, told: "_Told") -> DemoReport:
         verdict="PASS" if passed else "REFUSED",
         reason=result.reason if passed else f"{told.outcome.reason} {told.outcome.remedy}".strip(),
         seconds=told.seconds,
+        robot_time_s=result.robot_seconds,
         gate=tuple((check.name, check.passed, check.sentence) for check in result.gate),
     )

@@ -31,6 +31,9 @@ def test_help_names_every_command() -> None:
         "runs",
         "show",
         "resume",
+        "certificate",
+        "verify",
+        "mastering",
         "identify",
         "models",
     ):

@@ -9,7 +9,7 @@ import pytest
 
 KEYS = {
     *("loss", "detected_by", "captures", "joints", "verdict", "reason"),
-    *("tcp_error_before_m", "tcp_error_after_m"),
+    *("tcp_error_before_m", "tcp_error_after_m", "robot_time_s"),
 }
 JOINT_KEYS = {"name", "turns_lost", "turns_restored", "offset_error_rad", "offset_u_rad"}
 

@@ -46,8 +46,12 @@ async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> Non
             healthy = await first_seen(memory)
             truth = (await door.truth())["robots"]["fanuc"]
             assert list(healthy.counts) == truth["counts_read"]
+            await door.fault("battery_low")
+            await until_said(process, "Exchange it with the controller switched ON", heard)
             await door.fault("battery_loss", axes="all")
             await until_said(process, "lost its position", heard)
+            await until_said(process, "Most likely M1", heard)
+            await until_said(process, "recover_alone is not set", heard)
             await until_said(process, "cellcal run mastering_recovery", heard)
             assert memory.load("fanuc") == healthy  # what was healthy is not overwritten by what was lost
         finally:

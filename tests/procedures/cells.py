@@ -6,20 +6,38 @@ from typing import Any
 
 import numpy as np
 
+from calibration.alignment import Alignment
+from calibration.drift_reference import DriftReference
 from calibration.geometry import Pose, homogeneous, quaternion_from_rotation
 from calibration.kinematics import load_model
 from calibration.mastering import MasteringRecord
-from procedures.cell import Cell, GaugeSetup, MotionLimits
+from procedures.accuracy_check import AccuracyCheck, CheckRules
+from procedures.arm_bench import Method
+from procedures.base_to_base import BaseToBaseSpec
+from procedures.calibration_plan import SeriesRules
+from procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits, TrackerSetup
+from procedures.drift_check import DriftCheck, drift_check
+from procedures.drift_plan import DriftRules
+from procedures.end_effector_points import EndEffectorPoints
+from procedures.fixture_alignment import FixtureAlignment
+from procedures.frame_offset import FrameOffset
+from procedures.limits import FrameLimits
 from procedures.mastering_record import MasteringRecordSpec, mastering_record
 from procedures.mastering_recovery import MasteringRecoverySpec
+from procedures.robot_calibration import RobotCalibration
 from procedures.run import Run
+from procedures.simulation_cell import SimulationCell
 from procedures.six_point_tcp import SixPointTcp
+from procedures.survey import SurveyRules
 from procedures.three_point_frame import ThreePointFrame
-from tests.procedures.ideal import Hands, IdealArm, IdealWire
+from tests.procedures.ideal import ZERO, Hands, IdealArm, IdealTracker, IdealWire
 from tests.procedures.ledgers import MemoryLedger
+from tests.unit.helpers.tags import FIXTURE_BASE, two_paths
 
+Triple = tuple[float, float, float]
 TIP = (0.012, -0.034, 0.215)
 LOST = (1, -2, 3, 0, 1, -1)
+TARGET = (0.08, 0.04, 0.1)
 
 
 @dataclass
@@ -47,9 +65,12 @@ def scene(spec: Any = None) -> Scene:
         tool_frames=arm,
         user_frames=arm,
         gauge=wire,
+        tracker=IdealTracker(arm),
+        tracker_setup=TrackerSetup(TARGET),
         gauge_setup=GaugeSetup((0.9, -0.7, -0.45), (0.06, 0.05, 0.12)),
         model=arm.model,
         limits=MotionLimits(settle_s=0.0),
+        level=MotionLevel.COMMANDED,
         config_sha256="c0ffee",
     )
     return Scene(arm, wire, hands, cell, spec)
@@ -92,14 +113,23 @@ def _turned(axis: int, angle: float) -> np.ndarray:
     return matrix
 
 
-def touching() -> Scene:
-    """Return a cell whose technician teaches six points with a known tool."""
-    made = scene(SixPointTcp(tool_number=3))
+def touching(**more: Any) -> Scene:
+    """Return a cell whose technician teaches six points with a known tool, and turns it as he likes."""
+    made = scene(SixPointTcp(tool_number=3, **more))
     pin, square = np.array([0.7, 0.1, 0.3]), np.diag([1.0, -1.0, -1.0])
     attitudes = {
         "touch": square,
         "touch_about_x": square @ _turned(0, 2.0),
         "touch_about_y": square @ _turned(1, 1.2),
+        "touch_2": square @ _turned(0, 1.0),
+        "touch_3": square @ _turned(2, 1.0),
+        "touch_4": square @ _turned(0, -0.7) @ _turned(1, -0.7),
+        "touch_5": square @ _turned(2, -1.1),
+        "touch_6": square @ _turned(1, -1.0),
+        "touch_7": square @ _turned(0, 0.8) @ _turned(2, 0.8),
+        "touch_8": square @ _turned(1, 0.9) @ _turned(2, -0.5),
+        "orient_origin": square,
+        "hold_tool": np.diag([1.0, -1.0, -1.0]) @ tool_rotation().T,
     }
 
     def place(rotation: np.ndarray, point: np.ndarray) -> Callable[[], None]:
@@ -145,8 +175,150 @@ def pointing() -> Scene:
     return made
 
 
+FIXTURE_POINTS = ((-0.35, -0.45, 0.0), (0.35, -0.45, 0.0), (-0.35, 0.45, 0.0), (0.35, 0.45, 0.25))
+BASE_FIXTURE = Pose((0.853, 0.004, -0.196))
+TARGETS = ((0.0, 0.0, 0.0), (0.16, 0.0, -0.05), (0.0, 0.16, -0.05))
+FLANGE_TOOL = Pose((0.002, -0.003, 0.204))
+QUICK = SurveyRules(min_captures=4, max_captures=5, candidates=12, samples=1)
+OFFSET_POINTS = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.4, 0.0), (0.3, 0.2, 0.1))
+
+
+def at(pose: Pose, point: Triple) -> Triple:
+    """Return a point of a frame seen from outside."""
+    x, y, z = pose.rotation() @ np.array(point) + np.array(pose.position_m)
+    return (float(x), float(y), float(z))
+
+
+def aligning(points: tuple[Triple, ...] = FIXTURE_POINTS[:3], **more: Any) -> Scene:
+    """Return a cell whose technician puts the wire on the points of a fixture."""
+    limits = more.pop("limits", FrameLimits(0.03, 0.05))
+    rough = Pose((0.85, 0.0, -0.2))
+    made = scene(
+        FixtureAlignment("table", points, rough, limits=limits, rules=more.pop("rules", QUICK), **more)
+    )
+    for number, point in enumerate(points, 1):
+        seat = at(BASE_FIXTURE, point)
+        made.hands.does[f"mount_wire_{number}"] = lambda seat=seat: setattr(
+            made.wire, "anchor_in_base_m", seat
+        )
+    return made
+
+
+def hanging(points: tuple[Triple, ...] = TARGETS, **more: Any) -> Scene:
+    """Return a cell whose technician hangs the wire's hook into points of the end-effector."""
+    spec = EndEffectorPoints(
+        4, points, Pose((0.0, 0.0, 0.2)), **({"tip_u_m": 0.03, "angle_u_rad": 0.2, "rules": QUICK} | more)
+    )
+    made = scene(spec)
+    for number, point in enumerate(points, 1):
+        hole = at(FLANGE_TOOL, point)
+        made.hands.does[f"hook_wire_{number}"] = lambda hole=hole: setattr(
+            made.wire, "hook_in_flange_m", hole
+        )
+    return made
+
+
+def moved_workpiece(old: Pose = FRAME, old_new: Pose | None = None) -> Scene:
+    """Return a cell whose workpiece moved, and whose technician touches four of its points again."""
+    old_new = old_new or Pose.from_matrix(homogeneous(_turned(2, 0.02), np.array([0.03, -0.02, 0.004])))
+    spec = FrameOffset(2, TIP, points_in_frame_m=OFFSET_POINTS, check_above=True)
+    made = scene(spec)
+    made.arm.frames[2] = old
+    attitude = np.diag([1.0, -1.0, -1.0])
+    places = {f"touch_point_{k}": point for k, point in enumerate(OFFSET_POINTS, 1)} | {
+        "touch_above": (0.1, 0.1, 0.2)
+    }
+    for key, point in places.items():
+        tip = np.array(at(old @ old_new, point))
+        pose = Pose.from_matrix(homogeneous(attitude, tip - attitude @ np.array(TIP)))
+        made.hands.does[key] = lambda pose=pose: setattr(made.arm, "taught", pose)
+    return made
+
+
+def alignment_of(serial: str, base_fixture: Pose, *, fixture: str = "table", **more: Any) -> Alignment:
+    """Return an alignment known within tenths of millimetres."""
+    covariance = np.diag([5e-5**2] * 3 + [5e-5**2] * 3)
+    rows = tuple(tuple(float(v) for v in row) for row in covariance)
+    return Alignment(fixture, serial, "fanuc_m6ib", FIXTURE_POINTS, base_fixture, rows, **more)
+
+
+def through_a_fixture() -> Scene:
+    """Return a cell whose journal holds the alignments of two robots with one fixture."""
+    made = scene(BaseToBaseSpec("table"))
+    mine = alignment_of("F-1", BASE_FIXTURE, counts_at_zero=ZERO)
+    made.cell = replace(made.cell, alignments=(mine, alignment_of("F-2", OTHER_BASE_FIXTURE)))
+    return made
+
+
+OTHER_BASE_FIXTURE = Pose((0.9, 0.2, -0.2), (0.0, 0.0, 0.0, 1.0))
+
+
+FEW = SeriesRules(first=6, batch=2, min_captures=10, max_captures=10, candidates=50, tests=8, samples=1)
+WRONG_ZEROS = (0, 20_000, -30_000, 9_000, 8_000, 0)  # counts by which the arm's mastering is off
+
+
+def calibrating(**more: Any) -> Scene:
+    """Return a cell whose robot has wrong zeros, and nothing else."""
+    spec = replace(RobotCalibration("tracker", "offsets", tip_u_m=0.002, write_zeros=True, rules=FEW), **more)
+    made = scene(spec)
+    made.arm.true_zero = tuple(zero + off for zero, off in zip(ZERO, WRONG_ZEROS, strict=True))
+    return made
+
+
+LITTLE = DriftRules(poses=5, first=4, candidates=40, samples=1)
+QUICK_ROUND = CheckRules(cycles=2, placing=10, candidates=32, samples=1)
+_references: dict[str, DriftReference] = {}
+
+
+async def drifting(method: Method = "wire", **more: Any) -> Scene:
+    """Return a cell whose robot was healthy when its reference was taken; the caller lets something happen to it."""
+    spec = replace(DriftCheck(method, rules=LITTLE), **more)
+    key = repr(spec)
+    if key not in _references:
+        healthy = scene()
+        _references[key] = (await drift_check(Run(healthy.cell, MemoryLedger()), spec)).reference
+    made = scene(spec)
+    made.cell = replace(made.cell, drift_references=(_references[key],))
+    return made
+
+
+async def knocked() -> Scene:
+    """Return a cell whose tool was knocked after the reference was taken."""
+    made = await drifting()
+    x, y, z = made.wire.hook_in_flange_m
+    made.wire.hook_in_flange_m = (x + 0.001, y - 0.0008, z)
+    return made
+
+
+def going_round(method: Method = "tracker", **more: Any) -> Scene:
+    """Return a cell whose robot goes round the test poses."""
+    return scene(replace(AccuracyCheck(method, rules=QUICK_ROUND), **more))
+
+
+def simulating() -> Scene:
+    """Return a cell that is simulated, and whose robot's base is found by tags in its fixture."""
+    in_base, in_fixture = two_paths(FIXTURE_BASE, 9)
+    return scene(SimulationCell("base", in_base, in_fixture, nominal=Pose((1.2, 0.0, 0.4))))
+
+
 async def scene_for(name: str) -> Scene:
     """Return a scene in which the procedure of this name succeeds."""
     if name == "mastering_recovery":
         return await recovering()
-    return {"mastering_record": recording, "six_point_tcp": touching, "three_point_frame": pointing}[name]()
+    if name == "drift_check":
+        return await knocked()
+    return SCENES[name]()
+
+
+SCENES: dict[str, Callable[[], Scene]] = {
+    "simulation_cell": simulating,
+    "mastering_record": recording,
+    "six_point_tcp": touching,
+    "three_point_frame": pointing,
+    "fixture_alignment": aligning,
+    "end_effector_points": lambda: hanging(TARGETS[:1]),  # one spot: the fixture's scene has more
+    "frame_offset": moved_workpiece,
+    "base_to_base": through_a_fixture,
+    "robot_calibration": calibrating,
+    "accuracy_check": going_round,
+}

@@ -26,10 +26,12 @@ from drivers.interfaces import (
     JointReading,
     Joints,
     MasteringData,
+    PointReading,
     Question,
     Readiness,
     Reading,
     RobotCapabilities,
+    TrackerCapabilities,
 )
 
 COUNTS = 2**19
@@ -120,7 +122,8 @@ class IdealArm:
         believed = self.drive.joints(
             np.array(await self.encoder_counts()), np.array(self.data.counts_at_zero)
         )
-        return JointReading(tuple(float(v) for v in believed), self.moving, 0.0)
+        now_s = asyncio.get_running_loop().time()
+        return JointReading(tuple(float(v) for v in believed), self.moving, now_s)
 
     async def flange_pose(self) -> Pose:
         if self.taught is not None:
@@ -248,6 +251,43 @@ class IdealWire:
         value = length + noise + self.kink_m.get(self.readings, 0.0)
         self.readings += 1
         return Reading(value, 2e-4, 0.0, round(value * 1e5))
+
+
+@dataclass
+class IdealTracker:
+    """A tracker beside the arm. Its noise depends on the place: a run can be repeated."""
+
+    arm: IdealArm
+    target_in_flange_m: tuple[float, float, float] = (0.0806, 0.0393, 0.1004)
+    base_tracker: Pose = field(default_factory=lambda: Pose((2.5, -1.5, 0.6), (0.8, 0.0, 0.0, 0.6)))
+    noise_m: float = 0.00002
+    station: int = 1
+    name: str = "tracker"
+    serial: str = "T-1"
+    readings: int = 0
+
+    @property
+    def capabilities(self) -> TrackerCapabilities:
+        return TrackerCapabilities(measures_poses=False, range_m=20.0, sigma_m=2e-5)
+
+    async def identify(self) -> Identity:
+        await asyncio.sleep(0)
+        return Identity("ideal", "tracker", self.serial, "1.0")
+
+    async def condition(self) -> Condition:
+        await asyncio.sleep(0)
+        return Condition(Readiness.READY)
+
+    async def point(self) -> PointReading:
+        await asyncio.sleep(0)
+        joints = self.arm.true_joints
+        target = self.arm.model.tip_positions(joints[None], np.array(self.target_in_flange_m))[0]
+        digest = hashlib.sha256(repr([round(float(q), 4) for q in joints]).encode()).digest()
+        noise = (np.frombuffer(digest[:12], dtype=np.uint8).reshape(3, 4).sum(axis=1) - 510.0) / 148.0
+        there = target + noise * self.noise_m - np.array(self.base_tracker.position_m)
+        x, y, z = (float(v) for v in self.base_tracker.rotation().T @ there)
+        self.readings += 1
+        return PointReading((x, y, z), (2e-5, 2e-5, 2e-5), 0.0, self.station)
 
 
 @dataclass

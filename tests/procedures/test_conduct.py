@@ -43,7 +43,7 @@ async def test_a_passed_run_returns_its_result_and_keeps_it(journal: Journal) ->
     assert outcome.verdict is Verdict.PASSED
     assert isinstance(outcome.result, FrameSetup)
     view = Store(journal).run(outcome.run_id)
-    assert (view.state, view.procedure, view.version) == ("passed", NAME, 1)
+    assert (view.state, view.procedure, view.version) == ("passed", NAME, 2)
     kept = Store(journal).kept("user_frame", "F-1")
     assert [fact["subject"] for fact in kept] == ["2"]
     assert {event.actor for event in journal.events()} == {"anna"}
@@ -116,7 +116,6 @@ async def test_a_stored_record_serves_the_next_run(journal: Journal) -> None:
     record = store.mastering_record("F-1")
     assert record == outcome.result.record
     assert store.mastering_record("F-2") is None
-    assert store.import_json(store.export_json(record)) == record
     store.put_mastering_record(replace(record, robot_serial="F-2"), actor="anna")
     imported = store.mastering_record("F-2")
     assert imported is not None
@@ -235,7 +234,7 @@ async def test_the_header_says_what_was_run_where(journal: Journal) -> None:
     header = json.loads(first.body)
     assert first.kind == Kind.STARTED
     assert header["cell"]["encoder_epoch"] == 3
-    assert [mark["identity"]["serial"] for mark in header["cell"]["devices"]] == ["F-1", "W-1"]
+    assert [mark["identity"]["serial"] for mark in header["cell"]["devices"]] == ["F-1", "W-1", "T-1"]
     assert header["cell"]["config_sha256"] == "c0ffee"
     assert header["spec"]["frame_number"] == 2
     assert header["software"]

@@ -56,7 +56,7 @@ async def test_six_points_find_the_tool_and_write_it() -> None:
 
 
 async def test_a_pin_that_moved_is_a_result_with_a_remedy_and_nothing_is_written() -> None:
-    made = touching()
+    made = touching(max_touches=3)
     teach = made.hands.does["touch_about_y"]
 
     def moved() -> None:
@@ -292,8 +292,9 @@ async def test_a_capture_of_a_moving_arm_is_refused() -> None:
 
 def test_a_cell_that_lacks_something_is_told_what() -> None:
     assert missing(ENTRY, Cell("bare", IdealArm(), Hands())) == (
-        *("a robot that jogs single axes", "access to encoder counts and mastering", "a length gauge"),
-        *("where the wire is fixed (cell.toml)", "a kinematic model of the robot"),
+        *("a robot that jogs single axes", "access to encoder counts and mastering"),
+        "a draw-wire, touch probe or tracker, or a record with touched places or a seat",
+        "a kinematic model of the robot",
     )
 
 

@@ -3,7 +3,20 @@
 import sys
 from collections.abc import Callable
 
-from tests.soak import compensation, durability, losses, stories, ur_fence
+from tests.soak import (
+    calibration_campaign,
+    compensation,
+    coverage,
+    cramer_rao,
+    durability,
+    fixtures,
+    losses,
+    motion_gate,
+    outliers,
+    stories,
+    tcp,
+    ur_fence,
+)
 from tests.soak.figures import Figures
 
 CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
@@ -14,11 +27,22 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "many": (losses.many, 1000),
     "outlier": (losses.outlier, 200),
     "poor": (losses.poor, 200),
+    "exchanged": (losses.exchanged, 300),
     "kill": (durability.kill, 100),
     "matrix": (durability.matrix, 1000),
     "power": (durability.power, 300),
     "fence": (ur_fence.fence, 20),
+    "fixture": (fixtures.fixture, 500),
+    "tool": (fixtures.tool, 500),
+    "bases": (fixtures.bases, 200),
+    "tcp": (tcp.tcp, 2000),
+    "calibrations": (calibration_campaign.calibrations, 40),
+    "drifts": (calibration_campaign.drifts, 20),
     "compensation": (compensation.compensation, 1_000_000),
+    "outliers": (outliers.outliers, 400),
+    "coverage": (coverage.coverage, 2000),
+    "gate": (motion_gate.gate, 100_000),
+    "cramer_rao": (cramer_rao.cramer_rao, 1000),
 }
 
 

@@ -2,11 +2,13 @@
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from service.bench import identify, real
 from service.bench.compensate import judge
 from service.bench.contestants import (
     OURS,
@@ -22,6 +24,7 @@ from service.bench.poses import determinant_root
 from service.bench.results import Result, Topic, as_document, take_turns
 from service.bench.simulated import arms, draw_joints
 from service.bench.topics import TOPICS, choose_topics
+from service.cli.app import run_command_line
 
 NOBODY = Contestant("nobody", "roboticstoolbox_peer.py", "roboticstoolbox-python==1.5.0")
 
@@ -124,6 +127,82 @@ def test_the_determinant_root_is_that_of_the_sum():
     total = sum(blocks[:, :, i] @ blocks[:, :, i].T for i in chosen)
     assert determinant_root(blocks, chosen) == pytest.approx(np.linalg.det(total) ** 0.25)
     assert determinant_root(blocks[:, :, :1] * 0, np.array([0])) == 0.0
+
+
+def test_accuracy_is_that_of_many_draws_and_near_the_bound():
+    case = identify.case_of(0, 100)
+    result = Result("cellcal", "100 rows", 100, 0.01, 0.02, "mm rms")
+    often = {**case.often, "draws": np.array(60)}
+    told = identify.over_many_draws(result, replace(case, often=often))
+    # Sixty draws of 27 unknowns leave 2 % to chance.
+    assert told.notes["over_cramer_rao_60_draws"] == pytest.approx(1.0, abs=0.08)
+
+
+def test_the_shipped_measurements_are_those_of_the_published_files():
+    published = Path(__file__).parents[1] / "data" / "ipa_ur10"
+    names = ("series_b_joint_configurations.csv", "series_c_random_poses_first_1400.csv")
+    for measured, name in zip(real.shipped(), names, strict=True):
+        again = real.read(published / name, "ur10")
+        assert measured.joints_rad == pytest.approx(again.joints_rad, abs=1e-12)
+        assert measured.positions_m == pytest.approx(again.positions_m, abs=1e-12)
+
+
+def test_rows_are_fitted_or_held_out_never_both():
+    train, held = real.split(1400, 3)
+    assert len(train) == 600
+    assert sorted([*train, *held]) == list(range(1400))
+    assert len(real.split(100, 3)[0]) == 60
+    assert (real.split(1400, 4)[0] != train).any()
+
+
+def measured_arm(count):
+    both = arms(0)
+    joints = draw_joints(np.random.default_rng(5), count)
+    places = both.real.tip_positions(joints, np.array([0.08, -0.05, 0.12])) + np.array([0.5, -0.2, 0.3])
+    return real.Measured("simulated", both.nominal, joints, places)
+
+
+def test_an_answer_of_the_wrong_shape_has_no_error_worth_a_number():
+    answers = {"check_positions": np.zeros((2, 3)), "seconds": np.array(1.0)}
+    result = real.judge(OURS, answers, np.zeros((5, 3)), "case", 10)
+    assert result.error == float("inf")
+
+
+def test_measurements_that_nobody_can_use_are_refused(tmp_path):
+    path = tmp_path / "wire.csv"
+    rows = [
+        ",".join(f"{value:.3f}" for value in row) for row in np.random.default_rng(0).uniform(0, 90, (70, 7))
+    ]
+    path.write_text("\n".join(["q1,q2,q3,q4,q5,q6,L", *rows]) + "\n", encoding="utf-8")
+    with pytest.raises(BenchError, match="lengths"):
+        real.read(path, "ur10")
+    with pytest.raises(BenchError, match="robot"):
+        real.read(path, "")
+
+
+def test_the_command_compares_on_a_file_where_geometry_beats_base_and_tool_only(tmp_path, capsys):
+    measured = measured_arm(70)
+    table = np.concatenate([np.rad2deg(measured.joints_rad), measured.positions_m * 1e3], axis=1)
+    lines = ["q1,q2,q3,q4,q5,q6,x,y,z", *(",".join(f"{value:.6f}" for value in row) for row in table)]
+    path = tmp_path / "points.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    arguments = ["bench", "--only", "real", "--rounds", "1", "--data", str(path), "--robot", "ur10", "--json"]
+    for peer in PEERS:
+        arguments += ["--peer-python", f"{peer.name}=/bin/false"]
+    assert run_command_line([*arguments, "--out", str(tmp_path / "out")]) == 0
+    document = json.loads(capsys.readouterr().out)
+    (topic,) = document["topics"]
+    assert {row["case"] for row in topic["results"]} == {"points.csv"}
+    by_name = {row["contestant"]: row for row in topic["results"]}
+    assert by_name["cellcal"]["error"] < 2e-3 < by_name["base and tool only"]["error"]
+    assert by_name["cellcal, level chosen"]["notes"]["level"] >= 2
+    assert by_name["cellcal"]["notes"]["held_out_rows"] == 28
+    absent = {each["contestant"] for each in topic["absent"]}
+    assert {"pinocchio", "figaroh", "pybotics"} <= absent
+    assert set(by_name) | absent == {each.name for each in real.CONTESTANTS}
+    assert all(each["reason"] for each in topic["absent"])
+    assert json.loads((tmp_path / "out" / "bench.json").read_text(encoding="utf-8")) == document
+    assert (tmp_path / "out" / "bench_real.svg").stat().st_size > 1000
 
 
 def test_words_on_the_command_line():

@@ -84,3 +84,74 @@ def test_an_unknown_driver_is_a_sentence(good: Path) -> None:
     good.write_text(good.read_text().replace('driver = "modbus_robot"', 'driver = "modbus_robt"'))
     faults = faults_of(good)
     assert any("modbus_robot" in sentence for sentence in faults.values())
+
+
+PROBE = """
+[[probe]]
+name = "{name}"
+driver = "touch_probe"
+address = "127.0.0.9"
+serial = "00:30:DE:01:02:03"
+robot = "{robot}"
+contact_input = 1
+echo_output = 1
+echo_input = {echo}
+tip_in_flange_mm = [0.0, 0.0, 160.0]
+tip_radius_mm = 1.5
+sigma_mm = 0.003
+overtravel_mm = 3.0
+delay_ms = 6.0
+delay_tolerance_ms = 3.0
+"""
+
+
+def test_a_probe_is_found_with_its_robot(good: Path) -> None:
+    good.write_text(good.read_text() + PROBE.format(name="probe", robot="fanuc", echo=2))
+    (entry,) = read_cell_file(good).probes_for("fanuc")
+    assert entry.device.name == "probe"
+    assert read_cell_file(good).probes_for("ur") == ()
+
+
+@pytest.mark.parametrize(
+    ("tables", "sentence"),
+    [
+        (PROBE.format(name="probe", robot="other", echo=2), "which is not in this file"),
+        (PROBE.format(name="probe", robot="fanuc", echo=1), "cannot be one input"),
+        (
+            PROBE.format(name="a", robot="ur", echo=2) + PROBE.format(name="b", robot="ur", echo=2),
+            "two probes",
+        ),
+        (PROBE.format(name="p", robot="ur", echo=2).replace("echo_input", "#"), "go together"),
+        (PROBE.format(name="p", robot="ur", echo=2).replace("00:30:DE", "WAGO"), "MAC-ID"),
+        (PROBE.format(name="p", robot="ur", echo=2) + "axis_in_flange = [0.0, 0.0, 2.0]\n", "length 1"),
+    ],
+)
+def test_a_probe_that_cannot_be_so_is_refused(good: Path, tables: str, sentence: str) -> None:
+    good.write_text(good.read_text() + tables)
+    assert any(sentence in told for told in faults_of(good).values())
+
+
+def test_a_draw_wire_is_on_the_bus_that_its_interface_names(good: Path) -> None:
+    text = good.read_text()
+    start = text.index("[[gauge]]")
+    gauge = """[[gauge]]
+name = "wire"
+driver = "draw_wire"
+interface = "modbus"
+host = "127.0.0.9"
+serial = 815
+step_um = 38.452
+range_m = 3.0
+sigma_m = 0.0002
+robot = "fanuc"
+anchor_in_base_mm = [900.0, -700.0, -450.0]
+hook_in_flange_mm = [60.0, 50.0, 120.0]
+"""
+    good.write_text(text[:start] + gauge)
+    found = read_cell_file(good).gauge_for("fanuc")
+    assert found is not None
+    assert found.device.interface == "modbus"
+    good.write_text(text[:start] + gauge.replace('"modbus"', '"profibus"'))
+    assert "there is no interface 'profibus'; there are socketcand" in faults_of(good)["gauge[0]"]
+    good.write_text(text[:start] + gauge.replace("step_um", "step_mm"))
+    assert "did you mean 'step_um'?" in faults_of(good)["gauge[0].step_mm"]

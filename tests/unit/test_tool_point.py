@@ -176,3 +176,22 @@ def test_tip_and_axes_make_the_tool_frame():
     assert pose.position_m == (0.1, 0.2, 0.3)
     assert np.allclose(pose.rotation(), TOOL)
     assert tool_pose((0.1, 0.2, 0.3)).quaternion == (1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("count", [3, 5])
+def test_the_tip_is_within_u_in_space_in_95_of_100_fits_whatever_the_number_of_touches(count):
+    inside = 0
+    for seed in range(1200):
+        found = locate_tool_point(noisy(seed, 2e-4, TILTS[:count]))
+        inside += np.linalg.norm(np.array(found.tip_in_flange_m) - TIP) <= found.tip_u_in_space_m
+    assert 0.935 < inside / 1200 < 0.965  # three deviations of a share of 95 % in 1200
+
+
+def test_a_touch_off_by_chance_is_rarely_called_stray_and_a_slip_always():
+    called = sum(locate_tool_point(noisy(seed, 2e-4)).stray_probability < 0.01 for seed in range(600))
+    assert called <= 15
+    touches = noisy(3, 2e-5)
+    touches[2] = touch(TILTS[2], noise=(2e-3, 0.0, 0.0))
+    found = locate_tool_point(touches)
+    assert (found.stray_touch, found.stray_probability < 1e-3) == (2, True)
+    assert found.leave_one_out_m[2] == found.leave_one_out_max_m

@@ -167,7 +167,7 @@ def test_verification_power_is_the_change_of_length_by_one_turn_in_deviations():
         for f in (flange, before)
     ]
     deviations = np.abs(lengths[0] - lengths[1]) / power[:, 3]
-    assert power.shape == (5, 6)
+    assert power.shape == (5, 6 + 2 * 15)
     assert ((deviations > 1e-4) & (deviations < 1e-3)).all()
 
 

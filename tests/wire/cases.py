@@ -36,6 +36,21 @@ class GaugeCase:
     heal: Callable[[Door], Awaitable[None]]
     link_faults: tuple[Fault, ...]
     true_length_m: Callable[[Truth], float] = lambda truth: truth["reading_m"]
+    shelf: str = "gauges"  # of the cell file and of the door's truth
+    shift_m: float = 0.05  # a change within its range
+    stranger: Any = None  # the serial of another one; None: the next number
+    shown_serial: Callable[[Any], str] = lambda config: str(config.serial)
+
+
+@dataclass(frozen=True)
+class ProbeCase:
+    """One touch probe of the cell file, by the name it has there."""
+
+    name: str
+    heal: Callable[[Door], Awaitable[None]]
+    link_faults: tuple[Fault, ...]
+    stale_faults: tuple[Fault, ...]  # every way in which its inputs can stop telling
+    stranger: Any
 
 
 async def until(holds: Callable[[], Awaitable[bool]]) -> None:
@@ -74,6 +89,15 @@ async def until_ready(device: Any, readiness: Readiness) -> Condition:
     return found[-1]
 
 
+async def until_open(probe: Any) -> None:
+    """Wait until a probe's contact is open."""
+
+    async def is_open() -> bool:
+        return not (await probe.contact()).closed
+
+    await until(is_open)
+
+
 async def _heal_modbus_robot(door: Door, robot: Any) -> None:
     await door.ask("clear")
     await door.fault("release_emergency_stop", device="fanuc")
@@ -97,6 +121,24 @@ async def _heal_draw_wire(door: Door) -> None:
     await door.fault("node_on", device="wire")
     await door.fault("wire_restore", device="wire")
     await door.fault("emcy_clear", device="wire")
+
+
+async def _heal_by_clearing(door: Door) -> None:
+    await door.ask("clear")
+
+
+async def _heal_modbus_draw_wire(door: Door) -> None:
+    await door.ask("clear")
+    await door.fault("wire_restore", device="wire_tcp")
+
+
+async def _heal_dial(door: Door) -> None:
+    await door.ask("clear")
+    await door.fault("push_in", device="dial", m=0.004)
+
+
+_MODBUS_LINK: tuple[Fault, ...] = (("silent", {}), ("reset", {}), ("refuse", {}), ("cut", {"bytes": 5}))
+_OTHER_MAC = "00:30:DE:0A:0B:0D"
 
 
 ROBOTS: dict[str, RobotCase] = {
@@ -125,5 +167,25 @@ GAUGES: dict[str, GaugeCase] = {
         name="wire",
         heal=_heal_draw_wire,
         link_faults=(("daemon_stop", {}), ("daemon_hang", {}), ("sdo_silent", {}), ("node_off", {})),
+    ),
+    "draw_wire_modbus": GaugeCase(name="wire_tcp", heal=_heal_modbus_draw_wire, link_faults=_MODBUS_LINK),
+    "dial_gauge": GaugeCase(
+        name="dial",
+        heal=_heal_dial,
+        link_faults=_MODBUS_LINK,
+        shelf="probes",
+        shift_m=0.002,
+        stranger=_OTHER_MAC,
+        shown_serial=lambda config: config.serial.replace(":", "").lower(),
+    ),
+}
+
+PROBES: dict[str, ProbeCase] = {
+    "touch_probe": ProbeCase(
+        name="probe",
+        heal=_heal_by_clearing,
+        link_faults=_MODBUS_LINK,
+        stale_faults=(("image_frozen", {}), ("bus_break", {"terminal": 2}), ("watchdog_expired", {})),
+        stranger=_OTHER_MAC,
     ),
 }

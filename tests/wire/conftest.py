@@ -8,11 +8,15 @@ import pytest
 
 from service.config import CellConfig, read_cell_file
 from service.demo.door import Door
-from tests.wire.cases import GAUGES, ROBOTS, GaugeCase, RobotCase, opened
+from tests.wire.cases import GAUGES, PROBES, ROBOTS, GaugeCase, ProbeCase, RobotCase, opened, until_open
 from tests.wire.fakes import running
 
 pytest.register_assert_rewrite(
-    "tests.wire.contract_robot", "tests.wire.contract_gauge", "tests.wire.contract_mastering"
+    "tests.wire.contract_robot",
+    "tests.wire.contract_gauge",
+    "tests.wire.contract_mastering",
+    "tests.wire.contract_tracker",
+    "tests.wire.contract_probe",
 )
 
 
@@ -56,9 +60,24 @@ def gauge_case(request: pytest.FixtureRequest) -> GaugeCase:
 async def gauge(gauge_case: GaugeCase, cell: CellConfig, door: Door) -> AsyncIterator[Any]:
     """A connected gauge, its cell healthy."""
     await gauge_case.heal(door)
-    entry = next(entry for entry in cell.gauges if entry.device.name == gauge_case.name)
+    entry = next(one for one in (*cell.gauges, *cell.probes) if one.device.name == gauge_case.name)
     async with opened(entry.device) as gauge:
         yield gauge
+
+
+@pytest.fixture(params=sorted(PROBES))
+def probe_case(request: pytest.FixtureRequest) -> ProbeCase:
+    return PROBES[request.param]
+
+
+@pytest.fixture
+async def probe(probe_case: ProbeCase, cell: CellConfig, door: Door) -> AsyncIterator[Any]:
+    """A connected touch probe that touches nothing, its cell healthy."""
+    await probe_case.heal(door)
+    entry = next(entry for entry in cell.probes if entry.device.name == probe_case.name)
+    async with opened(entry.device) as probe:
+        await until_open(probe)
+        yield probe
 
 
 @pytest.fixture

@@ -14,11 +14,12 @@ from tests.wire.cases import GaugeCase, until_ready
 
 
 async def truth_of(door: Door, case: GaugeCase) -> dict[str, Any]:
-    return dict((await door.truth())["gauges"][case.name])
+    return dict((await door.truth())[case.shelf][case.name])
 
 
 def config_of(cell: CellConfig, case: GaugeCase) -> Any:
-    return next(entry.device for entry in cell.gauges if entry.device.name == case.name)
+    entries = (*cell.gauges, *cell.probes)
+    return next(entry.device for entry in entries if entry.device.name == case.name)
 
 
 class GaugeContract:
@@ -43,16 +44,18 @@ class GaugeContract:
         self, gauge: Any, gauge_case: GaugeCase, door: Door
     ) -> None:
         before = (await gauge.distance()).value_m
-        await door.fault("wire_offset", device=gauge_case.name, m=0.05)
-        assert (await gauge.distance()).value_m - before == pytest.approx(0.05, abs=0.002)
+        shift_m = gauge_case.shift_m
+        await door.fault("wire_offset", device=gauge_case.name, m=shift_m)
+        assert (await gauge.distance()).value_m - before == pytest.approx(shift_m, abs=shift_m / 25)
 
     async def test_the_serial_number_is_checked_at_connect(
         self, gauge: Any, gauge_case: GaugeCase, cell: CellConfig
     ) -> None:
         config = config_of(cell, gauge_case)
-        assert (await gauge.identify()).serial == str(config.serial)
+        assert (await gauge.identify()).serial == gauge_case.shown_serial(config)
+        stranger = config.serial + 1 if gauge_case.stranger is None else gauge_case.stranger
         with pytest.raises(WrongDeviceError, match=r"cell\.toml"):
-            async with config.model_copy(update={"serial": config.serial + 1}).open():
+            async with config.model_copy(update={"serial": stranger}).open():
                 pytest.fail("a stranger was let in")
 
     async def test_a_healthy_gauge_is_ready(self, gauge: Any) -> None:

@@ -28,20 +28,32 @@ profile = "fanuc_hmi"
 address = "{address}"
 port = 1502
 model = "fanuc_m6ib"
+motion = "commanded"
 serial = "F-104711"
 deadline_s = 2.0
 speed_limit_rad_s = 0.5
 settle_s = 0.04
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
 
 [[robot]]
 name = "ur"
 driver = "universal_robots"
 address = "{address}"
 model = "ur10e"
+motion = "commanded"
 serial = "20225500042"
 deadline_s = 2.0
 speed_limit_rad_s = 0.5
 watchdog_hz = 1.0  # a test machine may be too busy for 5
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
 
 [[gauge]]
 name = "wire"
@@ -58,6 +70,55 @@ deadline_s = 1.0
 robot = "fanuc"
 anchor_in_base_mm = [900.0, -700.0, -450.0]
 hook_in_flange_mm = [60.0, 50.0, 120.0]
+
+[[gauge]]
+name = "wire_tcp"
+driver = "draw_wire"
+interface = "modbus"
+host = "{address}"
+port = 1504
+serial = 815
+range_m = 3.0
+sigma_m = 0.0002
+step_um = 38.452
+deadline_s = 1.0
+robot = "ur"
+anchor_in_base_mm = [900.0, -700.0, -450.0]
+hook_in_flange_mm = [60.0, 50.0, 120.0]
+
+[[probe]]
+name = "probe"
+driver = "touch_probe"
+address = "{address}"
+port = 1503
+serial = "00:30:DE:0A:0B:0C"
+robot = "fanuc"
+contact_input = 1
+echo_output = 1
+echo_input = 2
+tip_in_flange_mm = [0.0, 0.0, 160.0]
+tip_radius_mm = 1.5
+sigma_mm = 0.003
+overtravel_mm = 3.0
+delay_ms = 6.0
+delay_tolerance_ms = 3.0
+deadline_s = 2.0
+silence_ms = 500.0
+
+[[probe]]
+name = "dial"
+driver = "dial_gauge"
+address = "{address}"
+port = 1503
+serial = "00:30:DE:0A:0B:0C"
+robot = "fanuc"
+dial_input = 2
+echo_output = 2
+echo_input = 3
+tip_in_flange_mm = [0.0, 0.0, 160.0]
+range_mm = 12.5
+sigma_mm = 0.01
+deadline_s = 2.0
 
 [fake]
 seed = 1

@@ -5,6 +5,7 @@ import pytest
 from tests.wire.cases import ROBOTS
 from tests.wire.contract_gauge import GaugeContract
 from tests.wire.contract_mastering import MasteringContract
+from tests.wire.contract_probe import ProbeContract
 from tests.wire.contract_robot import RobotContract
 
 
@@ -19,3 +20,7 @@ class TestMasteringStores(MasteringContract):
 
 class TestGauges(GaugeContract):
     """All gauges."""
+
+
+class TestProbes(ProbeContract):
+    """All touch probes."""

@@ -25,7 +25,13 @@ from drivers.wire.canopen import CanopenLink
 from drivers.wire.socketcand import GuardedSocketcandBus
 from service.config import CellConfig
 from service.demo.door import Door
-from tests.wire.cases import GAUGES, until, until_ready
+from tests.wire.cases import GAUGES, GaugeCase, until, until_ready
+
+
+@pytest.fixture
+def gauge_case() -> GaugeCase:
+    """CANopen only: another bus has other ways to fail."""
+    return GAUGES["draw_wire"]
 
 
 def readers() -> set[threading.Thread]:

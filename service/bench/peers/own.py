@@ -8,10 +8,13 @@ from calibration.base_parameters import base_subset
 from calibration.compensation import compensate as solve
 from calibration.estimator import Problem, estimate
 from calibration.first_guess import first_guess
+from calibration.identification import identify as choose_and_identify
+from calibration.joint_terms import term_values
 from calibration.kinematics import DhTable, RobotModel
 from calibration.observations import PointObservations
 from calibration.optimal_design import DesignTask, choose_blocks
-from calibration.parameters import GEOMETRY, Layout, Priors, make_layout
+from calibration.parameters import FRAMES, GEOMETRY, Layout, Priors, make_layout
+from calibration.selection import Options
 
 _LOOSE = Priors(offset_rad=0.1, length_m=0.1, angle_rad=0.1)  # so that data decide, as for the peers
 
@@ -37,6 +40,50 @@ def identify(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
     seconds, fit = measure(run)
     places = fit.state.seen_from(0).base_flange(inputs["check_joints"])[:, :3, 3]
     return {"seconds": seconds, "check_positions": places, "parameters": len(layout)}
+
+
+def identify_often(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+    """Identify from many draws of the noise, for the mean square error at the check postures [m^2]."""
+    nominal, sigma = _model(inputs["nominal_dh"]), float(inputs["sigma_m"])
+    layout = _layout(nominal, _points(inputs["check_joints"][:200], inputs["check_joints"][:200, :3], 1.0))
+    squares = []
+    for draw in range(int(inputs["draws"])):
+        noise = np.random.default_rng([int(inputs["seed"]), draw]).normal(
+            scale=sigma, size=inputs["places"].shape
+        )
+        observations = _points(inputs["joints"], inputs["places"] + noise, sigma)
+        start = first_guess(nominal, observations)[0]
+        fit = estimate(layout, start, Problem.of(start, observations), from_afar=True)
+        places = fit.state.seen_from(0).base_flange(inputs["check_joints"])[:, :3, 3]
+        squares.append(float(((places - inputs["check_places"]) ** 2).sum(axis=1).mean()))
+    return {"squares": np.array(squares)}
+
+
+def identify_before(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+    """Fit base and tool to the nominal arm: what the others have to beat."""
+    nominal = _model(inputs["nominal_dh"])
+    observations = _points(inputs["joints"], inputs["positions"], float(inputs["sigma_m"]))
+    layout = make_layout(nominal, "point", 1, level=FRAMES)
+
+    def run() -> Any:
+        start = first_guess(nominal, observations)[0]
+        return estimate(layout, start, Problem.of(start, observations), from_afar=True)
+
+    seconds, fit = measure(run)
+    places = fit.state.seen_from(0).base_flange(inputs["check_joints"])[:, :3, 3]
+    return {"seconds": seconds, "check_positions": places, "parameters": len(layout), "level": FRAMES}
+
+
+def identify_chosen(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:
+    """Let the program choose the level by cross-validation over the rows given, robustly, with its own priors."""
+    nominal = _model(inputs["nominal_dh"])
+    observations = _points(inputs["joints"], inputs["positions"], float(inputs["sigma_m"]))
+    seconds, found = measure(lambda: choose_and_identify(nominal, observations, options=Options(judge=False)))
+    state, check = found.state, inputs["check_joints"]
+    joints = state.moved_joints(check, term_values(nominal, check, state.terms))
+    places = state.seen_from(0).base_flange(joints)[:, :3, 3]
+    unknowns = len(found.robust.fit.layout)
+    return {"seconds": seconds, "check_positions": places, "parameters": unknowns, "level": found.level}
 
 
 def poses(inputs: dict[str, Any], measure: Any) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.kinematics import load_model
-from procedures.cell import Cell, MotionLimits
+from procedures.cell import Cell, MotionLevel, MotionLimits
 from procedures.progress import Progress
 from service.conduct import Conditions, resume, run_procedure
 from service.journal import Journal
@@ -134,6 +134,7 @@ def remote_cell(arm: RemoteArm, wire: RemoteWire, hands: RemoteHands) -> Cell:
         gauge=wire,
         model=model,
         limits=limits,
+        level=MotionLevel.COMMANDED,
         config_sha256="c0ffee",
     )
 

@@ -79,10 +79,12 @@ class Loss:
         return DRIVE.radians_per_turn() @ (np.array(recovery.offset_turns) - self.true_turns)
 
 
-def lose(seed, captures=16, *, fractions=None, crash=None, poses=None, either_flank=False):
+def lose(
+    seed, captures=16, *, fractions=None, crash=None, poses=None, either_flank=False, coupling_error=0.0
+):
     """Take a healthy record, lose tens of turns per motor, and capture at some poses of the kit."""
     rng = np.random.default_rng([seed, 1])
-    world = WireWorld(seed, crash=crash)
+    world = WireWorld(seed, crash=crash, coupling_error=coupling_error)
     record = healthy_record(world)
     world.next_day()
     whole = rng.integers(-40, 41, 6)

@@ -1,15 +1,13 @@
 """Answers to the reference problems with fifty digits and none of the product's code: mpmath and elementary steps.
 
-``python -m tests.unit.helpers.reference_solver`` draws the inputs anew and writes the files.
+Beside it, ``reference_problems`` draws the inputs and writes the files.
 """
 
-import json
-import random
-from pathlib import Path
+from fractions import Fraction
+from math import ceil, floor, isqrt
 
 import mpmath as mp
 
-FOLDER = Path(__file__).resolve().parents[3] / "calibration" / "reference_data"
 DIGITS = 50
 SHOWN = 25
 
@@ -164,8 +162,129 @@ def _gap(wanted, place):
     return mp.matrix([*move, turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
 
 
+def plane_foot(given):
+    """Least squares of the distances from a plane: it holds the centre, its normal is the smallest eigenvector."""
+    tool = mp.matrix([*map(mp.mpf, given["tip_in_flange_m"]), 1])
+    base = matrix(given["base"])
+    tips = [(base * flange(given["rows"], joints) * tool)[:3] for joints in given["joints_rad"]]
+    centre = sum(tips[1:], tips[0]) / len(tips)
+    scatter = mp.zeros(3)
+    for tip in tips:
+        scatter += (tip - centre) * (tip - centre).T
+    values, vectors = mp.eigsy(scatter)
+    normal, above = vectors[:, 0], column(given["above_m"])
+    foot = above - normal * (normal.T * (above - centre))[0]
+    return foot, mp.sqrt(values[0] / len(tips))
+
+
+def moved_frames(given):
+    """Textbook products with inverses by elimination: the product's are by transposing."""
+    base_frame, moved = matrix(given["base_frame"]), matrix(given["base_frame_moved"])
+    other_base_frame = matrix(given["other_base_frame"])
+    base_fixture, other_base_fixture = matrix(given["base_fixture"]), matrix(given["other_base_fixture"])
+    offset = mp.inverse(base_frame) * moved
+    between = other_base_fixture * mp.inverse(base_fixture)
+    return {
+        "frame_offset": offset,
+        "moved_point": offset * matrix(given["frame_tcp"]),
+        "other_base_base": between,
+        "clone_change": mp.inverse(other_base_frame) * between * base_frame,
+    }
+
+
+def place_by_lengths(stations, lengths):
+    """The point whose distances from stations differ least, in squares, from the lengths: Newton on the gradient."""
+    places = [column(station) for station in stations]
+    measured = [mp.mpf(str(length)) for length in lengths]
+
+    def gradient(*point):
+        here, total = mp.matrix(list(point)), mp.zeros(3, 1)
+        for place, length in zip(places, measured, strict=True):
+            way = here - place
+            distance = mp.norm(way)
+            total += way * ((distance - length) / distance)
+        return list(total)
+
+    # Differences of the spheres' equations are planes: a start from their normal equations.
+    rows = mp.matrix([[2 * (p - places[0])[i] for i in range(3)] for p in places[1:]])
+    right = mp.matrix([
+        measured[0] ** 2 - length**2 + (p.T * p)[0] - (places[0].T * places[0])[0]
+        for p, length in zip(places[1:], measured[1:], strict=True)
+    ])  # fmt: skip
+    start = mp.lu_solve(rows.T * rows, rows.T * right)
+    return mp.findroot(gradient, tuple(start), tol=mp.mpf(10) ** -80)
+
+
+def lost_turns(given):
+    """Every vector of whole turns that can be among the two best, tried in fractions: nothing is rounded."""
+    rows = [[Fraction(str(v)) for v in row] for row in given["metres_per_turn_m"]]
+    lengths = [Fraction(str(v)) for v in given["lengths_m"]]
+    variance = Fraction(str(given["sigma_m"])) ** 2
+    size = len(rows[0])
+    information = [[sum(r[i] * r[j] for r in rows) / variance for j in range(size)] for i in range(size)]
+    right = [sum(r[i] * y for r, y in zip(rows, lengths, strict=True)) / variance for i in range(size)]
+    real = _solved(information, right)
+    pivots, above = _squares(information)
+    nearest = [floor(value + Fraction(1, 2)) for value in real]
+    other = [nearest[0] + 1, *nearest[1:]]
+    limit = max(_distance(pivots, above, real, z) for z in (nearest, other))
+    found = sorted((limit - rest, turns) for rest, turns in _within(pivots, above, real, limit, []))
+    return real, found[0], found[1]
+
+
+def _solved(matrix_rows, right):
+    """Gauss-Jordan elimination in fractions."""
+    work = [[*row, value] for row, value in zip(matrix_rows, right, strict=True)]
+    for i in range(len(work)):
+        work[i] = [value / work[i][i] for value in work[i]]
+        for j in range(len(work)):
+            if j != i:
+                work[j] = [a - work[j][i] * b for a, b in zip(work[j], work[i], strict=True)]
+    return [row[-1] for row in work]
+
+
+def _squares(information):
+    """Write x'Mx as sum of pivot_i (x_i + sum_j>i above_ij x_j)^2."""
+    work, pivots, above = [list(row) for row in information], [], []
+    for i in range(len(work)):
+        pivots.append(work[i][i])
+        above.append([work[i][j] / work[i][i] for j in range(len(work))])
+        for j in range(i + 1, len(work)):
+            for k in range(i + 1, len(work)):
+                work[j][k] -= pivots[i] * above[i][j] * above[i][k]
+    return pivots, above
+
+
+def _distance(pivots, above, real, whole):
+    off = [z - a for z, a in zip(whole, real, strict=True)]
+    return sum(
+        pivot * (off[i] + sum(above[i][j] * off[j] for j in range(i + 1, len(off)))) ** 2
+        for i, pivot in enumerate(pivots)
+    )
+
+
+def _within(pivots, above, real, left, tail):
+    """Yield (distance left over, turns) of every whole vector within the limit, from the last motor to the first."""
+    i = len(real) - 1 - len(tail)
+    if i < 0:
+        yield left, tail
+        return
+    centre = real[i] - sum(above[i][i + 1 + k] * (z - real[i + 1 + k]) for k, z in enumerate(tail))
+    reach = Fraction(isqrt(floor(left / pivots[i] * 10**20)) + 1, 10**10)
+    for z in range(ceil(centre - reach), floor(centre + reach) + 1):
+        rest = left - pivots[i] * (z - centre) ** 2
+        if rest >= 0:
+            yield from _within(pivots, above, real, rest, [z, *tail])
+
+
 def shown(value):
-    """Decimal strings, row by row."""
+    """Decimal strings, row by row; whole numbers as such."""
+    if isinstance(value, list):
+        return [shown(each) for each in value]
+    if isinstance(value, int):
+        return value
+    if isinstance(value, Fraction):
+        return shown(mp.mpf(value.numerator) / value.denominator)
     if isinstance(value, mp.matrix):
         if value.cols == 1:
             return [mp.nstr(value[i], SHOWN) for i in range(value.rows)]
@@ -176,13 +295,19 @@ def shown(value):
 def answers(name, given):
     """Return the answers of a data set to its inputs."""
     with mp.workdps(DIGITS):
-        return {key: shown(value) for key, value in _SOLVERS[name](given).items()}
+        return {key: shown(value) for key, value in SOLVERS[name](given).items()}
 
 
 def _plane(given):
+    foot, rms = plane_foot(given)
+    return {"foot_m": foot, "rms_m": rms}
+
+
+def _frame(given):
     return {
         "three_point_frame": three_point_frame(given["three_points_m"]),
         "six_point_frame": six_point_frame(given["six_points_m"]),
+        **moved_frames(given),
     }
 
 
@@ -197,110 +322,39 @@ def _tool_point(given):
 
 
 def _dh(given):
-    return {f"flange_{i}": flange(given["rows"], joints) for i, joints in enumerate(given["joints_rad"])}
+    return {"flanges": [flange(given["rows"], joints) for joints in given["joints_rad"]]}
 
 
 def _compensation(given):
+    found = [compensated(given["nominal"], given["real"], joints) for joints in given["joints_rad"]]
+    return {"joints_rad": found}
+
+
+def _turn_loss(given):
+    real, best, second = lost_turns(given)
     return {
-        f"joints_{i}": compensated(given["nominal"], given["real"], joints)
-        for i, joints in enumerate(given["joints_rad"])
+        "real_turns": real,
+        "turns": best[1],
+        "next_best_turns": second[1],
+        "distance": best[0],
+        "next_best_distance": second[0],
     }
 
 
-_SOLVERS = {
+def _fixture(given):
+    points = [place_by_lengths(given["stations_m"], lengths) for lengths in given["lengths_m"]]
+    as_rows = [[point[i] for i in range(3)] for point in points]
+    pose, rms = best_fit(given["drawing_m"], as_rows)
+    return {"points_in_base_m": points, "base_fixture": pose, "rms_m": rms}
+
+
+SOLVERS = {
     "plane": _plane,
+    "frame": _frame,
     "registration": _registration,
     "tool_point": _tool_point,
     "dh": _dh,
     "compensation": _compensation,
+    "turn_loss": _turn_loss,
+    "fixture": _fixture,
 }
-_UR10 = [  # published nominal table: theta, d, a, alpha, beta
-    [0, "0.1273", 0, "1.5707963267948966", 0],
-    [0, 0, "-0.612", 0, 0],
-    [0, 0, "-0.5723", 0, 0],
-    [0, "0.163941", 0, "1.5707963267948966", 0],
-    [0, "0.1157", 0, "-1.5707963267948966", 0],
-    [0, "0.0922", 0, 0, 0],
-]
-
-
-def _drawn():
-    """Inputs with few digits, so that a file holds exactly what a double holds nearly."""
-    dice = random.Random(20261121)
-
-    def near(scale, digits=6):
-        return round(dice.uniform(-scale, scale), digits)
-
-    def points(count, scale):
-        return [[near(scale) for _ in range(3)] for _ in range(count)]
-
-    source = points(8, 1.0)
-    turned = (
-        turn_z(mp.mpf("0.7")) * turn_y(mp.mpf("-1.1")) * turn_x(mp.mpf("2.3")) * shift(1, -2, mp.mpf("0.5"))
-    )
-    target = []
-    for point in source:
-        moved = turned * mp.matrix([*map(mp.mpf, point), 1])
-        target.append([round(float(moved[i]) + near(5e-4), 7) for i in range(3)])
-    tip, pin = mp.matrix(["0.031", "-0.012", "0.204"]), mp.matrix(["0.8", "0.1", "0.3"])
-    touches = []
-    for _ in range(6):
-        attitude = turn_z(mp.mpf(near(3))) * turn_y(mp.mpf(near(0.8))) * turn_x(mp.mpf(near(0.8)))
-        place = pin - attitude[:3, :3] * tip
-        for i in range(3):
-            attitude[i, 3] = mp.mpf(round(float(place[i]) + near(2e-4), 7))
-        touches.append([[mp.nstr(attitude[i, j], 20) for j in range(4)] for i in range(4)])
-    real = [
-        [near(5e-3), str(mp.mpf(str(row[1])) + near(8e-4)), str(mp.mpf(str(row[2])) + near(8e-4)),
-         str(mp.mpf(str(row[3])) + near(1e-3)), near(1e-3)]
-        for row in _UR10
-    ]  # fmt: skip
-    postures = [
-        [0.4, -1.2, 1.3, -1.3, 1.2, 0.3],
-        [-2.1, -0.7, -1.6, 0.4, -1.4, 2.9],
-        [1.1, -2.2, 0.9, 2.5, 0.8, -1.7],
-    ]
-    wide = [[near(3), near(0.5), near(0.5), near(3), near(0.5)] for _ in range(6)]
-    return {
-        "plane": {
-            "three_points_m": [[0.812, -0.305, 0.11], [1.307, 0.048, 0.133], [0.55, 0.266, 0.092]],
-            "six_points_m": [
-                [0.9, 0.1, 0.205], [1.2, 0.15, 0.21], [1.0, 0.5, 0.195],
-                [0.85, 0.02, 0.16], [1.25, 0.07, 0.17], [0.801, 0.3, 0.18], [1.0, 0.2, 0.6],
-            ],
-        },
-        "registration": {"source_m": source, "target_m": target},
-        "tool_point": {"touches": touches},
-        "dh": {"rows": wide, "joints_rad": postures},
-        "compensation": {"nominal": _UR10, "real": real, "joints_rad": postures},
-    }  # fmt: skip
-
-
-_TITLES = {
-    "plane": "Frames on three points and on 3-2-1 points",
-    "registration": "Best-fit rigid transform of eight noisy points",
-    "tool_point": "Tool tip and pin from six noisy touches",
-    "dh": "Flange of a DH chain with beta, at three postures",
-    "compensation": "Joints of an arm with errors that reach the nominal arm's flange",
-}
-_TOLERANCES = {"plane": 1e-13, "registration": 1e-12, "tool_point": 1e-12, "dh": 1e-13, "compensation": 1e-7}
-
-
-def write():
-    """Draw the inputs and write every file."""
-    with mp.workdps(DIGITS):
-        drawn = _drawn()
-    for name, given in drawn.items():
-        document = {
-            "title": _TITLES[name],
-            "solver": f"tests/unit/helpers/reference_solver.py, mpmath, {DIGITS} digits",
-            "tolerance": _TOLERANCES[name],
-            "given": given,
-            "answers": answers(name, given),
-        }
-        text = json.dumps(document, indent=1) + "\n"
-        (FOLDER / f"{name}.json").write_text(text, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    write()

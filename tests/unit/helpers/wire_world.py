@@ -32,7 +32,7 @@ def interaction():
 class WireWorld:
     """One robot, one wire, one seed."""
 
-    def __init__(self, seed, *, crash=None, noise_m=0.0001):
+    def __init__(self, seed, *, crash=None, noise_m=0.0001, coupling_error=0.0):
         rng = np.random.default_rng([seed, 77])
         self.rng, self.noise_m = rng, noise_m
         self.rows = _ROWS * _UNIT
@@ -50,6 +50,8 @@ class WireWorld:
         self.phase = rng.uniform(0, 6, (2, 6))
         self.zero_counts = rng.integers(-(2**22), 2**22, 6)
         self.crash = crash or {}
+        wrong = 1.0 + coupling_error * rng.normal(size=(6, 6)) * (1.0 - np.eye(6))
+        self.per_radian = np.linalg.inv(interaction() * wrong)
 
     def next_day(self):
         self.hook = self.hook + self.rng.normal(0, 0.00005, 3)
@@ -93,7 +95,7 @@ class WireWorld:
         return self.zero + self.scale * wavy + self.rng.normal(0, self.noise_m, len(joints))
 
     def counts(self, joints):
-        return np.rint(joints @ np.linalg.inv(interaction()).T + self.zero_counts).astype(int)
+        return np.rint(joints @ self.per_radian.T + self.zero_counts).astype(int)
 
 
 def _turn(angle, axis):

@@ -1,0 +1,188 @@
+"""Which attitudes tell a tool's tip: how well they will, which are too alike, and which one tells most next.
+
+With attitudes R_i and touches of standard uncertainty s, the tip's covariance is ``s^2 [n (I - M^T M)]^-1`` with
+``M = mean(R_i)``: what is left of the normal equations of `tool_point` once the pin is eliminated.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.geometry import Array, Pose, exp_rotation, log_rotation
+from calibration.uncertainty import coverage_in_space
+
+_D = math.sqrt(0.5)
+AXES = {
+    "+x": (1.0, 0.0, 0.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "+y": (0.0, 1.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "+z": (0.0, 0.0, 1.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+_TILTS = AXES | {
+    "the line midway between +x and +y": (_D, _D, 0.0),
+    "the line midway between -x and -y": (-_D, -_D, 0.0),
+    "the line midway between +x and -y": (_D, -_D, 0.0),
+    "the line midway between -x and +y": (-_D, _D, 0.0),
+}
+_STEP_RAD = math.radians(5.0)
+_FRESH_RAD = math.radians(12.0)  # an attitude used before shows nothing of what changes with it
+_MOST_TURN_RAD = math.radians(120.0)
+_NEVER = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """A turn of the tool about an axis of its flange."""
+
+    about: str
+    angle_rad: float
+
+    def told(self) -> str:
+        """Return it in words: 60 degrees about +x."""
+        return f"{math.degrees(self.angle_rad):.0f} degrees about {self.about}"
+
+    def rotation(self) -> Array:
+        """Return it as a matrix."""
+        return exp_rotation(np.array(_TILTS[self.about]) * self.angle_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Alike:
+    """A touch whose attitude tells too little beside the ones before, and the least turn that mends it."""
+
+    touch: int  # counted from 0
+    like: int | None  # the touch it is like; None where all are turned about one axis
+    apart_rad: float  # from that touch; for one axis, the largest turn beside it
+    turn: Turn
+
+
+def tip_gain(attitudes: Sequence[Array]) -> Array | None:
+    """Return the covariance (3, 3) of the tip for touches good to one metre; None where they do not fix it."""
+    count = len(attitudes)
+    mean = np.mean(attitudes, axis=0)
+    information = count * (np.eye(3) - mean.T @ mean)
+    if count < 3 or float(np.linalg.eigvalsh(information)[0]) * _NEVER < 1.0:
+        return None
+    gain: Array = np.linalg.inv(information)
+    return gain
+
+
+def foreseen_u_m(
+    attitudes: Sequence[Array], sigma_m: float, degrees_of_freedom: float = math.inf
+) -> float | None:
+    """Return U (95 %, in space) of the tip that touches in these attitudes would give [m]; None: none at all.
+
+    Parameters
+    ----------
+    attitudes : n rotations (3, 3)
+        base_flange at each touch.
+    sigma_m : float
+        Standard uncertainty of one coordinate of one touch [m].
+    degrees_of_freedom : float
+        With which the scatter will tell sigma; unlimited where it is known.
+    """
+    gain = tip_gain(attitudes)
+    if gain is None:
+        return None
+    k = coverage_in_space(np.linalg.eigvalsh(gain).clip(0.0).tolist(), degrees_of_freedom)
+    return k * sigma_m * math.sqrt(float(np.trace(gain)))
+
+
+def alike_touch(touches: Sequence[Pose], *, min_turn_rad: float, worst_gain: float) -> Alike | None:
+    """Tell whether the last touch's attitude is too like the ones before.
+
+    Parameters
+    ----------
+    touches : n poses
+        base_flange.
+    min_turn_rad : float
+        Least angle between the last touch and every one before.
+    worst_gain : float
+        Largest accepted standard uncertainty of the tip, in its worst direction, over that of a touch [1]; looked
+        at from the third touch on.
+    """
+    attitudes = [touch.rotation() for touch in touches]
+    last, before = attitudes[-1], attitudes[:-1]
+    if not before:
+        return None
+    angles = [_angle(last, one) for one in before]
+    nearest = int(np.argmin(angles))
+
+    def differs(attitude: Array) -> bool:
+        return min(_angle(attitude, one) for one in before) >= min_turn_rad
+
+    def tells(attitude: Array) -> bool:
+        gain = tip_gain([*before, attitude])
+        known = gain is not None and math.sqrt(float(np.linalg.eigvalsh(gain)[-1])) <= worst_gain
+        return differs(attitude) and (known or len(before) < 2)
+
+    if not differs(last):
+        return Alike(len(before), nearest, angles[nearest], _least_turn(last, tells))
+    return None if tells(last) else Alike(len(before), None, max(angles), _least_turn(last, tells))
+
+
+def next_turn(touches: Sequence[Pose], most_rad: float) -> Turn:
+    """Return the turn from the first touch's attitude that makes the tip best known (least trace)."""
+    attitudes = [touch.rotation() for touch in touches]
+    turns = [Turn(about, share * most_rad) for about in _TILTS for share in (1.0, 0.5)]
+    asked = [(turn, attitudes[0] @ turn.rotation()) for turn in turns]
+    fresh = [(turn, a) for turn, a in asked if min(_angle(a, one) for one in attitudes) > _FRESH_RAD]
+    return min(fresh or asked, key=lambda pair: _trace([*attitudes, pair[1]]))[0]
+
+
+def planned_attitudes(count: int, most_rad: float) -> list[Array]:
+    """Return the attitudes that `next_turn` asks for one after the other, from a first one square to the base."""
+    poses = [Pose((0.0, 0.0, 0.0))]
+    while len(poses) < count:
+        w = next_turn(poses, most_rad).rotation()
+        poses.append(_attitude(w))
+    return [pose.rotation() for pose in poses]
+
+
+def cone_attitudes(count: int, tilt_rad: float) -> list[Array]:
+    """Return attitudes as a manual's fixed plan has them: one upright, the others evenly round a cone."""
+    around = 2.0 * np.pi * np.arange(count - 1) / max(count - 1, 1)
+    return [np.eye(3), *(exp_rotation(tilt_rad * np.array([np.cos(a), np.sin(a), 0.0])) for a in around)]
+
+
+def fixed_plan_touches(limit_m: float, sigma_m: float, tilt_rad: float, most: int = 60) -> int | None:
+    """Return how many touches a plan fixed beforehand takes for this U [m]; None: more than ``most``.
+
+    Its attitudes are those of `cone_attitudes`; the scatter of its own touches must prove the U.
+    """
+    for count in range(4, most + 1):
+        u_m = foreseen_u_m(cone_attitudes(count, tilt_rad), sigma_m, 3.0 * count - 6.0)
+        if u_m is not None and u_m <= limit_m:
+            return count
+    return None
+
+
+def _least_turn(attitude: Array, good: Callable[[Array], bool]) -> Turn:
+    steps = np.arange(_STEP_RAD, _MOST_TURN_RAD, _STEP_RAD)
+    for angle in steps.tolist():
+        for about in AXES:
+            turn = Turn(about, angle)
+            if good(attitude @ turn.rotation()):
+                return turn
+    return Turn("+x", math.radians(60.0))
+
+
+def _trace(attitudes: list[Array]) -> float:
+    """Return the trace of the tip's covariance, also where two touches leave a direction all but open."""
+    mean = np.mean(attitudes, axis=0)
+    information = len(attitudes) * (np.eye(3) - mean.T @ mean)
+    return float(np.sum(1.0 / np.maximum(np.linalg.eigvalsh(information), 1.0 / _NEVER)))
+
+
+def _angle(one: Array, other: Array) -> float:
+    return float(np.linalg.norm(log_rotation(one.T @ other)))
+
+
+def _attitude(rotation: Array) -> Pose:
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    return Pose.from_matrix(matrix)

@@ -1,0 +1,137 @@
+"""A draw-wire encoder on Modbus TCP. One block holds length, status, zero and name plate: it is read whole each time.
+
+A length is used only if the same telegram says who sent it and that its zero has not moved.
+"""
+
+import logging
+import time
+from dataclasses import dataclass
+
+from drivers.draw_wire.ends import moved_zero, refuse_ends
+from drivers.draw_wire.modbus_registers import EncoderMap
+from drivers.errors import DeviceError, RefusedError, WrongDeviceError
+from drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, Readiness, Reading
+from drivers.wire.deadline import deadline
+from drivers.wire.modbus import ModbusLink, Words
+
+_LOG = logging.getLogger(__name__)
+VERIFIED_ON: tuple[str, ...] = ()  # "vendor firmware" this driver has run on; none yet, see README.md
+_ALARM_BITS = 8  # the status word's low byte repeats settings, the next one holds alarms
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderOptions:
+    """What the cell file says about this gauge."""
+
+    serial: int
+    step_m: float
+    range_m: float
+    sigma_m: float
+    end_margin_m: float
+    deadline_s: float
+
+
+class ModbusDrawWire:
+    """DistanceGauge over one Modbus TCP encoder."""
+
+    def __init__(self, link: ModbusLink, table: EncoderMap, options: EncoderOptions) -> None:
+        self._link, self._table, self._options = link, table, options
+        self._offset: int | None = None
+        link.greet = self._greet
+
+    @property
+    def name(self) -> str:
+        return self._link.device
+
+    @property
+    def capabilities(self) -> GaugeCapabilities:
+        return GaugeCapabilities(self._options.range_m, self._options.step_m, self._options.sigma_m)
+
+    async def connect(self) -> None:
+        """Connect, check who answers, and note a device nobody has tried yet."""
+        async with deadline(self.name, self._options.deadline_s, "connecting"):
+            await self._link.open()
+        identity = await self.identify()
+        if not f"{identity.vendor} {identity.firmware}".startswith(VERIFIED_ON):
+            _LOG.warning("%s: not verified on %s %s", self.name, identity.vendor, identity.firmware)
+
+    async def close(self) -> None:
+        """Hang up."""
+        await self._link.close()
+
+    async def identify(self) -> Identity:
+        block = await self._block("asking who it is")
+        value = self._table.value
+        return Identity(
+            self._table.vendor,
+            f"{self._table.name} hardware {_version(value('hardware', block))}",
+            str(value("serial", block)),
+            _version(value("firmware", block)),
+        )
+
+    async def condition(self) -> Condition:
+        try:
+            block = await self._block("asking its condition")
+            self._require_same(block)
+        except RefusedError as error:
+            return Condition(Readiness.NOT_READY, error.message, error.remedy)
+        except DeviceError as error:
+            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+        alarm = self._alarm(block)
+        if alarm is not None:
+            told = (Alarm(f"alarm {alarm.vendor_code}", alarm.vendor_text),)
+            return Condition(Readiness.NOT_READY, alarm.message, alarm.remedy, told)
+        return Condition(Readiness.READY)
+
+    async def distance(self) -> Reading:
+        block = await self._block("reading the length")
+        taken_at_s = time.monotonic()
+        self._require_same(block)
+        alarm = self._alarm(block)
+        if alarm is not None:
+            raise alarm
+        raw = self._table.value("position", block)
+        value_m = raw * self._options.step_m
+        refuse_ends(self.name, value_m, self._options.range_m, self._options.end_margin_m)
+        return Reading(value_m, self._options.sigma_m, taken_at_s, raw)
+
+    async def _block(self, doing: str) -> Words:
+        async with deadline(self.name, self._options.deadline_s, doing):
+            return await self._link.read(self._table.first + 1, self._table.words)
+
+    async def _greet(self, link: ModbusLink) -> None:
+        block = await link.read_during_greeting(self._table.first + 1, self._table.words)
+        self._require_same(block)
+
+    def _require_same(self, block: Words) -> None:
+        """Refuse a stranger's block, and one whose zero is another than at first."""
+        serial = self._table.value("serial", block)
+        if serial != self._options.serial:
+            raise WrongDeviceError(
+                self.name,
+                f"the encoder has the serial number {serial}, cell.toml says {self._options.serial}.",
+                remedy="Check address and cables, and the order of words; change cell.toml only if the gauge "
+                "was exchanged.",
+            )
+        offset = self._table.value("offset", block)
+        if self._offset is None:
+            self._offset = offset
+        if offset != self._offset:
+            raise moved_zero(self.name, (offset - self._offset) * self._options.step_m)
+
+    def _alarm(self, block: Words) -> RefusedError | None:
+        bits = self._table.value("status", block) >> _ALARM_BITS & 0xFF
+        if not bits:
+            return None
+        told = [text for bit, text in self._table.alarms.items() if bits & bit] or [f"bits {bits:#04x}"]
+        return RefusedError(
+            self.name,
+            f"the encoder reports an alarm: {', '.join(told)}.",
+            remedy="Switch the encoder off and on; if it stays, exchange it.",
+            vendor_code=bits,
+            vendor_text=", ".join(told),
+        )
+
+
+def _version(value: int) -> str:
+    return f"{value >> 16}.{value & 0xFFFF}"

@@ -1,0 +1,177 @@
+"""An instrument whose wire is closed, as a gauge or a tracker: its readings are typed, or taken from a file."""
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Array, Pose, homogeneous
+from calibration.orientation import CONVENTIONS, rotation_from
+from drivers.errors import BusyError, DeviceError, RefusedError
+from drivers.file_import.rows import Rows
+from drivers.file_import.text import Row, metres_per
+from drivers.interfaces import (
+    Condition,
+    GaugeCapabilities,
+    Identity,
+    PointReading,
+    PoseReading,
+    Readiness,
+    Reading,
+    TrackerCapabilities,
+)
+
+_STEP_M = 1e-9  # what is kept of a number that somebody wrote
+_AGAIN = "Read the instrument again; if its unit is another, correct the cell file."
+
+
+@dataclass(frozen=True, slots=True)
+class InstrumentOptions:
+    """What the cell file says about the instrument."""
+
+    name: str
+    identity: Identity
+    unit: str
+    range_m: float
+    sigma_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class FrameOptions:
+    """What it says of one that measures places."""
+
+    station: int
+    orientation: str  # a name of calibration.orientation; empty for points only
+    radians_per_angle: float
+    sigma_rad: float
+
+
+class _Instrument:
+    """What all readings from a file or a person have in common."""
+
+    def __init__(self, rows: Rows, options: InstrumentOptions) -> None:
+        self._rows, self._options = rows, options
+        self._busy = False
+
+    @property
+    def name(self) -> str:
+        return self._options.name
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._rows.close()
+
+    async def identify(self) -> Identity:
+        """Return what the cell file says: nothing can be asked."""
+        return self._options.identity
+
+    async def condition(self) -> Condition:
+        if self._busy:
+            return Condition(Readiness.READY, "It waits for a reading.")
+        try:
+            await self._rows.look()
+        except RefusedError as error:
+            return Condition(Readiness.NOT_READY, error.message, error.remedy)
+        except DeviceError as error:
+            return Condition(Readiness.UNREACHABLE, error.message, error.remedy)
+        return Condition(Readiness.READY)
+
+    async def _row(self) -> Row:
+        with self._alone():
+            return await self._rows.next_row()
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        if self._busy:
+            raise BusyError(self.name, "a reading is asked for while another one is awaited.")
+        self._busy = True
+        try:
+            yield
+        finally:
+            self._busy = False
+
+    def _refused(self, row: Row, message: str) -> RefusedError:
+        where = f"line {row.line}: " if row.line else ""
+        return RefusedError(self.name, f"{where}{message} ({row.text[:60]}).", remedy=_AGAIN)
+
+
+class FileGauge(_Instrument):
+    """DistanceGauge from a person or a file."""
+
+    @property
+    def capabilities(self) -> GaugeCapabilities:
+        return GaugeCapabilities(self._options.range_m, _STEP_M, self._options.sigma_m)
+
+    async def distance(self) -> Reading:
+        row = await self._row()
+        raw = round(row.values[0] * metres_per(self._options.unit) / _STEP_M)
+        value_m = raw * _STEP_M
+        if not 0.0 <= value_m <= self._options.range_m:
+            raise self._refused(
+                row, f"{value_m * 1e3:.3f} mm is outside 0 to {self._options.range_m * 1e3:g} mm"
+            )
+        return Reading(value_m, self._options.sigma_m, time.monotonic(), raw)
+
+
+class FileTracker(_Instrument):
+    """Tracker from a person or a file."""
+
+    def __init__(self, rows: Rows, options: InstrumentOptions, frame: FrameOptions) -> None:
+        super().__init__(rows, options)
+        self._frame = frame
+
+    @property
+    def capabilities(self) -> TrackerCapabilities:
+        options, frame = self._options, self._frame
+        return TrackerCapabilities(
+            bool(frame.orientation), options.range_m, options.sigma_m, sigma_rad=frame.sigma_rad
+        )
+
+    async def point(self) -> PointReading:
+        row = await self._row()
+        sigma = self._options.sigma_m
+        place = self._place_m(row)
+        return PointReading(place, (sigma, sigma, sigma), time.monotonic(), self._frame.station, raw=row.text)
+
+    async def pose(self) -> PoseReading:
+        if not self._frame.orientation:
+            raise RefusedError(
+                self.name,
+                "it gives points only.",
+                remedy="Name the convention of its angles as `orientation` in cell.toml.",
+            )
+        row = await self._row()
+        place = self._place_m(row)
+        try:
+            rotation = rotation_from(self._frame.orientation, self._turn(row))
+        except CalibrationError as error:
+            raise self._refused(row, error.message) from error
+        sigma, turn = self._options.sigma_m, self._frame.sigma_rad
+        return PoseReading(
+            Pose.from_matrix(homogeneous(rotation, np.array(place))),
+            (sigma, sigma, sigma),
+            (turn, turn, turn),
+            time.monotonic(),
+            self._frame.station,
+            raw=row.text,
+        )
+
+    def _place_m(self, row: Row) -> tuple[float, float, float]:
+        per_unit = metres_per(self._options.unit)
+        x, y, z = (value * per_unit for value in row.values[:3])
+        distance_m = math.hypot(x, y, z)
+        if distance_m > self._options.range_m:
+            raise self._refused(
+                row, f"the point is {distance_m:.3f} m away, the range is {self._options.range_m:g} m"
+            )
+        return x, y, z
+
+    def _turn(self, row: Row) -> Array:
+        """Return the numbers of the turn in radians; a quaternion has none."""
+        numbers = np.array(row.values[3:])
+        is_quaternion = CONVENTIONS[self._frame.orientation].formula == "quaternion"
+        return numbers if is_quaternion else numbers * self._frame.radians_per_angle

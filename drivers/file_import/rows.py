@@ -1,0 +1,264 @@
+"""Where readings come from when there is no wire: a person, or a file that somebody else's program writes."""
+
+import asyncio
+import stat
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError
+from drivers.file_import.text import Layout, Row, TextError, rows_of, typed
+from drivers.interfaces import Operator, Question
+from drivers.wire.deadline import deadline
+from drivers.wire.worker import Worker
+
+MOST_BYTES = 20_000_000
+_POLL_S = 0.1
+_TRIES = 3
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+
+
+class Rows(Protocol):
+    """Gives one reading for each call."""
+
+    async def next_row(self) -> Row: ...
+    async def look(self) -> None:
+        """Raise a DeviceError when no reading can be had."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class TypedRows:
+    """Asks the technician for each reading."""
+
+    def __init__(self, device: str, operator: Operator | None, text: str, unit: str, count: int) -> None:
+        self._device, self._operator, self._text, self._unit, self._count = (
+            device,
+            operator,
+            text,
+            unit,
+            count,
+        )
+
+    async def next_row(self) -> Row:
+        """Ask until the answer is a reading, three times at most."""
+        if self._operator is None:
+            raise RefusedError(
+                self._device, "there is nobody to ask for a reading.", remedy="Run it by hand."
+            )
+        text = self._text
+        for _ in range(_TRIES):
+            answer = await self._operator.enter(Question(f"reading:{self._device}", text, self._unit))
+            try:
+                return Row(typed(answer.value, self._count), 0, f"{answer.value.strip()} ({answer.who})")
+            except TextError as fault:
+                text = f"{fault}. {self._text}"
+        raise RefusedError(
+            self._device, f"no reading was given: {text}", remedy="Read the instrument again, then resume."
+        )
+
+    async def look(self) -> None:
+        return
+
+    def close(self) -> None:
+        return
+
+
+@dataclass(frozen=True, slots=True)
+class FileOptions:
+    """Which file, how it is laid out, and how long to wait for its next row."""
+
+    path: Path
+    layout: Layout
+    wait_s: float
+    deadline_s: float
+    first_row: int | None = None
+
+
+class _File:
+    """Reads a file that another program may be writing, and holds that it only ever grows."""
+
+    def __init__(self, device: str, options: FileOptions) -> None:
+        self.device, self.options = device, options
+        self._worker: Worker | None = None
+        self._before = b""
+
+    async def content(self) -> bytes:
+        """Return the whole file; nothing where there is none yet.
+
+        Raises
+        ------
+        RefusedError
+            The file is no plain text, too large, or no longer begins with what was read before.
+        """
+        if self._worker is None:
+            self._worker = Worker(f"file {self.device}")
+        try:
+            async with deadline(self.device, self.options.deadline_s, f"reading {self.options.path}"):
+                found = await self._worker.run(lambda: _read(self.options.path))
+        except DeviceTimeoutError:
+            self.close()
+            raise
+        except OSError as error:
+            raise UnreachableError(
+                self.device,
+                f"{self.options.path} cannot be read: {error.strerror or error}.",
+                remedy="Check the path in cell.toml, the share and its permissions.",
+            ) from error
+        except ValueError as error:
+            raise self.refused(str(error), "Save readings as a text file (CSV, UTF-8).") from error
+        if not found.startswith(self._before):
+            raise self.refused(
+                _first_change(self._before, found),
+                "Readings already used have changed: restore the file, or begin the measurement anew.",
+            )
+        self._before = found
+        return found
+
+    def rows(self, content: bytes) -> list[Row]:
+        """Return the readings of the lines that have ended."""
+        complete = content[: content.rfind(b"\n") + 1]
+        try:
+            return rows_of(_decoded(complete), self.options.layout)
+        except TextError as fault:
+            raise self.refused(
+                f"{fault}", "Correct the row in the instrument's program, or its layout."
+            ) from fault
+
+    def refused(self, message: str, remedy: str) -> RefusedError:
+        return RefusedError(self.device, f"{self.options.path.name}: {message}.", remedy=remedy)
+
+    def close(self) -> None:
+        if self._worker is not None:
+            self._worker.stop()
+            self._worker = None
+
+
+class GrowingFile:
+    """Takes the row that was written after the question; the instrument's program appends one for each shot."""
+
+    def __init__(self, device: str, options: FileOptions) -> None:
+        self._file = _File(device, options)
+
+    async def look(self) -> None:
+        """See that the file can be read, or that its folder is there to write it to."""
+        if not self._file.options.path.parent.is_dir():
+            folder = self._file.options.path.parent
+            raise UnreachableError(
+                self._file.device, f"there is no folder {folder}.", remedy="Check the path in cell.toml."
+            )
+        self._file.rows(await self._file.content())
+
+    async def next_row(self) -> Row:
+        """Wait for one new row; what stood there before, also without its line end, is not new."""
+        content = await self._file.content()
+        known = len(self._file.rows(content)) + bool(_tail(content).strip())
+        ends_s = time.monotonic() + self._file.options.wait_s
+        while time.monotonic() < ends_s:
+            await asyncio.sleep(_POLL_S)
+            content = await self._file.content()
+            new = self._file.rows(content)[known:]
+            if len(new) == 1:
+                return new[0]
+            if new:
+                raise self._file.refused(
+                    f"{len(new)} rows were written for one reading (lines {new[0].line} to {new[-1].line})",
+                    "One shot for each question: resume, and shoot once when asked.",
+                )
+        raise self._late(content, known)
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _late(self, content: bytes, known: int) -> DeviceTimeoutError:
+        wait_s = self._file.options.wait_s
+        told = f"no new row in {self._file.options.path.name} within {wait_s:g} s; it has {known} older ones."
+        if _tail(content).strip():
+            told += " Its last line has no line end yet, so it may be half written."
+        return DeviceTimeoutError(self._file.device, told, remedy="Resume, and shoot after the question.")
+
+
+class WholeFile:
+    """Takes row after row of a file that was measured before; somebody says which row is the first."""
+
+    def __init__(self, device: str, options: FileOptions, operator: Operator | None) -> None:
+        self._file, self._operator = _File(device, options), operator
+        self._next: int | None = options.first_row
+
+    async def look(self) -> None:
+        if not self._file.rows(await self._content()):
+            raise self._file.refused("it holds no readings", "Check the file and its layout in cell.toml.")
+
+    async def next_row(self) -> Row:
+        """Return the next row. Raises RefusedError behind the last one."""
+        rows = self._file.rows(await self._content())
+        if self._next is None:
+            self._next = await self._first(len(rows))
+        if not 1 <= self._next <= len(rows):
+            raise self._file.refused(
+                f"row {self._next} is asked for, it has {len(rows)}",
+                "See that the file holds a row for every pose, in their order.",
+            )
+        row = rows[self._next - 1]
+        self._next += 1
+        return row
+
+    def close(self) -> None:
+        self._file.close()
+
+    async def _content(self) -> bytes:
+        """Return the file with its last line ended: nobody is writing it any more."""
+        content = await self._file.content()
+        return content if content.endswith(b"\n") or not content else content + b"\n"
+
+    async def _first(self, count: int) -> int:
+        """Ask which row is next: a run that was resumed does not begin with the first one."""
+        if self._operator is None:
+            raise self._file.refused("nobody can say which row is next", "Give first_row in cell.toml.")
+        name = self._file.options.path.name
+        text = f"{name} has {count} rows. Which one belongs to the next pose? (1 unless the run was resumed)"
+        answer = await self._operator.enter(Question(f"first_row:{self._file.device}", text))
+        try:
+            return int(answer.value)
+        except ValueError:
+            raise self._file.refused(
+                f"{answer.value!r} is no row", "Resume, and give a whole number."
+            ) from None
+
+
+def _read(path: Path) -> bytes:
+    """Read a plain file; blocking, for the worker."""
+    try:
+        found = path.stat()
+    except FileNotFoundError:
+        if path.parent.is_dir():
+            return b""
+        raise
+    if not stat.S_ISREG(found.st_mode):
+        raise ValueError("it is not a plain file")
+    with path.open("rb") as file:
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise ValueError(f"it is larger than {MOST_BYTES // 1_000_000} MB")
+    if content.startswith(_UTF_16) or b"\0" in content[:4096]:
+        raise ValueError("it is not a text file in UTF-8")
+    return content
+
+
+def _decoded(content: bytes) -> str:
+    """Return the text; words that are not UTF-8 may stand in it, numbers are ASCII."""
+    return content.decode("utf-8-sig", errors="replace")
+
+
+def _tail(content: bytes) -> bytes:
+    return content[content.rfind(b"\n") + 1 :]
+
+
+def _first_change(before: bytes, now: bytes) -> str:
+    lines = list(zip(before.splitlines(), now.splitlines(), strict=False))
+    changed = next((i for i, (old, new) in enumerate(lines, start=1) if old != new), None)
+    if changed is None:
+        return f"it has become shorter, from {len(before)} to {len(now)} bytes"
+    return f"line {changed} has changed since it was read"

@@ -1,0 +1,278 @@
+"""The connection to an emScon server: one question at a time, answers told from events, nothing late believed.
+
+The wire has no sequence numbers. What keeps a late answer from becoming a value:
+
+* one command is under way at a time; an answer to any other command ends the connection;
+* after a time-out or a cancelled question the connection is dropped, and the next call makes a new one;
+* a result counts only after the tracker has accepted *our* start of a measurement, and it accepts none while an
+  earlier measurement is still running (``ServerBusy``).
+"""
+
+import asyncio
+import struct
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+
+from drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from drivers.laser_tracker.packets import (
+    ANSWER,
+    HEADER,
+    MOST_BYTES,
+    RESULTS,
+    SIZES,
+    WORD,
+    Change,
+    Command,
+    Kind,
+    Result,
+    command,
+    result,
+)
+from drivers.wire.backoff import Backoff
+from drivers.wire.deadline import deadline
+from drivers.wire.tables import CodeEntry, code_table
+from drivers.wire.trace import FrameTrace
+
+BUSY = 1  # ES_RS_ServerBusy: an earlier command, of ours or of another program, is under way
+_POLL_S = 0.1
+_CABLE = "Check the network cable and that the tracker's controller is on."
+_BYTES = "The reading was not used. Try again; if it comes back, report it with the trace of the link."
+
+
+def meaning(status: int) -> CodeEntry:
+    """Return what a status of the tracker means, in its maker's name for it."""
+    unknown = CodeEntry(status, "fault", f"status {status}", "Look at the tracker's own display.")
+    return code_table("drivers.laser_tracker", "statuses.tsv").get(status, unknown)
+
+
+class EmsconLink:
+    """One TCP connection. Its owner sees to it that no two tasks ask at once."""
+
+    def __init__(self, device: str, address: str, port: int, deadline_s: float) -> None:
+        self.device, self._address, self._port, self._deadline_s = device, address, port, deadline_s
+        self.trace = FrameTrace(device)
+        self.greet: Callable[[], Awaitable[None]] | None = None
+        self.on_change: Callable[[int], None] = lambda _code: None
+        self._backoff = Backoff()
+        self._writer: asyncio.StreamWriter | None = None
+        self._left: asyncio.StreamWriter | None = None
+        self._listener: asyncio.Task[None] | None = None
+        self._asked: tuple[Command, asyncio.Future[tuple[int, bytes]]] | None = None
+        self._measuring: asyncio.Future[Result] | None = None
+        self._accepted = False
+        self._sizes_asked: tuple[int, ...] = ()
+        self._why: DeviceError = self._gone("there is no connection.")
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a connection that nothing has gone wrong with."""
+        return self._writer is not None
+
+    async def ensure(self) -> None:
+        """Connect and greet, unless that has been done."""
+        if self._writer is not None:
+            return
+        await self._reap()
+        await self._backoff.wait()
+        try:
+            await self._connect()
+            if self.greet is not None:
+                await self.greet()
+        except BaseException:
+            self._backoff.failed()
+            self._drop(self._gone("the connection was given up."))
+            raise
+        self._backoff.succeeded()
+
+    async def close(self) -> None:
+        """Disconnect. May be called twice."""
+        self._drop(self._gone("the connection was closed."))
+        await self._reap()
+
+    async def ask(
+        self, number: Command, parameters: bytes = b"", *, layout: str = "<", deadline_s: float | None = None
+    ) -> tuple[float, ...]:
+        """Send a command and return the values of its answer; a busy tracker is asked again until the deadline.
+
+        Raises
+        ------
+        RefusedError
+            The tracker said no.
+        WireProtocolError
+            The answer has another size than the document gives it.
+        """
+        seconds = self._deadline_s if deadline_s is None else deadline_s
+        bare = HEADER.size + ANSWER.size
+        self._sizes_asked = (bare, bare + struct.calcsize(layout))
+        give_up_s = time.monotonic() + seconds - _POLL_S
+        while True:
+            try:
+                async with deadline(self.device, seconds, f"answering {number.name}"):
+                    status, values = await self._exchange(number, parameters)
+            except (TimeoutError, asyncio.CancelledError):
+                self._drop(self._gone("the connection was dropped with its late answer."))
+                raise
+            if status != BUSY or time.monotonic() > give_up_s:
+                break
+            await asyncio.sleep(_POLL_S)
+        if status:
+            raise self.refusal(number.name, status)
+        if len(values) != struct.calcsize(layout):
+            raise self._damaged(f"the answer to {number.name} has {len(values)} bytes", values)
+        return struct.unpack(layout, values)
+
+    async def measure(self) -> Result:
+        """Start a stationary measurement and return its result; the caller sets the deadline.
+
+        Cancelled, it tells the tracker to stop and drops the connection.
+        """
+        self._measuring = asyncio.get_running_loop().create_future()
+        self._accepted = False
+        try:
+            await self.ask(Command.START_MEASUREMENT)
+            return await self._measuring
+        except asyncio.CancelledError:
+            if self._writer is not None:
+                self._send(self._writer, command(Command.STOP_MEASUREMENT))
+            self._drop(self._gone("the connection was dropped with its late result."))
+            raise
+        finally:
+            waiting, self._measuring = self._measuring, None
+            if waiting is not None and waiting.done() and not waiting.cancelled():
+                waiting.exception()  # seen, also where the start was refused as well
+
+    def refusal(self, doing: str, status: int) -> RefusedError:
+        """Return the error for a status that is not zero."""
+        entry = meaning(status)
+        return RefusedError(
+            self.device,
+            f"the tracker said no to {doing}: {entry.text}.",
+            remedy=entry.remedy,
+            vendor_code=status,
+            vendor_text=entry.text,
+        )
+
+    # inside
+
+    async def _connect(self) -> None:
+        try:
+            async with deadline(self.device, self._deadline_s, "connecting"):
+                reader, writer = await asyncio.open_connection(self._address, self._port)
+        except TimeoutError:
+            raise
+        except OSError as error:
+            raise self._gone(f"nothing answers at {self._address}:{self._port}.") from error
+        self._writer = writer
+        self._listener = asyncio.create_task(self._listen(reader, writer))
+
+    async def _exchange(self, number: Command, parameters: bytes) -> tuple[int, bytes]:
+        if self._writer is None:
+            raise self._why
+        answer: asyncio.Future[tuple[int, bytes]] = asyncio.get_running_loop().create_future()
+        self._asked = (number, answer)
+        try:
+            self._send(self._writer, command(number, parameters))
+            return await answer
+        finally:
+            self._asked = None
+
+    def _send(self, writer: asyncio.StreamWriter, data: bytes) -> None:
+        self.trace.add(">", data.hex())
+        writer.write(data)
+
+    async def _listen(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        error: DeviceError = self._gone("the tracker closed the connection.")
+        try:
+            while True:
+                size, number = HEADER.unpack(await reader.readexactly(HEADER.size))
+                kind = self._kind(size, number)
+                self._take(kind, await reader.readexactly(size - HEADER.size))
+        except WireProtocolError as found:
+            error = found
+        except (asyncio.IncompleteReadError, OSError) as found:
+            error.__cause__ = found
+        finally:
+            if self._writer is writer:
+                self._drop(error)
+            writer.close()
+
+    def _kind(self, size: int, number: int) -> Kind:
+        header = HEADER.pack(size, number)
+        try:
+            kind = Kind(number)
+        except ValueError:
+            raise self._damaged(f"a packet of type {number}", header) from None
+        fits = size == SIZES.get(kind, size) and HEADER.size + WORD.size <= size <= MOST_BYTES
+        if not fits or (kind is Kind.COMMAND and size not in self._sizes_asked):
+            raise self._damaged(f"a packet {kind.name} of {size} bytes", header)
+        return kind
+
+    def _take(self, kind: Kind, body: bytes) -> None:
+        self.trace.add("<", (HEADER.pack(HEADER.size + len(body), kind) + body).hex())
+        if kind is Kind.COMMAND:
+            self._take_answer(body)
+        elif kind is Kind.ERROR:
+            self._take_error(*ANSWER.unpack(body))
+        elif kind is Kind.STATUS_CHANGE:
+            self._take_change(*WORD.unpack(body))
+        elif (
+            kind in RESULTS and self._accepted and self._measuring is not None and not self._measuring.done()
+        ):
+            self._measuring.set_result(result(kind, body))
+
+    def _take_answer(self, body: bytes) -> None:
+        if len(body) < ANSWER.size:
+            raise self._damaged("an answer without a status", body)
+        number, status = ANSWER.unpack_from(body)
+        if self._asked is None or self._asked[0] != number or self._asked[1].done():
+            raise self._damaged(f"an answer to command {number}, which was not asked", body)
+        self._accepted = self._accepted or (number == Command.START_MEASUREMENT and status == 0)
+        self._asked[1].set_result((status, body[ANSWER.size :]))
+
+    def _take_error(self, number: int, status: int) -> None:
+        """Give an error to whom it belongs; a broken beam comes unasked and belongs to the measurement."""
+        if self._asked is not None and self._asked[0] == number and not self._asked[1].done():
+            self._asked[1].set_result((status, b""))
+        elif number in (Command.START_MEASUREMENT, Command.UNKNOWN):
+            self._interrupt(self.refusal("measuring", status))
+            self.on_change(Change.NOT_READY)
+
+    def _take_change(self, code: int) -> None:
+        if code == Change.NOT_READY:
+            self._interrupt(self.refusal("measuring", 10004))
+        self.on_change(code)
+
+    def _interrupt(self, error: DeviceError) -> None:
+        if self._accepted and self._measuring is not None and not self._measuring.done():
+            self._measuring.set_exception(error)
+
+    def _drop(self, error: DeviceError) -> None:
+        """Leave the connection; whoever waits for it is told why."""
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            self._left, self._why = writer, error
+            writer.close()
+        if self._asked is not None and not self._asked[1].done():
+            self._asked[1].set_exception(error)
+        if self._measuring is not None and not self._measuring.done():
+            self._measuring.set_exception(error)
+
+    async def _reap(self) -> None:
+        """See a connection that was left to its end."""
+        listener, self._listener = self._listener, None
+        left, self._left = self._left, None
+        if listener is not None:
+            listener.cancel()
+            await asyncio.wait({listener})
+        if left is not None:
+            left.transport.abort()
+            with suppress(OSError):
+                await left.wait_closed()
+
+    def _gone(self, message: str) -> UnreachableError:
+        return UnreachableError(self.device, message, remedy=_CABLE)
+
+    def _damaged(self, found: str, data: bytes) -> WireProtocolError:
+        message = f"the tracker sent {found}, which its document does not allow."
+        return WireProtocolError(self.device, message, remedy=_BYTES, frame=data.hex())

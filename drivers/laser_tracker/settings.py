@@ -1,0 +1,122 @@
+"""What must be set in a tracker before its numbers mean anything.
+
+Set by us, read back, and read again after every measurement, because other programs may be connected too.
+"""
+
+import struct
+from dataclasses import dataclass
+
+from drivers.errors import RefusedError
+from drivers.laser_tracker.link import EmsconLink
+from drivers.laser_tracker.packets import Command, Mode
+
+_UNITS = (0, 0, 0, 0, 0)  # metre, radian, degree Celsius, millibar, per cent
+_RIGHT_HANDED = (0,)  # x, y, z, right-handed
+_FLAGS = {
+    1: 0,
+    2: 0,
+    4: 1,
+    5: 0,
+    6: 0,
+}  # no transformation, no orientation, unasked messages, no stream, no tries
+_EXTENDED, _STANDARD = 1, 0
+_NOT_IMPLEMENTED = 2
+_OTHERS = "End other programs that use the tracker, then measure this point again."
+
+
+@dataclass(frozen=True, slots=True)
+class _Setting:
+    name: str
+    read: Command
+    write: Command
+    layout: str
+
+
+_SETTINGS = (
+    _Setting("units", Command.GET_UNITS, Command.SET_UNITS, "<5I"),
+    _Setting("coordinate system", Command.GET_COORDINATE_SYSTEM, Command.SET_COORDINATE_SYSTEM, "<I"),
+    _Setting("system settings", Command.GET_SYSTEM_SETTINGS, Command.SET_SYSTEM_SETTINGS, "<I8i"),
+    _Setting("measurement mode", Command.GET_MEASUREMENT_MODE, Command.SET_MEASUREMENT_MODE, "<I"),
+)
+
+
+class Settings:
+    """Units, axes, flags, mode and reflector of one tracker."""
+
+    def __init__(self, link: EmsconLink, reflector: int | None) -> None:
+        self._link, self._reflector = link, reflector
+
+    async def frame_only(self) -> None:
+        """Set units and axes: what every other number of the tracker depends on."""
+        for setting in _SETTINGS[:2]:
+            await self._make(setting, Mode.POINT)
+
+    async def make(self, mode: Mode) -> None:
+        """Set what differs and read it back.
+
+        Raises
+        ------
+        RefusedError
+            The tracker does not take a setting, or another reflector is chosen than the one that was.
+        """
+        for setting in _SETTINGS:
+            await self._make(setting, mode)
+        await self._hold_reflector()
+
+    async def ask_covariances(self) -> None:
+        """Ask for covariances with every point; a tracker that has none gives standard deviations only."""
+        try:
+            await self._link.ask(Command.SET_STATISTIC_MODE, struct.pack("<II", _EXTENDED, _STANDARD))
+        except RefusedError as error:
+            if error.vendor_code != _NOT_IMPLEMENTED:
+                raise
+
+    async def hold(self, mode: Mode) -> None:
+        """Refuse what was measured when a setting is no longer as it was made."""
+        for setting in _SETTINGS:
+            found = await self._read(setting)
+            if found != _wanted(setting, found, mode):
+                raise RefusedError(
+                    self._link.device,
+                    f"another program changed the tracker's {setting.name} while it measured; not used.",
+                    remedy=_OTHERS,
+                )
+        await self._hold_reflector()
+
+    async def _make(self, setting: _Setting, mode: Mode) -> None:
+        found = await self._read(setting)
+        wanted = _wanted(setting, found, mode)
+        if found == wanted:
+            return
+        await self._link.ask(setting.write, struct.pack(setting.layout, *wanted))
+        found = await self._read(setting)
+        if found != wanted:
+            raise RefusedError(
+                self._link.device,
+                f"the tracker did not take the {setting.name}: it has {found}, wanted were {wanted}.",
+                remedy=_OTHERS,
+            )
+
+    async def _read(self, setting: _Setting) -> tuple[int, ...]:
+        return tuple(int(value) for value in await self._link.ask(setting.read, layout=setting.layout))
+
+    async def _hold_reflector(self) -> None:
+        found = int((await self._link.ask(Command.GET_REFLECTOR, layout="<i"))[0])
+        if self._reflector is None:
+            self._reflector = found
+        if found != self._reflector:
+            raise RefusedError(
+                self._link.device,
+                f"reflector {found} is chosen on the tracker, it was {self._reflector}: their offsets differ.",
+                remedy=f"Mount and choose reflector {self._reflector} again, or begin anew with the other one.",
+            )
+
+
+def _wanted(setting: _Setting, found: tuple[int, ...], mode: Mode) -> tuple[int, ...]:
+    if setting.read is Command.GET_UNITS:
+        return _UNITS
+    if setting.read is Command.GET_COORDINATE_SYSTEM:
+        return _RIGHT_HANDED
+    if setting.read is Command.GET_MEASUREMENT_MODE:
+        return (mode,)
+    return tuple(_FLAGS.get(i, value) for i, value in enumerate(found))

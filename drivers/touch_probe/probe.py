@@ -1,0 +1,142 @@
+"""A touch-trigger probe on a digital input, watched by polling."""
+
+import asyncio
+import math
+import time
+from dataclasses import dataclass, field
+
+from drivers.errors import BusyError, RefusedError
+from drivers.interfaces import Condition, ContactEdge, ContactReading, Identity, ProbeCapabilities
+from drivers.touch_probe.coupler import Coupler, Image
+from drivers.wire.deadline import deadline
+
+_ECHO_EVERY_S = 0.05
+_WORDS_KEPT = 64
+_FEWEST_IMAGES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeOptions:
+    """What the cell file says about watching this probe."""
+
+    deadline_s: float
+    poll_s: float
+    bounce_s: float  # the longest bounce of a healthy probe
+    debounce_s: float  # closed for that long is closed
+    silence_s: float  # longest wait for an image while a touch is waited for
+    normally_closed: bool = False
+
+
+@dataclass(slots=True)
+class _Watch:
+    """What has been seen of one touch so far."""
+
+    open_asked_s: float  # of the last image before the first closed one
+    first_closed_s: float = math.inf
+    closed_since_s: float = math.inf
+    sprung_s: float = 0.0  # how long after the first closure it was seen open
+    images_closed: int = 0  # one after the other
+    bounces: int = 0
+    words: list[int] = field(default_factory=list)
+
+
+class TouchProbe:
+    """TouchProbe over one input of a coupler."""
+
+    def __init__(self, coupler: Coupler, capabilities: ProbeCapabilities, options: ProbeOptions) -> None:
+        self._coupler, self._capabilities, self._options = coupler, capabilities, options
+        self._watching = False
+
+    @property
+    def name(self) -> str:
+        return self._coupler.name
+
+    @property
+    def capabilities(self) -> ProbeCapabilities:
+        return self._capabilities
+
+    async def connect(self) -> None:
+        """Connect and check who answers."""
+        async with deadline(self.name, self._options.deadline_s, "connecting"):
+            await self._coupler.connect()
+
+    async def close(self) -> None:
+        """Hang up."""
+        await self._coupler.link.close()
+
+    async def identify(self) -> Identity:
+        async with deadline(self.name, self._options.deadline_s, "asking who it is"):
+            return await self._coupler.identify()
+
+    async def condition(self) -> Condition:
+        return await self._coupler.condition()
+
+    async def contact(self) -> ContactReading:
+        async with deadline(self.name, self._options.deadline_s, "reading the contact"):
+            image = await self._coupler.fresh()
+        return ContactReading(self._closed(image), image.answered_s, self._word(image))
+
+    async def touched(self) -> ContactEdge:
+        if self._watching:
+            raise BusyError(self.name, "a touch is being waited for already.")
+        self._watching = True
+        try:
+            return await self._watch()
+        finally:
+            self._watching = False
+
+    async def _watch(self) -> ContactEdge:
+        first = await self._coupler.fresh()
+        if self._closed(first):
+            raise RefusedError(
+                self.name,
+                "the probe's contact is closed already.",
+                remedy="Move the tip clear of everything; if it stays closed, check probe and cable.",
+            )
+        watch = _Watch(first.asked_s, words=[self._word(first)])
+        echo_s = time.monotonic()
+        while (edge := self._judged(watch)) is None:
+            await asyncio.sleep(self._options.poll_s)
+            async with deadline(self.name, self._options.silence_s, "looking at the contact"):
+                if time.monotonic() - echo_s > _ECHO_EVERY_S:
+                    echo_s = time.monotonic()
+                    await self._coupler.turn_echo()
+                self._note(watch, await self._coupler.image())
+        return edge
+
+    def _note(self, watch: _Watch, image: Image) -> None:
+        pending, word = watch.first_closed_s < math.inf, self._word(image)
+        watch.words = [*watch.words, word][-_WORDS_KEPT:] if pending or self._closed(image) else [word]
+        if self._closed(image):
+            watch.first_closed_s = min(watch.first_closed_s, image.answered_s)
+            watch.closed_since_s = min(watch.closed_since_s, image.answered_s)
+            watch.images_closed += 1
+        elif pending:
+            watch.sprung_s = image.asked_s - watch.first_closed_s
+            watch.bounces += watch.images_closed > 0
+            watch.images_closed, watch.closed_since_s = 0, math.inf
+        else:
+            watch.open_asked_s = image.asked_s
+
+    def _judged(self, watch: _Watch) -> ContactEdge | None:
+        """Return the touch once its contact stays closed, or has sprung for longer than a healthy one."""
+        sound = watch.sprung_s <= self._options.bounce_s
+        stays = time.monotonic() - watch.closed_since_s >= self._options.debounce_s
+        if sound and not (stays and watch.images_closed >= _FEWEST_IMAGES):
+            return None
+        can = self._capabilities
+        # an open image may have been taken between two bounces of a touch that was earlier still
+        earlier_s = can.delay_s + can.delay_tolerance_s + self._options.bounce_s
+        return ContactEdge(
+            earliest_s=watch.open_asked_s - earlier_s,
+            latest_s=watch.first_closed_s - can.delay_s + can.delay_tolerance_s,
+            bounces=watch.bounces,
+            steady=sound,
+            raw=tuple(watch.words),
+        )
+
+    def _closed(self, image: Image) -> bool:
+        return image.digital(self._coupler.wiring.digital_input) is not self._options.normally_closed
+
+    def _word(self, image: Image) -> int:
+        return image.digital_word(self._coupler.wiring.digital_input)

@@ -1,0 +1,60 @@
+"""The coupler's registers and its analogue words, as data."""
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Register(_Table):
+    """Where something lies; addresses count from 0."""
+
+    address: int = Field(ge=0, le=0xFFFF)
+    words: int = Field(ge=1, le=125)
+    source: str
+
+
+class Constants(_Table):
+    """Words that every coupler answers alike: who does not, is none, or swaps bytes."""
+
+    values: tuple[int, ...]
+
+
+class CurrentLoop(_Table):
+    """How a 4-20 mA terminal writes its value down."""
+
+    shift: int
+    steps: int  # at 20 mA; 4 mA is 0
+    fault_mask: int
+    below: int
+    source: str
+
+    def count(self, word: int) -> int:
+        """Return the value in steps; ValueError says what the terminal reports instead of one."""
+        if word & self.fault_mask == self.fault_mask:
+            what = "below 4 mA or a broken wire" if word == self.below else "above 20 mA"
+            raise ValueError(what)
+        count = word >> self.shift
+        if not 0 <= count <= self.steps:
+            raise ValueError(f"the word {word:04X}h, which no current makes")
+        return count
+
+
+class CouplerMap(_Table):
+    """Everything in ``registers.toml``."""
+
+    registers: dict[str, Register]
+    constants: Constants
+    current_loop: CurrentLoop
+
+
+@cache
+def load_map() -> CouplerMap:
+    """Read ``registers.toml``."""
+    text = files("drivers.touch_probe").joinpath("registers.toml").read_text(encoding="utf-8")
+    return CouplerMap.model_validate(tomllib.loads(text))

@@ -1,0 +1,108 @@
+"""The Modbus draw-wire of a cell: wire, encoder and server put together, and what can happen to them.
+
+Imitates
+    A draw-wire encoder on Ethernet.
+Source
+    See ``fake_devices.draw_wire.modbus_encoder`` and ``fake_devices.wire_gauge``.
+Modelled
+    The happenings of the wire, the faults of the encoder and those of the link.
+Not modelled
+    See the modules named above.
+"""
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+from fake_devices.device import FaultRefusedError, JsonObject
+from fake_devices.draw_wire.modbus_encoder import KINDS, ModbusEncoder
+from fake_devices.draw_wire.wire_happenings import wire_happenings
+from fake_devices.modbus_robot.server import ModbusServer, link_faults
+from fake_devices.modbus_tables import answer
+from fake_devices.wire_gauge import WireGauge
+from fake_devices.world import World
+
+_LOOK_S = 0.05
+
+
+class ModbusDrawWire:
+    """One gauge behind one address."""
+
+    def __init__(self, world: World, table: Mapping[str, Any]) -> None:
+        self._world, self._name = world, str(table["name"])
+        self.gauge = WireGauge(world, table)
+        self._faults = link_faults(world.clock.real, KINDS)
+        step_m = float(table.get("step_um", 38.452)) * 1e-6
+        self.encoder = ModbusEncoder(self.gauge, int(table["serial"]), step_m, self._faults.look)
+        self.server = ModbusServer(
+            str(table.get("host", "127.0.0.1")),
+            int(table.get("port", 502)),
+            lambda request: answer(self.encoder, request),
+            self._faults,
+        )
+        self._follower: asyncio.Task[None] | None = None
+        self._happen = {**wire_happenings(self.gauge), "preset": self._preset}
+
+    @property
+    def name(self) -> str:
+        """Name in the cell file."""
+        return self._name
+
+    async def start(self) -> None:
+        await self.server.open()
+        self._follower = asyncio.create_task(self._follow())
+
+    async def stop(self) -> None:
+        if self._follower is not None:
+            self._follower.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._follower
+        await self.server.wait_closed()
+
+    async def _follow(self) -> None:
+        while True:
+            await self._listen_or_not()
+            await asyncio.sleep(_LOOK_S)
+
+    async def _listen_or_not(self) -> None:
+        flap = self._faults.look("flap")
+        gone = flap is not None and self._world.clock.real() % (2 * flap["period_s"]) > flap["period_s"]
+        if gone or self._faults.look("refuse") is not None:
+            self.server.close()
+        else:
+            with suppress(OSError):  # the address is not free yet; the next look tries again
+                await self.server.open()
+
+    def fault_names(self) -> frozenset[str]:
+        return self._faults.kinds | frozenset(self._happen)
+
+    async def fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        if name in self._happen:
+            given = dict(parameters)
+            self._happen[name](given)
+            if given:
+                raise FaultRefusedError(f"{name} does not know {', '.join(sorted(given))}")
+        else:
+            self._faults.set(name, parameters)
+            await self._listen_or_not()
+        return {}
+
+    def clear(self) -> None:
+        self._faults.clear()
+
+    def _preset(self, given: dict[str, Any]) -> None:
+        """Somebody sets a preset: the shown position moves, and the offset says by how much."""
+        self.encoder.offset_steps += round(float(given.pop("m", 0.01)) / self.encoder.step_m)
+
+    def truth(self) -> JsonObject:
+        gauge = self.gauge
+        return {
+            "robot": gauge.robot,
+            "anchor_in_base_m": gauge.anchor_in_base_m.tolist(),
+            "hook_in_flange_m": gauge.hook_in_flange_m.tolist(),
+            "length_m": gauge.true_length_m(),
+            "reading_m": gauge.exact_reading_m() + self.encoder.offset_steps * self.encoder.step_m,
+            "snapped": gauge.snapped,
+            "port": self.server.port,
+        }

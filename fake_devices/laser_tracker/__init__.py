@@ -1,0 +1,1 @@
+"""A laser tracker behind an emScon server."""

@@ -1,0 +1,189 @@
+"""The touch probe and the dial gauge of a cell, wired to a coupler, and what can happen to them.
+
+Imitates
+    A probe on a digital input and a dial gauge on an analogue input of one rail, or of two.
+Source
+    See the modules of this package; deploy/controller_setup/touch_probe.md.
+Modelled
+    The faults of ``_PROBE_KINDS`` and ``_DIAL_KINDS``, and those of the coupler and its link. Tables that name
+    one address and port share one coupler.
+Not modelled
+    See the modules of this package.
+"""
+
+import asyncio
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+from fake_devices.device import JsonObject
+from fake_devices.link_faults import LinkFaults
+from fake_devices.touch_probe.coupler import Coupler
+from fake_devices.touch_probe.tip import ContactProbe, Plunger
+from fake_devices.world import World
+
+_TICK_REAL_S, _REST_REAL_S, _PORT_REAL_S = 0.008, 0.04, 0.05
+_PROBE_KINDS: dict[str, dict[str, Any]] = {
+    "stuck_closed": {},
+    "stuck_open": {},  # it never touches
+    "delay": {"s": 0.05},  # more delay than the data sheet says
+    "bounce": {"s": 0.02, "half_s": 0.0013},  # how long the contact springs after it closed
+    "press": {},  # a finger presses the tip
+    "contact_lost": {"after_s": 0.05},  # closes, then opens again although it still touches
+}
+_DIAL_KINDS: dict[str, dict[str, Any]] = {
+    "wire_break": {},
+    "overrange": {},
+    "push_in": {"m": 0.004},  # a finger pushes the plunger in
+    "wire_offset": {"m": 0.005},  # somebody has turned the dial
+}
+
+
+class IoDevice:
+    """What probe and dial have in common: a place on a rail."""
+
+    def __init__(self, world: World, table: Mapping[str, Any], kinds: Mapping[str, dict[str, Any]]) -> None:
+        self._name, self._world = str(table["name"]), world
+        self.coupler = _coupler(world, table)
+        self._faults = LinkFaults(kinds, world.clock.real)
+        self._follower: asyncio.Task[None] | None = None
+
+    @property
+    def name(self) -> str:
+        """Name in the cell file."""
+        return self._name
+
+    async def start(self) -> None:
+        await self.coupler.server.open()
+        self._follower = asyncio.create_task(self._follow())
+
+    async def stop(self) -> None:
+        if self._follower is not None:
+            self._follower.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._follower
+        await self.coupler.server.wait_closed()
+
+    def fault_names(self) -> frozenset[str]:
+        return self._faults.kinds | self.coupler.faults.kinds
+
+    async def fault(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
+        faults = self._faults if name in self._faults.kinds else self.coupler.faults
+        faults.set(name, parameters)
+        self._notice()
+        self.coupler.cycle()
+        await self._listen_or_not()
+        return {}
+
+    def clear(self) -> None:
+        self._faults.clear()
+        self.coupler.faults.clear()
+
+    def _notice(self) -> float:
+        """Follow the world; return how long it may be left alone [s]."""
+        return _PORT_REAL_S
+
+    async def _follow(self) -> None:
+        port_s = 0.0
+        while True:
+            pause_s = self._notice()
+            if self._world.clock.real() >= port_s:
+                await self._listen_or_not()
+                port_s = self._world.clock.real() + _PORT_REAL_S
+            await asyncio.sleep(pause_s)
+
+    async def _listen_or_not(self) -> None:
+        server, flap = self.coupler.server, self.coupler.faults.look("flap")
+        gone = flap is not None and self._world.clock.real() % (2 * flap["period_s"]) > flap["period_s"]
+        if gone or self.coupler.faults.look("refuse") is not None:
+            server.close()
+        else:
+            with suppress(OSError):  # the address is not free yet; the next look tries again
+                await server.open()
+
+
+class ProbeDevice(IoDevice):
+    """A touch-trigger probe on a digital input."""
+
+    def __init__(self, world: World, table: Mapping[str, Any]) -> None:
+        super().__init__(world, table, _PROBE_KINDS)
+        self.probe = ContactProbe(world, table)
+        self.coupler.digital[int(table.get("contact_input", 1)) - 1] = self._signal
+        if "echo_output" in table:
+            self.coupler.loops[int(table["echo_output"])] = int(table["echo_input"])
+
+    def _signal(self) -> bool:
+        if self._faults.look("stuck_closed") is not None:
+            return True
+        if self._faults.look("stuck_open") is not None:
+            return False
+        self._look()
+        now_s, switch = self._world.clock.real(), self.probe.switch
+        late, springs = self._faults.look("delay"), self._faults.look("bounce")
+        late_s = 0.0 if late is None else float(late["s"])
+        bounce = None if springs is None else (float(springs["s"]), float(springs["half_s"]))
+        closed = switch.closed(now_s, late_s, bounce)
+        lost = self._faults.look("contact_lost")
+        if closed and lost is not None:
+            return not switch.closed(now_s, late_s + float(lost["after_s"]), (0.0, 1.0))
+        return closed
+
+    def _look(self) -> None:
+        self.probe.pressed = self._faults.look("press") is not None
+        self.probe.look()
+
+    def _notice(self) -> float:
+        self._look()
+        arm = self.probe.tip.arm
+        return _TICK_REAL_S if arm is not None and arm.moving else _REST_REAL_S
+
+    def truth(self) -> JsonObject:
+        return {**self.probe.truth(), "port": self.coupler.server.port, "signal": self._signal()}
+
+
+class DialDevice(IoDevice):
+    """A dial gauge with a 4-20 mA output on an analogue input."""
+
+    def __init__(self, world: World, table: Mapping[str, Any]) -> None:
+        super().__init__(world, table, _DIAL_KINDS)
+        self.plunger = Plunger(world, table)
+        self.coupler.analogue[int(table.get("dial_input", 1)) - 1] = self._current
+        if "echo_output" in table:
+            self.coupler.loops[int(table["echo_output"])] = int(table["echo_input"])
+
+    def _current(self) -> float:
+        if self._faults.look("wire_break") is not None:
+            return -0.25  # of 16 mA below 4 mA: nothing flows
+        if self._faults.look("overrange") is not None:
+            return 1.1
+        pushed = self._faults.look("push_in")
+        self.plunger.by_hand_m = 0.0 if pushed is None else float(pushed["m"])
+        return (self.plunger.read_m() + self._turned_m()) / self.plunger.range_m
+
+    def _turned_m(self) -> float:
+        turned = self._faults.look("wire_offset")
+        return 0.0 if turned is None else float(turned["m"])
+
+    def truth(self) -> JsonObject:
+        told = self.plunger.truth()
+        return {**told, "reading_m": told["reading_m"] + self._turned_m(), "port": self.coupler.server.port}
+
+
+def _coupler(world: World, table: Mapping[str, Any]) -> Coupler:
+    """Return the coupler that stands at the table's address: one for all who name it."""
+    host, port = str(table.get("address", "127.0.0.1")), int(table.get("port", 502))
+    found = world.shared.get((host, port)) if port else None
+    if not isinstance(found, Coupler):
+        found = Coupler(host, port, str(table["serial"]), world.clock.real)
+        world.shared[host, port] = found
+    return found
+
+
+def create_probe(world: World, table: Mapping[str, Any]) -> ProbeDevice:
+    """Build the touch probe that a cell file names."""
+    return ProbeDevice(world, table)
+
+
+def create_dial(world: World, table: Mapping[str, Any]) -> DialDevice:
+    """Build the dial gauge that a cell file names."""
+    return DialDevice(world, table)

@@ -1,0 +1,266 @@
+"""The accuracy check: five poses in a cube, gone round several times, following ISO 9283.
+
+With a tracker pose accuracy and repeatability; with a draw-wire the same along the wire only, and titled so. Both
+are said of the nominal model and of the identified one, from the same readings. Where the device stands is found at
+other poses, which take no part in the test.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import to_jsonable_python
+
+from calibration.accuracy import FULL_POSES, AccuracyTest, Attained, Conditions, PoseResult, evaluate
+from calibration.arm_fit import placed
+from calibration.calibrated_arm import CalibratedArm
+from calibration.geometry import Array, inverse_transform
+from calibration.joint_terms import term_values
+from calibration.line_accuracy import LinePose, LineTest, evaluate_lengths
+from calibration.parameters import ArmState
+from drivers.interfaces import Instruction
+from procedures.arm_bench import (
+    READY,
+    ArmCapture,
+    Bench,
+    Method,
+    Triple,
+    bench_before,
+    joints_of,
+    observed,
+    read_bench,
+    same_robot,
+    values_of,
+)
+from procedures.arm_series import Visits
+from procedures.canonical import sha256_of
+from procedures.cell import Cell
+from procedures.cube_plan import CubePlan, plan_cube
+from procedures.entry import Entry, Keepsake, Phase
+from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose
+from procedures.limits import POSE, AccuracyClass, PoseLimits, chosen, told
+from procedures.plans import Room
+from procedures.run import Run
+from procedures.steps.ask import accept, ask
+from procedures.verdict import Change, Verdict, judged, stated
+
+MEAN_TRAVEL_RAD = 1.0
+SYSTEMATIC_SHARE = 0.5  # of a wire's sigma, that averaging does not take away
+
+
+@dataclass(frozen=True, slots=True)
+class CheckRules:
+    """Where the cube is, how often it is gone round, how carefully, and what motion must keep to."""
+
+    cycles: Annotated[int, Field(ge=2, le=100)] = 5
+    centre_m: Triple | None = None  # of the cube, base frame; None: the middle of the work
+    side_m: Annotated[float, Field(ge=0.05, le=2)] = 0.4
+    placing: Annotated[int, Field(ge=10, le=100)] = (
+        14  # poses that tell where the device is; not part of the test
+    )
+    candidates: Annotated[int, Field(ge=32, le=1000)] = 150
+    samples: Annotated[int, Field(ge=1, le=1000)] = 3
+    load_share: Annotated[float, Field(ge=0, le=1)] = 0.0  # of the rated load, as mounted
+    warmed_up: bool = False
+    seed: Annotated[int, Field(ge=0)] = 1
+    room: Room = field(default_factory=Room)
+
+
+@dataclass(frozen=True, slots=True)
+class AccuracyCheck:
+    """With what to measure, and what the robot must keep."""
+
+    method: Method = "tracker"
+    accuracy_class: AccuracyClass = "B"
+    limits: PoseLimits | None = None
+    rules: CheckRules = field(default_factory=CheckRules)
+
+
+@dataclass(frozen=True, slots=True)
+class AccuracyResult:
+    """The test by the nominal model, and by the identified one where there is one."""
+
+    title: str
+    nominal: AccuracyTest | LineTest
+    identified: AccuracyTest | LineTest | None
+    speed_share: float
+
+    @property
+    def in_force(self) -> AccuracyTest | LineTest:
+        """The test of the model that programs should be compensated with."""
+        return self.nominal if self.identified is None else self.identified
+
+
+async def accuracy_check(run: Run, spec: AccuracyCheck) -> AccuracyResult:
+    """Measure pose accuracy and repeatability."""
+    await run.ensure("the device is ready", ask, READY[spec.method])
+    bench = await run.step("read the robot", read_bench, spec.method)
+    await run.ensure("the robot kept its position", same_robot, bench.epoch)
+    arm = await run.step("look up the parameters", parameters_in_force, bench)
+
+    rules = spec.rules
+    plan = await run.solve("plan the poses", plan_cube, bench, rules)
+    await run.step("accept the plan", accept, _shown(plan, spec), sha256_of(to_jsonable_python(plan)))
+    visits = Visits(run, bench, plan.speed_rad_s, rules.samples, bench.joints_rad)
+    await visits.rest(plan.way_to_rest_rad)
+    for way in plan.placing_rad:
+        await visits.visit(way)
+    cycles = []
+    for cycle in range(rules.cycles):
+        ways = plan.first_round_rad if cycle == 0 else plan.round_rad
+        start = 1 + cycle * FULL_POSES
+        cycles.append(tuple([await visits.check("test", start + k, way) for k, way in enumerate(ways)]))
+    seen = Rounds(visits.captures(), tuple(cycles))
+    return await run.solve("evaluate the test", evaluate_rounds, bench, plan, seen, arm, rules)
+
+
+async def parameters_in_force(cell: Cell, bench: Bench) -> CalibratedArm | None:
+    """Return the parameters of this robot that hold for its present mastering; None where there are none."""
+    arm = cell.calibrated
+    if arm is None or (arm.robot_serial, arm.model, arm.counts_at_zero) != (
+        bench.serial, bench.model, bench.counts_at_zero
+    ):  # fmt: skip
+        return None
+    return arm
+
+
+@dataclass(frozen=True, slots=True)
+class Rounds:
+    """Captures that place the device, then those of every cycle, five each."""
+
+    placing: tuple[ArmCapture, ...]
+    cycles: tuple[tuple[ArmCapture, ...], ...]
+
+
+def evaluate_rounds(
+    bench: Bench, plan: CubePlan, seen: Rounds, arm: CalibratedArm | None, rules: CheckRules
+) -> AccuracyResult:
+    """Say of both models how far from them the robot went, and how well it came back."""
+    fastest = float(np.min(bench.nominal().max_speed_rad_s))
+    share = min(plan.speed_rad_s / fastest, 1.0)
+    conditions = Conditions(rules.load_share, share, rules.warmed_up, one_direction=True)
+    nominal = _tested(bench, plan, seen, {}, conditions)
+    if arm is None:
+        return AccuracyResult(nominal.title, nominal, None, share)
+    return AccuracyResult(nominal.title, nominal, _tested(bench, plan, seen, arm.values(), conditions), share)
+
+
+def _tested(
+    bench: Bench, plan: CubePlan, seen: Rounds, values: dict[str, float], conditions: Conditions
+) -> AccuracyTest | LineTest:
+    task, axes = bench.task(), len(bench.joints_rad)
+    state = placed(task, observed(task, seen.placing), values)
+    joints, fitted = np.array(plan.tests_rad), joints_of(seen.placing, axes)
+    found = np.array([values_of(cycle) for cycle in seen.cycles]).swapaxes(0, 1)  # (P, cycles, channels)
+    device = state.devices[0]
+    places = _targets(state, joints)
+    if bench.method == "wire":
+        wanted = device.zero_m + device.scale * np.linalg.norm(places - device.anchor_in_base_m, axis=1)
+        systematic = SYSTEMATIC_SHARE * bench.sigma_m
+        return evaluate_lengths(
+            wanted, found[:, :, 0], joints, device_sigma_m=systematic, fitted_joints_rad=fitted
+        )
+    base_device = inverse_transform(device.device_base)
+    positions = found @ base_device[:3, :3].T + base_device[:3, 3]
+    attained = Attained(places, positions, joints, device_sigma_m=bench.sigma_m)
+    return evaluate(attained, conditions, fitted_joints_rad=fitted)
+
+
+def _targets(state: ArmState, joints_rad: Array) -> Array:
+    """Return where a model says the target is, in the base (P, 3) [m]."""
+    values = term_values(state.nominal, joints_rad, state.terms)
+    flanges = state.arm.base_flange(state.moved_joints(joints_rad, values))
+    return np.asarray((flanges @ state.flange_tool)[:, :3, 3])
+
+
+def _shown(plan: CubePlan, spec: AccuracyCheck) -> Instruction:
+    x, y, z = (v * 1e3 for v in plan.centre_m)
+    return Instruction(
+        "accept_plan",
+        f"The robot will move to {len(plan.placing_rad)} poses that tell where the device is, then "
+        f"{spec.rules.cycles} times round five poses in a cube of {plan.side_m * 1e3:.0f} mm about "
+        f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm, at up to {math.degrees(plan.speed_rad_s):.1f} deg/s per joint. "
+        f"{'; '.join(plan.not_checked)}. May it move?",
+    )
+
+
+def _outline(spec: AccuracyCheck) -> tuple[Phase, ...]:
+    tests = FULL_POSES * spec.rules.cycles
+    return (
+        *(Phase("read the robot"), Phase("look up the parameters"), Phase("plan the poses")),
+        *(
+            Phase("accept the plan"),
+            Phase("go to rest"),
+            Phase("go to pose", spec.rules.placing, adaptive=True),
+        ),
+        *(Phase("capture", spec.rules.placing, adaptive=True), Phase("go to test", tests)),
+        *(Phase("capture test", tests), Phase("evaluate the test")),
+    )
+
+
+def _keeps(spec: AccuracyCheck, result: AccuracyResult) -> Keepsake:
+    return Keepsake("accuracy_test", spec.method, result)
+
+
+def _verdict(spec: AccuracyCheck, result: AccuracyResult) -> Verdict:
+    limits = chosen(POSE, spec.accuracy_class, spec.limits)
+    test, along = result.in_force, "" if spec.method == "tracker" else " along the wire"
+    poses: tuple[PoseResult | LinePose, ...] = test.poses
+    worst, widest = max(poses, key=lambda pose: pose.ap_m), max(poses, key=lambda pose: pose.rp_m)
+    changes: tuple[Change, ...] = ()
+    if result.identified is not None:
+        changes = (Change(f"largest error{along}", result.nominal.ap_m, result.identified.ap_m, "m"),)
+    departures = test.departures if isinstance(test, AccuracyTest) else ()
+    model = "nominal" if result.identified is None else "identified"
+    return Verdict(
+        (
+            judged(
+                f"AP{along}, worst pose, {model} model",
+                worst.ap_m,
+                "m",
+                u=worst.ap_sigma_m,
+                limit=limits.ap_m,
+            ),
+            judged(f"RP{along}, worst pose", widest.rp_m, "m", u=widest.rp_sigma_m, limit=limits.rp_m),
+            stated("share of the rated speed", result.speed_share, "1"),
+        ),
+        limits_from=told(spec.accuracy_class, spec.limits),
+        not_verified=(
+            *(f"departs from the full test: {words}" for words in departures),
+            "The attitude differs from pose to pose: each is taken from the nearest free posture.",
+            "Base and target were placed by this model at other poses: a robot that stands elsewhere does not show.",
+        ),
+        remarks=(result.title,),
+        changes=changes,
+    )
+
+
+def _forecast(spec: AccuracyCheck, known: Knowledge) -> Forecast:
+    bench = bench_before(known, spec.method)
+    if bench is None:
+        return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
+    plan, rules = plan_cube(bench, spec.rules), spec.rules
+    captures = rules.placing + FULL_POSES * rules.cycles
+    each_s = MEAN_TRAVEL_RAD / plan.speed_rad_s + known.limits.settle_s + rules.samples * SAMPLE_S
+    return Forecast(
+        duration_s=math.ceil(captures * each_s + ANSWER_S),
+        poses=tuple(PlannedPose(f"P{k}", pose) for k, pose in enumerate(plan.tests_rad, 1)),
+        speed_rad_s=plan.speed_rad_s,
+        not_checked=plan.not_checked,
+    )
+
+
+ENTRY = Entry(
+    name="accuracy_check",
+    title="Accuracy and repeatability following ISO 9283",
+    version=1,
+    procedure=accuracy_check,
+    spec_type=AccuracyCheck,
+    needs=("moves_joints", "model", "sees_the_flange"),
+    outline=_outline,
+    keeps=_keeps,
+    verdict=_verdict,
+    forecast=_forecast,
+)

@@ -1,0 +1,256 @@
+"""A robot before one device that sees its flange: a draw-wire hooked to it, or a tracker and its target.
+
+Shared by the calibration, the accuracy check and the drift check: what is read before anything moves, one capture,
+and what captures mean to the mathematics.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from calibration.arm_fit import ArmTask
+from calibration.geometry import Array
+from calibration.kinematics import RobotModel, load_model
+from calibration.mastering import DriveTrain
+from calibration.observations import Observations
+from calibration.parameters import GRAVITY, Priors
+from drivers.interfaces import Counts, Instruction, Joints, Readiness
+from procedures.cell import Cell, MotionLimits
+from procedures.entry import NEEDS
+from procedures.forecast import Knowledge
+from procedures.run import NeedsUnmetError, RefusalError
+from procedures.steps.capture import SPREAD_SIGMAS
+from procedures.steps.length import LengthCapture, capture_length
+from procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
+from procedures.steps.measure_point import PointCapture, measure_point, tracker
+
+Method = Literal["wire", "tracker"]
+Triple = tuple[float, float, float]
+ArmCapture = LengthCapture | PointCapture
+
+ARM_SIGMA_M = 8e-5  # of one coordinate: what gears, backlash and settling leave that no parameter describes
+READY = {
+    "wire": Instruction(
+        "wire_is_hooked",
+        "Hook the draw-wire to the flange, its mouth towards the middle of the robot's work; "
+        "nothing may touch the wire.",
+    ),
+    "tracker": Instruction(
+        "target_is_mounted",
+        "Mount the tracker's target on the flange so that the tracker sees it; nobody may step into the beam.",
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """The robot and its device before a series."""
+
+    method: Method
+    serial: str
+    model: str
+    joints_rad: Joints
+    counts_at_zero: Counts  # empty where the robot keeps none
+    drive: DriveTrain | None  # None where the robot's mastering is out of reach
+    epoch: int | None
+    target_in_flange_m: Triple  # hook or reflector, by a ruler
+    anchor_in_base_m: Triple  # of the wire; zero for a tracker
+    range_m: float
+    sigma_m: float  # of one coordinate of a reading
+    limits: MotionLimits
+
+    def nominal(self) -> RobotModel:
+        """Return the arm as its maker draws it."""
+        return load_model(self.model)
+
+    def task(
+        self, level: int = GRAVITY, priors: Priors | None = None, arm_sigma_m: float = ARM_SIGMA_M
+    ) -> ArmTask:
+        """Return what a fit of this robot's captures is about."""
+        noise = self.sigma_m / 2.0 if self.method == "wire" else self.sigma_m
+        task = ArmTask(
+            model=self.model,
+            kind="length" if self.method == "wire" else "point",
+            sigma_m=math.hypot(noise, arm_sigma_m),
+            target_in_flange_m=self.target_in_flange_m,
+            anchor_in_base_m=self.anchor_in_base_m,
+            level=level,
+        )
+        return task if priors is None else replace_priors(task, priors)
+
+
+def replace_priors(task: ArmTask, priors: Priors) -> ArmTask:
+    """Return the task with what else is known of the arm beforehand."""
+    return ArmTask(
+        task.model,
+        task.kind,
+        task.sigma_m,
+        task.target_in_flange_m,
+        task.anchor_in_base_m,
+        task.level,
+        priors,
+    )
+
+
+async def read_bench(cell: Cell, method: Method) -> Bench:
+    """Read who the robot is and where it stands; refuse one that is not ready, not mastered, or another model."""
+    condition, identity = await cell.robot.condition(), await cell.robot.identify()
+    mastering = None if cell.mastering is None else await cell.mastering.mastering()
+    if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
+        raise RefusalError(
+            f"the robot is not ready or not mastered: {condition.message or 'mastering data invalid'}",
+            code="procedure.not_healthy",
+            remedy="Clear what is wrong, then start a new run.",
+        )
+    model = nominal_model(cell)
+    joints_rad = (await cell.robot.joints()).joints_rad
+    error_m = model_error_m(model, joints_rad, await cell.robot.flange_pose())
+    if error_m > MODEL_TOLERANCE_M:
+        raise RefusalError(
+            f"the controller says its flange is {error_m * 1e3:.0f} mm from where a {model.name} has it",
+            code="procedure.wrong_model",
+            remedy="Correct the robot's model in the cell file, then start a new run.",
+        )
+    target, anchor, range_m, sigma_m = _device(cell, method)
+    return Bench(
+        method=method,
+        serial=identity.serial,
+        model=model.name,
+        joints_rad=joints_rad,
+        counts_at_zero=() if mastering is None else mastering.counts_at_zero,
+        drive=None if cell.mastering is None else await cell.mastering.drive_train(),
+        epoch=None if cell.mastering is None else await cell.mastering.encoder_epoch(),
+        target_in_flange_m=target,
+        anchor_in_base_m=anchor,
+        range_m=range_m,
+        sigma_m=sigma_m,
+        limits=cell.limits,
+    )
+
+
+def _device(cell: Cell, method: Method) -> tuple[Triple, Triple, float, float]:
+    if method == "wire":
+        at, can = cell.gauge_setup, length_gauge(cell).capabilities
+        if at is None:
+            raise _lacking("gauge_setup", "Say in cell.toml where the wire is fixed and hooked.")
+        return at.hook_in_flange_m, at.anchor_in_base_m, can.range_m, can.sigma_m
+    setup, sees = cell.tracker_setup, tracker(cell).capabilities
+    if setup is None:
+        raise _lacking("tracker_setup", "Say in cell.toml where the target sits on the flange.")
+    return setup.target_in_flange_m, (0.0, 0.0, 0.0), sees.range_m, sees.sigma_m
+
+
+def _lacking(need: str, remedy: str) -> NeedsUnmetError:
+    return NeedsUnmetError(
+        f"this cell does not say {NEEDS[need][0]}", missing=(NEEDS[need][0],), remedy=remedy
+    )
+
+
+async def same_robot(cell: Cell, epoch: int | None) -> int | None:
+    """Hold that the encoders have not lost their position; a robot without an epoch is believed."""
+    if epoch is None or cell.mastering is None:
+        return None
+    found = await cell.mastering.encoder_epoch()
+    if found != epoch:
+        raise RefusalError(
+            f"the robot lost its position during this run (encoder epoch {epoch}, now {found})",
+            code="procedure.position_lost_again",
+            remedy="Run mastering_recovery; what was measured before cannot be combined with later captures.",
+        )
+    return found
+
+
+async def capture_arm(cell: Cell, label: str, samples: int, method: Method) -> ArmCapture:
+    """Let the arm settle and measure its target once more, several readings averaged."""
+    if method == "wire":
+        return await capture_length(cell, label, samples)
+    return await measure_point(cell, label, samples)
+
+
+def values_of(captures: tuple[ArmCapture, ...]) -> Array:
+    """Return what was measured, (N, 1) lengths or (N, 3) places [m].
+
+    Raises
+    ------
+    RefusalError
+        A tracker stood at more than one station.
+    """
+    stations = {capture.station for capture in captures if isinstance(capture, PointCapture)}
+    if len(stations) > 1:
+        raise RefusalError(
+            "the tracker was moved to another station during the series: its places are of two frames",
+            code="procedure.station_moved",
+            remedy="Leave the tracker where it stands and start a new run.",
+        )
+    return np.array([[c.length_m] if isinstance(c, LengthCapture) else list(c.position_m) for c in captures])
+
+
+def noise_m(capture: ArmCapture) -> float:
+    """Return the standard deviation [m] of one coordinate of a capture, as its device states it."""
+    if isinstance(capture, LengthCapture):
+        return capture.sigma_m
+    return math.sqrt(float(np.trace(np.array(capture.covariance_m2))) / 3.0)
+
+
+def station_of(captures: tuple[ArmCapture, ...]) -> int:
+    """Return from which station a tracker saw these; 0 for a wire."""
+    return next((capture.station for capture in captures if isinstance(capture, PointCapture)), 0)
+
+
+def joints_of(captures: tuple[ArmCapture, ...], axes: int) -> Array:
+    """Return the joints (N, n) of captures [rad]."""
+    return np.array([capture.joints_rad for capture in captures], dtype=float).reshape(-1, axes)
+
+
+def observed(task: ArmTask, captures: tuple[ArmCapture, ...]) -> Observations:
+    """Return captures as rows of a fit."""
+    return task.observations(joints_of(captures, task.nominal().axes), values_of(captures))
+
+
+def apart_m(one: ArmCapture, other: ArmCapture) -> float:
+    """Return how far two captures of one pose are from each other [m]."""
+    values = values_of((one, other))
+    return float(np.linalg.norm(values[1] - values[0]))
+
+
+def agree(one: ArmCapture, other: ArmCapture, sigma_m: float) -> bool:
+    """Tell whether two captures of one pose may be of the same place."""
+    return apart_m(one, other) <= SPREAD_SIGMAS * sigma_m
+
+
+def bench_before(known: Knowledge, method: Method) -> Bench | None:
+    """Return the robot as it is imagined before anybody asked it; None where too little is known of the cell."""
+    if known.model is None:
+        return None
+    device = _known_device(known, method)
+    if device is None:
+        return None
+    target, anchor, range_m, sigma_m = device
+    return Bench(
+        method=method,
+        serial="" if known.record is None else known.record.robot_serial,
+        model=known.model.name,
+        joints_rad=(0.0,) * known.model.axes,
+        counts_at_zero=(),
+        drive=None,
+        epoch=None,
+        target_in_flange_m=target,
+        anchor_in_base_m=anchor,
+        range_m=range_m,
+        sigma_m=sigma_m,
+        limits=known.limits,
+    )
+
+
+def _known_device(known: Knowledge, method: Method) -> tuple[Triple, Triple, float, float] | None:
+    if method == "wire":
+        if known.gauge_setup is None or known.gauge is None:
+            return None
+        at = known.gauge_setup
+        return at.hook_in_flange_m, at.anchor_in_base_m, known.gauge.range_m, known.gauge.sigma_m
+    if known.tracker_setup is None or known.tracker is None:
+        return None
+    sees = known.tracker
+    return known.tracker_setup.target_in_flange_m, (0.0, 0.0, 0.0), sees.range_m, sees.sigma_m

@@ -1,0 +1,268 @@
+"""Where one robot's base is seen from another's: through one fixture that both are aligned with.
+
+F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, Eq. 9:
+``R'_T_R = R'_T_Fix (R_T_Fix)^-1``. Run `fixture_alignment` on each robot first, without moving the fixture.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import Field
+from pydantic_core import to_jsonable_python
+
+from calibration.alignment import Alignment
+from calibration.fixture import BaseToBase
+from calibration.joint_bases import bases_together
+from calibration.uncertainty import chi_square_limit
+from drivers.interfaces import Counts, Instruction
+from procedures.canonical import sha256_of
+from procedures.cell import Cell
+from procedures.entry import Entry, Keepsake, Phase
+from procedures.forecast import ANSWER_S, Forecast, Knowledge
+from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
+from procedures.limits import FrameLimits
+from procedures.run import RefusalError, Run
+from procedures.steps.ask import accept, ask
+from procedures.verdict import Verdict, held, known_within, stated
+
+BASE_LIMITS = FrameLimits(0.0004, math.radians(0.02))
+
+
+@dataclass(frozen=True, slots=True)
+class BaseToBaseSpec:
+    """Through which fixture, which robots (by serial number), and how well it must be known."""
+
+    fixture: Annotated[str, Field(min_length=1, max_length=64)]
+    robots: Annotated[tuple[str, ...], Field(max_length=20)] = ()  # the first is seen from; none: all aligned
+    limits: FrameLimits = BASE_LIMITS
+    write_anyway: WriteAnyway = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SeenBase:
+    """One robot's base seen from the reference robot's."""
+
+    robot_serial: str
+    pose: BaseToBase  # ``other_base_base``: other is the reference
+
+
+@dataclass(frozen=True, slots=True)
+class BasesResult:
+    """All bases seen from the reference robot's, with the alignments they come from."""
+
+    fixture: str
+    reference_serial: str
+    bases: tuple[SeenBase, ...]
+    alignments: tuple[Alignment, ...]  # the reference's first
+    jointly: bool = False  # in one fit; False: chained one by one
+    chi_square: float = 0.0  # of the points that all robots found, against one drawing
+    degrees_of_freedom: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class AlignmentsFound:
+    """What is stored about a fixture, and the mastering of the robot that is connected."""
+
+    alignments: tuple[Alignment, ...]
+    connected_serial: str
+    counts_at_zero: Counts  # of the connected robot; empty where it keeps none
+
+
+async def base_to_base(run: Run, spec: BaseToBaseSpec) -> BasesResult:
+    """Find robots' bases from one another through a fixture that each is aligned with."""
+    await run.ensure("the fixture has not moved", ask, _not_moved(spec.fixture))
+    stored = await run.step("read the alignments", stored_alignments, spec.fixture)
+    result = await run.solve("chain the bases", chain_bases, spec, stored)
+    first_of((_bad_shape(result), _badly_known(result, spec)), spec.write_anyway)
+    verdict = _judge(spec, result)
+    refuse_failed(verdict, spec.write_anyway, result)
+    shown = with_verdict(_shown(result), verdict, "Keep it?", spec.write_anyway)
+    await run.step("accept the result", accept, shown, sha256_of(to_jsonable_python(result.bases)))
+    return result
+
+
+async def stored_alignments(cell: Cell, fixture: str) -> AlignmentsFound:
+    """Return the alignments with one fixture, and what tells whether the connected robot's still holds."""
+    serial = (await cell.robot.identify()).serial
+    counts: Counts = ()
+    if cell.mastering is not None:
+        counts = (await cell.mastering.mastering()).counts_at_zero
+    return AlignmentsFound(tuple(a for a in cell.alignments if a.fixture == fixture), serial, counts)
+
+
+def chain_bases(spec: BaseToBaseSpec, stored: AlignmentsFound) -> BasesResult:
+    """Find every robot's base from the reference's by all their alignments in one fit, uncertainties included."""
+    latest = {alignment.robot_serial: alignment for alignment in stored.alignments}  # the newest comes last
+    wanted = spec.robots or tuple(sorted(latest))
+    missing = [serial for serial in wanted if serial not in latest]
+    if missing or len(set(wanted)) < 2:
+        lacking = ", ".join(missing) or "a second robot"
+        raise RefusalError(
+            f"no alignment of {lacking} with {spec.fixture} is stored",
+            code="procedure.no_alignment",
+            remedy="Run fixture_alignment on each robot with this fixture, and do not move it in between.",
+        )
+    chosen = tuple(latest[serial] for serial in dict.fromkeys(wanted))
+    _refuse_other_drawing(chosen)
+    _refuse_other_mastering(chosen, stored)
+    found = bases_together(chosen)
+    bases = tuple(
+        SeenBase(other.robot_serial, base) for other, base in zip(chosen[1:], found.bases, strict=True)
+    )
+    return BasesResult(
+        spec.fixture,
+        chosen[0].robot_serial,
+        bases,
+        chosen,
+        found.jointly,
+        found.chi_square,
+        found.degrees_of_freedom,
+    )
+
+
+def _refuse_other_drawing(alignments: tuple[Alignment, ...]) -> None:
+    first = alignments[0]
+    for other in alignments[1:]:
+        if other.points_in_fixture_m != first.points_in_fixture_m:
+            raise RefusalError(
+                f"the alignments of {first.robot_serial} and {other.robot_serial} name different points of "
+                f"{first.fixture}: it may be two fixtures",
+                code="procedure.other_fixture",
+                remedy="Align both robots with the same points of the same fixture.",
+            )
+
+
+def _refuse_other_mastering(alignments: tuple[Alignment, ...], stored: AlignmentsFound) -> None:
+    for alignment in alignments:
+        mine = alignment.robot_serial == stored.connected_serial
+        if mine and alignment.counts_at_zero != stored.counts_at_zero:
+            raise RefusalError(
+                f"robot {alignment.robot_serial} was mastered anew since it was aligned with {alignment.fixture}",
+                code="procedure.alignment_outdated",
+                remedy="Run fixture_alignment on it again.",
+            )
+
+
+def _same_shape(result: BasesResult) -> bool:
+    freedom = result.degrees_of_freedom
+    return freedom == 0 or result.chi_square <= chi_square_limit(freedom)
+
+
+def _bad_shape(result: BasesResult) -> RefusalError | None:
+    if _same_shape(result):
+        return None
+    return RefusalError(
+        f"the robots did not find one shape of {result.fixture}: chi square {result.chi_square:.0f}, "
+        f"{result.degrees_of_freedom} degrees of freedom",
+        code="procedure.wrong_shape",
+        remedy="See that fixture, adaptor and wire are whole and the same for all; then align the robots again.",
+        evidence=result,
+    )
+
+
+def _badly_known(result: BasesResult, spec: BaseToBaseSpec) -> RefusalError | None:
+    for base in result.bases:
+        if base.pose.origin_u_m > spec.limits.origin_m or base.pose.angle_u_rad > spec.limits.angle_rad:
+            return RefusalError(
+                f"the base of {base.robot_serial} is known within {base.pose.origin_u_m * 1e3:.3f} mm and "
+                f"{math.degrees(base.pose.angle_u_rad):.4f} deg (k=2); {spec.limits.origin_m * 1e3:.3f} mm and "
+                f"{math.degrees(spec.limits.angle_rad):.4f} deg are asked for",
+                code="procedure.undecided",
+                remedy="Align the robots again and have that go on for the bases (fixture_alignment, bases), with "
+                "more alignment points, more readings (samples), or a wire with a better certificate (scale_sigma).",
+                evidence=result,
+            )
+    return None
+
+
+def _not_moved(fixture: str) -> Instruction:
+    return Instruction(
+        "fixture_not_moved", f"{fixture} and the robots' bases stand as they did when each robot was aligned."
+    )
+
+
+def _shown(result: BasesResult) -> Instruction:
+    lines = []
+    for base in result.bases:
+        pose = base.pose
+        x, y, z = (value * 1e3 for value in pose.other_base_base.position_m)
+        ux, uy, uz = (value * 1e3 for value in pose.origin_axes_u_m)
+        lines.append(
+            f"{base.robot_serial} stands at x {x:.2f}, y {y:.2f}, z {z:.2f} mm from {result.reference_serial}, U "
+            f"(k=2) x {ux:.3f}, y {uy:.3f}, z {uz:.3f} mm, in space {pose.origin_space_u_m * 1e3:.3f} mm (95 %), "
+            f"angle {math.degrees(pose.angle_u_rad):.4f} deg"
+        )
+    return Instruction("accept_bases", f"Through {result.fixture}: {'; '.join(lines)}.")
+
+
+def _outline(spec: BaseToBaseSpec) -> tuple[Phase, ...]:
+    del spec
+    return (Phase("read the alignments"), Phase("chain the bases"), Phase("accept the result"))
+
+
+def _keeps(spec: BaseToBaseSpec, result: BasesResult) -> Keepsake:
+    return Keepsake("base_to_base", spec.fixture, result)
+
+
+def _verdict(spec: BaseToBaseSpec, result: BasesResult) -> Verdict:
+    return ordered(_judge(spec, result), spec.write_anyway)
+
+
+def _judge(spec: BaseToBaseSpec, result: BasesResult) -> Verdict:
+    rule = "chi square of the points that all robots found, against one drawing, 99.9 %"
+    shape = held("one shape of the fixture", _same_shape(result), rule, found=result.chi_square)
+    figures = [
+        figure
+        for base in result.bases
+        for figure in (
+            known_within(
+                f"origin of {base.robot_serial}",
+                "m",
+                u=base.pose.origin_u_m / 2.0,
+                limit=spec.limits.origin_m,
+            ),
+            known_within(
+                f"angle of {base.robot_serial}",
+                "rad",
+                u=base.pose.angle_u_rad / 2.0,
+                limit=spec.limits.angle_rad,
+            ),
+        )
+    ]
+    in_space = [
+        stated(f"origin of {base.robot_serial} in space", base.pose.origin_space_u_m, "m", rule="95 % ball")
+        for base in result.bases
+    ]
+    along = [
+        stated(f"origin of {base.robot_serial} along {axis}", u_m, "m", rule="U (k = 2)")
+        for base in result.bases
+        for axis, u_m in zip("xyz", base.pose.origin_axes_u_m, strict=True)
+    ]
+    return Verdict(
+        characteristics=(*figures, *((shape,) if result.jointly else ()), *along, *in_space),
+        limits_from="limits of the settings",
+        not_verified=(
+            "that the fixture stood still between the alignments: the technician's word",
+            "the mastering of robots that are not connected",
+        ),
+    )
+
+
+def _forecast(spec: BaseToBaseSpec, known: Knowledge) -> Forecast:
+    del spec, known
+    return Forecast(duration_s=2 * ANSWER_S, assumed=("each robot is aligned with the fixture",))
+
+
+ENTRY = Entry(
+    name="base_to_base",
+    title="Robot bases through one fixture",
+    version=2,
+    procedure=base_to_base,
+    spec_type=BaseToBaseSpec,
+    needs=(),
+    outline=_outline,
+    keeps=_keeps,
+    verdict=_verdict,
+    forecast=_forecast,
+)

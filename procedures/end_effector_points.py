@@ -1,0 +1,321 @@
+"""A tool frame from measured points on the end-effector: the draw-wire's hook hangs in each of them in turn.
+
+F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, section 3.2: three
+points that lie on no line, whose places from the tip are known, give the whole tool frame; one gives x, y, z only.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import to_jsonable_python
+
+from calibration.errors import CalibrationError
+from calibration.fixture import PlacedPoints, Triple, place_points, refuse_bad_points, u_of
+from calibration.geometry import Pose
+from calibration.wire_network import Place, WireNetwork
+from drivers.interfaces import Instruction
+from procedures.canonical import sha256_of
+from procedures.entry import Entry, Keepsake, Phase
+from procedures.forecast import Forecast, Knowledge
+from procedures.judged_write import (
+    WriteAnyway,
+    first_of,
+    frame_changes,
+    ordered,
+    refuse_failed,
+    shift_told,
+    with_verdict,
+)
+from procedures.run import RefusalError, Run
+from procedures.steps.ask import accept, ask
+from procedures.steps.mastering import same_epoch
+from procedures.steps.write import read_tool_frame, write_and_read_back
+from procedures.survey import Captures, Goal, Spot, Survey, SurveyPlan, SurveyRules, SurveyState, fit_survey
+from procedures.survey_choice import fixed_plan_captures, order_pools
+from procedures.survey_forecast import lacking, state_before, survey_forecast
+from procedures.survey_motion import Wire, capped_speed, draw_pool, resting_poses, unchecked, way_to_rest
+from procedures.verdict import Verdict, held, known_within, stated
+from procedures.wire_survey import measure_spots, read_survey_state
+
+WIRE_STANDS = Instruction(
+    "wire_stands",
+    "The draw-wire stands where the cell file says. Leave the wire itself off until you are asked.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class EndEffectorPoints:
+    """Which tool frame to write, where the points are from the tip, roughly where the tool is, when to be content."""
+
+    tool_number: Annotated[int, Field(ge=0, le=99)]
+    points_in_tool_m: Annotated[
+        tuple[Triple, ...], Field(min_length=1, max_length=12)
+    ]  # of the hook, from the tip
+    rough_flange_tool: Pose  # by drawing or tape measure; with one point its orientation is kept
+    rough_sigma_m: Annotated[float, Field(gt=0, le=0.1)] = 0.010  # of a point by the rough frame
+    tip_u_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0004
+    angle_u_rad: Annotated[float, Field(gt=0, le=1)] = math.radians(0.2)
+    rules: SurveyRules = field(default_factory=SurveyRules)
+    write_anyway: WriteAnyway = ""
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredTool:
+    """The tool frame as written and read back, and how well it is known."""
+
+    tool_number: int
+    flange_tool: Pose
+    position_only: bool  # from one point: the orientation is the rough frame's
+    tip_u_m: float  # k = 2, worst direction
+    angle_u_rad: float  # k = 2, worst axis; 0 where it was not measured
+    placed: PlacedPoints | None  # None with one point
+    network: WireNetwork
+    captures: int
+    fixed_plan_captures: int | None
+    before: Pose
+    read_back: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class ToolFound:
+    """A tool frame before anybody accepted it."""
+
+    flange_tool: Pose
+    tip_u_m: float
+    angle_u_rad: float
+    placed: PlacedPoints | None
+    network: WireNetwork
+    captures: int
+    fixed_plan_captures: int | None
+
+
+async def end_effector_points(run: Run, spec: EndEffectorPoints) -> MeasuredTool:
+    """Find the tool frame from wire lengths to points of the end-effector, and write it."""
+    await run.ensure("the wire stands", ask, WIRE_STANDS)
+    state = await run.step("read the robot", read_survey_state)
+    before = await run.step("read the tool frame", read_tool_frame, spec.tool_number)
+    if state.epoch is not None:
+        await run.ensure("the robot kept its position", same_epoch, state.epoch)
+
+    plan = await run.solve("plan the poses", plan_tool, state, spec)
+    await run.step("accept the plan", accept, _shown_plan(plan, spec), sha256_of(to_jsonable_python(plan)))
+
+    survey = Survey(state, plan, spec.rules)
+    captures = await measure_spots(run, survey)
+
+    tool = await run.solve("locate the tool", locate_tool, survey, spec, captures)
+    first_of((_bad_shape(tool), _badly_known(tool, spec)), spec.write_anyway)
+    verdict = _judge(spec, tool)
+    refuse_failed(verdict, spec.write_anyway, tool)
+    shown = _shown_tool(tool, spec, before, verdict)
+    sha256 = sha256_of(to_jsonable_python(tool.flange_tool))
+    await run.step("accept the result", accept, shown, sha256)
+    read_back = await run.write(
+        "write the tool frame", write_and_read_back, spec.tool_number, tool.flange_tool
+    )
+    return MeasuredTool(
+        tool_number=spec.tool_number,
+        flange_tool=tool.flange_tool,
+        position_only=tool.placed is None,
+        tip_u_m=tool.tip_u_m,
+        angle_u_rad=tool.angle_u_rad,
+        placed=tool.placed,
+        network=tool.network,
+        captures=tool.captures,
+        fixed_plan_captures=tool.fixed_plan_captures,
+        before=before,
+        read_back=read_back,
+    )
+
+
+def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
+    """Plan spots and the poses to choose from; refuse what cannot succeed before anything moves."""
+    points, at, room = spec.points_in_tool_m, state.gauge_setup, spec.rules.room
+    if len(points) == 2:
+        raise CalibrationError(
+            "two points leave the turn about their line open.",
+            remedy="Give three points that lie on no line, or one for x, y, z only.",
+        )
+    if len(points) > 2:
+        refuse_bad_points(points, "points on the end-effector")
+    rough = spec.rough_flange_tool
+    hooks = [rough.rotation() @ np.array(p) + np.array(rough.position_m) for p in points]
+    places = tuple(_place(hook, spec.rough_sigma_m) for hook in hooks)
+    wires: tuple[Wire, ...] = tuple((at.anchor_in_base_m, p.at_m, state.gauge_range_m) for p in places)
+    pools = tuple(
+        draw_pool(state.model, wire, room, None, (spec.rules.candidates, spec.rules.seed + k))
+        for k, wire in enumerate(wires)
+    )
+    speed = min(
+        capped_speed(state.model, wire, room, pool, state.limits.speed_rad_s)
+        for wire, pool in zip(wires, pools, strict=True)
+    )
+    rests = resting_poses(state.model, wires, room, pools)
+    plan = SurveyPlan(
+        goal=Goal(rough, points, spec.tip_u_m, spec.angle_u_rad),
+        exits=(Place(at.anchor_in_base_m, at.sigma_anchor_m),),
+        hooks=(Place(at.hook_in_flange_m, at.sigma_hook_m), *places),
+        spots=tuple(Spot(0, k, False, _hang(k, points[k - 1])) for k in range(1, len(points) + 1)),
+        mouth_at_m=None,
+        way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
+        pools=pools,
+        best=((),) * len(pools),
+        speed_rad_s=speed,
+        not_checked=unchecked(state.model, wires[0], room),
+    )
+    return order_pools(Survey(state, plan, spec.rules))
+
+
+def locate_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> ToolFound:
+    """Fit the tool frame to its points with all that the lengths say; with one point, its place only."""
+    network, count = fit_survey(survey, captures), sum(map(len, captures))
+    hooks = tuple(range(1, len(spec.points_in_tool_m) + 1))
+    found, covariance = [network.hooks_m[k] for k in hooks], network.hook_covariance(hooks)
+    if len(hooks) == 1:
+        rough = spec.rough_flange_tool
+        x, y, z = np.array(found[0]) - rough.rotation() @ np.array(spec.points_in_tool_m[0])
+        flange_tool, placed = Pose((float(x), float(y), float(z)), rough.quaternion), None
+        tip_u_m = u_of(covariance + spec.rules.point_sigma_m**2 * np.eye(3))
+        reached = (tip_u_m, 0.0)
+    else:
+        placed = place_points(
+            spec.points_in_tool_m, found, covariance, sigma_point_m=spec.rules.point_sigma_m
+        )
+        flange_tool, reached = placed.outer_inner, (placed.origin_u_m, placed.angle_u_rad)
+    fixed = fixed_plan_captures(survey, network.disturbance_factor, reached)
+    return ToolFound(flange_tool, *reached, placed, network, count, fixed)
+
+
+def _bad_shape(tool: ToolFound) -> RefusalError | None:
+    placed = tool.placed
+    if placed is None or placed.consistent():
+        return None
+    i, j = placed.worst_pair
+    return RefusalError(
+        f"points {i + 1} and {j + 1} of the end-effector were found {abs(placed.worst_gap_m) * 1e3:.2f} mm "
+        f"{'further from' if placed.worst_gap_m > 0 else 'nearer to'} each other than on the drawing "
+        f"({placed.worst_deviation:.1f} deviations)",
+        code="procedure.wrong_shape",
+        remedy="See that the hook hung in the points in the order of the drawing, and that nothing is bent.",
+        evidence=tool,
+    )
+
+
+def _badly_known(tool: ToolFound, spec: EndEffectorPoints) -> RefusalError | None:
+    if tool.tip_u_m <= spec.tip_u_m and tool.angle_u_rad <= spec.angle_u_rad:
+        return None
+    return RefusalError(
+        f"after {tool.captures} captures the tip is known within {tool.tip_u_m * 1e3:.3f} mm and the axes within "
+        f"{math.degrees(tool.angle_u_rad):.3f} deg (k=2); {spec.tip_u_m * 1e3:.3f} mm and "
+        f"{math.degrees(spec.angle_u_rad):.3f} deg are asked for",
+        code="procedure.undecided",
+        remedy="Use points further apart, a mastering record with more poses, or more captures (max_captures).",
+        evidence=tool,
+    )
+
+
+def _place(point: np.ndarray, sigma_m: float) -> Place:
+    x, y, z = (float(v) for v in point)
+    return Place((x, y, z), sigma_m)
+
+
+def _hang(number: int, point_m: Triple) -> Instruction:
+    x, y, z = (value * 1e3 for value in point_m)
+    return Instruction(
+        f"hook_wire_{number}",
+        f"Hang the wire's hook into point {number} of the end-effector (x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the "
+        "tip). Nothing may touch the wire; the robot moves next.",
+    )
+
+
+def _shown_plan(plan: SurveyPlan, spec: EndEffectorPoints) -> Instruction:
+    return Instruction(
+        "accept_plan",
+        f"With the hook in each of {len(plan.spots)} points the robot will move to {spec.rules.min_captures} to "
+        f"{spec.rules.max_captures} of {min(map(len, plan.pools))} poses drawn beforehand, one chosen after the "
+        f"other, at up to {math.degrees(plan.speed_rad_s):.1f} deg/s per joint; every way is checked before it is "
+        f"taken. {'; '.join(plan.not_checked)}. May it move?",
+    )
+
+
+def _shown_tool(tool: ToolFound, spec: EndEffectorPoints, before: Pose, verdict: Verdict) -> Instruction:
+    x, y, z = (value * 1e3 for value in tool.flange_tool.position_m)
+    axes = (
+        "One point tells x, y, z only: the axes are those of the rough frame"
+        if tool.placed is None
+        else f"the axes within {math.degrees(tool.angle_u_rad):.3f} deg"
+    )
+    found = Instruction(
+        "accept_tool",
+        f"Tool {spec.tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within "
+        f"{tool.tip_u_m * 1e3:.3f} mm (k=2). {axes}. {shift_told(before, tool.flange_tool)}",
+    )
+    return with_verdict(found, verdict, "Write it to the controller?", spec.write_anyway)
+
+
+def _outline(spec: EndEffectorPoints) -> tuple[Phase, ...]:
+    points = len(spec.points_in_tool_m)
+    expected = points * max(spec.rules.min_captures, min(12, spec.rules.max_captures))
+    return (
+        *(Phase("read the robot"), Phase("read the tool frame")),
+        *(Phase("plan the poses"), Phase("accept the plan")),
+        *(Phase("go to rest", points), Phase("move the wire", points)),
+        *(Phase(name, expected, adaptive=True) for name in ("choose a pose", "go to pose", "capture")),
+        *(Phase("look at the lengths", points, adaptive=True), Phase("locate the tool")),
+        *(Phase("accept the result"), Phase("write the tool frame")),
+    )
+
+
+def _keeps(spec: EndEffectorPoints, result: MeasuredTool) -> Keepsake:
+    return Keepsake("tool_frame", str(spec.tool_number), result)
+
+
+def _verdict(spec: EndEffectorPoints, result: MeasuredTool) -> Verdict:
+    verdict = ordered(_judge(spec, result), spec.write_anyway)
+    return replace(verdict, changes=frame_changes(result.before, result.read_back))
+
+
+def _judge(spec: EndEffectorPoints, result: MeasuredTool | ToolFound) -> Verdict:
+    figures = [known_within("tip", "m", u=result.tip_u_m / 2.0, limit=spec.tip_u_m)]
+    if result.placed is not None:
+        figures += [
+            known_within("axes", "rad", u=result.angle_u_rad / 2.0, limit=spec.angle_u_rad),
+            held(
+                "shape of the points",
+                result.placed.consistent(),
+                "chi square of the points found against the drawing, 99.9 %",
+                found=result.placed.chi_square,
+            ),
+        ]
+    fixed = result.fixed_plan_captures
+    return Verdict(
+        characteristics=(*figures, stated("residual of the lengths", result.network.residual_rms_m, "m")),
+        limits_from="limits of the settings",
+        not_verified=("the orientation: one point tells x, y, z only",) if result.placed is None else (),
+        remarks=(f"{result.captures} captures; evenly drawn poses: {fixed or 'not enough of them'}",),
+    )
+
+
+def _forecast(spec: EndEffectorPoints, known: Knowledge) -> Forecast:
+    lacks = lacking(known)
+    if lacks:
+        return Forecast(0.0, lacks=lacks)
+    state = state_before(known)
+    return survey_forecast(Survey(state, plan_tool(state, spec), spec.rules), "tool's", known)
+
+
+ENTRY = Entry(
+    name="end_effector_points",
+    title="Tool frame from points on the end-effector",
+    version=2,
+    procedure=end_effector_points,
+    spec_type=EndEffectorPoints,
+    needs=("moves_joints", "gauge", "gauge_setup", "model", "writes_tool_frame"),
+    outline=_outline,
+    keeps=_keeps,
+    verdict=_verdict,
+    forecast=_forecast,
+)

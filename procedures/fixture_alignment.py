@@ -1,0 +1,374 @@
+"""Where a fixture stands in a robot's base: the draw-wire sits on its alignment points, one after the other.
+
+F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, section 3.3, Fig. 7.
+The robot carries the wire's hook to poses chosen one by one; the lengths give each point's place by trilateration,
+the points give the fixture's pose. What cannot be told from its mirror image is refused.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import to_jsonable_python
+
+from calibration.alignment import Alignment
+from calibration.fixture import (
+    PlacedPoints,
+    Triple,
+    place_points,
+    refuse_bad_points,
+)
+from calibration.geometry import Pose
+from calibration.wire_network import Place, WireNetwork
+from drivers.interfaces import Instruction
+from procedures.canonical import sha256_of
+from procedures.entry import Entry, Keepsake, Phase
+from procedures.forecast import Forecast, Knowledge
+from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
+from procedures.limits import FrameLimits
+from procedures.run import RefusalError, Run
+from procedures.shared_fixture import (
+    NOTHING_KNOWN,
+    BaseOutlook,
+    KnownWire,
+    base_outlook,
+    read_known_wire,
+    told_by_wire,
+)
+from procedures.steps.ask import accept, ask
+from procedures.steps.mastering import same_epoch
+from procedures.survey import (
+    Captures,
+    Goal,
+    Spot,
+    Survey,
+    SurveyPlan,
+    SurveyRules,
+    SurveyState,
+    fit_survey,
+    uncertainties,
+)
+from procedures.survey_choice import fixed_plan_captures, order_pools
+from procedures.survey_forecast import lacking, state_before, survey_forecast
+from procedures.survey_motion import (
+    Wire,
+    capped_speed,
+    draw_pool,
+    middle_of_work,
+    resting_poses,
+    unchecked,
+    way_to_rest,
+)
+from procedures.verdict import Characteristic, Verdict, held, known_within, stated
+from procedures.wire_survey import measure_spots, read_survey_state
+
+ALIGNMENT_LIMITS = FrameLimits(0.00015, math.radians(0.02))
+_SHARED_WIRE = (
+    0.93  # of a base's limits: what two alignments with one wire share is known only when both are there
+)
+HOOK_WIRE = Instruction(
+    "hook_stays_on",
+    "Fix the hook's adaptor to the flange, where it stays throughout. Leave the wire itself off until you are asked.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FixtureAlignment:
+    """Which fixture, where its points are on the drawing, roughly where it stands, and how well it must be known."""
+
+    fixture: Annotated[str, Field(min_length=1, max_length=64)]
+    points_in_fixture_m: Annotated[
+        tuple[Triple, ...], Field(min_length=3, max_length=12)
+    ]  # of the wire's exit
+    rough_base_fixture: Pose  # by tape measure
+    rough_sigma_m: Annotated[float, Field(gt=0, le=0.2)] = 0.020  # of a point by the rough pose
+    limits: FrameLimits = ALIGNMENT_LIMITS
+    bases: FrameLimits | None = (
+        None  # go on until another robot's base, seen through the fixture, is known so well
+    )
+    mouth_at_m: Triple | None = None  # where the wire's mouth looks; None: the middle of the robot's work
+    rules: SurveyRules = field(default_factory=SurveyRules)
+    write_anyway: WriteAnyway = ""
+
+
+@dataclass(frozen=True, slots=True)
+class AlignmentResult:
+    """The alignment, how well the points found fit the drawing, and what it took."""
+
+    alignment: Alignment
+    placed: PlacedPoints
+    network: WireNetwork
+    captures: int
+    fixed_plan_captures: int | None  # evenly drawn poses for the same U; None: more than were drawn
+    limits: FrameLimits
+    base: BaseOutlook | None = None  # None where it was not asked for
+
+    @property
+    def saving(self) -> str:
+        """What choosing the poses saved, in words."""
+        if self.fixed_plan_captures is None:
+            return f"{self.captures} captures; evenly drawn poses do not reach this U at all"
+        share = 1.0 - self.captures / self.fixed_plan_captures
+        return (
+            f"{self.captures} captures; a fixed plan of evenly drawn poses needs {self.fixed_plan_captures} for the "
+            f"same U: {share:.0%} saved"
+        )
+
+
+async def fixture_alignment(run: Run, spec: FixtureAlignment) -> AlignmentResult:
+    """Find a fixture in the robot's base from wire lengths to its alignment points."""
+    await run.ensure("the wire is hooked", ask, HOOK_WIRE)
+    state = await run.step("read the robot", read_survey_state)
+    known = await run.step("read the alignments", read_known_wire, spec.fixture)
+    if state.epoch is not None:
+        await run.ensure("the robot kept its position", same_epoch, state.epoch)
+
+    plan = await run.solve("plan the poses", plan_alignment, state, spec, known)
+    await run.step("accept the plan", accept, _shown_plan(plan, spec), sha256_of(to_jsonable_python(plan)))
+
+    survey = Survey(state, plan, spec.rules)
+    captures = await measure_spots(run, survey)
+
+    result = await run.solve("place the fixture", place_fixture, survey, spec, captures, known)
+    first_of((_bad_shape(result), _badly_known(result, spec)), spec.write_anyway)
+    verdict = _judge(spec, result)
+    refuse_failed(verdict, spec.write_anyway, result)
+    shown = with_verdict(
+        _shown_result(result), verdict, "Keep it as the robot's alignment?", spec.write_anyway
+    )
+    await run.step("accept the result", accept, shown, sha256_of(to_jsonable_python(result.alignment)))
+    return result
+
+
+def plan_alignment(
+    state: SurveyState, spec: FixtureAlignment, known: KnownWire = NOTHING_KNOWN
+) -> SurveyPlan:
+    """Plan spots and the poses to choose from; refuse what cannot succeed before anything moves."""
+    refuse_bad_points(spec.points_in_fixture_m)
+    rough, at, room = spec.rough_base_fixture, state.gauge_setup, spec.rules.room
+    points = [rough.rotation() @ np.array(p) + np.array(rough.position_m) for p in spec.points_in_fixture_m]
+    exits = (Place(at.anchor_in_base_m, at.sigma_anchor_m), *(_place(p, spec.rough_sigma_m) for p in points))
+    hooks = (Place(at.hook_in_flange_m, at.sigma_hook_m),)
+    wires: tuple[Wire, ...] = tuple((e.at_m, at.hook_in_flange_m, state.gauge_range_m) for e in exits[1:])
+    mouth = spec.mouth_at_m or middle_of_work(state.model, wires, room, spec.rules.seed)
+    spots = tuple(
+        Spot(k, 0, True, _mount(k, mouth, spec.fixture)) for k in range(1, len(spec.points_in_fixture_m) + 1)
+    )
+    pools = tuple(
+        draw_pool(state.model, wire, room, mouth, (spec.rules.candidates, spec.rules.seed + k))
+        for k, wire in enumerate(wires)
+    )
+    wanted = spec.limits if spec.bases is None else spec.bases
+    share = 1.0 if spec.bases is None else _SHARED_WIRE
+    goal = Goal(
+        rough,
+        spec.points_in_fixture_m,
+        share * wanted.origin_m,
+        share * wanted.angle_rad,
+        None if spec.bases is None else known.worst(spec.points_in_fixture_m),
+    )
+    speed = min(
+        capped_speed(state.model, wire, room, pool, state.limits.speed_rad_s)
+        for wire, pool in zip(wires, pools, strict=True)
+    )
+    rests = resting_poses(state.model, wires, room, pools)
+    plan = SurveyPlan(
+        goal=goal,
+        exits=exits,
+        hooks=hooks,
+        spots=spots,
+        mouth_at_m=mouth,
+        way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
+        pools=pools,
+        best=((),) * len(pools),
+        speed_rad_s=speed,
+        not_checked=unchecked(state.model, wires[0], room),
+    )
+    return order_pools(Survey(state, plan, spec.rules))
+
+
+def place_fixture(
+    survey: Survey, spec: FixtureAlignment, captures: Captures, known: KnownWire = NOTHING_KNOWN
+) -> AlignmentResult:
+    """Fit the fixture to its points with all that the lengths say, and compare the effort with a fixed plan."""
+    network = fit_survey(survey, captures)
+    spots = survey.places()
+    placed = place_points(
+        spec.points_in_fixture_m,
+        [network.exits_m[k] for k in spots],
+        network.exit_covariance(spots),
+        sigma_point_m=spec.rules.point_sigma_m,
+    )
+    alignment = Alignment(
+        fixture=spec.fixture,
+        robot_serial=survey.state.serial,
+        model=survey.state.model,
+        points_in_fixture_m=spec.points_in_fixture_m,
+        base_fixture=placed.outer_inner,
+        covariance=placed.covariance,
+        counts_at_zero=survey.state.counts_at_zero,
+        points=told_by_wire(survey, network, known.wire),
+    )
+    covariance = network.exit_covariance(spots)
+    reached = uncertainties(survey.plan.goal, covariance, spec.rules.point_sigma_m)
+    fixed = fixed_plan_captures(survey, network.disturbance_factor, reached)
+    base = None if spec.bases is None else base_outlook(alignment, known)
+    return AlignmentResult(alignment, placed, network, sum(map(len, captures)), fixed, spec.limits, base)
+
+
+def _bad_shape(result: AlignmentResult) -> RefusalError | None:
+    placed = result.placed
+    if placed.consistent():
+        return None
+    i, j = placed.worst_pair
+    return RefusalError(
+        f"alignment points {i + 1} and {j + 1} were found {abs(placed.worst_gap_m) * 1e3:.2f} mm "
+        f"{'further from' if placed.worst_gap_m > 0 else 'nearer to'} each other than on the drawing "
+        f"({placed.worst_deviation:.1f} deviations)",
+        code="procedure.wrong_shape",
+        remedy="See that the adaptor sat on the points in the order of the drawing, and that the drawing is of this "
+        "fixture; then start a new run.",
+        evidence=result,
+    )
+
+
+def _badly_known(result: AlignmentResult, spec: FixtureAlignment) -> RefusalError | None:
+    asked: list[tuple[str, PlacedPoints | BaseOutlook, FrameLimits]]
+    asked = [("the fixture", result.placed, result.limits)]
+    if result.base is not None and spec.bases is not None:
+        asked.append(("a base through the fixture", result.base, spec.bases))
+    missed = [
+        f"{what} is known within {found.origin_u_m * 1e3:.3f} mm and "
+        f"{math.degrees(found.angle_u_rad):.4f} deg (k=2); "
+        f"{limits.origin_m * 1e3:.3f} mm and {math.degrees(limits.angle_rad):.4f} deg are asked for"
+        for what, found, limits in asked
+        if found.origin_u_m > limits.origin_m or found.angle_u_rad > limits.angle_rad
+    ]
+    if not missed:
+        return None
+    return RefusalError(
+        f"after {result.captures} captures {'; '.join(missed)}",
+        code="procedure.undecided",
+        remedy="Use more alignment points and points further apart, a mastering record with more poses, more "
+        "readings (samples) and captures (max_captures), or a wire with a better certificate (scale_sigma).",
+        evidence=result,
+    )
+
+
+def _place(point: np.ndarray, sigma_m: float) -> Place:
+    x, y, z = (float(v) for v in point)
+    return Place((x, y, z), sigma_m)
+
+
+def _mount(point: int, mouth_at_m: Triple, fixture: str) -> Instruction:
+    x, y, z = (round(value * 1e3) for value in mouth_at_m)
+    return Instruction(
+        f"mount_wire_{point}",
+        f"Fix the wire's base adaptor on alignment point {point} of {fixture}, its mouth towards "
+        f"x {x}, y {y}, z {z} mm from the base, and hook the wire in. Nothing may touch it; the robot moves next.",
+    )
+
+
+def _shown_plan(plan: SurveyPlan, spec: FixtureAlignment) -> Instruction:
+    degrees = math.degrees(plan.speed_rad_s)
+    return Instruction(
+        "accept_plan",
+        f"At each of {len(plan.spots)} alignment points the robot will move to {spec.rules.min_captures} to "
+        f"{spec.rules.max_captures} of {min(map(len, plan.pools))} poses drawn beforehand, one chosen after the "
+        f"other, at up to {degrees:.1f} deg/s per joint; every way is checked before it is taken. "
+        f"{'; '.join(plan.not_checked)}. "
+        "May it move?",
+    )
+
+
+def _shown_result(result: AlignmentResult) -> Instruction:
+    placed = result.placed
+    x, y, z = (value * 1e3 for value in placed.outer_inner.position_m)
+    return Instruction(
+        "accept_alignment",
+        f"{result.alignment.fixture}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base, within "
+        f"{placed.origin_u_m * 1e3:.3f} mm and {math.degrees(placed.angle_u_rad):.4f} deg (k=2); the points "
+        f"fit the drawing within {placed.rms_m * 1e3:.3f} mm RMS. {result.saving}.",
+    )
+
+
+def _outline(spec: FixtureAlignment) -> tuple[Phase, ...]:
+    points = len(spec.points_in_fixture_m)
+    expected = points * max(spec.rules.min_captures, min(20, spec.rules.max_captures))
+    return (
+        *(Phase("read the robot"), Phase("read the alignments")),
+        *(Phase("plan the poses"), Phase("accept the plan")),
+        Phase("go to rest", points),
+        Phase("move the wire", points),
+        *(Phase(name, expected, adaptive=True) for name in ("choose a pose", "go to pose", "capture")),
+        *(Phase("look at the lengths", points, adaptive=True), Phase("place the fixture")),
+        Phase("accept the result"),
+    )
+
+
+def _keeps(spec: FixtureAlignment, result: AlignmentResult) -> Keepsake:
+    return Keepsake("alignment", spec.fixture, result.alignment)
+
+
+def _verdict(spec: FixtureAlignment, result: AlignmentResult) -> Verdict:
+    return ordered(_judge(spec, result), spec.write_anyway)
+
+
+def _judge(spec: FixtureAlignment, result: AlignmentResult) -> Verdict:
+    placed, rules = result.placed, spec.rules
+    return Verdict(
+        characteristics=(
+            known_within("fixture's origin", "m", u=placed.origin_u_m / 2.0, limit=spec.limits.origin_m),
+            known_within("fixture's angle", "rad", u=placed.angle_u_rad / 2.0, limit=spec.limits.angle_rad),
+            held(
+                "shape of the points",
+                placed.consistent(),
+                "chi square of the points found against the drawing, 99.9 %",
+                found=placed.chi_square,
+            ),
+            *_base_figures(spec, result),
+            stated("residual of the points", placed.rms_m, "m"),
+            stated("residual of the lengths", result.network.residual_rms_m, "m"),
+        ),
+        limits_from="limits of the settings",
+        remarks=(result.saving,),
+        not_verified=(
+            f"the wire's scale is taken from its certificate: {rules.scale_sigma:.1e} (k=1)",
+            f"drawing and seat of a point are taken as {rules.point_sigma_m * 1e3:.3f} mm (k=1)",
+        ),
+    )
+
+
+def _base_figures(spec: FixtureAlignment, result: AlignmentResult) -> tuple[Characteristic, ...]:
+    base, limits = result.base, spec.bases
+    if base is None or limits is None:
+        return ()
+    what = f"base of {base.seen}" if base.seen else "base of a robot that becomes aligned as well"
+    return (
+        known_within(f"{what}, origin", "m", u=base.origin_u_m / 2.0, limit=limits.origin_m),
+        known_within(f"{what}, angle", "rad", u=base.angle_u_rad / 2.0, limit=limits.angle_rad),
+    )
+
+
+def _forecast(spec: FixtureAlignment, known: Knowledge) -> Forecast:
+    lacks = lacking(known)
+    if lacks:
+        return Forecast(0.0, lacks=lacks)
+    state = state_before(known)
+    return survey_forecast(Survey(state, plan_alignment(state, spec), spec.rules), "fixture's", known)
+
+
+ENTRY = Entry(
+    name="fixture_alignment",
+    title="Fixture alignment with the draw-wire",
+    version=2,
+    procedure=fixture_alignment,
+    spec_type=FixtureAlignment,
+    needs=("moves_joints", "gauge", "gauge_setup", "model"),
+    outline=_outline,
+    keeps=_keeps,
+    verdict=_verdict,
+    forecast=_forecast,
+)

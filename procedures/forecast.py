@@ -1,0 +1,67 @@
+"""What a procedure would do and reach, told before a device is touched: the dry run.
+
+A procedure says it in a function ``(spec, Knowledge) -> Forecast`` on its card, pure and without a device.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from calibration.kinematics import RobotModel
+from calibration.mastering import MasteringRecord
+from drivers.interfaces import Counts, GaugeCapabilities, Joints, TrackerCapabilities
+from procedures.cell import GaugeSetup, MotionLimits, TrackerSetup
+from procedures.limits import AccuracyClass, in_reach
+
+PERSON_S = 60.0  # what a person takes to bring the arm to a point by hand, or to do as told
+ANSWER_S = 5.0
+SAMPLE_S = 0.1
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known of a cell without asking it: the cell file, the journal, what the watch saw."""
+
+    model: RobotModel | None = None
+    gauge_setup: GaugeSetup | None = None
+    gauge: GaugeCapabilities | None = None
+    record: MasteringRecord | None = None
+    last_counts: Counts | None = None
+    limits: MotionLimits = field(default_factory=MotionLimits)
+    tracker_setup: TrackerSetup | None = None
+    tracker: TrackerCapabilities | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedPose:
+    """Where a measurement would be taken."""
+
+    label: str
+    joints_rad: Joints
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """How well something would be known, k = 2 where not said otherwise, and each class's limit for it."""
+
+    name: str
+    expanded: float
+    unit: str
+    limits: Mapping[AccuracyClass, float] = field(default_factory=dict)
+    sentence: str = ""
+
+    def classes_in_reach(self) -> tuple[AccuracyClass, ...]:
+        """Return the classes that may be chosen: their limit is at least three times the predicted U."""
+        return tuple(name for name, limit in self.limits.items() if in_reach(self.expanded, limit))
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """A dry run: poses where they are known before measuring, time, predicted uncertainty, and what was assumed."""
+
+    duration_s: float
+    poses: tuple[PlannedPose, ...] = ()
+    speed_rad_s: float | None = None
+    predictions: tuple[Prediction, ...] = ()
+    assumed: tuple[str, ...] = ()
+    lacks: tuple[str, ...] = ()  # beyond the needs on the card, such as a record
+    not_checked: tuple[str, ...] = ()

@@ -1,0 +1,101 @@
+"""What a person sees before something is written: the verdict with its rules. FAIL is not written by itself."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from calibration.frames import frame_offset as offset_between
+from calibration.geometry import Pose, log_rotation
+from drivers.interfaces import Instruction
+from procedures.run import RefusalError
+from procedures.verdict import FAIL, PASS, Change, Characteristic, Verdict
+
+WriteAnyway = Annotated[
+    str, Field(max_length=200)
+]  # an engineer's reason; empty: what is not proved is refused
+
+_IN_WORDS = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED, measure more"}
+_SHOWN = {"m": (1e3, "mm", 3), "rad": (math.degrees(1.0), "deg", 4)}
+
+
+def with_verdict(shown: Instruction, verdict: Verdict, question: str, write_anyway: str = "") -> Instruction:
+    """Return what a person is asked: what was found, what it is worth and by which rule, and the question."""
+    decided = [figure for figure in verdict.characteristics if figure.decision is not None]
+    rules = "; ".join(dict.fromkeys(figure.rule for figure in decided if figure.rule))
+    figures = "; ".join(_told(figure) for figure in decided)
+    doubt = (
+        f" The settings say to keep it all the same: {write_anyway}." if _needs(verdict, write_anyway) else ""
+    )
+    text = (
+        f"{shown.text} Verdict: {_IN_WORDS[verdict.word]} ({verdict.limits_from}). {figures}. Rule: {rules}."
+    )
+    return replace(shown, text=f"{text}{doubt} {question}")
+
+
+def refuse_failed(verdict: Verdict, write_anyway: str, evidence: object) -> None:
+    """Refuse to go on with what failed, unless an engineer's reason stands in the settings.
+
+    Raises
+    ------
+    RefusalError
+        ``procedure.failed``, with the figures that failed.
+    """
+    failed = [figure for figure in verdict.characteristics if figure.decision is FAIL]
+    if failed and not write_anyway:
+        raise RefusalError(
+            f"the verdict is FAIL: {'; '.join(_told(figure) for figure in failed)}. Nothing was written",
+            code="procedure.failed",
+            remedy="Look for the cause and start a new run; an engineer may order the writing with write_anyway.",
+            evidence=evidence,
+        )
+
+
+def ordered(verdict: Verdict, write_anyway: str) -> Verdict:
+    """Return the verdict with a remark, where something that is not proved was kept by an engineer's order."""
+    if not _needs(verdict, write_anyway):
+        return verdict
+    word = verdict.word.value.upper()
+    remark = f"Kept although it is {word}, by order of the settings (write_anyway): {write_anyway}"
+    return replace(verdict, remarks=(*verdict.remarks, remark))
+
+
+def frame_changes(before: Pose, after: Pose) -> tuple[Change, ...]:
+    """Return a frame's place before and after, and by how much it was turned."""
+    pairs = zip("xyz", before.position_m, after.position_m, strict=True)
+    turn_rad = float(np.linalg.norm(log_rotation(offset_between(before, after).rotation())))
+    return (
+        *(Change(f"origin {axis}", old, new, "m") for axis, old, new in pairs),
+        Change("turned by", 0.0, turn_rad, "rad"),
+    )
+
+
+def shift_told(before: Pose, after: Pose) -> str:
+    """Return in words how far a frame goes from what the controller holds."""
+    away_mm = math.dist(before.position_m, after.position_m) * 1e3
+    turn_rad = float(np.linalg.norm(log_rotation(offset_between(before, after).rotation())))
+    return f"That is {away_mm:.2f} mm and {math.degrees(turn_rad):.3f} deg from what the controller holds."
+
+
+def first_of(refusals: Iterable[RefusalError | None], write_anyway: str) -> None:
+    """Raise the first refusal there is, unless an engineer's reason stands in the settings."""
+    refusal = next((refusal for refusal in refusals if refusal is not None), None)
+    if refusal is not None and not write_anyway:
+        raise refusal
+
+
+def _needs(verdict: Verdict, write_anyway: str) -> bool:
+    return bool(write_anyway) and verdict.word is not PASS
+
+
+def _told(figure: Characteristic) -> str:
+    word = "-" if figure.decision is None else figure.decision.value.upper()
+    if figure.limit is None:
+        return f"{figure.name}: {word}"
+    factor, unit, digits = _SHOWN.get(figure.unit, (1.0, figure.unit, 3))
+    found, limit = (f"{value * factor:.{digits}f} {unit}" for value in (figure.value, figure.limit))
+    known = "" if figure.value == figure.expanded else f", U {figure.expanded * factor:.{digits}f} {unit}"
+    return f"{figure.name}: {word}, {found}{known}, limit {limit}"

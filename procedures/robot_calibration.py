@@ -1,0 +1,371 @@
+"""The calibration of a robot: its own geometry, zeros and sag, from a draw-wire or a tracker that sees its flange.
+
+F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, sections 2 and 3.1.
+Poses are chosen one small batch after the other for what is still unknown; the series ends when the target is known
+well enough over the work, or when it is shown that it cannot be. Poses that are never fitted verify the result.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import Field
+from pydantic_core import to_jsonable_python
+
+from calibration.calibrated_arm import CalibratedArm
+from calibration.errors import CalibrationError
+from drivers.interfaces import Instruction, MasteringData
+from procedures.arm_bench import READY, ArmCapture, Bench, Method, bench_before, read_bench, same_robot
+from procedures.arm_motion import Reach, ordered_ways
+from procedures.arm_series import Visits
+from procedures.calibration_plan import (
+    CalibrationPlan,
+    Choice,
+    Goal,
+    ModelName,
+    Series,
+    SeriesRules,
+    Standing,
+    choose_poses,
+    plan_series,
+)
+from procedures.calibration_result import Identified, after_mastering, errors_after, identify_arm
+from procedures.canonical import sha256_of
+from procedures.entry import Entry, Keepsake, Phase
+from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
+from procedures.limits import CHECK, AccuracyClass, CheckLimits, chosen, told
+from procedures.run import NeedsUnmetError, RefusalError, Run
+from procedures.steps.ask import accept, ask
+from procedures.steps.write import restore_mastering, write_mastering
+from procedures.verdict import (
+    FAIL,
+    Change,
+    Characteristic,
+    SetAside,
+    Verdict,
+    enough,
+    held,
+    judged,
+    known_within,
+    stated,
+)
+
+FINAL_POSES = 3
+MEAN_TRAVEL_RAD = 1.5  # of the slowest joint, from one pose to the next
+
+
+@dataclass(frozen=True, slots=True)
+class RobotCalibration:
+    """With what to measure, what to find, how well it must be known, and how the series is conducted."""
+
+    method: Method = "wire"
+    model: ModelName = "sag"  # offsets | geometry | sag: what may be wrong with the arm
+    tip_u_m: Annotated[float, Field(gt=0, le=0.1)] | None = (
+        0.0004  # U (k = 2) of the target over the work, RMS
+    )
+    offset_sigma_rad: Annotated[float, Field(gt=0, le=0.1)] | None = (
+        None  # acceptance angular standard deviation
+    )
+    offsets_of: tuple[str, ...] = ()  # "J2 offset"; none: all of them
+    accuracy_class: AccuracyClass = "B"
+    limits: CheckLimits | None = None
+    write_zeros: bool = False  # as mastering, where zeros alone explain the readings
+    rules: SeriesRules = field(default_factory=SeriesRules)
+
+    def goal(self) -> Goal:
+        """Return when the series may end."""
+        if self.tip_u_m is None and self.offset_sigma_rad is None:
+            raise CalibrationError(
+                "nothing is asked for: neither tip_u_m nor offset_sigma_rad.",
+                remedy="Set one of them.",
+                code="usage",
+            )
+        return Goal(self.tip_u_m, self.offset_sigma_rad, self.offsets_of, self.model)
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationResult:
+    """The arm as identified, why the series ended, and what was written."""
+
+    identified: Identified
+    arm: CalibratedArm  # as it holds now; other zeros than ``identified`` has where they were written
+    goal_reached: bool
+    why_ended: str
+    set_aside: tuple[SetAside, ...]
+    bench: Bench
+    written: MasteringData | None = None
+    final_rms_m: float | None = None  # at poses gone to again after the zeros were written
+
+
+async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResult:
+    """Identify a robot's parameters with as few poses as it takes, and verify them."""
+    await run.ensure("the device is ready", ask, READY[spec.method])
+    bench = await run.step("read the robot", read_bench, spec.method)
+    await run.ensure("the robot kept its position", same_robot, bench.epoch)
+
+    plan = await run.solve("plan the poses", plan_series, bench, spec.goal(), spec.rules)
+    await run.step("accept the plan", accept, _shown_plan(plan, spec), sha256_of(to_jsonable_python(plan)))
+
+    series = Series(bench, plan, spec.rules)
+    visits = Visits(run, bench, plan.speed_rad_s, spec.rules.samples, bench.joints_rad)
+    await visits.rest(plan.way_to_rest_rad)
+    ended = await _measure(run, series, visits)
+    checks = await _verify(run, series, visits)
+
+    identified = await run.solve("identify the arm", identify_arm, series, visits.captures(), checks)
+    result = CalibrationResult(
+        identified, identified.arm, ended.enough, ended.why_not, tuple(visits.set_aside), bench
+    )
+    await run.step(
+        "accept the result", accept, _shown_result(result), sha256_of(to_jsonable_python(identified))
+    )
+    if spec.write_zeros:
+        return await _write_zeros(run, spec, series, visits, result)
+    return result
+
+
+async def _measure(run: Run, series: Series, visits: Visits) -> Choice:
+    """Capture, look, choose; until it is enough, or shown not to be reachable."""
+    looks = 0
+    while True:
+        looks += 1
+        standing = Standing(visits.captures(), tuple(visits.retaken), visits.here_rad)
+        choice = await run.solve(f"choose poses {looks}", choose_poses, series, standing)
+        if not choice.ways_rad:
+            return choice
+        for way, again in zip(choice.ways_rad, choice.again, strict=True):
+            await visits.visit(way, again)
+
+
+async def _verify(run: Run, series: Series, visits: Visits) -> tuple[ArmCapture, ...]:
+    """Capture at poses that no fit will see."""
+    wanted = series.rules.checks_for(len(visits.taken))
+    ways = await run.solve("choose check poses", check_ways, series, visits.here_rad, wanted)
+    if len(ways) < min(wanted, series.rules.checks):
+        raise RefusalError(
+            f"only {len(ways)} of {wanted} check poses can be reached: nothing would be verified",
+            code="procedure.unreachable",
+            remedy="Widen the workspace box or allow more candidates; then start a new run.",
+        )
+    return tuple([await visits.check("check", number, way) for number, way in enumerate(ways, 1)])
+
+
+def check_ways(
+    series: Series, here_rad: tuple[float, ...], wanted: int
+) -> tuple[tuple[tuple[float, ...], ...], ...]:
+    """Return ways to poses that were put aside for verification, which lie far from each other."""
+    reach, plan = series.reach(), series.plan
+    return ordered_ways(reach, plan.roads, here_rad, plan.reserved[:wanted])
+
+
+async def _write_zeros(
+    run: Run, spec: RobotCalibration, series: Series, visits: Visits, result: CalibrationResult
+) -> CalibrationResult:
+    """Write the joint zeros as mastering and look again; take them back where the robot is not where it should be."""
+    found, bench = result.identified, series.bench
+    _refuse_zeros(found, bench)
+    await run.step(
+        "accept the zeros", accept, _shown_zeros(found), sha256_of(to_jsonable_python(found.mastering))
+    )
+    written = await run.write("write the mastering", write_mastering, found.mastering)
+    ways = check_ways(series, visits.here_rad, FINAL_POSES)
+    finals = tuple([await visits.check("final", number, way) for number, way in enumerate(ways, 1)])
+    rms_m = errors_after(series, visits.captures(), found.written_offsets_rad, finals)
+    limit_m = chosen(CHECK, spec.accuracy_class, spec.limits).check_rms_m
+    if not rms_m <= limit_m:
+        old = MasteringData(bench.counts_at_zero, mastered=True)
+        await run.write("restore the mastering", restore_mastering, old)
+        raise RefusalError(
+            f"with the new zeros the readings are off by {rms_m * 1e3:.2f} mm RMS, {limit_m * 1e3:.2f} mm are "
+            "allowed: the old mastering is back",
+            code="procedure.not_verified",
+            remedy="Use the parameter set of a run without write_zeros; look whether arm or device were touched.",
+            evidence=result,
+        )
+    arm = after_mastering(found.arm, found.written_offsets_rad, found.mastering)
+    return CalibrationResult(
+        found, arm, result.goal_reached, result.why_ended, result.set_aside, bench, written, rms_m
+    )
+
+
+def _refuse_zeros(found: Identified, bench: Bench) -> None:
+    if not found.mastering:
+        raise NeedsUnmetError(
+            "this robot's mastering cannot be written",
+            missing=("access to encoder counts and mastering",),
+            remedy="Use the parameter set: run again without write_zeros.",
+        )
+    if not found.hold_out.offsets_explain or not found.hold_out.as_predicted:
+        raise RefusalError(
+            f"joint zeros alone leave {found.hold_out.offsets_only_rms_m * 1e3:.2f} mm RMS at the check poses, the "
+            f"whole model {found.hold_out.after_rms_m * 1e3:.2f} mm: writing them would hide what else is wrong",
+            code="procedure.not_only_zeros",
+            remedy="Nothing was written. Use the parameter set: run again without write_zeros.",
+            evidence=found,
+        )
+
+
+def _shown_plan(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
+    rules, expected = spec.rules, plan.expected_captures
+    doubt = f" Beware: {plan.shortfall}." if plan.shortfall else ""
+    return Instruction(
+        "accept_plan",
+        f"The robot will move to about {expected} (at most {rules.max_captures}) of {len(plan.pool)} poses drawn "
+        f"beforehand, chosen a few at a time, and to {rules.checks_for(expected)} more that verify, at up to "
+        f"{math.degrees(plan.speed_rad_s):.1f} deg/s per joint; every way is checked before it is taken. Expected "
+        f"then: target known within {plan.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS), "
+        f"{plan.tip_u_max_m * 1e3:.3f} mm at worst.{doubt} {'; '.join(plan.not_checked)}. May it move?",
+    )
+
+
+def _shown_result(result: CalibrationResult) -> Instruction:
+    found, out = result.identified, result.identified.hold_out
+    ended = "" if result.goal_reached else f" The goal was not reached: {result.why_ended}."
+    return Instruction(
+        "accept_parameters",
+        f"At {out.captures} poses that were not fitted the error fell from {out.before_rms_m * 1e3:.3f} to "
+        f"{out.after_rms_m * 1e3:.3f} mm RMS a coordinate; the target is known within "
+        f"{found.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS). {found.saving}.{ended} Keep the parameters?",
+    )
+
+
+def _shown_zeros(found: Identified) -> Instruction:
+    turned = ", ".join(f"J{k + 1} {math.degrees(v):+.4f}" for k, v in enumerate(found.written_offsets_rad))
+    return Instruction(
+        "accept_zeros",
+        f"Joint zeros alone explain the readings. Write them as the robot's mastering ({turned} deg)? Taught "
+        "positions move with them.",
+    )
+
+
+def _outline(spec: RobotCalibration) -> tuple[Phase, ...]:
+    expected = max(spec.rules.min_captures, min(45, spec.rules.max_captures))
+    looks = 1 + max(0, math.ceil((expected - spec.rules.first) / spec.rules.batch)) + 1
+    checks = spec.rules.checks_for(expected)
+    writing = (
+        *(
+            Phase("accept the zeros"),
+            Phase("write the mastering"),
+            Phase("go to final", FINAL_POSES, adaptive=True),
+        ),
+        Phase("capture final", FINAL_POSES, adaptive=True),
+    )
+    return (
+        *(Phase("read the robot"), Phase("plan the poses"), Phase("accept the plan"), Phase("go to rest")),
+        *(Phase("choose poses", looks, adaptive=True), Phase("go to pose", expected, adaptive=True)),
+        *(Phase("capture", expected, adaptive=True), Phase("choose check poses")),
+        *(Phase("go to check", checks, adaptive=True), Phase("capture check", checks, adaptive=True)),
+        *(Phase("identify the arm"), Phase("accept the result")),
+        *(writing if spec.write_zeros else ()),
+    )
+
+
+def _keeps(spec: RobotCalibration, result: CalibrationResult) -> Keepsake | None:
+    if _verdict(spec, result).word is FAIL:
+        return None
+    return Keepsake("parameter_set", result.arm.robot_serial, result.arm)
+
+
+def _verdict(spec: RobotCalibration, result: CalibrationResult) -> Verdict:
+    found, out = result.identified, result.identified.hold_out
+    limits = chosen(CHECK, spec.accuracy_class, spec.limits)
+    seen = "along the wire" if spec.method == "wire" else "a coordinate"
+    doubt_m = out.after_rms_m / math.sqrt(2.0 * out.degrees_of_freedom)
+    return Verdict(
+        (
+            judged(
+                f"RMS error at poses that were not fitted, {seen}", out.after_rms_m, "m",
+                u=doubt_m, limit=limits.check_rms_m, degrees_of_freedom=out.degrees_of_freedom,
+            ),
+            held(
+                "the check poses agree with the stated uncertainty", out.as_predicted,
+                "chi square of the errors against what was predicted, 99.9 %", found=out.chi_square,
+            ),
+            *_goals(spec, found),
+            stated("largest error at poses that were not fitted", out.after_max_m, "m"),
+            stated("residual of the fit", found.residual_rms_m, "m", rule="no accuracy"),
+            *_zeros(found),
+        ),
+        limits_from=told(spec.accuracy_class, spec.limits),
+        not_verified=_not_verified(spec, result),
+        remarks=(found.saving, *((result.why_ended,) if result.why_ended else ())),
+        changes=(
+            Change("RMS error at check poses", out.before_rms_m, out.after_rms_m, "m"),
+            Change("largest error at check poses", out.before_max_m, out.after_max_m, "m"),
+        ),
+        set_aside=result.set_aside,
+        to_sign=("Taught positions were checked after the zeros were written.",) if result.written else (),
+    )  # fmt: skip
+
+
+def _goals(spec: RobotCalibration, found: Identified) -> tuple[Characteristic, ...]:
+    figures = []
+    if spec.tip_u_m is not None:
+        name = "target over the work, RMS of what the parameters leave open"
+        figures.append(known_within(name, "m", u=found.tip_u_m / 2.0, limit=spec.tip_u_m))
+    if spec.offset_sigma_rad is not None:
+        rule = "upper 95 % limit of the deviation of every joint zero asked for; else measure more"
+        largest = max(
+            (o.u_rad / 2.0 for o in found.offsets if not spec.offsets_of or o.name in spec.offsets_of),
+            default=0.0,
+        )
+        holds, limit = found.offsets_accepted == "pass", spec.offset_sigma_rad
+        figures.append(
+            enough(
+                "acceptance angular standard deviation", holds, rule, found=largest, limit=limit, unit="rad"
+            )
+        )
+    return tuple(figures)
+
+
+def _zeros(found: Identified) -> tuple[Characteristic, ...]:
+    known = (offset for offset in found.offsets if offset.known)
+    return tuple(stated(f"{o.name}, true minus shown", o.value_rad, "rad", u=o.u_rad / 2.0) for o in known)
+
+
+def _not_verified(spec: RobotCalibration, result: CalibrationResult) -> tuple[str, ...]:
+    hidden = tuple(
+        f"{h.parameter} cannot be told{f' from {h.partner}' if h.partner else ''}: {h.cure}"
+        for h in result.identified.hidden
+    )
+    if spec.method == "wire":
+        scale = "lengths of the arm and the scale of the wire are told apart by the wire's certificate only"
+        return ("The check poses saw the error along the wire, not across it.", scale, *hidden)
+    return ("Where the tracker stands was fitted: base and tool of the robot are not verified.", *hidden)
+
+
+def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
+    bench = bench_before(known, spec.method)
+    if bench is None:
+        return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
+    plan = plan_series(bench, spec.goal(), spec.rules)
+    captures = plan.expected_captures + spec.rules.checks_for(plan.expected_captures)
+    each_s = MEAN_TRAVEL_RAD / plan.speed_rad_s + known.limits.settle_s + spec.rules.samples * SAMPLE_S
+    poses = [PlannedPose(f"pose {k}", plan.pool[index]) for k, index in enumerate(plan.best, 1)]
+    checks = plan.reserved[: spec.rules.checks_for(plan.expected_captures)]
+    after = f"after {plan.expected_captures} captures; each pose is chosen anew as readings come in"
+    return Forecast(
+        duration_s=math.ceil(captures * each_s + 3 * ANSWER_S),
+        poses=(*poses, *(PlannedPose(f"check {k}", pose) for k, pose in enumerate(checks, 1))),
+        speed_rad_s=plan.speed_rad_s,
+        predictions=(Prediction("target over the work, RMS", plan.tip_u_m, "m", {}, after),),
+        assumed=(
+            f"the arm leaves {spec.rules.arm_sigma_m * 1e3:.2f} mm a coordinate that no parameter describes",
+            *((plan.shortfall,) if plan.shortfall else ()),
+        ),
+        not_checked=Reach.of(bench, spec.rules.room).not_checked(),
+    )
+
+
+ENTRY = Entry(
+    name="robot_calibration",
+    title="Robot calibration with draw-wire or tracker",
+    version=1,
+    procedure=robot_calibration,
+    spec_type=RobotCalibration,
+    needs=("moves_joints", "model", "sees_the_flange"),
+    outline=_outline,
+    keeps=_keeps,
+    verdict=_verdict,
+    forecast=_forecast,
+)

@@ -1,0 +1,45 @@
+"""Steps that measure a length at the joints the controller shows: for every robot, with or without encoder counts."""
+
+import asyncio
+import math
+import statistics
+from dataclasses import dataclass
+
+from drivers.interfaces import Joints
+from procedures.cell import Cell
+from procedures.steps.capture import SPREAD_SIGMAS, TRIES, NotAtRestError
+from procedures.steps.mastering import length_gauge
+from procedures.steps.teach import still
+
+
+@dataclass(frozen=True, slots=True)
+class LengthCapture:
+    """One length with the joints it belongs to, and every single reading, to be evaluated again."""
+
+    label: str
+    joints_rad: Joints
+    length_m: float
+    sigma_m: float  # of the mean: noise only, what the wire gets wrong every time is the fit's business
+    readings_m: tuple[float, ...]
+    raw: tuple[int, ...]
+
+
+async def capture_length(cell: Cell, label: str, samples: int) -> LengthCapture:
+    """Let arm and wire settle, average several readings, and hold that nothing moved meanwhile."""
+    gauge = length_gauge(cell)
+    for _ in range(TRIES):
+        await asyncio.sleep(cell.limits.settle_s)
+        before = await cell.robot.joints()
+        readings = [await gauge.distance() for _ in range(samples)]
+        after = await cell.robot.joints()
+        values = tuple(reading.value_m for reading in readings)
+        spread = max(values) - min(values)
+        if still(before, after) and spread <= SPREAD_SIGMAS * gauge.capabilities.sigma_m:
+            noise = max(gauge.capabilities.sigma_m / 2.0, statistics.stdev(values) if samples > 1 else 0.0)
+            sigma = math.hypot(noise / math.sqrt(samples), gauge.capabilities.resolution_m)
+            raw = tuple(reading.raw for reading in readings)
+            return LengthCapture(label, after.joints_rad, statistics.fmean(values), sigma, values, raw)
+    raise NotAtRestError(
+        f"{label}: the arm moves, or the lengths spread by {spread * 1e3:.2f} mm",
+        remedy="Let the arm come to rest, see that the wire hangs free, then resume.",
+    )

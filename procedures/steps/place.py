@@ -1,0 +1,71 @@
+"""Steps that find a place of the recovery kit again: a person brings the tool there, we read where the motors are."""
+
+from typing import Literal
+
+from calibration.mastering import PlaceCapture
+from drivers.interfaces import Instruction
+from procedures.cell import Cell
+from procedures.run import ProcedureError
+from procedures.steps.ask import ask
+from procedures.steps.capture import NotAtRestError
+from procedures.steps.mastering import motor_store
+from procedures.steps.measure_point import measure_point
+
+PlaceKind = Literal["point", "seat", "target", "nest"]
+_WORDS = {
+    "point": "Bring the tip to touch point {number} by hand, at creep speed, from above and as it was held before.",
+    "seat": "Bring the tool into the keyed seat by hand, at creep speed, until it rests without force.",
+    "target": "Bring the arm to about posture {number} of the record, with its target in sight of the instrument.",
+    "nest": "Put the target into fixed nest {number}, in sight of the instrument.",
+}
+
+
+class NoContactHereError(ProcedureError):
+    """A probe is in the cell, the tip is said to touch, and its contact is open."""
+
+    code = "procedure.no_contact"
+
+
+async def visit_place(
+    cell: Cell, what: tuple[PlaceKind, int, str], sigma_m: float, sigma_rad: float, tolerance_counts: int
+) -> PlaceCapture:
+    """Have the tool brought to a place and read the motors while everything stands still.
+
+    ``what`` is kind, number and label of the place. Nothing is commanded to move.
+    """
+    kind, number, label = what
+    words = f"{_WORDS[kind].format(number=number + 1)} Let go, then say yes."
+    await ask(cell, Instruction(f"visit_{kind}_{number + 1}", words))
+    store = motor_store(cell)
+    before = await store.encoder_counts()
+    if kind in ("target", "nest"):
+        seen = await measure_point(cell, label)
+        after = await store.encoder_counts()
+        _refuse_moving(label, before, after, tolerance_counts)
+        sigma = max(sigma_m, max(seen.covariance_m2[k][k] for k in range(3)) ** 0.5)
+        return PlaceCapture(kind, number, tuple(after), sigma, 0.0, seen.position_m, label)
+    await _refuse_open(cell, kind, label)
+    after = await store.encoder_counts()
+    _refuse_moving(label, before, after, tolerance_counts)
+    return PlaceCapture(
+        kind, number, tuple(after), sigma_m, sigma_rad if kind == "seat" else 0.0, None, label
+    )
+
+
+async def _refuse_open(cell: Cell, kind: PlaceKind, label: str) -> None:
+    """Where a probe is there, its contact must confirm the touch."""
+    if kind == "point" and cell.probe is not None and not (await cell.probe.contact()).closed:
+        raise NoContactHereError(
+            f"{label}: the probe's contact is open",
+            remedy="Creep on until the probe signals, then confirm again.",
+        )
+
+
+def _refuse_moving(
+    label: str, before: tuple[int, ...], after: tuple[int, ...], tolerance_counts: int
+) -> None:
+    if max(abs(a - b) for a, b in zip(before, after, strict=True)) > tolerance_counts:
+        raise NotAtRestError(
+            f"{label}: counts went from {before} to {after}",
+            remedy="Let the arm come to rest, then resume.",
+        )

@@ -1,0 +1,381 @@
+"""Steps that feel for a surface with a touch probe: slowly, guarded all the way, and stopped at the first contact.
+
+The arm travels on while probe, cable and program notice the touch. Where it was at the touch itself comes from
+joint readings around it; what their times leave open is part of the uncertainty.
+"""
+
+import asyncio
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from drivers.interfaces import ContactEdge, Joints, Robot, TouchProbe
+from procedures import motion_gate
+from procedures.cell import Cell, ProbeSetup
+from procedures.entry import NEEDS
+from procedures.latch import Latched, TimedJoints, latch
+from procedures.motion_gate import Care
+from procedures.probe_line import Place, ProbeLine, probe_line
+from procedures.run import NeedsUnmetError, ProcedureError
+from procedures.steps.teach import still
+
+PROBING_CAP_M_S = 0.002
+STOP_S = 0.2  # a controller's own reaction and its braking at probing speed
+SETTLE_S = 0.5
+READ_PAUSE_S = 0.005
+
+
+class ContactError(ProcedureError):
+    """A touch did not happen as it should; the arm stands."""
+
+    code = "procedure.contact"
+
+
+class AlreadyInContactError(ContactError):
+    """The contact is closed before the approach begins."""
+
+    code = "procedure.already_in_contact"
+
+
+class NoContactError(ContactError):
+    """The whole way was travelled and nothing was touched."""
+
+    code = "procedure.no_contact"
+
+
+class ContactLostError(ContactError):
+    """The contact closed and is open again although the arm has not moved back."""
+
+    code = "procedure.contact_lost"
+
+
+class BouncingContactError(ContactError):
+    """The contact does not settle."""
+
+    code = "procedure.contact_bounces"
+
+
+class StuckContactError(ContactError):
+    """The contact stays closed although the tip has moved away."""
+
+    code = "procedure.contact_stuck"
+
+
+class OvertravelError(ContactError):
+    """The arm pushed the tip farther than the probe allows, or would."""
+
+    code = "procedure.overtravel"
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """One straight way towards a surface, and how to travel it. Speeds are of the tip."""
+
+    start_rad: Joints
+    end_rad: Joints
+    search_m_s: float = PROBING_CAP_M_S
+    measure_m_s: float = 0.0005
+    repeats: int = 3
+    retreat_m: float = 0.001  # from the contact, before each repeat and at the end
+    segment_m: float = 0.005  # an arm that does not hear a stop goes no farther than this
+    travel_rad_s: float = 0.1  # to the start
+
+
+@dataclass(frozen=True, slots=True)
+class Touch:
+    """One contact: where the arm was, and how well its times tell."""
+
+    joints_rad: Joints
+    tip_in_base_m: Place  # by the nominal model
+    speed_m_s: float
+    skew_s: float
+    sigma_m: float  # along the approach: speed times skew, and the probe's own scatter
+    overtravel_m: float
+    bounces: int
+
+
+@dataclass(frozen=True, slots=True)
+class TouchedPoint:
+    """A surface point, felt several times from one side. The tip's centre is meant, at the contact."""
+
+    label: str
+    joints_rad: Joints  # mean of the repeats
+    tip_in_base_m: Place
+    direction_in_base: Place  # of the approach
+    sigma_m: float  # along the approach, of the mean
+    spread_m: float  # largest difference of the repeats along the approach
+    touches: tuple[Touch, ...]
+
+
+@dataclass(slots=True)
+class _Travel:
+    """What was seen on the way."""
+
+    readings: list[TimedJoints] = field(default_factory=list)
+    edge: ContactEdge | None = None
+
+
+async def touch(cell: Cell, label: str, approach: Approach) -> TouchedPoint:
+    """Feel for a surface once to find it, then ``repeats`` times more slowly; end clear of it."""
+    probe, setup = probe_of(cell)
+    line = _line(cell, setup, approach)
+    _refuse_unsafe(label, line, approach, probe)
+    await _refuse_contact(label, probe)
+    await _go(cell, label, [approach.start_rad], min(approach.travel_rad_s, cell.limits.speed_rad_s))
+    found = await _feel(cell, label, line, approach, approach.search_m_s)
+    await _retreat(cell, label, line, approach, found)
+    touches: list[Touch] = []
+    for _ in range(approach.repeats):
+        touches.append(await _feel(cell, label, line, approach, approach.measure_m_s))
+        await _retreat(cell, label, line, approach, touches[-1])
+    return _point(label, line, touches)
+
+
+def probe_of(cell: Cell) -> tuple[TouchProbe, ProbeSetup]:
+    """Return the probe and where its tip is; NeedsUnmetError without one."""
+    if cell.probe is None or cell.probe_setup is None:
+        what = NEEDS["probe"][0]
+        raise NeedsUnmetError(
+            f"this cell has no {what}", missing=(what,), remedy="Add a [[probe]] to cell.toml."
+        )
+    return cell.probe, cell.probe_setup
+
+
+def _line(cell: Cell, setup: ProbeSetup, approach: Approach) -> ProbeLine:
+    if cell.model is None:
+        what = NEEDS["model"][0]
+        raise NeedsUnmetError(f"this cell has no {what}", missing=(what,), remedy="Name it in cell.toml.")
+    return probe_line(cell.model, setup.tip_in_flange_m, approach.start_rad, approach.end_rad)
+
+
+def _refuse_unsafe(label: str, line: ProbeLine, approach: Approach, probe: TouchProbe) -> None:
+    """Refuse before anything moves: speeds, ways, and what the probe's stylus would have to bear."""
+    speeds = (approach.search_m_s, approach.measure_m_s)
+    if not all(0 < speed <= PROBING_CAP_M_S for speed in speeds) or not approach.travel_rad_s > 0:
+        raise ContactError(
+            f"{label}: probing speeds must be above 0 and at most {PROBING_CAP_M_S * 1e3:g} mm/s",
+            remedy="Nothing has moved. Correct the speeds of the approach.",
+        )
+    ways_fit = 0 < approach.retreat_m < line.length_m and approach.segment_m > 0
+    if not ways_fit or not math.isfinite(approach.segment_m) or approach.repeats < 1:
+        raise ContactError(
+            f"{label}: retreat, segment and repeats do not fit an approach of {line.length_m * 1e3:.2f} mm",
+            remedy="Nothing has moved. Correct the approach.",
+        )
+    can = probe.capabilities
+    push_m = max(speeds) * (can.reaction_s + STOP_S)
+    if push_m > can.overtravel_m:
+        raise OvertravelError(
+            f"{label}: at {max(speeds) * 1e3:.2f} mm/s the tip may be pushed in by {push_m * 1e3:.2f} mm, "
+            f"the probe allows {can.overtravel_m * 1e3:.2f} mm",
+            remedy=f"Probe at {can.overtravel_m / (can.reaction_s + STOP_S) * 1e3:.2f} mm/s or slower.",
+        )
+
+
+async def _refuse_contact(label: str, probe: TouchProbe) -> None:
+    if (await probe.contact()).closed:
+        raise AlreadyInContactError(
+            f"{label}: the probe's contact is closed before the approach begins",
+            remedy="Move the tip clear by hand; if it stays closed, check probe and cable. Then resume.",
+        )
+
+
+async def _feel(cell: Cell, label: str, line: ProbeLine, approach: Approach, speed_m_s: float) -> Touch:
+    """Travel the line from where the arm stands until the contact closes."""
+    probe, _ = probe_of(cell)
+    here_m = line.distance_of((await cell.robot.joints()).joints_rad)
+    pieces = max(math.ceil((line.length_m - here_m) / approach.segment_m), 1)
+    stops = [line.joints_at(float(at)) for at in np.linspace(here_m, line.length_m, pieces + 1)[1:]]
+    travel = await _guarded(cell, stops, line.joint_speed_rad_s(speed_m_s))
+    if travel.edge is None:
+        raise NoContactError(
+            f"{label}: no contact within {(line.length_m - here_m) * 1e3:.1f} mm",
+            remedy="See that the surface is where it is expected and the probe is plugged in and signals, "
+            "then resume from a nearer start.",
+        )
+    standing = await _standing(cell, label, travel)
+    await _refuse_doubt(label, travel.edge, probe)
+    tips = line.tips_m(np.array([reading.joints_rad for reading in travel.readings]))
+    at = latch(travel.readings, tips, travel.edge.earliest_s, travel.edge.latest_s)
+    found = _touch(line, at, standing, travel.edge, probe)
+    if found.overtravel_m > probe.capabilities.overtravel_m:
+        raise OvertravelError(
+            f"{label}: the arm pushed the tip in by {found.overtravel_m * 1e3:.2f} mm, "
+            f"the probe allows {probe.capabilities.overtravel_m * 1e3:.2f} mm",
+            remedy="Look whether the stylus is bent; measure its tip again before anything else.",
+        )
+    return found
+
+
+async def _retreat(cell: Cell, label: str, line: ProbeLine, approach: Approach, found: Touch) -> None:
+    """Move back along the line, and see the contact open."""
+    probe, _ = probe_of(cell)
+    target = line.joints_at(max(line.distance_of(found.joints_rad) - approach.retreat_m, 0.0))
+    speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
+    await motion_gate.move_along(cell, [target], speed, care=Care.TOUCHING)
+    if not await _becomes(probe, closed=False):
+        raise StuckContactError(
+            f"{label}: the contact stays closed {approach.retreat_m * 1e3:.1f} mm away from the surface",
+            remedy="Move the tip clear by hand; clean the probe or check its cable. Then resume.",
+        )
+
+
+async def _becomes(probe: TouchProbe, *, closed: bool) -> bool:
+    """Whether the contact comes to that within the time in which arm and springs come to rest."""
+    give_up_s = _now() + SETTLE_S
+    while (await probe.contact()).closed is not closed:
+        if _now() > give_up_s:
+            return False
+    return True
+
+
+async def _go(cell: Cell, label: str, stops: Sequence[Joints], speed_rad_s: float) -> None:
+    """Move where nothing should be touched."""
+    travel = await _guarded(cell, stops, speed_rad_s)
+    if travel.edge is not None:
+        raise ContactError(
+            f"{label}: the probe touched something on its way to the start of the approach",
+            remedy="Move the tip clear by hand, look for what is in the way, choose another start. Then resume.",
+        )
+
+
+async def _guarded(cell: Cell, stops: Sequence[Joints], speed_rad_s: float) -> _Travel:
+    """Move from stop to stop until the contact closes; the arm stands when this returns or raises."""
+    probe, _ = probe_of(cell)
+    travel, enough = _Travel(), asyncio.Event()
+    watching = asyncio.create_task(probe.touched())
+    recording = asyncio.create_task(_record(cell.robot, travel.readings, enough))
+    try:
+        for stop in stops:
+            await _move(cell, stop, speed_rad_s, watching, recording)
+            if watching.done():
+                break
+        await asyncio.wait(
+            {watching}, timeout=probe.capabilities.reaction_s
+        )  # a touch may still be on its way
+        travel.edge = watching.result() if watching.done() else None
+        enough.set()
+        await recording
+    finally:
+        await _end(watching, recording)
+    travel.readings.append(await _timed(cell.robot))
+    return travel
+
+
+async def _move(
+    cell: Cell,
+    target: Joints,
+    speed_rad_s: float,
+    watching: asyncio.Task[ContactEdge],
+    recording: asyncio.Task[None],
+) -> None:
+    """Move unless and until one of the guards ends: a cancelled move stops. Raise what went wrong with any."""
+    going = motion_gate.move_along(cell, [target], speed_rad_s, care=Care.TOUCHING)
+    moving = asyncio.create_task(going)
+    try:
+        await asyncio.wait({moving, watching, recording}, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        await _end(moving)
+    for task in (moving, watching, recording):
+        if task.done() and not task.cancelled() and (trouble := task.exception()) is not None:
+            raise trouble
+
+
+async def _record(robot: Robot, readings: list[TimedJoints], enough: asyncio.Event) -> None:
+    """Read the joints over and over, and end between two readings: a cancelled one may cost the link."""
+    while not enough.is_set():
+        readings.append(await _timed(robot))
+        await asyncio.sleep(READ_PAUSE_S)
+
+
+async def _timed(robot: Robot) -> TimedJoints:
+    asked_s = _now()
+    reading = await robot.joints()
+    return TimedJoints(asked_s, reading.taken_at_s, reading.joints_rad, reading.device_time_s)
+
+
+async def _standing(cell: Cell, label: str, travel: _Travel) -> Joints:
+    """Return where the arm stands; refuse one that does not."""
+    before = await cell.robot.joints()
+    after = await cell.robot.joints()
+    if not still(before, after):
+        await cell.robot.stop()
+        raise ContactError(
+            f"{label}: the arm moved on after it was stopped at the contact",
+            remedy="Press the emergency stop if it still moves; find out who else commands it.",
+        )
+    return after.joints_rad
+
+
+async def _refuse_doubt(label: str, edge: ContactEdge, probe: TouchProbe) -> None:
+    """Refuse a contact that flickers, or that is open although the arm stands beyond it."""
+    if not edge.steady:
+        raise BouncingContactError(
+            f"{label}: the contact opened {edge.bounces} times and did not settle",
+            remedy="Probe more slowly; if it stays so, clean the probe and check its cable. Then resume.",
+        )
+    if not await _becomes(probe, closed=True):
+        raise ContactLostError(
+            f"{label}: the contact closed, and is open although the arm has not moved back",
+            remedy="Check the probe's cable and that the surface does not give way. Then resume.",
+        )
+
+
+def _touch(line: ProbeLine, at: Latched, standing: Joints, edge: ContactEdge, probe: TouchProbe) -> Touch:
+    tips = line.tips_m(np.array([at.joints_rad, standing]))
+    return Touch(
+        at.joints_rad,
+        _place(tips[0]),
+        at.speed_m_s,
+        at.skew_s,
+        math.hypot(at.bound_m / math.sqrt(3), probe.capabilities.sigma_m),
+        float(np.linalg.norm(tips[1] - tips[0])) + at.bound_m,
+        edge.bounces,
+    )
+
+
+def _point(label: str, line: ProbeLine, touches: Sequence[Touch]) -> TouchedPoint:
+    joints = np.array([one.joints_rad for one in touches]).mean(axis=0)
+    along = [line.distance_of(one.joints_rad) for one in touches]
+    scatter = statistics.stdev(along) / math.sqrt(len(along)) if len(along) > 1 else 0.0
+    ends = line.tips_m(np.array([line.joints_at(0.0), line.joints_at(line.length_m)]))
+    # the mean does not help against a delay that is wrong every time
+    sigma = math.hypot(max(one.sigma_m for one in touches), scatter)
+    return TouchedPoint(
+        label,
+        tuple(float(q) for q in joints),
+        _place(line.tips_m(joints)[0]),
+        _place((ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])),
+        sigma,
+        max(along) - min(along),
+        tuple(touches),
+    )
+
+
+def _place(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Place:
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+async def _end(*tasks: asyncio.Task[None] | asyncio.Task[ContactEdge]) -> None:
+    """Cancel what still runs and wait for its end, also when we are cancelled ourselves; then re-raise."""
+    cancelled: asyncio.CancelledError | None = None
+    for task in tasks:
+        task.cancel()
+    while not all(task.done() for task in tasks):
+        try:
+            await asyncio.wait(tasks)
+        except asyncio.CancelledError as error:
+            cancelled = error
+    for task in tasks:
+        if not task.cancelled():
+            task.exception()  # consumed: what matters of it is raised by who looked
+    if cancelled is not None:
+        raise cancelled
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()  # the clock of the readings

@@ -1,0 +1,108 @@
+"""What the cell file knows of shapes: of the arm, of its tool, and of what stands around it. Plain values.
+
+Plans carry them, the journal keeps them, and `clearances` makes the check of them that plans and the gate share.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+from calibration.collision import (
+    Box,
+    Capsule,
+    CellShape,
+    CollisionCheck,
+    Obstacle,
+    Plane,
+    Sphere,
+    arm_shape,
+    assumed_shape,
+)
+from calibration.geometry import Pose
+from calibration.kinematics import RobotModel, load_model
+from calibration.motion_check import WirePath
+
+Triple = tuple[float, float, float]
+
+UNKNOWN_SPEED_SHARE = 0.5  # of every cap, while nobody said what stands in the cell
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """A box that stands in the cell."""
+
+    name: str
+    base_box: Pose  # its centre and axes
+    size_m: Triple  # whole edges
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Shapes of arm and cell; the workspace that arm and tool stay inside. Without obstacles nothing is known."""
+
+    blocks: tuple[Block, ...] = ()
+    balls: tuple[Sphere, ...] = ()
+    planes: tuple[Plane, ...] = ()
+    capsules: tuple[Capsule, ...] = ()  # of the links, where somebody measured them
+    link_radius_m: float | None = None  # else of every link
+    tip_in_flange_m: Triple | None = None
+    margin_m: float = 0.02
+    wire_margin_m: float = 0.05
+    box_low_m: Triple | None = None
+    box_high_m: Triple | None = None
+
+    @property
+    def known(self) -> bool:
+        """Whether anybody said what stands in the cell."""
+        return bool(self.blocks or self.balls or self.planes)
+
+    @property
+    def speed_share(self) -> float:
+        """How much of a speed cap may be used."""
+        return 1.0 if self.known else UNKNOWN_SPEED_SHARE
+
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Return what stands in the cell."""
+        boxes = tuple(Box(block.name, block.base_box.matrix(), block.size_m) for block in self.blocks)
+        return (*boxes, *self.balls, *self.planes)
+
+
+NOTHING_KNOWN = Surroundings()
+
+
+@lru_cache(maxsize=128)
+def clearances(
+    model_name: str,
+    surroundings: Surroundings,
+    wire: WirePath | None = None,
+    tip_in_flange_m: Triple | None = None,
+) -> CollisionCheck:
+    """Return the check of distances of one arm in its cell; ``tip_in_flange_m`` is what hangs on the flange.
+
+    Raises
+    ------
+    CalibrationError
+        A shape is on a link that the arm does not have.
+    """
+    model = load_model(model_name)
+    return CollisionCheck.prepare(model, cell_shape(model, surroundings, wire, tip_in_flange_m))
+
+
+def cell_shape(
+    model: RobotModel,
+    surroundings: Surroundings,
+    wire: WirePath | None = None,
+    tip_in_flange_m: Triple | None = None,
+) -> CellShape:
+    """Return the shapes of an arm in its cell; where nobody measured the links, they are assumed, and it says so."""
+    known = surroundings
+    tip = tip_in_flange_m or known.tip_in_flange_m or (wire.hook_in_flange_m if wire else None)
+    arm, assumed = known.capsules, tuple[str, ...]()
+    if not arm and known.link_radius_m is not None:
+        arm = arm_shape(model, radius_m=known.link_radius_m, tip_in_flange_m=tip)
+        assumed = (
+            f"links are taken as {known.link_radius_m * 1e3:.0f} mm round about the kinematic skeleton",
+        )
+    elif not arm:
+        shape = assumed_shape(model, tip_in_flange_m=tip)
+        arm, assumed = shape.arm, shape.assumed
+    return CellShape(arm, known.obstacles(), wire, known.margin_m, known.wire_margin_m, assumed)

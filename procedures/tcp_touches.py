@@ -1,0 +1,208 @@
+"""Touches of one pin in many attitudes: each is judged at once, and the next one is asked for where it tells most.
+
+A touch in an attitude too like the others is taught again before anything is computed from it; so is a touch that
+the others contradict. It goes on until the tip is known as well as the class of limits wants.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from calibration.geometry import Pose
+from calibration.tool_point import ToolPoint, locate_tool_point
+from calibration.touch_design import Alike, alike_touch, fixed_plan_touches, foreseen_u_m, next_turn
+from drivers.interfaces import Instruction
+from procedures.run import OutOfToleranceError, RefusalError, Run
+from procedures.steps.teach import teach
+from procedures.verdict import SetAside
+
+WORST_GAIN = 4.0  # of the tip over a touch, in the worst direction, from three touches: about 20 degrees
+AGAIN_RAD = math.radians(2.0)  # a further touch may be like others, but must be a new one
+STRAY = 0.005  # how improbable a touch is before it is taught again …
+STRAY_SIGMAS = 4.0  # … and how far off: a few touches may agree too well by chance
+MANUAL_TILT_RAD = math.radians(30.0)  # what a maker's manual advises: FANUC B-83284EN/09, 3.9
+MOST_ANEW = 6
+
+
+@dataclass(frozen=True, slots=True)
+class TouchRules:
+    """When there are enough touches, and which are taught again."""
+
+    least: int
+    most: int
+    sigma_m: float
+    tip_u_m: float
+    rms_limit_m: float
+    min_turn_rad: float
+    most_tilt_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """What the touches so far say, and what to do next."""
+
+    do: Literal["touch", "anew", "enough", "wrong"]
+    touch: int  # counted from 0
+    why: str
+    advice: str
+    foreseen_u_m: float | None  # by the attitudes alone and sigma_m; None while they do not fix the tip
+    tip_u_m: float | None  # by the scatter; None while there is none
+
+
+@dataclass(frozen=True, slots=True)
+class Touches:
+    """All touches that count, and what they say of the tip."""
+
+    base_flange: tuple[Pose, ...]
+    tip: ToolPoint
+    set_aside: tuple[SetAside, ...]
+    fixed_plan: int | None  # touches in attitudes fixed beforehand that the same U would take
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The tip, and how many touches in fixed attitudes would have done as much."""
+
+    tip: ToolPoint
+    fixed_plan: int | None
+
+
+async def take_touches(run: Run, rules: TouchRules, named: tuple[tuple[str, Instruction], ...]) -> Touches:
+    """Have the pin touched until the tip is known well enough; ``named`` are the method's own touches."""
+    steps: list[str] = []
+    poses: list[Pose] = []
+    aside: list[SetAside] = []
+    anew: list[int] = []
+    judged, count = Judged("touch", 0, "", "", None, None), 0
+    while judged.do in ("touch", "anew"):
+        step, instruction = _asked(judged, len(poses), len(anew), named)
+        taught = await run.step(step, teach, instruction)
+        if judged.do == "anew":
+            aside.append(SetAside(steps[judged.touch], judged.why))
+            steps[judged.touch], poses[judged.touch] = step, taught.base_flange
+        else:
+            steps.append(step)
+            poses.append(taught.base_flange)
+        count += 1
+        judged = await run.solve(
+            f"judge the touches {count}", judge_touches, rules, tuple(poses), tuple(anew)
+        )
+        if judged.do == "anew":
+            anew.append(judged.touch)
+    if judged.do == "wrong":
+        raise RefusalError(judged.why, remedy=judged.advice, evidence=tuple(poses))
+    found = await run.solve("locate the tip", locate_tip, rules, tuple(poses))
+    _refuse_scatter(rules, found.tip)
+    return Touches(tuple(poses), found.tip, tuple(aside), found.fixed_plan)
+
+
+def judge_touches(rules: TouchRules, touches: tuple[Pose, ...], anew: tuple[int, ...]) -> Judged:
+    """Say what the touches so far tell and what to do next; ``anew`` are those asked for again already."""
+    attitudes = [touch.rotation() for touch in touches]
+    foreseen = foreseen_u_m(attitudes, rules.sigma_m)
+    alike = _alike(rules, touches)
+    if alike is not None:
+        return _again(alike.touch, _told(alike), _mend(alike), anew, foreseen)
+    if len(touches) < 3:
+        return _more(rules, touches, None)
+    tip = locate_tool_point(touches)
+    if _is_stray(rules, tip):
+        why = (
+            f"the other touches contradict touch {tip.stray_touch + 1} by "
+            f"{tip.leave_one_out_m[tip.stray_touch] * 1e3:.2f} mm"
+        )
+        return _again(tip.stray_touch, why, "Touch the pin in the same attitude as before.", anew, foreseen)
+    enough = max(tip.tip_u_in_space_m, foreseen or math.inf) <= rules.tip_u_m
+    if len(touches) >= rules.most or (enough and len(touches) >= rules.least):
+        return Judged("enough", len(touches), "", "", foreseen, tip.tip_u_in_space_m)
+    return _more(rules, touches, tip)
+
+
+def locate_tip(rules: TouchRules, touches: tuple[Pose, ...]) -> Found:
+    """Return the tip from all touches that count."""
+    fixed = fixed_plan_touches(rules.tip_u_m, rules.sigma_m, MANUAL_TILT_RAD)
+    return Found(locate_tool_point(touches), fixed)
+
+
+def _alike(rules: TouchRules, touches: tuple[Pose, ...]) -> Alike | None:
+    """Look at the last touch: the first three must fix the tip, a further one only not be one read twice."""
+    least = rules.min_turn_rad if len(touches) <= 3 else AGAIN_RAD
+    return alike_touch(touches, min_turn_rad=least, worst_gain=WORST_GAIN)
+
+
+def _is_stray(rules: TouchRules, tip: ToolPoint) -> bool:
+    if tip.stray_probability >= STRAY or not tip.leave_one_out_m:
+        return False
+    return tip.leave_one_out_m[tip.stray_touch] > STRAY_SIGMAS * rules.sigma_m
+
+
+def _again(touch: int, why: str, advice: str, anew: tuple[int, ...], foreseen: float | None) -> Judged:
+    if anew.count(touch) >= 2 or len(anew) >= MOST_ANEW:
+        return Judged("wrong", touch, f"{why}, also after it was taught again", _WRONG, foreseen, None)
+    return Judged("anew", touch, why, advice, foreseen, None)
+
+
+_WRONG = "Check that the pin is firm and the tool tight, and that the arm moves as the instruction says."
+
+
+def _more(rules: TouchRules, touches: tuple[Pose, ...], tip: ToolPoint | None) -> Judged:
+    turn = next_turn(touches, rules.most_tilt_rad)
+    foreseen = foreseen_u_m([touch.rotation() for touch in touches], rules.sigma_m)
+    return Judged(
+        "touch",
+        len(touches),
+        "",
+        f"From the first touch's attitude, turn the tool {turn.told()} of the flange, about; touch the pin.",
+        foreseen,
+        None if tip is None else tip.tip_u_in_space_m,
+    )
+
+
+def _told(alike: Alike) -> str:
+    if alike.like is None:
+        return f"touch {alike.touch + 1} leaves the tip open: all touches are turned about nearly one axis"
+    return (
+        f"touch {alike.touch + 1} is turned only {math.degrees(alike.apart_rad):.1f} degrees from touch "
+        f"{alike.like + 1}"
+    )
+
+
+def _mend(alike: Alike) -> str:
+    return f"Turn the tool {alike.turn.told()} of the flange, or further, and touch the pin again."
+
+
+def _asked(
+    judged: Judged, count: int, anew: int, named: tuple[tuple[str, Instruction], ...]
+) -> tuple[str, Instruction]:
+    """Return the next step's name and what the technician is told."""
+    if judged.do == "anew":
+        number = judged.touch + 1
+        text = f"{judged.why[0].upper()}{judged.why[1:]}: teach touch {number} again. {judged.advice}"
+        return f"touch anew {anew}", Instruction(f"touch_anew_{number}", text)
+    if count < len(named):
+        step, instruction = named[count]
+        return step, Instruction(instruction.key, instruction.text + _known_so_far(judged))
+    number = count + 1
+    return f"touch in another attitude {number - len(named)}", Instruction(
+        f"touch_{number}", judged.advice + _known_so_far(judged)
+    )
+
+
+def _known_so_far(judged: Judged) -> str:
+    told = []
+    if judged.foreseen_u_m is not None:
+        told.append(f"{judged.foreseen_u_m * 1e3:.2f} mm by the attitudes")
+    if judged.tip_u_m is not None:
+        told.append(f"{judged.tip_u_m * 1e3:.2f} mm by the touches' scatter")
+    return f" So far the tip is known within {' and '.join(told)} (95 %)." if told else ""
+
+
+def _refuse_scatter(rules: TouchRules, tip: ToolPoint) -> None:
+    if tip.rms_m > rules.rms_limit_m:
+        raise OutOfToleranceError(
+            f"the touches disagree by {tip.rms_m * 1e3:.2f} mm RMS, limit {rules.rms_limit_m * 1e3:.2f} mm.",
+            found=tip.rms_m,
+            limit=rules.rms_limit_m,
+            unit="m",
+            remedy=f"Check that the pin did not move, then redo touch {tip.stray_touch + 1}.",
+        )

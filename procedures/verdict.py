@@ -1,0 +1,155 @@
+"""What a finished procedure may claim: each figure with its uncertainty, its limit and the rule that judged it.
+
+A procedure says its verdict in a function ``(spec, result) -> Verdict`` on its card. Four ways to say a figure:
+
+* ``judged``: a measured magnitude with its uncertainty against a limit, after ISO 14253-1;
+* ``known_within``: how well something is known, against how well it must be known; never FAIL, only "measure more";
+* ``held``: a fact that holds or does not, such as a check of a gate or a value read back;
+* ``stated``: a figure that nothing judges.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydantic_core import to_jsonable_python
+
+from calibration import uncertainty
+from calibration.errors import CalibrationError
+from calibration.uncertainty import coverage_factor, decide
+
+PASS, FAIL, UNDECIDED = uncertainty.Verdict.PASS, uncertainty.Verdict.FAIL, uncertainty.Verdict.UNDECIDED
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """One line of an uncertainty budget, in the unit of its characteristic."""
+
+    name: str
+    standard_uncertainty: float
+    source: str  # measured, data sheet, cell file, estimated
+
+
+@dataclass(frozen=True, slots=True)
+class Characteristic:
+    """One figure that was decided or stated. Units are SI: m, rad, s, turn, 1."""
+
+    name: str
+    value: float
+    unit: str
+    standard_uncertainty: float
+    coverage: float  # k of ``expanded``
+    limit: float | None = None
+    decision: uncertainty.Verdict | None = None  # None where nothing judges it
+    rule: str = ""
+    budget: tuple[Contribution, ...] = ()
+
+    def __post_init__(self) -> None:
+        figures = (self.value, self.standard_uncertainty, self.coverage, self.limit or 0.0)
+        if not all(math.isfinite(figure) for figure in figures) or self.standard_uncertainty < 0:
+            raise CalibrationError(f"{self.name}: a verdict needs finite figures and an uncertainty >= 0")
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty U = k u."""
+        return self.coverage * self.standard_uncertainty
+
+    def with_budget(self, *contributions: Contribution) -> "Characteristic":
+        """Return the same with the lines of its uncertainty budget."""
+        return replace(self, budget=contributions)
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Something as it was before and as it is after; None where it was not read."""
+
+    name: str
+    before: float | None
+    after: float | None
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class SetAside:
+    """A measurement that was taken and not used; ``step`` is its name in the journal."""
+
+    step: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """All that a procedure claims, and what it does not."""
+
+    characteristics: tuple[Characteristic, ...]
+    limits_from: str = ""  # "limits of class B"
+    not_verified: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    changes: tuple[Change, ...] = ()
+    set_aside: tuple[SetAside, ...] = ()
+    to_sign: tuple[str, ...] = ()  # what a responsible person must confirm by hand afterwards
+
+    @property
+    def word(self) -> uncertainty.Verdict:
+        """FAIL if anything failed, else UNDECIDED if anything is or nothing was decided, else PASS."""
+        found = {figure.decision for figure in self.characteristics}
+        return next((word for word in (FAIL, UNDECIDED, PASS) if word in found), UNDECIDED)
+
+    def as_object(self) -> dict[str, Any]:
+        """Return the verdict as JSON values, with its word and every U."""
+        document: dict[str, Any] = to_jsonable_python(self)
+        for told, figure in zip(document["characteristics"], self.characteristics, strict=True):
+            told["expanded_uncertainty"] = figure.expanded
+        return document | {"word": self.word.value}
+
+
+def judged(
+    name: str,
+    value: float,
+    unit: str,
+    *,
+    u: float,
+    limit: float,
+    degrees_of_freedom: float = math.inf,
+) -> Characteristic:
+    """Judge the magnitude of a measured value: conformity and non-conformity must both be proved."""
+    decision = decide(abs(value), u, limit, degrees_of_freedom=degrees_of_freedom)
+    rule = f"PASS if x + g <= L, FAIL if x - g > L, else UNDECIDED; {decision.rule}"
+    k = coverage_factor(degrees_of_freedom)
+    return Characteristic(name, value, unit, u, k, limit, decision.verdict, rule)
+
+
+def known_within(
+    name: str,
+    unit: str,
+    *,
+    u: float,
+    limit: float,
+    degrees_of_freedom: float = math.inf,
+) -> Characteristic:
+    """Judge how well something is known: PASS if U is at most the limit, otherwise measure more."""
+    k = coverage_factor(degrees_of_freedom)
+    word = PASS if k * u <= limit else UNDECIDED
+    rule = f"PASS if U (k = {k:.2f}, 95 %) <= L, else UNDECIDED: measure more"
+    return Characteristic(name, k * u, unit, u, k, limit, word, rule)
+
+
+def held(
+    name: str, holds: bool, rule: str, *, found: float = 1.0, limit: float | None = None, unit: str = "1"
+) -> Characteristic:
+    """State a fact that either holds (PASS) or does not (FAIL); ``rule`` says what was compared."""
+    return Characteristic(name, found, unit, 0.0, 2.0, limit, PASS if holds else FAIL, rule)
+
+
+def enough(
+    name: str, holds: bool, rule: str, *, found: float, limit: float, unit: str = "1"
+) -> Characteristic:
+    """State whether the evidence suffices: PASS, or UNDECIDED with what is missing in ``rule``."""
+    return Characteristic(name, found, unit, 0.0, 2.0, limit, PASS if holds else UNDECIDED, rule)
+
+
+def stated(
+    name: str, value: float, unit: str, *, u: float = 0.0, k: float = 2.0, rule: str = ""
+) -> Characteristic:
+    """State a figure that nothing judges."""
+    return Characteristic(name, value, unit, u, k, rule=rule)

@@ -1,0 +1,154 @@
+"""What ``cellcal identify`` prints of a cell: every series, the frames found, the arms, what stays unknown."""
+
+from typing import TYPE_CHECKING
+
+from service.cli.identify_report import (
+    COLOURS,
+    HEADING,
+    LEARNT,
+    MOST_ROWS_SHOWN,
+    SCALES,
+    print_dh,
+    print_offsets,
+    print_unknown,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+    from service.cell_identify import CellReport
+
+_MM, _DEG = 1e3, 57.29577951308232
+
+
+def print_cell_report(console: "Console", report: "CellReport") -> None:
+    """Print the whole report but for what is asked for separately."""
+    from rich.markup import escape
+
+    found = report.identification
+    _print_series(console, report)
+    console.print(HEADING)
+    for reason in found.level_reasons:
+        console.print(f"  {escape(reason)}")
+    for name, count in report.measurements.left_out:
+        console.print(f"[yellow]note[/] {escape(name)}: {count} rows of the file lack its numbers")
+    for effect in found.group_effects:
+        console.print(f"[yellow]note[/] {escape(effect)}")
+    for line in report.rejected[:MOST_ROWS_SHOWN]:
+        console.print(f"[yellow]rejected[/] {escape(line.series)}, line {line.line}: {escape(line.reason)}")
+    if len(report.rejected) > MOST_ROWS_SHOWN:
+        console.print(f"… and {len(report.rejected) - MOST_ROWS_SHOWN} more rejected lines (see --json)")
+    _print_frames(console, report)
+    _print_parameters(console, report)
+    freedom = found.robust.degrees_of_freedom
+    console.print(f"[dim]95 % is {report.coverage:.2f} sd ({freedom:.0f} degrees of freedom).[/]")
+    print_unknown(console, found.not_identified)
+    unknown = {item.parameter for item in found.not_identified}
+    for pair in found.correlated[:MOST_ROWS_SHOWN]:
+        if not {pair.first, pair.second} & unknown:
+            console.print(
+                f"[yellow]note[/] {escape(pair.first)} and {escape(pair.second)} can hardly be told apart "
+                f"(correlation {pair.correlation:+.3f}): trust what they do together, not each."
+            )
+    _print_verdicts(console, report)
+    console.print(f"{report.seconds:.1f} s")
+
+
+def print_tables(console: "Console", report: "CellReport") -> None:
+    """Print every arm as DH."""
+    for arm in report.arms:
+        print_dh(console, arm.dh, arm.name)
+
+
+def _print_series(console: "Console", report: "CellReport") -> None:
+    from rich.table import Table
+
+    from calibration.parameters import LEVEL_NAMES
+
+    title = f"level {report.level}, {LEVEL_NAMES[report.level]}; RMSE in mm"
+    table = Table("series", "kind", "rows", "before", "held out", "fit", "sigma x", title=title)
+    for series in report.series:
+        judged = series.held_out.n > 0
+        scales = ", ".join(f"{scale:.2f}" for scale in series.scale)
+        table.add_row(
+            series.name,
+            series.kind,
+            f"{series.rows - series.rejected} of {series.rows}",
+            f"{series.before.rmse_m * _MM:.3f}" if judged else "-",
+            f"{series.held_out.rmse_m * _MM:.3f}" if judged else "-",
+            f"{series.fit.rmse_m * _MM:.3f}",
+            scales,
+        )
+    console.print(table)
+    folds = any(series.held_out.n for series in report.series)
+    if folds:
+        console.print(
+            "before: places fitted, arms nominal; held out: level and fit made anew without each fold of rows "
+            "measured together; fit: residuals, not an accuracy; sigma x: what the device scatters, in stated sigmas."
+        )
+
+
+def _print_frames(console: "Console", report: "CellReport") -> None:
+    from rich.table import Table
+
+    table = Table("frame", "seen from", "x y z (mm)", "sd (mm)", "w x y z", "sd (deg)")
+    for frame in report.frames:
+        turned = any(frame.sigma[3:]) or frame.quaternion[0] < 1.0
+        table.add_row(
+            frame.name,
+            frame.seen_from,
+            " ".join(f"{value * _MM:.3f}" for value in frame.position_m),
+            " ".join(f"{value * _MM:.3f}" for value in frame.sigma[:3]),
+            " ".join(f"{value:.5f}" for value in frame.quaternion) if turned else "(a point)",
+            " ".join(f"{value * _DEG:.4f}" for value in frame.sigma[3:]) if turned else "-",
+        )
+    console.print(table)
+
+
+def _print_parameters(console: "Console", report: "CellReport") -> None:
+    from rich.table import Table
+
+    table = Table("identified", "off nominal", "sd", "unit")
+    prior = {item.name: item.prior for item in report.parameters}
+    tables: set[str] = set()
+    for arm in report.arms:
+        mark = f"{arm.name} " if len(report.arms) > 1 else ""
+        # As four numbers a joint: beside its beta an offset as fitted means nothing.
+        for entry in () if arm.dh is None else arm.dh.entries:
+            tables |= {
+                f"{mark}J{i + 1} {what}" for i in range(9) for what in ("offset", "d", "a", "alpha", "beta")
+            }
+            name = mark + entry.name
+            if name in prior and entry.sigma < LEARNT * prior[name]:
+                _add(table, name, (entry.value - entry.nominal, entry.sigma), entry.unit)
+    rest = [p for p in report.parameters if p.name not in tables and p.sigma < LEARNT * p.prior]
+    ripple = [p for p in rest if " ripple " in p.name]
+    for item in rest:
+        if item not in ripple:
+            _add(table, item.name, (item.value, item.sigma), item.unit)
+    if table.row_count:
+        console.print(table)
+    if ripple:
+        console.print(f"and {len(ripple)} coefficients of ripple (`--json` lists them)")
+
+
+def _add(table: "Table", name: str, numbers: tuple[float, float], kind: str) -> None:
+    unit, scale = SCALES[kind]
+    table.add_row(name, f"{numbers[0] * scale:+.4f}", f"{numbers[1] * scale:.4f}", unit)
+
+
+def _print_verdicts(console: "Console", report: "CellReport") -> None:
+    from rich.markup import escape
+
+    for series in report.series:
+        if series.verdict is not None:
+            found = series.verdict
+            console.print(
+                f"[bold {COLOURS[found.verdict]}]{found.verdict.upper()}[/] held-out RMSE of "
+                f"{escape(series.name)} {found.value * _MM:.3f} mm (u {found.standard_uncertainty * _MM:.3f}), "
+                f"limit {found.limit * _MM:g} mm; {found.rule}."
+            )
+    for arm in report.arms:
+        if arm.offsets is not None:
+            print_offsets(console, arm.offsets, f"{arm.name}: " if len(report.arms) > 1 else "")

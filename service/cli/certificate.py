@@ -1,0 +1,201 @@
+"""``cellcal certificate`` and ``cellcal verify``: what a run may claim, signed; and whether a file still says it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import App, Parameter
+
+if TYPE_CHECKING:
+    from service.certificate import Issued
+    from service.signing import StationKey
+
+certificate = App(name="certificate", help="Write the signed certificate of a finished run, or show the key.")
+
+CellFile = Annotated[Path, Parameter(name="--cell", help="The cell file (TOML).")]
+Json = Annotated[
+    bool, Parameter(name="--json", negative=(), help="Print one JSON object on standard output.")
+]
+
+
+@certificate.default
+def write(run_id: str, /, *, cell: CellFile, out: Path | None = None, as_json: Json = False) -> int:
+    """Write the certificate of a finished run as JSON and as text, and print the text.
+
+    The same run gives the same bytes, whenever it is asked for.
+
+    Parameters
+    ----------
+    run_id
+        A run from `cellcal runs`, or `last`; `key` shows the cell's public key instead.
+    out
+        Folder to write to; the cell's own (data_dir/certificates) when not said.
+    """
+    import sys
+
+    from service.certificate import issue
+    from service.cli.printing import print_json
+    from service.config import read_cell_file
+
+    issued = issue(read_cell_file(cell), run_id, out)
+    if as_json:
+        print_json(_as_object(issued))
+    else:
+        sys.stdout.write(issued.text_path.read_text(encoding="utf-8"))
+    tell_issued(issued)
+    return 0
+
+
+@certificate.command
+def key(*, cell: CellFile, out: Path | None = None, as_json: Json = False) -> int:
+    """Show the cell's public key, for whoever will check its certificates; make the key if there is none.
+
+    Parameters
+    ----------
+    out
+        Write the public key to this file as well; it may be given to anybody.
+    """
+    import sys
+
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.config import read_cell_file
+    from service.signing import station_key
+
+    config = read_cell_file(cell)
+    found = station_key(config.cell.data_dir)
+    if out is not None:
+        out.write_text(found.public + "\n", encoding="utf-8")
+    if as_json:
+        print_json(
+            {"public_key": found.public, "private_key_file": str(found.path), "created": found.created}
+        )
+    else:
+        sys.stdout.write(found.public + "\n")
+    _tell_key(found)
+    EN_ROUTE.print(f"private key: {found.path}", markup=False, soft_wrap=True)
+    EN_ROUTE.print(
+        "Back it up with data_dir and keep it secret: who has it signs in the name "
+        "of this cell. If it is lost, the next certificate makes a new one; certificates signed before stay good "
+        "with this public key, so keep that too.",
+        markup=False,
+    )
+    return 0
+
+
+def verify(file: Path, /, *, key: str | None = None, as_json: Json = False) -> int:
+    """Check offline that a certificate or an exported record is what was signed, to the last byte.
+
+    Exit codes: 0 unchanged (and signed by --key, where it is given), 8 tampered, 4 signed by another key than
+    --key, 2 unreadable.
+
+    Parameters
+    ----------
+    file
+        The JSON file.
+    key
+        The public key that must have signed it, from `cellcal certificate key`, or a file that holds it.
+    """
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.signing import Checked, check, read_document, read_public_key
+
+    expected = None if key is None else read_public_key(key)
+    raw = read_document(file)
+    checked = raw if isinstance(raw, Checked) else check(raw, expected_key=expected)
+    if as_json:
+        told = {name: getattr(checked, name) for name in ("format", "sha256", "public_key", "sentence")}
+        print_json({"finding": checked.finding.value, "key_checked": expected is not None, **told})
+    intact = checked.content is not None
+    EN_ROUTE.print(f"{file}: {checked.sentence}", style="green" if intact else "bold red", markup=False)
+    for line in _what_was_checked(checked, expected):
+        EN_ROUTE.print(line, markup=False)
+    return _EXITS[checked.finding.value]
+
+
+_EXITS = {"intact": 0, "tampered": 8, "unknown_key": 4, "unreadable": 2}  # of service/exit_codes.py
+
+
+def issue_after_run(config: Any, run_id: str, *, quiet: bool = False) -> "Issued | None":
+    """Write the certificate at the end of a run; that it could not be written changes nothing about the run."""
+    from calibration.errors import CellError
+    from service.certificate import issue
+    from service.cli.printing import EN_ROUTE
+
+    try:
+        issued = issue(config, run_id)
+    except CellError as error:
+        EN_ROUTE.print(f"No certificate: {error}", style="bold red", markup=False)
+        return None
+    if not quiet:
+        tell_issued(issued)
+    return issued
+
+
+def tell_issued(issued: "Issued") -> None:
+    """Say where a certificate is, and where the key that signed it was made."""
+    from service.cli.printing import EN_ROUTE
+
+    _tell_key(issued.key)
+    name = "refusal record:" if issued.word == "refused" else "certificate:"
+    EN_ROUTE.print(f"{name} {issued.json_path}", markup=False, soft_wrap=True)
+    EN_ROUTE.print(f"{'as text:':<{len(name)}} {issued.text_path}", markup=False, soft_wrap=True)
+
+
+def _tell_key(found: "StationKey") -> None:
+    from service.cli.printing import EN_ROUTE
+
+    if found.created:
+        EN_ROUTE.print(
+            f"A signing key was made for this cell: {found.path}. Back it up; `cellcal certificate key` tells more. "
+            "If there was one before, restore it from the backup instead.",
+            style="bold yellow",
+            markup=False,
+        )
+    if found.open_to_others:
+        EN_ROUTE.print(
+            f"Other users of this computer may read {found.path} and sign with it: `chmod 600` it.",
+            style="bold yellow",
+            markup=False,
+        )
+
+
+def _what_was_checked(checked: Any, expected: str | None) -> list[str]:
+    if not checked.sha256:
+        return []
+    lines = [
+        f"format {checked.format}",
+        f"content SHA-256 {checked.sha256}",
+        f"signed by key {checked.public_key}",
+    ]
+    if checked.content is None:
+        return lines
+    lines += _told_content(checked.content)
+    lines.append("Checked: every byte of the file, the SHA-256 of the content, the ed25519 signature.")
+    if expected is None:
+        lines.append(
+            "Not checked: who owns that key. Anybody can sign with a key of his own: get the public key from the "
+            "cell and give it with --key."
+        )
+    else:
+        lines.append("Not checked: that the key belongs to whom you believe. That is for you to know.")
+    return [*lines, "Not checked: whether what was measured is true."]
+
+
+def _told_content(content: Any) -> list[str]:
+    """Return the heart of the document, so that nobody has to believe a page of text beside it."""
+    if not isinstance(content, dict) or "verdict" not in content:
+        return []
+    run, robot = content["run"], content["devices"][0]["identity"]
+    word, ended = str(content["verdict"]["word"]).upper(), str(run["ended_utc"])[:19].replace("T", " ")
+    return [
+        f"It says: {word}, {run['procedure']} of robot {robot['serial']}, run {run['run_id']}, {ended} UTC"
+    ]
+
+
+def _as_object(issued: "Issued") -> dict[str, str]:
+    return {
+        "run_id": issued.run_id,
+        "verdict": issued.word,
+        "certificate": str(issued.json_path),
+        "text": str(issued.text_path),
+        "sha256": issued.sha256,
+        "public_key": issued.key.public,
+    }

@@ -1,0 +1,120 @@
+"""``cellcal identify`` with a layout of several readings: one fit of all of them, and what it leaves behind."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calibration.cell_levels import CellOptions
+    from service.at_points import AtOptions
+    from service.cell_identify import CellReport
+    from service.identify_at import TipsAt
+    from service.identify_verdicts import Limits
+
+_WHY_NOT = {
+    "check": "a second file would need its own layout: hold rows out instead, as is done by itself",
+    "train_rows": "every row is held out once, by groups over all series",
+    "start": "a cell starts from nominal arms; hold what is known with --free",
+    "residual_model": "it is a function of one arm's joints: identify that robot by itself",
+    "columns": "the layout names them",
+    "units": "the layout names them",
+    "convention": "the layout names it",
+    "sheet": "the layout names it",
+    "show_layout": "the layout is complete as it is",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class CellCommand:
+    """What was asked for, beside the options of the fit."""
+
+    measurements: Path
+    layout: Path
+    robot: str
+    limits: "Limits"
+    at: "AtOptions | None"
+    at_csv: Path | None
+    plot: Path | None
+    save: Path | None
+    serial: str
+    by: str
+    urdf: Path | None
+    geometric_joints: bool
+    dh: bool
+    as_json: bool
+
+
+def refuse_for_a_cell(options: Mapping[str, object]) -> None:
+    """Refuse options that say nothing about a cell of several devices, each with its reason."""
+    from service.measurement_table import MeasurementError
+
+    for name, why in _WHY_NOT.items():
+        if options.get(name):
+            raise MeasurementError(
+                f"--{name.replace('_', '-')} is for one device, and the layout describes several readings: {why}.",
+                remedy="Leave it out.",
+            )
+
+
+def identify_cell(command: CellCommand, options: "CellOptions") -> int:
+    """Fit, write what was asked for, and show the report."""
+    from rich.console import Console
+
+    from service.cell_identify import identify_cell_file
+    from service.cell_outputs import cell_tips
+    from service.cli.cell_report import print_cell_report, print_tables
+    from service.cli.identify_report import print_tips
+    from service.cli.printing import print_json
+    from service.exit_codes import ExitCode
+
+    report = identify_cell_file(command.measurements, command.layout, command.robot, options, command.limits)
+    _write(command, report)
+    tips = {} if command.at is None else cell_tips(command.at, report)
+    if command.at_csv is not None:
+        _write_tips(tips, command.at_csv)
+    if command.as_json:
+        at = {"at": {name: found.as_document() for name, found in tips.items()}} if tips else {}
+        print_json({**report.as_document(), **at})
+    else:
+        console = Console(highlight=False)
+        print_cell_report(console, report)
+        if command.dh:
+            print_tables(console, report)
+        for name, found in tips.items():
+            print_tips(console, found, name)
+    return ExitCode.PASS if report.proved else ExitCode.OUT_OF_TOLERANCE
+
+
+def _write(command: CellCommand, report: "CellReport") -> None:
+    import datetime
+
+    from service.cell_outputs import save_cell, serials_of, write_cell_urdfs
+    from service.cli.printing import EN_ROUTE
+    from service.parameter_files import Who
+
+    if command.save is not None:
+        now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+        serials = serials_of(command.serial, tuple(arm.name for arm in report.arms))
+        who = Who("", command.by, now)
+        for made in save_cell(report, command.measurements, command.save, serials, who):
+            EN_ROUTE.print(f"saved version {made.version} of robot {made.robot_serial}", markup=False)
+    if command.urdf is not None:
+        for one in write_cell_urdfs(report, command.urdf, geometric_joints=command.geometric_joints):
+            lost = f", without {' and '.join(one.missing)}, which a description cannot hold"
+            EN_ROUTE.print(f"wrote {one.path}{lost if one.missing else ''}", markup=False)
+    if command.plot is not None:
+        from service.cell_plots import draw_cell
+
+        for path in draw_cell(report, command.plot):
+            EN_ROUTE.print(f"wrote {path}", markup=False)
+
+
+def _write_tips(tips: "Mapping[str, TipsAt]", path: Path) -> None:
+    from service.cli.printing import EN_ROUTE
+    from service.identify_at import write_tips
+
+    for name, found in tips.items():
+        one = path if len(tips) == 1 else path.with_stem(f"{path.stem}_{name.replace(' ', '_')}")
+        write_tips(found, one)
+        EN_ROUTE.print(f"wrote {one}", markup=False)

@@ -1,0 +1,253 @@
+"""What ``cellcal identify`` prints for people: the figures, why, what is doubtful, and what stays unknown."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from calibration.cross_validation import Errors
+    from calibration.identifiability import NotIdentified
+    from calibration.offset_acceptance import OffsetAcceptance
+    from calibration.tip_uncertainty import HayatiTable
+    from service.identify import IdentifyReport
+    from service.identify_at import TipsAt
+
+MOST_ROWS_SHOWN = 12
+_WIDER = "these postures hardly show them: measure over a wider range of these joints"
+SCALES = {
+    "rad": ("deg", 57.29577951308232),
+    "m": ("mm", 1e3),
+    "rad/m": ("deg/m", 57.29577951308232),
+    "1": ("ppm", 1e6),
+}
+COLOURS = {"pass": "green", "fail": "red", "undecided": "yellow"}
+HEADING = "RMSE of groups held out, and whether it is surely smaller:"
+LEARNT = 0.5  # of the prior deviation
+
+
+def print_report(console: "Console", report: "IdentifyReport") -> None:
+    """Print the whole report but for what is asked for separately."""
+    from rich.markup import escape
+
+    for guess in report.measurements.guesses:
+        console.print(f"[dim]read: {escape(guess)}[/]")
+    _print_errors(console, report)
+    _print_reasons(console, report)
+    for lint in report.lints:
+        console.print(f"[yellow]note[/] {escape(lint.message)}")
+    _print_rejected(console, report)
+    _print_parameters(console, report)
+    _print_verdicts(console, report)
+    console.print(f"{report.seconds:.1f} s")
+
+
+def _print_errors(console: "Console", report: "IdentifyReport") -> None:
+    from rich.table import Table
+
+    from calibration.parameters import LEVEL_NAMES
+
+    table = Table(
+        "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {report.rows} rows"
+    )
+    robot = "the nominal robot" if report.start == "nominal" else report.start
+    figures = (
+        (f"before: base and tool fitted to {robot}", report.before),
+        (f"held out: level {report.level}, {LEVEL_NAMES[report.level]}", report.held_out),
+        ("held out: and a residual model", report.with_residual),
+        ("fit (residuals, not an accuracy)", report.fit),
+        ("check file", report.check),
+        ("check file: and a residual model", report.check_with_residual),
+    )
+    for title, errors in figures:
+        if errors is not None:
+            _add(table, title, errors)
+    console.print(table)
+    console.print(f"Held out by {report.held_out_by}.")
+
+
+def _print_reasons(console: "Console", report: "IdentifyReport") -> None:
+    from rich.markup import escape
+
+    found = report.identification
+    levels = [str(level) for level in found.judgement.levels]
+    if len(set(levels)) > 1:
+        console.print(f"[dim]Without one fold each, the level would be {', '.join(levels)}.[/]")
+    if report.breaks:
+        rows = ", ".join(str(row) for row in report.breaks)
+        console.print(f"[bold]The device was moved[/] before rows {rows} (data rows counted from 0).")
+    reasons = (*found.break_reasons, *found.level_reasons)
+    if reasons:
+        console.print(HEADING)
+    for reason in reasons:
+        console.print(f"  {escape(reason)}")
+    if found.residual is not None:
+        chosen = "used" if found.residual.chosen else "not used"
+        console.print(f"Residual model {chosen}: {escape(found.residual.reason)}")
+
+
+def _add(table: "Table", title: str, errors: "Errors") -> None:
+    sizes = (errors.rmse_m, errors.mean_m, errors.p95_m, errors.max_m)
+    table.add_row(title, str(errors.n), *(f"{size * 1e3:.3f}" for size in sizes))
+
+
+def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
+    from rich.markup import escape
+
+    if not report.rejected:
+        return
+    console.print(f"[bold]{len(report.rejected)} rows rejected[/], not fitted; held-out errors count them")
+    for item in report.rejected[:MOST_ROWS_SHOWN]:
+        console.print(f"  row {item.row}: {escape(item.reason)}")
+    if len(report.rejected) > MOST_ROWS_SHOWN:
+        console.print(f"  … and {len(report.rejected) - MOST_ROWS_SHOWN} more (`--json` lists all)")
+
+
+def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    shown, ripple = _identified(report)
+    if shown:
+        table = Table("identified", "off nominal", "sigma", "unit")
+        for name, value, sigma, kind in shown:
+            unit, scale = SCALES[kind]
+            table.add_row(name, f"{value * scale:+.4f}", f"{sigma * scale:.4f}", unit)
+        console.print(table)
+    if ripple:
+        console.print(f"and {ripple} coefficients of ripple (`--json` lists them)")
+    held = [p.name for p in report.parameters if p.held]
+    if held:
+        console.print(f"Held as in {escape(report.start)}: {len(held)} parameters.")
+    freedom = report.identification.robust.degrees_of_freedom
+    console.print(f"[dim]95 % is {report.coverage:.2f} sigma ({freedom:.0f} degrees of freedom).[/]")
+    if report.identification.group_effect.said:
+        console.print(f"[yellow]note[/] {escape(report.identification.group_effect.said)}")
+    _print_unknown(console, report)
+    _print_correlated(console, report)
+
+
+def _identified(report: "IdentifyReport") -> "tuple[list[tuple[str, float, float, str]], int]":
+    """Return name, value, sigma and unit of what is known, geometry as `--dh` has it; and how much ripple is."""
+    known = [p for p in report.parameters if not p.held and p.sigma < LEARNT * p.prior]
+    prior = {p.name: p.prior for p in report.parameters if not p.held}
+    table = {} if report.dh is None else {entry.name: entry for entry in report.dh.entries}
+    shown = [
+        (name, entry.value - entry.nominal, entry.sigma, entry.unit)
+        for name, entry in table.items()
+        if name in prior and entry.sigma < LEARNT * prior[name]
+    ]
+    geometry = {"offset", "d", "a", "alpha", "beta"} if table else set()
+    rest = [p for p in known if p.name.split()[-1] not in geometry]
+    shown += [(p.name, p.value, p.sigma, p.unit) for p in rest if " ripple " not in p.name]
+    return shown, sum(" ripple " in p.name for p in rest)
+
+
+def _print_unknown(console: "Console", report: "IdentifyReport") -> None:
+    known = {name for name, *_ in _identified(report)[0]}
+    print_unknown(console, [i for i in report.identification.not_identified if i.parameter not in known])
+
+
+def print_unknown(console: "Console", items: "Iterable[NotIdentified]") -> None:
+    """Print what is not identified, by cure, each with what it hides behind; equal answers need no cure."""
+    import re
+
+    from rich.markup import escape
+    from rich.padding import Padding
+
+    together: dict[str, list[NotIdentified]] = {}
+    for item in items:
+        if not item.cure.startswith("none needed"):
+            alone = not item.partner and re.match(r"(.* )?J\d+ ", item.parameter)
+            together.setdefault(_WIDER if alone else item.cure, []).append(item)
+    for cure, some in together.items():
+        console.print(f"[bold]not identified[/]; cure: {escape(cure)}")
+        behind: dict[str, list[str]] = {}
+        for item in some:
+            behind.setdefault(item.partner, []).append(item.parameter)
+        for partner, names in behind.items():
+            hidden = f", hidden behind {partner}" if partner else ""
+            console.print(Padding(escape(", ".join(names) + hidden), (0, 0, 0, 2)))
+
+
+def _print_correlated(console: "Console", report: "IdentifyReport") -> None:
+    unknown = {item.parameter for item in report.identification.not_identified}
+    if report.dh is not None:
+        pairs = list(report.dh.correlated)
+    else:
+        pairs = [(p.first, p.second, p.correlation) for p in report.identification.correlated]
+    for first, second, rho in pairs[:MOST_ROWS_SHOWN]:
+        if not {first, second} & unknown:
+            console.print(
+                f"[yellow]note[/] {first} and {second} can hardly be told apart (correlation {rho:+.3f}): trust "
+                "what they do together, not each."
+            )
+
+
+def _print_verdicts(console: "Console", report: "IdentifyReport") -> None:
+    verdicts = report.verdicts
+    if verdicts.error is not None:
+        found = verdicts.error
+        console.print(
+            f"[bold {COLOURS[found.verdict]}]{found.verdict.upper()}[/] RMSE of {verdicts.judged} "
+            f"{found.value * 1e3:.3f} mm (u {found.standard_uncertainty * 1e3:.3f}), limit "
+            f"{found.limit * 1e3:g} mm; {found.rule}."
+        )
+    if verdicts.offsets is not None:
+        print_offsets(console, verdicts.offsets)
+
+
+def print_offsets(console: "Console", accepted: "OffsetAcceptance", of: str = "") -> None:
+    """Print the verdict about joint offsets, and what would help."""
+    deg = SCALES["rad"][1]
+    console.print(
+        f"[bold {COLOURS[accepted.verdict]}]{accepted.verdict.upper()}[/] {of}standard deviations of joint offsets, "
+        f"limit {accepted.limit_rad * deg:g} deg; {accepted.rule}."
+    )
+    for item in accepted.offsets:
+        more = f": {item.more}" if item.more else ""
+        console.print(
+            f"  [{COLOURS[item.verdict]}]{item.verdict}[/] {item.parameter} {item.sigma_rad * deg:.4f} deg{more}"
+        )
+
+
+def print_tips(console: "Console", tips: "TipsAt", target: str = "target") -> None:
+    """Print what is expected of the target at some points."""
+    from rich.table import Table
+
+    title = f"{target} in the frame of the {tips.frame} (mm)"
+    table = Table("point", "x", "y", "z", "sigma", "95 %", title=title)
+    for i, place in enumerate(tips.positions_m[:MOST_ROWS_SHOWN]):
+        mark = " *" if i in tips.outside else ""
+        sizes = (tips.sigma_m[i], tips.expanded_m[i])
+        table.add_row(f"{i}{mark}", *(f"{v * 1e3:.3f}" for v in place), *(f"{v * 1e3:.4f}" for v in sizes))
+    console.print(table)
+    if tips.outside:
+        console.print("* turns a joint further than any fitted row: extrapolated.")
+    if len(tips.positions_m) > MOST_ROWS_SHOWN:
+        console.print(f"… and {len(tips.positions_m) - MOST_ROWS_SHOWN} more (`--at-csv` writes all)")
+
+
+def print_dh(console: "Console", found: "HayatiTable | None", robot: str) -> None:
+    """Print an identified arm as DH, with Hayati's beta where axes are parallel."""
+    from rich.table import Table
+
+    if found is None:
+        console.print(f"{robot} has no DH table.")
+        return
+    table = Table(f"DH of {robot}", "nominal", "identified", "change", "sigma", "unit")
+    for entry in found.entries:
+        unit, scale = SCALES[entry.unit]
+        change = entry.value - entry.nominal
+        numbers = (entry.nominal * scale, entry.value * scale)
+        table.add_row(
+            entry.name,
+            *(f"{v:.4f}" for v in numbers),
+            f"{change * scale:+.4f}",
+            f"{entry.sigma * scale:.4f}",
+            unit,
+        )
+    console.print(table)
+    console.print("[dim]beta stands for d where axes are parallel; the last row ends in the tool.[/]")

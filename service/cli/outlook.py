@@ -1,0 +1,137 @@
+"""``cellcal procedures`` and ``cellcal run --dry-run``: what is possible here, and what a run would do."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from procedures.entry import Phase
+    from procedures.forecast import Forecast, Prediction
+    from service.config import CellConfig
+    from service.outline import DryRun
+
+Json = Annotated[bool, Parameter(name="--json", negative=())]
+
+
+def procedures(*, cell: Path | None = None, robot: str | None = None, as_json: Json = False) -> int:
+    """List the procedures, and for a cell what it lacks for each. No device is touched.
+
+    Parameters
+    ----------
+    cell
+        The cell file (TOML).
+    robot
+        Which robot of the cell; the first one when not said.
+    as_json
+        Print one JSON object on standard output.
+    """
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from service.cli.printing import print_json
+    from service.config import read_cell_file
+    from service.outline import possible
+
+    rows = possible(None if cell is None else read_cell_file(cell), robot)
+    if as_json:
+        keys = ("name", "title", "version", "lacks")
+        print_json({"procedures": [{key: getattr(row, key) for key in keys} for row in rows]})
+        return 0
+    table = Table("procedure", "what it does", *(["this cell"] if cell else []))
+    for row in rows:
+        lacks = row.lacks
+        state = (
+            [] if lacks is None else [f"lacks {escape('; '.join(lacks))}" if lacks else "[green]possible[/]"]
+        )
+        table.add_row(row.name, row.title, *state)
+    Console().print(table)
+    return 0
+
+
+def tell_dry_run(
+    config: "CellConfig", procedure: str, robot: str | None, settings: dict[str, Any], *, as_json: bool
+) -> int:
+    """Print a dry run; return 0 where the cell lacks nothing."""
+    from pydantic_core import to_jsonable_python
+    from rich.console import Console
+
+    from service.cli.printing import print_json
+    from service.exit_codes import ExitCode
+    from service.outline import dry_run
+
+    found = dry_run(config, procedure, settings, robot)
+    if as_json:
+        document = to_jsonable_python(found)
+        for phase, told in zip(found.phases, document["phases"], strict=True):
+            told["steps"] = len(phase.steps)
+        print_json(document)
+    else:
+        console = Console(highlight=False, soft_wrap=True)
+        for line in _lines(found):
+            console.print(line, markup=False)
+    return ExitCode.REFUSED if found.lacks or found.problem else ExitCode.PASS
+
+
+def _lines(found: "DryRun") -> list[str]:
+    lines = [
+        f"Dry run of {found.procedure} (version {found.version}) on {found.robot}, serial {found.serial}.",
+        "No device was touched; what follows is from the cell file and the journal.",
+        "",
+        f"This cell lacks: {'; '.join(found.lacks)}" if found.lacks else "This cell lacks nothing for it.",
+        "",
+        f"Steps ({found.expected_steps} expected)",
+        *(f"  {_told_phase(phase)}" for phase in found.phases),
+    ]
+    if found.problem:
+        lines += ["", f"No forecast: {found.problem}"]
+    return lines + (_foretold(found.forecast) if found.forecast else [])
+
+
+def _told_phase(phase: "Phase") -> str:
+    if phase.repeats is None:
+        return phase.name
+    if phase.adaptive and not phase.repeats:
+        return f"{phase.name} (only where needed)"
+    about = ", the measurements decide" if phase.adaptive else ""
+    return f"{phase.name} x {phase.repeats}{about}"
+
+
+def _foretold(forecast: "Forecast") -> list[str]:
+    lines = ["", f"Duration: about {_time(forecast.duration_s)}"] if forecast.duration_s else []
+    if forecast.poses:
+        lines += ["", "Poses (joints in degrees)"]
+        width = max(len(pose.label) for pose in forecast.poses)
+        lines += [f"  {pose.label:<{width}} {_degrees(pose.joints_rad)}" for pose in forecast.poses]
+        if forecast.speed_rad_s is not None:
+            lines.append(f"  at up to {57.29578 * forecast.speed_rad_s:.2f} deg/s per joint")
+    else:
+        lines += ["", "Poses: taught or chosen while measuring; none is known before."]
+    if forecast.predictions:
+        lines += ["", "Predicted, before measuring"]
+        lines += [line for prediction in forecast.predictions for line in _predicted(prediction)]
+    for title, told in (("Assumed", forecast.assumed), ("Not checked", forecast.not_checked)):
+        lines += ["", title, *(f"  * {line}" for line in told)] if told else []
+    return lines
+
+
+def _predicted(prediction: "Prediction") -> list[str]:
+    from service.quantities import quantity
+
+    lines = [f"  {prediction.name}: U = {quantity(prediction.expanded, prediction.unit)} (95 %)"]
+    if prediction.sentence:
+        lines.append(f"    {prediction.sentence}")
+    if prediction.limits:
+        limits = ", ".join(f"{name} {quantity(v, prediction.unit)}" for name, v in prediction.limits.items())
+        reach = ", ".join(prediction.classes_in_reach()) or "none"
+        lines.append(f"    limits: {limits}; in reach (U at most a third of it): {reach}")
+    return lines
+
+
+def _degrees(joints_rad: tuple[float, ...]) -> str:
+    return " ".join(f"{57.29577951308232 * q:8.2f}" for q in joints_rad)
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60.0:.0f} minutes"

@@ -1,0 +1,110 @@
+"""What a controller's alarms say about a loss of mastering, and what is prepared for it.
+
+Alarms only suggest a mode; the recovery's data decide it. Modes are those of the design: M0 the controller's memory
+was lost, M1 turns, M2 a motor or encoder, M3 every reference, M4 the geometry, M5 the wrong robot or record.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from drivers.interfaces import Alarm, Condition, Readiness
+
+
+class LossMode(StrEnum):
+    """What most likely is unknown."""
+
+    MEMORY = "M0"
+    TURNS = "M1"
+    MOTOR = "M2"
+    REFERENCES = "M3"
+    GEOMETRY = "M4"
+    WRONG_ROBOT = "M5"
+
+
+# FANUC, alarm code manual of the R-30iB: numbers of servo alarms.
+_MODES = {
+    "SRVO-062": LossMode.TURNS,  # BZAL: battery of the pulse coders empty
+    "SRVO-075": LossMode.TURNS,  # pulse not established: the motor has not passed its index since
+    "SRVO-038": LossMode.TURNS,  # pulse mismatch: the count at power-on is another one
+    "SRVO-064": LossMode.MOTOR,  # PHAL, and those that follow: the pulse coder or its cable
+    "SRVO-066": LossMode.MOTOR,
+    "SRVO-067": LossMode.MOTOR,
+    "SRVO-068": LossMode.MOTOR,
+    "SRVO-069": LossMode.MOTOR,
+    "SRVO-070": LossMode.MOTOR,
+    "SRVO-071": LossMode.MOTOR,
+    "SRVO-072": LossMode.MOTOR,
+    "SRVO-050": LossMode.GEOMETRY,  # CLALM: a collision was detected
+}
+BATTERY_LOW = frozenset({"SRVO-065"})  # BLAL
+_GRAVEST = (LossMode.GEOMETRY, LossMode.MOTOR, LossMode.TURNS)
+
+_TOLD = {
+    LossMode.MEMORY: "the controller forgot its mastering; no alarm says that the encoders lost anything",
+    LossMode.TURNS: "turns of the motors are lost; the zero comes back exactly if nothing was exchanged",
+    LossMode.MOTOR: "a pulse coder or its cable fails: what is exchanged gets a new zero, the rest returns exactly",
+    LossMode.REFERENCES: "every reference is lost",
+    LossMode.GEOMETRY: "the robot hit something: its geometry may have changed, and re-mastering would hide it",
+    LossMode.WRONG_ROBOT: "another robot answers than the cell file names: its record must not be used",
+}
+_ALONE = frozenset({LossMode.MEMORY, LossMode.TURNS})  # what may be recovered without a person's judgement
+
+
+@dataclass(frozen=True, slots=True)
+class Suspicion:
+    """The mode that the alarms suggest, on which axes (from 1), and in words for the technician."""
+
+    mode: LossMode
+    axes: tuple[int, ...]
+    words: str
+    position_lost: bool = True
+
+    @property
+    def procedure(self) -> str | None:
+        """Which procedure answers it; None where a person must act first. A recovery refuses a bent arm itself."""
+        if self.mode is LossMode.WRONG_ROBOT:
+            return None
+        return "mastering_recovery" if self.position_lost else "drift_check"
+
+    @property
+    def may_run_alone(self) -> bool:
+        """Whether a recovery may be started without a person's judgement of what happened."""
+        return self.mode in _ALONE
+
+    def settings(self) -> dict[str, tuple[int, ...]]:
+        """Return what the alarms add to the settings of the procedure."""
+        if self.mode is LossMode.MOTOR and self.axes:
+            return {"exchanged_axes": self.axes}
+        return {}
+
+
+def suspect(alarms: tuple[Alarm, ...], *, position_lost: bool = True) -> Suspicion:
+    """Return the gravest mode that a robot's alarms suggest."""
+    modes = {mode: [alarm for alarm in alarms if _MODES.get(alarm.code) is mode] for mode in _GRAVEST}
+    mode = next((mode for mode in _GRAVEST if modes[mode]), LossMode.MEMORY)
+    named = sorted({alarm.axis + 1 for alarm in modes.get(mode, []) if alarm.axis is not None})
+    return Suspicion(mode, tuple(named), _TOLD[mode], position_lost)
+
+
+def wrong_robot() -> Suspicion:
+    """Return what is suspected where a serial number is not the one of the cell file."""
+    return Suspicion(LossMode.WRONG_ROBOT, (), _TOLD[LossMode.WRONG_ROBOT])
+
+
+def crashed(condition: Condition) -> bool:
+    """Tell whether a robot that is not lost reports a collision."""
+    return condition.readiness is not Readiness.POSITION_LOST and any(
+        _MODES.get(alarm.code) is LossMode.GEOMETRY for alarm in condition.alarms
+    )
+
+
+def battery_warning(condition: Condition) -> str:
+    """Return what to do about encoder batteries that still hold; empty where none is low."""
+    low = [alarm for alarm in condition.alarms if alarm.code in BATTERY_LOW]
+    if not low or condition.readiness is Readiness.POSITION_LOST:
+        return ""
+    axes = ", ".join(f"J{alarm.axis + 1}" for alarm in low if alarm.axis is not None)
+    return (
+        f"{low[0].code}: the encoder battery {f'of {axes} ' if axes else ''}is low, and the position is still there. "
+        "Exchange it with the controller switched ON, before it is lost; then take a new mastering record."
+    )

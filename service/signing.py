@@ -1,0 +1,282 @@
+"""Signed documents of one cell: canonical JSON with its SHA-256 and an ed25519 signature, checked offline.
+
+A document is one JSON object, written in exactly one way (``procedures/canonical.py``) and ended by a newline::
+
+    {"content": …, "format": "cellcal certificate 1", "sha256": …, "signature": {"algorithm": "ed25519",
+     "public_key": …, "value": …}}
+
+``sha256`` is of the canonical content; the signature is over the canonical object without ``signature``. Nothing
+in a document depends on when it is written, so the same run gives the same bytes.
+
+To check one without this program: parse it, take "signature" out, write the rest with sorted keys and without
+blanks, and verify that text with the public key (hexadecimal, 32 bytes).
+"""
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+from calibration.errors import CellError
+from procedures.canonical import canonical_json, sha256_of
+
+KEY_NAME = "signing_key.pem"
+_ALGORITHM = "ed25519"
+_MOST_BYTES = 64_000_000
+_PARTS = {"content", "format", "sha256", "signature"}
+_SIGNATURE_PARTS = {"algorithm", "public_key", "value"}
+
+
+class SigningError(CellError):
+    """A signing key or a signed document cannot be used."""
+
+    code = "signature"
+
+
+class Finding(StrEnum):
+    """What a check of a signed document ends with."""
+
+    INTACT = "intact"
+    TAMPERED = "tampered"
+    UNKNOWN_KEY = "unknown_key"
+    UNREADABLE = "unreadable"
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """The end of a check. ``content`` is given only where the document is intact."""
+
+    finding: Finding
+    sentence: str
+    format: str = ""
+    sha256: str = ""
+    public_key: str = ""
+    content: Any = None
+
+
+@dataclass(frozen=True)
+class StationKey:
+    """The key of one cell. Who has it can sign in the cell's name."""
+
+    path: Path
+    private: Ed25519PrivateKey
+    created: bool  # by this very call
+
+    @property
+    def public(self) -> str:
+        """Public key in hexadecimal."""
+        return self.private.public_key().public_bytes_raw().hex()
+
+    @property
+    def open_to_others(self) -> bool:
+        """Whether other users of this computer may read the key."""
+        return bool(self.path.stat().st_mode & 0o077)
+
+    def sign(self, kind: str, content: Mapping[str, Any]) -> str:
+        """Return the signed document as text.
+
+        Raises
+        ------
+        SigningError
+            The content holds a number that is not finite, or something that is no JSON.
+        """
+        try:
+            body = {"content": content, "format": kind, "sha256": sha256_of(content)}
+            signature = self.private.sign(canonical_json(body).encode())
+        except (ValueError, TypeError) as error:
+            raise SigningError(f"this cannot be signed: {error}.", remedy="Report this.") from error
+        told = {"algorithm": _ALGORITHM, "public_key": self.public, "value": signature.hex()}
+        return canonical_json(body | {"signature": told}) + "\n"
+
+
+def station_key(data_dir: Path) -> StationKey:
+    """Return the cell's key; create it at first use, readable by its owner only, never over another.
+
+    Raises
+    ------
+    SigningError
+        The file is there and holds no such key, or cannot be read or written.
+    """
+    path = data_dir / KEY_NAME
+    try:
+        created = _create(path) if not path.exists() else False
+        private = serialization.load_pem_private_key(path.read_bytes(), password=None)
+    except OSError as error:
+        raise SigningError(
+            f"the signing key {path} cannot be used: {error.strerror}.",
+            remedy="Let the user who runs cellcal read it; keep it from everybody else.",
+        ) from error
+    except (ValueError, TypeError) as error:
+        raise _damaged(path) from error
+    if not isinstance(private, Ed25519PrivateKey):
+        raise _damaged(path)
+    return StationKey(path, private, created)
+
+
+def read_public_key(text: str) -> str:
+    """Return a public key in hexadecimal from what a person gave: the key itself, or a file that holds it.
+
+    Raises
+    ------
+    SigningError
+        Neither.
+    """
+    given = text.strip()
+    if not _is_hex(given.lower(), 64):
+        given = _text_of_key_file(Path(given))
+    if "BEGIN PUBLIC KEY" in given:
+        try:
+            public = serialization.load_pem_public_key(given.encode())
+        except ValueError as error:
+            raise _no_key(text) from error
+        given = public.public_bytes_raw().hex() if isinstance(public, Ed25519PublicKey) else ""
+    if not _is_hex(given.lower(), 64):
+        raise _no_key(text)
+    return given.lower()
+
+
+def read_document(path: Path) -> bytes | Checked:
+    """Return the bytes of a document, or why they cannot be read."""
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_MOST_BYTES + 1)
+    except (OSError, ValueError) as error:
+        return _unreadable(f"It cannot be read: {getattr(error, 'strerror', None) or error}.")
+    if len(raw) > _MOST_BYTES:
+        return _unreadable(
+            f"It is larger than {_MOST_BYTES // 1_000_000} MB: nothing that was signed here is."
+        )
+    return raw
+
+
+def check(raw: bytes, *, expected_key: str | None = None) -> Checked:
+    """Check a signed document to the last byte.
+
+    Parameters
+    ----------
+    raw : bytes
+        The whole file.
+    expected_key : str, optional
+        Public key in hexadecimal that must have signed it. Without it, nothing is said about who signed.
+    """
+    document = _parsed(raw)
+    if document is None:
+        return _unreadable(
+            "This is no document that cellcal signed, or damaged beyond reading. Give the JSON file, not the text."
+        )
+    signature, body = document["signature"], {key: document[key] for key in _PARTS - {"signature"}}
+    key = str(signature["public_key"])
+    facts = (str(document["format"]), str(document["sha256"]), key)
+    wrong = _what_is_wrong(raw, document, body)
+    if wrong:
+        return Checked(Finding.TAMPERED, wrong, *facts)
+    if expected_key is not None and key != expected_key.lower():
+        return Checked(
+            Finding.UNKNOWN_KEY,
+            "It is unchanged since it was signed, but another key signed it than the one given.",
+            *facts,
+        )
+    return Checked(Finding.INTACT, "It is unchanged since it was signed.", *facts, document["content"])
+
+
+def _what_is_wrong(raw: bytes, document: dict[str, Any], body: dict[str, Any]) -> str:
+    try:
+        written = canonical_json(document).encode() + b"\n"
+        signed = canonical_json(body).encode()
+        found = sha256_of(document["content"])
+    except (ValueError, RecursionError):
+        return "It holds a number that is not finite, or text that cannot be written."
+    if written != raw:
+        return "It is not written as it was signed: a byte was changed, added or taken away."
+    if found != document["sha256"]:
+        return "Its content is not the one that was signed (SHA-256)."
+    return (
+        "" if _is_signed(document["signature"], signed) else "The signature does not belong to this content."
+    )
+
+
+def _is_signed(signature: dict[str, Any], signed: bytes) -> bool:
+    key, value = signature["public_key"], signature["value"]
+    if signature["algorithm"] != _ALGORITHM or not (_is_hex(key, 64) and _is_hex(value, 128)):
+        return False
+    try:
+        Ed25519PublicKey.from_public_bytes(bytes.fromhex(key)).verify(bytes.fromhex(value), signed)
+    except (InvalidSignature, ValueError):
+        return False
+    return True
+
+
+def _parsed(raw: bytes) -> dict[str, Any] | None:
+    try:
+        document = json.loads(raw.decode())
+    except (ValueError, RecursionError):  # also what is no text, and whole numbers without end
+        return None
+    if not isinstance(document, dict) or document.keys() != _PARTS:
+        return None
+    signature = document["signature"]
+    return document if isinstance(signature, dict) and signature.keys() == _SIGNATURE_PARTS else None
+
+
+def _is_hex(value: Any, length: int) -> bool:
+    return isinstance(value, str) and len(value) == length and all(c in "0123456789abcdef" for c in value)
+
+
+def _create(path: Path) -> bool:
+    """Put a new key where none is: written beside it, then linked, so that a crash leaves none or a whole one."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pem = Ed25519PrivateKey.generate().private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=path.name)  # for its owner only: mode 0600
+    draft = Path(name)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(pem)
+            file.flush()
+            os.fsync(file.fileno())
+        os.link(draft, path)
+    except FileExistsError:
+        return False  # another cellcal was quicker: its key it is
+    finally:
+        draft.unlink(missing_ok=True)
+    directory = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+    return True
+
+
+def _text_of_key_file(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except (OSError, ValueError) as error:
+        raise _no_key(str(path)) from error
+
+
+def _no_key(text: str) -> SigningError:
+    return SigningError(
+        f"{text!r} is no public key and no file that holds one.",
+        remedy="Give the 64 hexadecimal digits that `cellcal certificate key --cell CELL` prints, or a file of them.",
+        code="usage",
+    )
+
+
+def _damaged(path: Path) -> SigningError:
+    return SigningError(
+        f"{path} holds no signing key of cellcal.",
+        remedy="Restore it from a backup of data_dir. If there is none, move the file away: a new key is made at the "
+        "next certificate, and those signed before stay good with the old public key.",
+    )
+
+
+def _unreadable(sentence: str) -> Checked:
+    return Checked(Finding.UNREADABLE, sentence)

@@ -1,0 +1,27 @@
+"""A cell file for scenes, so that what an ideal cell did can be certified."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from service.cell import open_journal
+from service.conduct import Conditions, Outcome, run_procedure
+from service.config import CellConfig, read_cell_file
+from service.demo.fake_cell import write_cell_file
+from tests.procedures.cells import Scene
+
+HOW = Conditions(free_bytes=0, actor="anna")
+
+
+def cell_config(folder: Path, *, serial: str = "F-1", more: str = "") -> CellConfig:
+    """Write a cell file that names the ideal arm; ``more`` goes into its [[gauge]] table."""
+    path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=600.0)
+    text = path.read_text().replace("F-104711", serial)
+    path.write_text(text.replace("hook_sigma_mm = 2.0\n", f"hook_sigma_mm = 2.0\n{more}"))
+    return read_cell_file(path)
+
+
+async def run_in(config: CellConfig, made: Scene, name: str) -> Outcome:
+    """Run a procedure in a scene, with the journal of that cell file."""
+    cell = replace(made.cell, config_sha256=config.sha256)
+    with open_journal(config) as journal:
+        return await run_procedure(cell, name, made.spec, journal, how=HOW)

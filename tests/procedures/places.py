@@ -1,0 +1,108 @@
+"""A technician who brings the ideal arm to places: points to touch, a keyed seat, targets that an instrument sees."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.geometry import log_rotation
+from calibration.mastering import MasteringRecord, WireCapture
+from drivers.interfaces import Condition, Identity, PointReading, Readiness, TrackerCapabilities
+from procedures.mastering_record import fit_wire, sealed
+from procedures.steps.mastering import read_motors
+from tests.procedures.cells import Scene
+from tests.procedures.ideal import IdealArm
+
+TIP = (0.045, 0.020, 0.150)
+Array = np.ndarray
+
+
+def postures(count: int) -> Array:
+    """Return postures in front of the arm, wrist well bent."""
+    middle = np.array([0.0, 0.3, -0.1, 0.2, -1.0, 0.3])
+    reach = np.array([0.9, 0.35, 0.4, 0.9, 0.5, 1.4])
+    return middle + np.random.default_rng(9).uniform(-1, 1, (count, 6)) * reach
+
+
+async def record_at_once(made: Scene) -> MasteringRecord:
+    """Return the mastering record of a scene's healthy robot, without the travel."""
+    arm, wire = made.arm, made.wire
+    here, captures = arm.true_joints, []
+    spread = np.random.default_rng(5).uniform(-1, 1, (30, 6)) * np.array([1.2, 0.6, 0.6, 1.5, 1.2, 2.0])
+    for k, joints in enumerate(spread + np.array([0.0, 0.2, -0.1, 0.0, -0.4, 0.0])):
+        arm.put(joints)
+        reading = await wire.distance()
+        captures.append(
+            WireCapture(
+                await arm.encoder_counts(), reading.value_m, reading.sigma_m, "record", f"pose {k + 1}"
+            )
+        )
+    arm.put(here)
+    state = await read_motors(made.cell)
+    return sealed(state, tuple(captures), fit_wire(state, tuple(captures)))
+
+
+@dataclass
+class IdealTracker:
+    """An instrument somewhere in the hall that sees a target on the flange, or in a fixed nest."""
+
+    arm: IdealArm
+    station: tuple[Array, Array] = field(default_factory=lambda: (np.eye(3), np.array([2.0, -1.0, 0.3])))
+    nest_m: Array | None = None  # where the target sits instead, in the base
+    tip_m: tuple[float, float, float] = TIP
+    name: str = "tracker"
+
+    @property
+    def capabilities(self) -> TrackerCapabilities:
+        return TrackerCapabilities(measures_poses=False, range_m=20.0, sigma_m=5e-5)
+
+    async def identify(self) -> Identity:
+        return Identity("ideal", "tracker", "T-1", "1.0")
+
+    async def condition(self) -> Condition:
+        return Condition(Readiness.READY)
+
+    async def point(self) -> PointReading:
+        tip = self.arm.model.tip_positions(self.arm.true_joints[None], np.array(self.tip_m))[0]
+        place = tip if self.nest_m is None else self.nest_m
+        rotation, at = self.station
+        x, y, z = (float(v) for v in rotation.T @ (place - at))
+        return PointReading((x, y, z), (5e-5,) * 3, 0.0, 1)
+
+
+class Technician:
+    """Knows where the places are, and brings the arm there from a slightly different posture each time."""
+
+    def __init__(self, made: Scene, count: int, kind: str, tracker: IdealTracker | None = None) -> None:
+        self.made, self.kind, self.dice = made, kind, np.random.default_rng(4)
+        self.tip = np.array(TIP)
+        self.homes = postures(count + 8)
+        self.tracker = tracker
+        self.nests = np.array([[1.5, 0.9, -0.4], [1.4, -1.0, -0.3], [-0.5, 1.1, 0.2], [0.2, -1.2, 0.9]])
+        for k in range(count + 8):
+            for what in ("point", "seat", "target", "nest"):
+                made.hands.does[f"visit_{what}_{k + 1}"] = lambda k=k, what=what: self.visit(what, k)
+
+    def visit(self, what: str, number: int) -> None:
+        """Bring the tip where it belongs."""
+        arm, model = self.made.arm, self.made.arm.model
+        if self.tracker is not None:
+            self.tracker.nest_m = self.nests[number] if what == "nest" else None
+        if what == "nest":
+            return
+        home = self.homes[number]
+        if what == "target":
+            arm.put(home + self.dice.uniform(-0.05, 0.05, 6))
+            return
+        frame = model.base_flange(home[None])[0]
+        goal = frame[:3, :3] @ np.array(TIP) + frame[:3, 3]
+        joints = home + self.dice.uniform(-0.03, 0.03, 6)
+
+        def found(q: Array) -> Array:
+            at = model.base_flange(q[None])[0]
+            place = at[:3, :3] @ self.tip + at[:3, 3] - goal
+            return np.append(place, log_rotation(at[:3, :3] @ frame[:3, :3].T)) if what == "seat" else place
+
+        for _ in range(8):
+            by = np.array([(found(joints + 1e-6 * e) - found(joints - 1e-6 * e)) / 2e-6 for e in np.eye(6)]).T
+            joints = joints - np.linalg.lstsq(by, found(joints), rcond=None)[0]
+        arm.put(joints)

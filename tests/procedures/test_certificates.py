@@ -1,0 +1,281 @@
+"""Every procedure ends in a verdict and a certificate; what was not used and not verified stands in it."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.geometry import Pose
+from procedures.catalogue import CATALOGUE, ENTRIES
+from procedures.forecast import Knowledge
+from procedures.limits import FrameLimits
+from procedures.recovery_verdict import verdict_on_recovery
+from service.cell import open_journal
+from service.certificate import NO_TRACEABILITY, SAFETY, CertificateError, content_of, issue
+from service.conduct import Verdict, forget_from, resume
+from service.config import CellConfig, GaugeCertificate
+from service.signing import Finding, check
+from service.store import Store
+from tests.procedures.cells import Scene, pointing, recording, recovering, scene_for, touching
+from tests.procedures.certified import HOW, cell_config, run_in
+
+NAMES = [entry.name for entry in ENTRIES]
+GAUGE_CERTIFICATE = """
+[gauge.certificate]
+number = "C-77"
+laboratory = "Lab"
+issued = 2000-01-01
+due = 2100-01-01
+expanded_uncertainty_mm = 0.05
+"""
+
+
+def certified(config: CellConfig, run_id: str = "last") -> dict[str, Any]:
+    with open_journal(config) as journal:
+        return content_of(config, journal, Store(journal).newest(run_id))
+
+
+@pytest.mark.parametrize("name", NAMES)
+async def test_every_procedure_ends_in_a_certificate_that_verifies(name: str, tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, await scene_for(name), name)
+    assert outcome.verdict is Verdict.PASSED
+    issued = issue(config, outcome.run_id)
+    raw = issued.json_path.read_bytes()
+    checked = check(raw, expected_key=issued.key.public)
+    assert checked.finding is Finding.INTACT
+    content = checked.content
+    assert content["verdict"]["word"] == outcome.judgement["word"] == issued.word
+    assert content["verdict"]["characteristics"]
+    assert content["verdict"]["not_verified"]
+    assert all(figure["rule"] for figure in content["verdict"]["characteristics"] if figure["decision"])
+    assert content["result"] == result_of(config, outcome.run_id)
+    assert {"run_id", "made_with", "journal_head_sha256"} <= content["run"].keys()
+    assert content["run"]["made_with"][0]["definition_sha256"]
+    text = issued.text_path.read_text()
+    assert max(map(len, text.splitlines())) <= 80
+    assert {"PASS": "pass", "FAIL": "fail", "UNDECIDED - measure more": "undecided"}[
+        text.split("Verdict\n-------\n")[1].splitlines()[0]
+    ] == issued.word
+    assert SAFETY.split(".")[0] in " ".join(text.split())
+    assert checked.sha256 in text
+
+
+def result_of(config: CellConfig, run_id: str) -> Any:
+    with open_journal(config) as journal:
+        return Store(journal).run(run_id).result
+
+
+async def test_the_same_run_gives_the_same_bytes_and_a_spoilt_copy_is_put_right(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, pointing(), "three_point_frame")
+    issued = issue(config, outcome.run_id)
+    raw = issued.json_path.read_bytes()
+    assert issue(config, "last", tmp_path / "other").json_path.read_bytes() == raw
+    issued.json_path.write_bytes(raw.replace(b'"pass"', b'"fail"'))
+    issued.json_path.write_bytes(raw[:-2])
+    assert issue(config, outcome.run_id).json_path.read_bytes() == raw
+
+
+async def test_a_lost_key_leaves_earlier_certificates_as_they_are(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, pointing(), "three_point_frame")
+    first = issue(config, outcome.run_id)
+    raw = first.json_path.read_bytes()
+    first.key.path.unlink()
+    again = issue(config, outcome.run_id)
+    assert again.key.created
+    assert again.json_path.read_bytes() == raw
+    assert first.key.public in again.text_path.read_text()
+    elsewhere = issue(config, outcome.run_id, tmp_path / "other").json_path.read_bytes()
+    assert check(elsewhere, expected_key=again.key.public).finding is Finding.INTACT
+
+
+async def test_a_capture_that_was_measured_again_is_listed_with_the_reason(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), recording()
+    made.wire.kink_m = {2 * 7: 0.02, 2 * 7 + 1: 0.02}  # both samples of the eighth capture
+    await run_in(config, made, "mastering_record")
+    points = {point["step"]: point for point in certified(config)["points"]}
+    assert not points["capture 8"]["used"]
+    assert "contradicted" in points["capture 8"]["reason"]
+    assert points["capture again 1"]["used"]
+    assert points["capture 7"]["used"]
+    assert points["capture 7"]["value"]["raw"]
+    assert "capture 8: contradicted" in issue(config, "last").text_path.read_text()
+
+
+async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), await recovering()
+    made.wire.kink_m = {8: 0.02, 9: 0.02}  # the fifth capture
+    outcome = await run_in(config, made, "mastering_recovery")
+    content = certified(config)
+    unused = [point["step"] for point in content["points"] if not point["used"]]
+    assert unused == list(outcome.result.set_aside) == ["capture 5"]
+    assert any("safety" in line.lower() for line in content["verdict"]["to_sign"])
+    text = issue(config, "last").text_path.read_text()
+    assert "Signature ____" in text
+    assert "this is no calibration" in text
+    before = {change["name"]: change["before"] for change in content["verdict"]["changes"]}
+    assert before["J1: counts at zero"] == made.arm.true_zero[0] - 0  # as it was mastered
+    large = [point for point in content["points"] if "value_sha256" in point]
+    assert [point["step"] for point in large] == ["read the stored record"]
+    joints = list(outcome.result.joints)
+    joints[2] = replace(joints[2], exact=False, offset_u_rad=np.deg2rad(0.03))
+    exchanged = replace(outcome.result, joints=tuple(joints))
+    for chosen, word in (("A", "undecided"), ("B", "undecided"), ("C", "pass")):
+        verdict = verdict_on_recovery(chosen, None, exchanged)  # type: ignore[arg-type]
+        assert verdict.word == word
+        (figure,) = [figure for figure in verdict.characteristics if figure.name == "J3: new zero"]
+        assert figure.expanded == pytest.approx(np.deg2rad(0.03))
+
+
+async def test_what_a_redo_discarded_stays_in_the_certificate(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), pointing()
+    made.hands.refuses = {"accept_frame"}
+    outcome = await run_in(config, made, "three_point_frame")
+    made.hands.refuses = set()
+    with open_journal(config) as journal:
+        forget_from(journal, outcome.run_id, "touch a point on x", actor="bert")
+        cell = replace(made.cell, config_sha256=config.sha256)
+        assert (await resume(cell, outcome.run_id, journal, how=HOW)).verdict is Verdict.PASSED
+    content = certified(config)
+    steps = [(point["step"], point["used"]) for point in content["points"]]
+    assert steps == [
+        ("touch the origin", True),
+        ("touch a point on x", False),
+        ("touch a point on the y side", False),
+        ("touch a point above", False),
+        ("touch a point on x", True),
+        ("touch a point on the y side", True),
+        ("touch a point above", True),
+    ]
+    assert "discarded by bert" in content["points"][1]["reason"]
+    assert content["people"][0]["who"] == "anna"
+
+
+async def test_touches_that_scatter_leave_it_undecided(tmp_path: Path) -> None:
+    made = touching(max_touches=3)
+    shaken(made, 0.0003)
+    outcome = await run_in(cell_config(tmp_path), made, "six_point_tcp")
+    assert outcome.verdict is Verdict.PASSED
+    assert outcome.judgement["word"] == "undecided"
+    tip = outcome.judgement["characteristics"][0]
+    # three degrees of freedom: Student's factor at most, all directions at once
+    assert 2.8 < tip["coverage"] < 3.18
+    assert tip["expanded_uncertainty"] > tip["limit"] == 0.0004
+
+
+def shaken(made: Scene, by_m: float) -> None:
+    """Let the technician miss the pin by a little, each time elsewhere."""
+    for k, key in enumerate(("touch", "touch_about_x", "touch_about_y")):
+
+        def missed(teach: Any = made.hands.does[key], k: int = k) -> None:
+            teach()
+            taught = made.arm.taught
+            assert taught is not None
+            place = np.array(taught.position_m) + by_m * np.array([np.cos(2 * k), np.sin(2 * k), (-1) ** k])
+            made.arm.taught = Pose(tuple(float(v) for v in place), taught.quaternion)  # type: ignore[arg-type]
+
+        made.hands.does[key] = missed
+
+
+async def test_limits_of_an_engineer_replace_the_class(tmp_path: Path) -> None:
+    for own, word in (
+        (None, "undecided"),
+        (FrameLimits(0.01, 0.1), "pass"),
+        (FrameLimits(1e-5, 1e-5), "undecided"),
+    ):
+        made = pointing()
+        made.spec = replace(made.spec, limits=own)
+        outcome = await run_in(cell_config(tmp_path / f"{word}{own is None}"), made, "three_point_frame")
+        assert outcome.judgement["word"] == word
+        assert ("engineer" in outcome.judgement["limits_from"]) == (own is not None)
+
+
+async def test_traceability_only_with_a_certificate_that_is_valid_on_the_day(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), recording()
+    await run_in(config, made, "mastering_record")
+    today = datetime.now(UTC).date()
+    for from_days, to_days, claims in ((-10, 10, True), (-10, -1, False), (2, 10, False)):
+        issued, due = (today + timedelta(days=days) for days in (from_days, to_days))
+        held = GaugeCertificate(
+            number="C-77",
+            laboratory="Lab",
+            accreditation="D-K-1",
+            issued=issued,
+            due=due,
+            expanded_uncertainty_mm=0.05,
+        )
+        (entry,) = config.gauges
+        setup = entry.setup.model_copy(update={"certificate": held})
+        with_it = replace(config, gauges=(replace(entry, setup=setup),))
+        told = certified(with_it)["traceability"]
+        assert (NO_TRACEABILITY not in told) == claims
+        assert ("of Lab, D-K-1" in told) == claims
+        edited = replace(with_it, text=config.text + "\n# edited")
+        assert NO_TRACEABILITY in certified(edited)["traceability"]
+    assert certified(config)["traceability"] == NO_TRACEABILITY
+
+
+async def test_a_run_without_the_gauge_claims_nothing_of_its_certificate(tmp_path: Path) -> None:
+    config = cell_config(tmp_path, more=GAUGE_CERTIFICATE)
+    assert config.gauges[0].setup.certificate is not None
+    await run_in(config, pointing(), "three_point_frame")
+    assert certified(config)["traceability"] == NO_TRACEABILITY
+
+
+async def test_what_did_not_end_with_a_result_is_not_certified(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), pointing()
+    made.hands.refuses = {"accept_frame"}
+    outcome = await run_in(config, made, "three_point_frame")
+    with pytest.raises(CertificateError, match="no result to certify"):
+        issue(config, outcome.run_id)
+    assert not (config.cell.data_dir / "signing_key.pem").exists()
+
+
+async def test_nothing_is_certified_from_a_damaged_journal(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, pointing(), "three_point_frame")
+    with open_journal(config) as journal:
+        journal._database.execute("UPDATE event SET actor = 'mallory' WHERE seq = 3").fetchall()
+    with pytest.raises(CertificateError, match="damaged") as told:
+        issue(config, outcome.run_id)
+    assert told.value.code == "store.damaged"
+
+
+async def test_a_verdict_that_cannot_be_given_does_not_lose_the_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError
+
+    entry = CATALOGUE["three_point_frame"]
+    monkeypatch.setitem(CATALOGUE, "three_point_frame", replace(entry, verdict=broken))
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, pointing(), "three_point_frame")
+    assert (outcome.verdict, outcome.judgement) == (Verdict.PASSED, None)
+    assert "could not be given" in caplog.text
+    issued = issue(config, outcome.run_id)
+    assert issued.word == "undecided"
+    assert "states no verdict" in issued.text_path.read_text()
+
+
+@pytest.mark.parametrize("name", NAMES)
+async def test_every_procedure_foretells_finite_figures_without_a_device(name: str) -> None:
+    made, entry = await scene_for(name), CATALOGUE[name]
+    assert entry.forecast is not None
+    cell = made.cell
+    gauge = None if cell.gauge is None else cell.gauge.capabilities
+    known = Knowledge(cell.model, cell.gauge_setup, gauge, cell.record, limits=cell.limits)
+    forecast = entry.forecast(made.spec, known)
+    assert np.isfinite(forecast.duration_s)
+    assert forecast.duration_s > 0
+    assert forecast.predictions or forecast.assumed
+    for prediction in forecast.predictions:
+        assert np.isfinite(prediction.expanded)
+        assert prediction.expanded >= 0
+    json.dumps([pose.joints_rad for pose in forecast.poses], allow_nan=False)

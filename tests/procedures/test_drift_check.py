@@ -1,0 +1,167 @@
+"""What a drift check tells apart, and what it refuses."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from calibration.geometry import Pose
+from procedures.drift_check import ENTRY, DriftCheck, DriftResult, drift_check
+from procedures.forecast import Knowledge
+from procedures.run import Run
+from tests.procedures.cells import LITTLE, Scene, drifting, knocked, scene
+from tests.procedures.ledgers import MemoryLedger
+
+FULL = replace(LITTLE, poses=6, candidates=100)
+
+
+async def _check(made: Scene) -> DriftResult:
+    return await drift_check(Run(made.cell, MemoryLedger()), made.spec)
+
+
+def _knock_hook(made: Scene) -> None:
+    x, y, z = made.wire.hook_in_flange_m
+    made.wire.hook_in_flange_m = (x + 0.001, y - 0.0008, z + 0.0005)
+
+
+def _knock_target(made: Scene) -> None:
+    device: Any = made.cell.tracker
+    x, y, z = device.target_in_flange_m
+    device.target_in_flange_m = (x + 0.001, y - 0.0008, z + 0.0005)
+
+
+def _push_exit(made: Scene) -> None:
+    x, y, z = made.wire.anchor_in_base_m
+    made.wire.anchor_in_base_m = (x + 0.001, y + 0.001, z + 0.0015)
+
+
+def _push_tripod(made: Scene) -> None:
+    device: Any = made.cell.tracker
+    x, y, z = device.base_tracker.position_m
+    device.base_tracker = Pose((x + 0.001, y, z - 0.0005), device.base_tracker.quaternion)
+
+
+def _lose_zero(axis: int) -> Callable[[Scene], None]:
+    def lose(made: Scene) -> None:
+        zero = list(made.arm.true_zero)
+        zero[axis] += 20_000
+        made.arm.true_zero = tuple(zero)
+
+    return lose
+
+
+def _warm_up(made: Scene) -> None:
+    grown = made.arm.model.placements.copy()
+    grown[:, :3, 3] *= 1.00012  # ten degrees
+
+    class WarmArm:
+        model = replace(made.arm.model, dh=None, placements=grown)
+
+        @property
+        def true_joints(self) -> Any:
+            return made.arm.true_joints
+
+    device: Any = made.cell.tracker
+    device.arm = WarmArm()
+
+
+@pytest.mark.parametrize(
+    ("method", "happens", "cause"),
+    [
+        ("wire", _knock_hook, "tool"),
+        ("wire", _push_exit, "device"),
+        ("wire", _lose_zero(1), "J2"),
+        ("wire", _lose_zero(2), "J3"),
+        ("tracker", _knock_target, "tool"),
+        ("tracker", _push_tripod, "device"),
+        ("tracker", _warm_up, "warmth"),
+        ("tracker", _lose_zero(0), "J1"),
+        ("tracker", _lose_zero(4), "J5"),
+    ],
+)
+async def test_what_happened_to_the_robot_is_named(
+    method: Any, happens: Callable[[Scene], None], cause: str
+) -> None:
+    made = await drifting(method, rules=FULL)
+    happens(made)
+    result = await _check(made)
+    assert result.look is not None
+    assert result.look.decided
+    assert result.look.finding.likeliest.name == cause
+    assert result.look.finding.likeliest.probability >= 0.9
+    assert 4 <= len(result.measured) <= 6
+
+
+@pytest.mark.parametrize("method", ["wire", "tracker"])
+async def test_a_robot_to_which_nothing_happened_passes_after_four_poses(method: Any) -> None:
+    result = await _check(await drifting(method))
+    assert result.look is not None
+    assert not result.look.finding.seen
+    assert len(result.measured) == 4
+    assert result.recommended.startswith("nothing")
+    assert ENTRY.verdict is not None
+    assert ENTRY.verdict(DriftCheck(method), result).word == "pass"
+    assert ENTRY.keeps(DriftCheck(method), result) is None
+
+
+async def test_a_cause_that_is_not_sure_gets_another_pose_and_else_is_left_open() -> None:
+    made = await drifting(rules=FULL)
+    _lose_zero(5)(made)  # the hook is near the last axis: nearly what a knocked tool does
+    result = await _check(made)
+    assert result.look is not None
+    assert len(result.measured) == 6
+    assert not result.look.decided
+    assert {one.name for one in result.look.finding.suspects[:3]} >= {"J6", "tool"}
+    assert "J6" in result.recommended
+    assert ENTRY.verdict is not None
+    assert ENTRY.verdict(made.spec, result).word in ("fail", "undecided")
+
+
+async def test_a_knocked_tool_fails_and_says_what_to_run_next() -> None:
+    made = await knocked()
+    result = await _check(made)
+    assert ENTRY.verdict is not None
+    verdict = ENTRY.verdict(made.spec, result)
+    assert verdict.word == "fail"
+    assert any("six_point_tcp" in words or "drift" in words or "Next" in words for words in verdict.remarks)
+
+
+async def test_the_first_run_takes_the_reference_twice_and_keeps_it() -> None:
+    made = scene(DriftCheck(rules=LITTLE))
+    result = await _check(made)
+    assert result.taken_now
+    assert len(result.reference.first_m) == len(result.reference.again_m) == LITTLE.poses
+    kept = ENTRY.keeps(made.spec, result)
+    assert kept is not None
+    assert kept.what == "drift_reference"
+
+
+async def test_a_reference_that_does_not_repeat_is_refused() -> None:
+    made = scene(DriftCheck(rules=LITTLE))
+    made.wire.kink_m = {LITTLE.poses + 1: 0.01}
+    with pytest.raises(Exception, match="two rounds differ at pose 2") as refused:
+        await _check(made)
+    assert getattr(refused.value, "code", "") == "procedure.not_repeatable"
+
+
+async def test_a_reference_of_another_mastering_is_refused_and_renewed_on_demand() -> None:
+    made = await drifting()
+    reference = replace(made.cell.drift_references[0], counts_at_zero=(1,) * 6)
+    made.cell = replace(made.cell, drift_references=(reference,))
+    with pytest.raises(Exception, match="another mastering") as refused:
+        await _check(made)
+    assert getattr(refused.value, "code", "") == "procedure.reference_outdated"
+    assert made.arm.moves == []
+    made.spec = replace(made.spec, renew=True)
+    assert (await _check(made)).taken_now
+
+
+def test_a_dry_run_names_poses_and_minutes() -> None:
+    made = scene(DriftCheck(rules=LITTLE))
+    assert ENTRY.forecast is not None
+    known = Knowledge(made.cell.model, made.cell.gauge_setup, made.wire.capabilities, limits=made.cell.limits)
+    told = ENTRY.forecast(made.spec, known)
+    assert len(told.poses) == LITTLE.poses
+    assert 0 < told.duration_s < 3600
+    assert ENTRY.forecast(DriftCheck("tracker"), known).lacks

@@ -1,0 +1,122 @@
+"""A mastering record on its way to another computer: whole, of the same robot, and never by mistake."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from pydantic import TypeAdapter
+
+from calibration.mastering import MasteringRecord
+from procedures.mastering_record import seal
+from service.cell import on_paper, open_journal
+from service.config import CellConfig, read_cell_file
+from service.demo.fake_cell import write_cell_file
+from service.mastering_files import FORMAT, RecordFileError, export, import_record, in_force
+from service.outline import remembered
+from service.signing import check, station_key
+from service.store import Store
+from tests.procedures.cells import record_of, scene
+from tests.procedures.certified import cell_config
+
+_RECORDS: TypeAdapter[MasteringRecord] = TypeAdapter(MasteringRecord)
+
+
+@pytest.fixture
+async def exported(tmp_path: Path) -> tuple[CellConfig, Path, MasteringRecord]:
+    """A cell with a record, and that record as a signed file."""
+    config, record = cell_config(tmp_path / "first"), await record_of(scene())
+    with open_journal(config) as journal:
+        Store(journal).put_mastering_record(record, actor="anna")
+    signed, _ = export(config, None, tmp_path / "stick")
+    return config, signed, record
+
+
+def signed_by(config: CellConfig, record: MasteringRecord, path: Path) -> Path:
+    content = {"cell": "x", "robot": "y", "record": _RECORDS.dump_python(record, mode="json")}
+    path.write_text(station_key(config.cell.data_dir).sign(FORMAT, content))
+    return path
+
+
+async def test_a_record_goes_to_another_computer_whole(exported, tmp_path: Path) -> None:
+    config, signed, record = exported
+    other = cell_config(tmp_path / "second")
+    with pytest.raises(RecordFileError, match="no mastering record"):
+        in_force(other)
+    public = station_key(config.cell.data_dir).public
+    done = import_record(other, signed, who="bert", expected_key=public)
+    assert (done.record, done.was_known, done.public_key) == (record, False, public)
+    assert in_force(other).record == record
+    assert remembered(other).record == record
+    assert on_paper(other).record is None
+    assert import_record(other, signed, who="bert").was_known
+    with open_journal(other) as journal:
+        assert len(journal.events()) == 1
+        assert journal.events()[0].actor == "bert"
+
+
+async def test_the_same_record_is_exported_to_the_same_bytes(exported, tmp_path: Path) -> None:
+    config, signed, _ = exported
+    again, _ = export(config, "fanuc", tmp_path / "again")
+    assert (again.name, again.read_bytes()) == (signed.name, signed.read_bytes())
+
+
+async def test_a_damaged_file_is_refused(exported, tmp_path: Path) -> None:
+    other, (_, signed, _) = cell_config(tmp_path / "second"), exported
+    raw = signed.read_bytes()
+    place = raw.index(b'"counts_at_zero"') + 20
+    for changed in (raw[:place] + bytes([raw[place] ^ 1]) + raw[place + 1 :], raw[:-5], b"", raw + b" "):
+        signed.write_bytes(changed)
+        with pytest.raises(RecordFileError, match="was not imported"):
+            import_record(other, signed, who="bert")
+    assert not (other.cell.data_dir / "journal.db").exists()
+
+
+async def test_another_robot_another_model_another_key_another_document(exported, tmp_path: Path) -> None:
+    config, signed, record = exported
+    with pytest.raises(RecordFileError, match="this cell has fanuc F-2"):
+        import_record(cell_config(tmp_path / "a", serial="F-2"), signed, who="bert")
+    path = write_cell_file(tmp_path / "b", "127.0.0.1", seed=1, time_factor=600.0)
+    path.write_text(path.read_text().replace("F-104711", "F-1").replace("fanuc_m6ib", "kuka_kr6_r900"))
+    with pytest.raises(RecordFileError, match="the cell file calls fanuc a kuka_kr6_r900"):
+        import_record(read_cell_file(path), signed, who="bert")
+    other = cell_config(tmp_path / "c")
+    with pytest.raises(RecordFileError, match="another key"):
+        import_record(other, signed, who="bert", expected_key=station_key(tmp_path / "c" / "data").public)
+    signed.write_text(station_key(config.cell.data_dir).sign("cellcal certificate 1", {"record": {}}))
+    with pytest.raises(RecordFileError, match="no mastering record"):
+        import_record(other, signed, who="bert")
+    for unsealed in (replace(record, epoch=99), replace(record, sha256="0" * 64)):
+        with pytest.raises(RecordFileError, match="its own hash"):
+            import_record(other, signed_by(config, unsealed, tmp_path / "x.json"), who="bert")
+    signed.write_text(station_key(config.cell.data_dir).sign(FORMAT, {"record": {"model": 3}}))
+    with pytest.raises(RecordFileError, match="understands"):
+        import_record(other, signed, who="bert")
+
+
+async def test_a_record_in_force_is_not_replaced_by_mistake(exported, tmp_path: Path) -> None:
+    config, signed, record = exported
+    older = seal(replace(record, counts_at_zero=tuple(c + 7 for c in record.counts_at_zero)))
+    path = signed_by(config, older, tmp_path / "older.json")
+    with pytest.raises(RecordFileError, match="zero positions differ") as told:
+        import_record(config, path, who="bert")
+    assert "--replace" in told.value.remedy
+    assert in_force(config).record == record
+    for which, file in ((older, path), (record, signed), (older, path)):  # and back, as often as it takes
+        import_record(config, file, who="bert", replace=True)
+        assert in_force(config).record == which
+
+
+async def test_the_sheet_fits_the_door(exported) -> None:
+    config, signed, record = exported
+    text = signed.with_suffix(".txt").read_text()
+    assert max(map(len, text.splitlines())) <= 80
+    for told in (
+        record.sha256,
+        "F-1",
+        *map(str, record.counts_at_zero),
+        station_key(config.cell.data_dir).public,
+    ):
+        assert told in text
+    assert check(signed.read_bytes()).content["record"]["sha256"] == record.sha256
+    assert json.loads(signed.read_text())["format"] == FORMAT

@@ -1,0 +1,303 @@
+"""The one door to motion: what it lets through, what it stops, and that nobody goes around it."""
+
+import ast
+import asyncio
+import math
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.collision import Plane, Sphere
+from calibration.errors import CellError
+from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
+from drivers.interfaces import Condition, JointReading, Readiness
+from drivers.registry import PROGRAM_WRITERS
+from procedures.approach import OVERSHOOT_RAD
+from procedures.by_hand import NotThereError
+from procedures.cell import MotionLevel
+from procedures.mastering_record import MasteringRecordSpec, mastering_record
+from procedures.motion_gate import Care, Jog, MotionRefusedError, jog_axis, move_along, refuse_off_target
+from procedures.plans import Room
+from procedures.run import DeclinedError, Run
+from procedures.steps.mastering import PositionLostAgainError
+from procedures.steps.motion import come_from_below
+from procedures.surroundings import Surroundings
+from service.lease import LeaseLostError, lease
+from service.programs import Programs
+from tests.procedures.cells import Scene, recovering, scene
+from tests.procedures.ideal import IdealArm
+from tests.procedures.ledgers import MemoryLedger
+from tests.procedures.pendants import Pendant
+
+HERE = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
+THERE = (0.5, 0.2, -0.2, 0.4, 0.6, -0.5)
+FLOOR = Surroundings(planes=(Plane("floor", (0.0, 0.0, -0.9), (0.0, 0.0, 1.0)),))
+ROOT = Path(__file__).parents[2]
+
+
+def standing(arm: IdealArm | None = None) -> Scene:
+    made = scene()
+    if arm is not None:
+        made.arm = arm
+        made.cell = replace(made.cell, robot=arm, jogs=arm, mastering=arm)
+    made.arm.put(np.array(HERE))
+    made.cell = replace(made.cell, surroundings=FLOOR)
+    return made
+
+
+def commands(tree: ast.AST) -> set[str]:
+    """Names of the commands to move that a file calls, wherever the robot comes from."""
+    return {
+        node.func.attr
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr in ("move_joints", "jog_axis", "move_linear")
+        and not (isinstance(node.func.value, ast.Name) and node.func.value.id == "motion_gate")
+    }
+
+
+def test_nobody_goes_around_the_gate() -> None:
+    files = [file for folder in ("procedures", "service") for file in (ROOT / folder).rglob("*.py")]
+    assert len(files) > 50
+    callers = {
+        file.relative_to(ROOT).as_posix(): found
+        for file in files
+        if (found := commands(ast.parse(file.read_text(encoding="utf-8"))))
+    }
+    assert callers == {"procedures/motion_gate.py": {"move_joints", "jog_axis"}}
+
+
+async def test_a_free_way_is_gone_corner_by_corner() -> None:
+    made = standing()
+    await move_along(made.cell, [THERE, HERE], 0.1)
+    assert made.arm.moves == ["move", "move"]
+    assert np.allclose(made.arm.true_joints, HERE, atol=1e-5)
+    assert made.hands.asked == []  # the shapes of the cell are known: a plan's approval is enough
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
+async def test_what_is_no_number_moves_nothing(bad: float) -> None:
+    made = standing()
+    for way, speed in (([(*THERE[:5], bad)], 0.1), ([THERE], bad), ([THERE], -0.1), ([THERE], 0.0)):
+        if speed == 1e300:
+            continue  # too fast is slowed down to the caps
+        with pytest.raises(CellError):
+            await move_along(made.cell, way, speed)
+    with pytest.raises(CellError):
+        await jog_axis(made.cell, Jog(0, math.nan, 0.03, HERE))
+    assert made.arm.moves == []
+
+
+async def test_limits_obstacles_and_the_wire_stop_a_move_before_it_begins() -> None:
+    made = standing()
+    beyond = (*THERE[:3], 9.0, *THERE[4:])
+    tip = made.arm.model.base_flange(np.array([THERE]))[0, :3, 3]
+    x, y, z = (float(v) for v in tip)
+    blocked = replace(made.cell, surroundings=replace(FLOOR, balls=(Sphere("post", (x, y, z), 0.1),)))
+    with pytest.raises(MotionRefusedError, match="joint limits"):
+        await move_along(made.cell, [beyond], 0.1)
+    with pytest.raises(MotionRefusedError, match=r"clearance of .* and post"):
+        await move_along(blocked, [THERE], 0.1)
+    far = replace(made.cell, gauge_setup=replace(made.cell.gauge_setup, anchor_in_base_m=(5.0, 0.0, 0.0)))  # type: ignore[type-var]
+    with pytest.raises(MotionRefusedError, match="wire too long"):
+        await move_along(far, [THERE], 0.1, care=Care.WIRED)
+    assert made.arm.moves == []
+
+
+@dataclass
+class Moody(IdealArm):
+    """An arm whose state can be made bad."""
+
+    readiness: Readiness = Readiness.READY
+    age_s: float = 0.0
+    drifts: bool = False
+
+    async def condition(self) -> Condition:
+        await asyncio.sleep(0)
+        return Condition(self.readiness, "it is so", "mend it")
+
+    async def joints(self) -> JointReading:
+        reading = await super().joints()
+        return replace(reading, taken_at_s=reading.taken_at_s - self.age_s, moving=self.drifts)
+
+
+@pytest.mark.parametrize(
+    ("mood", "error"),
+    [
+        ({"readiness": Readiness.UNREACHABLE}, UnreachableError),
+        ({"readiness": Readiness.STOPPED}, MotionStoppedError),
+        ({"readiness": Readiness.NOT_READY}, RefusedError),
+        ({"readiness": Readiness.POSITION_LOST}, RefusedError),
+        ({"age_s": 1.5}, MotionRefusedError),
+        ({"drifts": True}, MotionRefusedError),
+    ],
+)
+async def test_a_robot_that_is_not_ready_fresh_and_still_is_not_moved(
+    mood: dict[str, object], error: type[CellError]
+) -> None:
+    made = standing(Moody(**mood))  # type: ignore[arg-type]
+    with pytest.raises(error):
+        await move_along(made.cell, [THERE], 0.1)
+    assert made.arm.moves == []
+
+
+async def test_a_lost_robot_jogs_one_axis_and_takes_no_target() -> None:
+    made = standing()
+    made.arm.data = replace(made.arm.data, mastered=False)
+    await jog_axis(made.cell, Jog(2, 0.05, 0.03, HERE))
+    with pytest.raises(RefusedError):
+        await move_along(made.cell, [THERE], 0.1)
+    assert made.arm.moves == ["jog 2"]
+
+
+async def test_encoders_that_changed_since_the_first_move_end_the_motion() -> None:
+    made = standing()
+    await move_along(made.cell, [THERE], 0.1)
+    made.arm.epoch += 1
+    with pytest.raises(PositionLostAgainError):
+        await move_along(made.cell, [HERE], 0.1)
+    assert made.arm.moves == ["move"]
+
+
+async def test_a_lease_that_went_to_somebody_else_stops_between_two_corners(tmp_path: Path) -> None:
+    made = standing()
+    with lease(tmp_path, "arm", "anna") as held:
+        made.cell = replace(made.cell, permit=held)
+        move = made.arm.move_joints
+
+        async def robbed(target: tuple[float, ...], *, speed_rad_s: float) -> None:
+            await move(target, speed_rad_s=speed_rad_s)
+            held.path.unlink()  # somebody tidied up, and another run takes the place
+            with lease(tmp_path, "arm", "ben") as other:
+                assert other.token >= 1
+
+        made.arm.move_joints = robbed  # type: ignore[assignment,method-assign]
+        with pytest.raises(LeaseLostError):
+            await move_along(made.cell, [THERE, HERE], 0.1)
+    assert made.arm.moves == ["move"]
+
+
+def test_every_holder_of_a_lease_has_a_higher_token(tmp_path: Path) -> None:
+    tokens = []
+    for holder in ("anna", "ben", "anna"):
+        with lease(tmp_path, "arm", holder) as held:
+            held.hold()
+            tokens.append(held.token)
+    assert tokens == [1, 2, 3]
+
+
+async def test_without_known_obstacles_each_move_is_asked_for_until_a_plan_is_approved() -> None:
+    made = standing()
+    made.cell = replace(made.cell, surroundings=Surroundings())
+    await move_along(made.cell, [THERE], 0.1)
+    assert made.hands.asked == ["approve_move"]
+    made.cell.motion.approved = True
+    await move_along(made.cell, [HERE], 0.1)
+    assert made.hands.asked == ["approve_move"]
+    made.cell.motion.approved = False
+    made.hands.refuses.add("approve_move")
+    with pytest.raises(DeclinedError):
+        await move_along(made.cell, [THERE], 0.1)
+    assert made.arm.moves == ["move", "move"]
+
+
+async def test_no_part_of_the_arm_is_faster_than_its_cap() -> None:
+    made = standing()
+    speeds = []
+    move = made.arm.move_joints
+
+    async def timed(target: tuple[float, ...], *, speed_rad_s: float) -> None:
+        speeds.append(speed_rad_s)
+        await move(target, speed_rad_s=speed_rad_s)
+
+    made.arm.move_joints = timed  # type: ignore[assignment,method-assign]
+    turned = (HERE[0] + 0.4, *HERE[1:])
+    await move_along(made.cell, [turned], 0.5)
+    made.cell = replace(made.cell, surroundings=Surroundings())
+    await move_along(made.cell, [HERE], 0.5)
+    flange = made.arm.model.base_flange(np.array([HERE]))[0, :2, 3]
+    assert speeds[0] * float(np.linalg.norm(flange)) < 0.25
+    assert speeds[0] > 0.15
+    assert speeds[1] == pytest.approx(speeds[0] / 2, rel=0.01)
+
+
+def by_hand(level: MotionLevel = MotionLevel.OBSERVE, beside_rad: float = 0.0) -> Scene:
+    made = standing()
+    made.hands = Pendant(arm=made.arm, beside_rad=beside_rad)
+    made.cell = replace(made.cell, operator=made.hands, level=level)
+    return made
+
+
+async def test_at_l0_a_person_moves_and_the_software_looks() -> None:
+    made = by_hand(beside_rad=0.004)
+    found = await come_from_below(made.cell, THERE, 0.1)
+    assert made.hands.asked == ["move_by_hand"]
+    assert made.arm.moves == []
+    assert np.allclose(found, np.array(THERE) + 0.004, atol=1e-4)  # where it really stands
+
+
+async def test_at_l0_a_wrong_place_is_asked_for_again_and_then_refused() -> None:
+    made = by_hand(beside_rad=0.03)
+    with pytest.raises(NotThereError, match=r"is \+1.72 deg off"):
+        await come_from_below(made.cell, THERE, 0.1)
+    assert made.hands.asked == ["move_by_hand"] * 4
+    assert made.arm.moves == []
+
+
+async def test_at_l0_nobody_is_sent_where_the_way_is_not_free() -> None:
+    made = by_hand()
+    with pytest.raises(MotionRefusedError):
+        await come_from_below(made.cell, (*THERE[:3], 9.0, *THERE[4:]), 0.1)
+    assert made.hands.asked == []
+
+
+@pytest.mark.parametrize("level", [MotionLevel.OBSERVE, MotionLevel.PROGRAM])
+async def test_a_record_is_taken_without_a_single_command(level: MotionLevel, tmp_path: Path) -> None:
+    made = by_hand(level)
+    shelf = Programs(tmp_path / "programs", "arm", "F-1", PROGRAM_WRITERS["universal_robots"])
+    made.cell = replace(made.cell, programs=shelf)
+    spec = MasteringRecordSpec(poses=16, samples=2, room=Room(surroundings=FLOOR))
+    result = await mastering_record(Run(made.cell, MemoryLedger()), spec)
+    assert made.arm.moves == []
+    assert result.record.wire.consistent()
+    captures = len(result.record.captures)
+    assert made.hands.asked.count("move_by_hand") == captures >= 14
+    programs = list((tmp_path / "programs").glob("*.script"))
+    assert len(programs) == (captures if level is MotionLevel.PROGRAM else 0)
+
+
+async def test_at_l0_lost_motors_are_turned_by_hand() -> None:
+    made = await recovering()
+    pendant = Pendant(arm=made.arm)
+    cell = replace(made.cell, operator=pendant, level=MotionLevel.OBSERVE)
+    made.arm.battery_flat = False
+    await jog_axis(cell, Jog(3, 0.1, 0.03))
+    assert pendant.asked == ["jog_by_hand"]
+    assert "turn J4 alone by +5.73 deg" in pendant.texts[0]
+    assert made.arm.moves == []
+
+
+def test_a_program_holds_the_moves_the_token_and_what_it_is_not(tmp_path: Path) -> None:
+    for make, words in (
+        ("universal_robots", ["movej([0.500000, 0.200000", "v=0.020000", "end"]),
+        ("fanuc_hmi", ["/PROG  CC", "J1=    28.648 deg", "OVERRIDE=10%", "J P[2] 1% FINE", "/END"]),
+    ):
+        shelf = Programs(tmp_path / make, "arm", "F-1", PROGRAM_WRITERS[make])
+        path = Path(shelf.put((HERE, THERE), 0.02))
+        text = path.read_text()
+        flat = " ".join(re.sub(r"\d+:|[#!;]", " ", text).split())
+        assert all(word in text for word in words), text
+        assert path.stem[2:] in text
+        assert "performs no safety function" in flat
+        assert shelf.put((HERE, THERE), 0.02) == str(path)
+        assert shelf.put((THERE, HERE), 0.02) != str(path)
+
+
+def test_an_arrival_that_is_no_number_is_off_target() -> None:
+    with pytest.raises(CellError):
+        refuse_off_target((math.nan,) * 6, THERE, 0.1)
+    refuse_off_target(THERE, THERE, OVERSHOOT_RAD)

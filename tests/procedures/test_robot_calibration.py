@@ -1,0 +1,153 @@
+"""What a robot calibration finds, refuses and writes; alone, and once through real drivers and sockets."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.errors import CalibrationError
+from procedures.calibration_plan import SeriesRules
+from procedures.calibration_result import HoldOut
+from procedures.forecast import Knowledge
+from procedures.robot_calibration import ENTRY, CalibrationResult, RobotCalibration, robot_calibration
+from procedures.run import RefusalError, Run
+from tests.procedures.cells import FEW, ZERO, Scene, calibrating
+from tests.procedures.ledgers import MemoryLedger
+from tests.soak.calibration_campaign import calibrate
+
+WIRE = SeriesRules(first=12, batch=4, min_captures=24, max_captures=32, candidates=80, tests=12, samples=1)
+
+
+async def _calibrate(made: Scene) -> CalibrationResult:
+    return await robot_calibration(Run(made.cell, MemoryLedger()), made.spec)
+
+
+async def test_wrong_zeros_are_found_written_and_seen_to_be_right() -> None:
+    made = calibrating()
+    result = await _calibrate(made)
+    assert result.written is not None
+    assert made.arm.data.counts_at_zero == result.identified.mastering
+    per_count = np.array(made.arm.drive.radians_per_count)
+    left_rad = per_count @ (np.array(result.identified.mastering) - np.array(made.arm.true_zero))
+    assert np.abs(left_rad[1:5]).max() < 2e-4
+    assert result.final_rms_m is not None
+    assert result.final_rms_m < 1.5 * result.identified.hold_out.after_rms_m + 1e-4
+    offsets = {p.name: p.value for p in result.arm.parameters}
+    assert max(abs(offsets[f"J{k} offset"]) for k in (2, 4, 5)) < 1e-5  # they are in the robot now
+
+
+async def test_with_a_wire_the_error_falls_and_hidden_zeros_are_named_not_written() -> None:
+    made = calibrating(method="wire", rules=WIRE, write_zeros=False)
+    result = await _calibrate(made)
+    out = result.identified.hold_out
+    assert out.captures >= max(8, 0.3 * result.identified.captures)
+    assert out.after_rms_m < 0.3 * out.before_rms_m
+    assert out.as_predicted
+    assert {hidden.parameter for hidden in result.identified.hidden} >= {"J1 offset", "J6 offset"}
+    assert all(hidden.cure for hidden in result.identified.hidden)
+    assert made.arm.writes == 0
+    assert ENTRY.verdict is not None
+    verdict = ENTRY.verdict(made.spec, result)
+    assert verdict.word == "pass"
+    assert "saved" in verdict.remarks[0]
+    kept = ENTRY.keeps(made.spec, result)
+    assert kept is not None
+    assert kept.what == "parameter_set"
+
+
+async def test_check_poses_take_no_part_in_the_fit() -> None:
+    made, ledger = calibrating(write_zeros=False), MemoryLedger()
+    result = await robot_calibration(Run(made.cell, ledger), made.spec)
+    findings = ledger.past().findings
+    checks = np.array([f.value["joints_rad"] for f in findings if f.step.startswith("capture check")])
+    fitted = np.array(result.arm.fitted_joints_rad)
+    assert np.abs(checks[:, None] - fitted[None]).max(axis=2).min() > 0.02
+
+
+async def test_a_caught_wire_is_measured_again_and_named() -> None:
+    made = calibrating(method="wire", rules=WIRE, write_zeros=False)
+    made.wire.kink_m = {20: 0.02}
+    result = await _calibrate(made)
+    assert [one.step for one in result.set_aside] == ["capture 21"]
+    assert result.identified.rejected == ()
+    assert result.identified.hold_out.as_predicted
+
+
+async def test_zeros_are_not_written_where_they_are_not_the_whole_story() -> None:
+    made = calibrating(model="geometry")
+    bent = np.zeros((6, 5))
+    bent[2, 1:4], bent[3, 3] = (0.004, 0.005, 0.004), 0.004
+    true = made.arm.model.with_dh_errors(bent)
+
+    class BentArm:
+        model = true
+
+        @property
+        def true_joints(self) -> np.ndarray:
+            return made.arm.true_joints
+
+    made.cell.tracker.arm = BentArm()  # type: ignore[union-attr]
+    made.spec = replace(made.spec, rules=replace(FEW, max_captures=24, candidates=80))
+    with pytest.raises(RefusalError) as refused:
+        await _calibrate(made)
+    assert refused.value.code == "procedure.not_only_zeros"
+    assert made.arm.writes == 0
+
+
+async def test_zeros_that_make_it_worse_are_taken_back() -> None:
+    made = calibrating()
+
+    def touched() -> None:
+        x, y, z = made.cell.tracker.target_in_flange_m  # type: ignore[union-attr]
+        made.cell.tracker.target_in_flange_m = (x + 0.004, y, z)  # type: ignore[union-attr]
+
+    made.hands.does["accept_zeros"] = touched
+    with pytest.raises(RefusalError) as refused:
+        await _calibrate(made)
+    assert refused.value.code == "procedure.not_verified"
+    assert made.arm.data.counts_at_zero == ZERO
+
+
+async def test_what_cannot_be_reached_is_foretold_ends_undecided_and_names_the_partner() -> None:
+    made = calibrating(method="wire", model="sag", tip_u_m=0.00005, write_zeros=False, rules=WIRE)
+    ledger = MemoryLedger()
+    result = await robot_calibration(Run(made.cell, ledger), made.spec)
+    assert not result.goal_reached
+    assert "hides behind" in result.why_ended
+    assert len(result.arm.fitted_joints_rad) < WIRE.max_captures
+    assert ENTRY.verdict is not None
+    assert ENTRY.verdict(made.spec, result).word == "undecided"
+    shown = [body["inputs"] for _, body in ledger.facts if body.get("step") == "accept the plan"]
+    assert "Beware" in str(shown)
+
+
+def test_a_dry_run_foretells_poses_and_uncertainty_without_a_device() -> None:
+    made = calibrating(method="wire", rules=WIRE)
+    assert ENTRY.forecast is not None
+    known = Knowledge(made.cell.model, made.cell.gauge_setup, made.wire.capabilities, limits=made.cell.limits)
+    told = ENTRY.forecast(made.spec, known)
+    assert len(told.poses) >= WIRE.min_captures + 8
+    assert 0 < told.predictions[0].expanded < 0.01
+    assert ENTRY.forecast(made.spec, Knowledge()).lacks
+
+
+def test_nothing_asked_for_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="nothing is asked"):
+        RobotCalibration(tip_u_m=None).goal()
+
+
+def test_check_poses_that_miss_their_prediction_are_no_pass() -> None:
+    good = HoldOut(10, 1e-3, 2e-3, 1e-4, 2e-4, 3e-4, 9.0, 10)
+    assert good.as_predicted
+    assert not good.offsets_explain
+    assert not replace(good, chi_square=60.0).as_predicted
+
+
+async def test_a_robot_behind_sockets_is_calibrated_to_a_quarter_of_a_millimetre(tmp_path: Path) -> None:
+    run = await calibrate(3, tmp_path)
+    assert run.mean_m <= 0.00025
+    assert run.rms_m <= run.tip_u_m
+    assert run.saved >= 0.25
+    assert run.after_m < 0.25 * run.before_m
+    assert run.verdict == "pass"

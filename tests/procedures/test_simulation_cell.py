@@ -1,0 +1,92 @@
+"""Simulated cells through the engine: every part ends in a result, a verdict, a certificate and files."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic_core import to_jsonable_python
+
+from calibration.errors import CalibrationError
+from procedures.simulation_cell import ENTRY, CalibratedPart, CalibratedRobot, SimulationCell, calibrate
+from procedures.verdict import Verdict
+from service.certificate import issue
+from service.cli.app import run_command_line
+from service.conduct import Verdict as End
+from service.exit_codes import ExitCode
+from tests.procedures.cells import Scene, scene
+from tests.procedures.certified import cell_config, run_in
+from tests.unit.helpers.tags import FIXTURE_BASE, robot_tags, two_paths
+
+
+def robot(**more: object) -> Scene:
+    tags = robot_tags()
+    spec = SimulationCell("robot", tags.robot, tags.device)
+    return scene(replace(spec, **more))  # type: ignore[arg-type]
+
+
+def judged(spec: SimulationCell, found: CalibratedPart) -> Verdict:
+    assert ENTRY.verdict is not None
+    verdict: Verdict = ENTRY.verdict(spec, found)
+    return verdict
+
+
+async def test_a_robot_by_the_cells_own_model_is_certified_and_exported(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), robot()
+    outcome = await run_in(config, made, "simulation_cell")
+    assert outcome.verdict is End.PASSED
+    found = outcome.result.found
+    assert isinstance(found, CalibratedRobot)
+    assert found.found.model == "fanuc_m6ib"
+    text = issue(config, outcome.run_id).text_path.read_text()
+    assert "J1 offset: hidden behind" in " ".join(text.split())
+    words = ["simulate-cell", "export", "last", "--cell", str(config.path), "--out", str(tmp_path / "out")]
+    assert run_command_line(words) == ExitCode.PASS
+    assert (tmp_path / "out" / "robot.urdf").read_text() == found.description
+    assert made.arm.moves == []
+    assert made.arm.writes == 0
+
+
+async def test_a_declined_result_ends_without_one(tmp_path: Path) -> None:
+    made = robot()
+    made.hands.refuses = {"accept_part"}
+    outcome = await run_in(cell_config(tmp_path), made, "simulation_cell")
+    assert outcome.verdict is not End.PASSED
+    assert outcome.result is None
+
+
+async def test_without_a_cell_it_is_the_same(tmp_path: Path) -> None:
+    spec = replace(robot().spec, model="fanuc_m6ib")
+    outcome = await run_in(cell_config(tmp_path), scene(spec), "simulation_cell")
+    assert to_jsonable_python(calibrate(spec)) == to_jsonable_python(outcome.result)
+    with pytest.raises(CalibrationError, match="which robot"):
+        calibrate(replace(spec, model=""))
+
+
+def test_before_and_after_stand_in_the_verdict() -> None:
+    spec = replace(robot().spec, model="fanuc_m6ib")
+    verdict = judged(spec, calibrate(spec))
+    (change,) = [change for change in verdict.changes if change.unit == "m"]
+    assert change.before is not None
+    assert change.after is not None
+    assert change.before > 5 * change.after
+    base = SimulationCell("base", *two_paths(FIXTURE_BASE), sigma_m=1e-4)
+    placed = judged(base, calibrate(base))
+    assert placed.word == "pass"
+    assert any("as stated" in line for line in placed.not_verified)
+    assert placed.changes[0].before is None
+
+
+def test_a_robot_whose_tags_show_no_error_is_not_said_to_be_better() -> None:
+    tags = robot_tags()
+    joints = np.array(tags.robot.joints_rad)
+    random = np.random.default_rng(3)
+    seen = tags.model.tip_positions(joints, np.array([0.0, 0.0, 0.1])) + random.normal(
+        scale=1e-4, size=(30, 3)
+    )
+    measured = replace(tags.device, positions_m=tuple((float(x), float(y), float(z)) for x, y, z in seen))
+    spec = SimulationCell("robot", tags.robot, measured, model="fanuc_m6ib")
+    found = calibrate(spec)
+    assert isinstance(found.found, CalibratedRobot)
+    better = [figure for figure in judged(spec, found).characteristics if "better than before" in figure.name]
+    assert (better[0].decision == "pass") == found.found.found.better

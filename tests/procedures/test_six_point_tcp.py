@@ -1,0 +1,246 @@
+"""A tool taught by hand: every method, touches that are too alike or stray, and when there are enough."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.geometry import Pose, exp_rotation, homogeneous
+from calibration.uncertainty import coverage_in_space
+from procedures.forecast import Knowledge
+from procedures.limits import ToolLimits
+from procedures.run import OutOfToleranceError, RefusalError, Run
+from procedures.six_point_tcp import ENTRY, SixPointTcp, ToolSetup, six_point_tcp
+from procedures.steps.write import same_pose
+from procedures.tcp_verdict import axes_u
+from tests.procedures.cells import TIP, Scene, tool_pose, tool_rotation, touching
+from tests.procedures.ledgers import MemoryLedger
+
+PIN = np.array([0.7, 0.1, 0.3])
+SQUARE = np.diag([1.0, -1.0, -1.0])
+SLIP = np.array([0.001, 0.0, 0.0])
+LOOSE = ToolLimits(0.01, 0.01, 0.1)
+
+
+async def taught(made: Scene) -> tuple[ToolSetup, MemoryLedger]:
+    ledger = MemoryLedger()
+    return await six_point_tcp(Run(made.cell, ledger), made.spec), ledger
+
+
+def holding(made: Scene, rotation: np.ndarray, place_m: np.ndarray) -> Callable[[], None]:
+    """Return hands that hold the tool's tip at a place, in an attitude of the flange."""
+    pose = Pose.from_matrix(homogeneous(rotation, place_m - rotation @ np.array(TIP)))
+    return lambda: setattr(made.arm, "taught", pose)
+
+
+def turned(x: float, y: float, z: float) -> np.ndarray:
+    return SQUARE @ exp_rotation(np.radians([x, y, z]))
+
+
+def steps(ledger: MemoryLedger) -> list[str]:
+    return [finding.step for finding in ledger.past().findings]
+
+
+@pytest.mark.parametrize(
+    ("more", "moves"),
+    [
+        ({"method": "textbook"}, "xyz"),
+        ({"method": "six_point_xz"}, "xz"),
+        ({"method": "six_point_xz", "check_handedness": True}, "xzy"),
+        ({"method": "six_point_xy"}, "xy"),
+        ({"method": "three_plus_orientation"}, "xy"),
+        ({"method": "three_plus_orientation", "check_handedness": True}, "xyz"),
+        ({"method": "three_plus_orientation", "orientation": "world"}, ""),
+        ({"method": "four_point"}, ""),
+    ],
+)
+async def test_every_method_finds_the_tool_and_writes_it(more: dict[str, Any], moves: str) -> None:
+    made = touching(**more)
+    setup, ledger = await taught(made)
+    assert [step[-1] for step in steps(ledger) if step.startswith("move along")] == list(moves)
+    wanted = Pose(TIP) if more["method"] == "four_point" else tool_pose()
+    assert same_pose(setup.flange_tool, wanted)
+    assert same_pose(made.arm.tools[3], wanted)
+    assert setup.touches == sum(step.startswith("touch") for step in steps(ledger)) >= 4
+    verdict = ENTRY.verdict(made.spec, setup) if ENTRY.verdict else None
+    assert verdict is not None
+    assert verdict.word == "pass"
+    assert any(figure.name.startswith("handedness") for figure in verdict.characteristics) == (
+        len(moves) == 3
+    )
+
+
+async def test_a_place_alone_leaves_the_axes_as_the_controller_has_them() -> None:
+    made = touching(method="four_point")
+    made.arm.tools[3] = Pose((0.1, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+    setup, _ = await taught(made)
+    assert setup.flange_tool == Pose(setup.tip.tip_in_flange_m, (0.0, 1.0, 0.0, 0.0))
+    assert setup.before == Pose((0.1, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
+
+
+async def test_attitudes_too_alike_are_taught_again_before_anything_is_computed() -> None:
+    made = touching(limits=LOOSE)
+    made.hands.does["touch_about_x"] = holding(made, turned(8, 0, 0), PIN)
+    made.hands.does["touch_anew_2"] = holding(made, turned(60, 0, 0), PIN)
+    setup, ledger = await taught(made)
+    names = steps(ledger)
+    assert names.index("touch anew 1") == names.index("touch, turned about x") + 2
+    assert same_pose(setup.flange_tool, tool_pose())
+    (aside,) = setup.set_aside
+    assert aside.step == "touch, turned about x"
+    assert "turned only 8.0 degrees from touch 1" in aside.reason
+    (judged,) = [f.value for f in ledger.past().findings if f.step == "judge the touches 2"]
+    assert "15 degrees about +x" in judged["advice"]
+
+
+async def test_three_touches_about_one_axis_are_not_enough() -> None:
+    made = touching(limits=LOOSE)
+    for key, degrees in (("touch_about_x", 40), ("touch_about_y", 80)):
+        made.hands.does[key] = holding(made, turned(0, 0, degrees), PIN)
+    made.hands.does["touch_anew_3"] = holding(made, turned(0, 50, 0), PIN)
+    setup, _ = await taught(made)
+    assert same_pose(setup.flange_tool, tool_pose())
+    assert "about nearly one axis" in setup.set_aside[0].reason
+
+
+async def test_who_does_not_turn_the_tool_is_refused() -> None:
+    made = touching()
+    made.hands.does["touch_about_x"] = lambda: None  # the arm stays where it is
+    with pytest.raises(RefusalError, match=r"touch 2 is turned only 0\.0 degrees") as refused:
+        await taught(made)
+    assert refused.value.remedy
+    assert made.arm.writes == 0
+
+
+async def test_a_stray_touch_is_named_and_taught_again() -> None:
+    made = touching(min_touches=5)
+    made.hands.does["touch_4"] = holding(made, turned(-40, -40, 0), PIN + SLIP)
+    made.hands.does["touch_anew_4"] = holding(made, turned(-41, -40, 0), PIN)
+    setup, _ = await taught(made)
+    assert same_pose(setup.flange_tool, tool_pose())
+    (aside,) = setup.set_aside
+    assert aside.step == "touch in another attitude 1"
+    assert "the other touches contradict touch 4" in aside.reason
+
+
+async def test_a_touch_that_stays_stray_ends_it_and_nothing_is_written() -> None:
+    made = touching(min_touches=5)
+    for key in ("touch_4", "touch_anew_4"):
+        made.hands.does[key] = holding(made, turned(-40, -40, 0), PIN + SLIP)
+    with pytest.raises(RefusalError, match="contradict touch 4"):
+        await taught(made)
+    assert made.arm.writes == 0
+
+
+def scattering(made: Scene, sigma_m: float, seed: int) -> None:
+    """Let the technician miss the pin by chance at every touch."""
+    random = np.random.default_rng(seed)
+    for key in [key for key in made.hands.does if key.startswith("touch")]:
+        made.hands.does[key] = _missing(made, made.hands.does[key], random.normal(scale=sigma_m, size=3))
+
+
+def _missing(made: Scene, teach: Callable[[], object], by_m: np.ndarray) -> Callable[[], None]:
+    def missed() -> None:
+        teach()
+        assert made.arm.taught is not None
+        x, y, z = np.array(made.arm.taught.position_m) + by_m
+        made.arm.taught = Pose((float(x), float(y), float(z)), made.arm.taught.quaternion)
+
+    return missed
+
+
+async def test_it_goes_on_until_the_class_holds_and_says_how_well_the_tip_is_known_meanwhile() -> None:
+    coarse, fine = touching(accuracy_class="C"), touching(accuracy_class="B")
+    for made in (coarse, fine):
+        scattering(made, 5e-5, seed=2)
+    few, many = (await taught(coarse))[0], (await taught(fine))[0]
+    assert few.touches < many.touches <= 8
+    for setup, limit_m in ((few, 0.001), (many, 0.0004)):
+        assert setup.tip.tip_u_in_space_m <= limit_m
+        assert setup.fixed_plan_touches is not None
+        assert setup.fixed_plan_touches > setup.touches
+    verdict = ENTRY.verdict(fine.spec, many) if ENTRY.verdict else None
+    assert verdict is not None
+    assert f"{many.touches} touches" in verdict.remarks[0]
+
+
+async def test_the_technician_is_told_what_is_known_so_far_and_where_to_turn() -> None:
+    made, told = touching(), []
+    confirm = made.hands.confirm
+
+    async def listening(instruction: Any) -> Any:
+        told.append(instruction.text)
+        return await confirm(instruction)
+
+    made.hands.confirm = listening  # type: ignore[method-assign]
+    await taught(made)
+    (fourth,) = [text for text in told if "turn the tool 60 degrees about" in text]
+    assert "mm by the attitudes and 0.00 mm by the touches' scatter (95 %)" in fourth
+
+
+async def test_touches_that_never_agree_end_at_the_most() -> None:
+    made = touching(max_touches=5, rms_limit_m=0.0002)
+    scattering(made, 1e-3, seed=4)
+    with pytest.raises(OutOfToleranceError, match="disagree"):
+        await taught(made)
+    assert made.arm.writes == 0
+
+
+@pytest.mark.parametrize("method", ["six_point_xz", "six_point_xy", "three_plus_orientation"])
+async def test_a_third_move_catches_one_that_went_backwards(method: Any) -> None:
+    made = touching(method=method, check_handedness=True, limits=LOOSE)
+    tool = tool_rotation()
+    made.hands.does["along_x"] = holding(made, SQUARE, PIN - SQUARE @ tool[:, 0] * 0.31)
+    with pytest.raises(CalibrationError, match="left-handed"):
+        await taught(made)
+    assert made.arm.writes == 0
+
+
+async def test_the_plane_of_two_points_may_be_taught_at_a_slant() -> None:
+    made = touching(method="three_plus_orientation", limits=LOOSE)
+    tool = tool_rotation()
+    slant = tool[:, 1] * 0.25 + tool[:, 0] * 0.2
+    made.hands.does["along_y"] = holding(made, SQUARE, PIN + SQUARE @ slant)
+    setup, _ = await taught(made)
+    assert same_pose(setup.flange_tool, tool_pose())
+    made = touching(method="three_plus_orientation", limits=LOOSE)
+    made.hands.does["along_y"] = holding(made, SQUARE, PIN + SQUARE @ (tool[:, 0] * 0.3 + tool[:, 1] * 0.03))
+    with pytest.raises(DegenerateDataError, match=r"open only 5\.7 degrees"):
+        await taught(made)
+
+
+async def test_axes_are_judged_by_what_is_measured_and_what_the_technician_says_of_squareness() -> None:
+    made = touching(method="six_point_xz")
+    setup, _ = await taught(made)
+    assert ENTRY.verdict is not None
+    sure = ENTRY.verdict(made.spec, setup).characteristics[1]
+    unsure = ENTRY.verdict(replace(made.spec, square_sigma_rad=math.radians(0.2)), setup).characteristics[1]
+    assert (sure.decision, unsure.decision) == ("pass", "undecided")
+    assert unsure.expanded == pytest.approx(
+        math.radians(0.2) * math.sqrt(7.8147), rel=1e-3
+    )  # chi square, 3, 95 %
+
+
+@pytest.mark.parametrize("method", ["textbook", "six_point_xz", "six_point_xy", "three_plus_orientation"])
+async def test_the_turn_foretold_is_that_of_moves_as_long_as_asked_for(method: Any) -> None:
+    made = touching(method=method, limits=LOOSE)
+    setup, _ = await taught(made)
+    assert setup.axes is not None
+    way = replace(made.spec.way, min_move_m=0.31)  # as the scene's technician moves
+    gain = np.array(setup.axes.turn_gain_per_m2) * 2e-4**2
+    k = coverage_in_space(np.linalg.eigvalsh(gain).tolist())
+    assert axes_u(way, 2e-4, 0.0) == pytest.approx(k * math.sqrt(float(np.trace(gain))), rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["textbook", "four_point", "three_plus_orientation", "six_point_xz"])
+def test_more_touches_are_foretold_to_tell_more(method: Any) -> None:
+    assert ENTRY.forecast is not None
+    few, many = (
+        ENTRY.forecast(SixPointTcp(1, method, max_touches=most), Knowledge()).predictions[0].expanded
+        for most in (4, 12)
+    )
+    assert many < 0.5 * few

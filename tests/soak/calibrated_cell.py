@@ -1,0 +1,182 @@
+"""A fake robot, draw-wire and tracker behind real drivers and sockets, to be calibrated; and the truth of it."""
+
+import os
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.calibrated_arm import CalibratedArm
+from calibration.free_parameters import StartingPoint, state_of
+from calibration.geometry import homogeneous
+from calibration.joint_terms import term_values
+from calibration.kinematics import load_model
+from calibration.motion_check import MotionLimits, WirePath
+from calibration.pose_design import candidate_joints
+from calibration.registration import best_fit_transform
+from fake_devices.cell import FakeCell
+from procedures.cell import Cell
+from service.cell import open_cell
+from service.config import CellConfig, read_cell_file
+from service.specs import build_spec
+from tests.procedures.ideal import Hands
+
+ANCHOR, HOOK = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12)
+POSTURES = 300
+WARM_GROWTH, LOST_ZERO_RAD = 2e-4, 0.0025  # some 16 K; a seventh of a degree
+_TARGETS = {
+    "wire": ("hook_in_flange_m", "anchor_in_base_m"),
+    "tracker": ("flange_probe", "base_tracker"),
+}
+_numbers = count()
+
+CELL = """\
+[cell]
+name = "calibrations"
+data_dir = "{folder}"
+
+[[robot]]
+name = "fanuc"
+driver = "modbus_robot"
+profile = "fanuc_hmi"
+address = "{address}"
+port = 1502
+model = "fanuc_m6ib"
+serial = "F-104711"
+deadline_s = 10.0
+speed_limit_rad_s = 0.5
+settle_s = 0.01
+motion = "commanded"
+
+[[robot.space.plane]]
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+
+[[gauge]]
+name = "wire"
+driver = "draw_wire"
+interface = "socketcand"
+host = "{address}"
+port = 29536
+channel = "can0"
+node_id = 7
+serial = 4711
+range_m = 3.0
+sigma_m = 0.0001
+deadline_s = 10.0
+robot = "fanuc"
+anchor_in_base_mm = [900.0, -700.0, -450.0]
+hook_in_flange_mm = [60.0, 50.0, 120.0]
+
+[[tracker]]
+name = "at"
+driver = "laser_tracker"
+address = "{address}"
+port = 7700
+serial = 390793
+station = 2
+deadline_s = 10.0
+robot = "fanuc"
+target_in_flange_mm = [80.0, 40.0, 100.0]
+
+[fake]
+seed = {seed}
+time_factor = {time_factor}
+control_port = 0
+"""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A cell as procedures see it, and the world behind it."""
+
+    cell: Cell
+    fake: FakeCell
+    config: CellConfig
+
+    def spec(self, procedure: str, **settings: Any) -> Any:
+        """Return a procedure's spec as the service makes it: it knows what stands in the cell."""
+        return build_spec(self.config, "fanuc", procedure, settings)
+
+    def let_happen(self, what: str, method: str) -> Callable[[], None]:
+        """Let one thing happen to the robot; return what takes it back."""
+        arm, hidden = self.fake.world.arms["fanuc"], self.fake.world.arms["fanuc"].hidden
+        seen_by: Any = self.fake.gauges[0] if method == "wire" else self.fake.trackers[0]
+        device = seen_by.gauge if method == "wire" else seen_by.sensor
+        target, stand = _TARGETS[method]
+        before = {name: getattr(device, name).copy() for name in (target, stand)}
+        if what == "tool":
+            knocked = before[target].copy()
+            place = knocked if method == "wire" else knocked[:3, 3]
+            place += np.array([0.0012, -0.001, 0.0006])
+            setattr(device, target, knocked)
+        elif what == "device" and method == "wire":
+            setattr(device, stand, before[stand] + np.array([0.001, 0.0012, 0.0015]))
+        elif what == "device":
+            setattr(device, stand, homogeneous(np.eye(3), np.array([0.001, -0.0005, 0.0008])) @ before[stand])
+        elif what == "warmth":
+            changes = np.zeros((6, 5))
+            changes[:, 1:3] = WARM_GROWTH * arm.dh[:, 1:3]
+            arm.bend(changes)
+        elif what.startswith("J"):
+            changes = np.zeros((6, 5))
+            changes[:, 0] = LOST_ZERO_RAD * arm.coupling[:, int(what[1:]) - 1]
+            arm.bend(changes)
+
+        def undo() -> None:
+            arm.hidden = hidden
+            for name, value in before.items():
+                setattr(device, name, value)
+
+        return undo
+
+    def target_m(self, method: str) -> np.ndarray:
+        """Return where the hook or the reflector truly is on the flange [m]."""
+        if method == "wire":
+            return np.asarray(self.fake.world.hooks_in_flange_m["fanuc"])
+        device: Any = self.fake.trackers[0]
+        return np.asarray(device.sensor.target_in_flange_m)
+
+    def targets_m(self, joints_rad: np.ndarray, hook_m: np.ndarray) -> np.ndarray:
+        """Return where a point of the flange truly is."""
+        flanges = self.fake.world.arms["fanuc"].flange_at(joints_rad)
+        return (flanges @ [*hook_m, 1.0])[:, :3]
+
+
+@asynccontextmanager
+async def cell_behind_sockets(
+    folder: Path, seed: int, *, time_factor: float = 2000.0
+) -> AsyncIterator[Bench]:
+    """Play the devices in this process, connect to them over loopback, and lend the cell."""
+    path, pid = folder / f"cell_{seed}.toml", os.getpid()
+    address = f"127.{60 + next(_numbers) % 60}.{pid >> 8 & 0xFF}.{pid & 0xFF}"
+    text = CELL.format(folder=folder, address=address, seed=seed, time_factor=time_factor)
+    path.write_text(text, encoding="utf-8")
+    config = read_cell_file(path)
+    async with FakeCell.from_file(path) as fake, open_cell(config, Hands()) as cell:
+        yield Bench(cell, fake, config)
+
+
+def work() -> np.ndarray:
+    """Return postures over the whole work of the wire, that no plan has drawn."""
+    wire = WirePath(ANCHOR, HOOK, 3.0, lowest_fraction=0.08, highest_fraction=0.92)
+    return candidate_joints(
+        load_model("fanuc_m6ib"), MotionLimits(wire=wire), POSTURES, seed=977, hook_in_flange_m=HOOK
+    )
+
+
+def errors_m(bench: Bench, arm: CalibratedArm, hook_m: np.ndarray, joints_rad: np.ndarray) -> np.ndarray:
+    """Return by how much the target misses where an identified arm says it is, a user frame set over the work."""
+    start = StartingPoint(arm.values())
+    tool = homogeneous(np.eye(3), np.array(arm.target_in_flange_m))
+    state = state_of(load_model(arm.model), start, (), tool, ())
+    moved = state.moved_joints(joints_rad, term_values(state.nominal, joints_rad, state.terms))
+    said = (state.arm.base_flange(moved) @ state.flange_tool)[:, :3, 3]
+    true = bench.targets_m(joints_rad, hook_m)
+    frame = best_fit_transform(said.tolist(), true.tolist()).target_source.matrix()
+    return np.linalg.norm(said @ frame[:3, :3].T + frame[:3, 3] - true, axis=1)

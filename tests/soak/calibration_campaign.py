@@ -1,0 +1,128 @@
+"""Campaigns over robot calibrations and drift checks: real drivers and sockets, the fake world with all it hides."""
+
+import asyncio
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from procedures.arm_bench import Method
+from procedures.drift_check import drift_check
+from procedures.robot_calibration import ENTRY, robot_calibration
+from procedures.run import Run
+from tests.procedures.ledgers import MemoryLedger
+from tests.soak.calibrated_cell import cell_behind_sockets, errors_m, work
+from tests.soak.figures import Figures
+
+MOST_MEAN_M, LEAST_SAVED = 0.00025, 0.25
+WITHIN_U = 0.9  # of all seeds: U is a claim at 95 %
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """One calibration against the truth."""
+
+    mean_m: float
+    rms_m: float
+    tip_u_m: float
+    captures: int
+    saved: float
+    verdict: str
+    before_m: float
+    after_m: float
+
+
+async def calibrate(seed: int, folder: Path, method: Method = "wire") -> Calibrated:
+    """Calibrate one fake robot, and look at the truth."""
+    async with cell_behind_sockets(folder, seed) as bench:
+        spec = bench.spec("robot_calibration", method=method)
+        result = await robot_calibration(Run(bench.cell, MemoryLedger()), spec)
+        hook = bench.target_m(method)
+        errors = errors_m(bench, result.arm, hook, work())
+    found = result.identified
+    fixed = found.fixed_plan_captures
+    assert ENTRY.verdict is not None
+    return Calibrated(
+        mean_m=float(errors.mean()),
+        rms_m=float(np.sqrt(np.mean(errors**2))),
+        tip_u_m=found.tip_u_m,
+        captures=found.captures,
+        saved=1.0 if fixed is None else 1.0 - found.captures / fixed,
+        verdict=ENTRY.verdict(spec, result).word,
+        before_m=found.hold_out.before_rms_m,
+        after_m=found.hold_out.after_rms_m,
+    )
+
+
+def calibrations(seeds: int) -> Figures:
+    """Robots calibrated with a wire of 0.1 mm: error over the work, its stated U, and the poses saved."""
+    with tempfile.TemporaryDirectory() as folder:
+        runs = [asyncio.run(calibrate(seed, Path(folder))) for seed in _seeds("calibrations", seeds)]
+    means = np.array([run.mean_m for run in runs]) * 1e3
+    saved = np.array([run.saved for run in runs])
+    within = float(np.mean([run.rms_m <= run.tip_u_m for run in runs]))
+    captures = sorted(run.captures for run in runs)
+    passed = sum(run.verdict == "pass" for run in runs)
+    line = (
+        f"calibrations: mean error of the target over the work {means.mean():.3f} mm (at most "
+        f"{MOST_MEAN_M * 1e3:g}), worst seed {means.max():.3f} mm; RMS inside the stated U in {within:.0%} (at least "
+        f"{WITHIN_U:.0%}); captures median {captures[len(captures) // 2]}, saved {saved.mean():.0%} (at least "
+        f"{LEAST_SAVED:.0%}), least {saved.min():.0%}; {passed} of {seeds} PASS"
+    )
+    reached = means.mean() <= MOST_MEAN_M * 1e3 and saved.mean() >= LEAST_SAVED and within >= WITHIN_U
+    return Figures(line, bool(reached))
+
+
+@dataclass(frozen=True)
+class Drifted:
+    """What a drift check said after something happened."""
+
+    happened: str
+    named: str  # "" where it left it open, "nothing" where it saw no change
+
+
+async def drift(seed: int, folder: Path, method: Method) -> list[Drifted]:
+    """Take a reference of one fake robot, let one thing after another happen to it, and ask each time."""
+    told = []
+    async with cell_behind_sockets(folder, seed) as bench:
+        spec = bench.spec("drift_check", method=method)
+        reference = (await drift_check(Run(bench.cell, MemoryLedger()), spec)).reference
+        cell = replace(bench.cell, drift_references=(reference,))
+        for happened in ("nothing", "tool", "device", "warmth", *(f"J{k}" for k in range(1, 7))):
+            undo = bench.let_happen(happened, method)
+            look = (await drift_check(Run(cell, MemoryLedger()), spec)).look
+            undo()
+            assert look is not None
+            named = (
+                "nothing" if not look.finding.seen else look.finding.likeliest.name if look.decided else ""
+            )
+            told.append(Drifted(happened, named))
+    return told
+
+
+def drifts(seeds: int) -> Figures:
+    """Drift checks with wire and tracker in turn: what happened is named, and hardly ever wrongly."""
+    told: list[Drifted] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in _seeds("drift checks", seeds):
+            told += asyncio.run(drift(seed, Path(folder), "tracker" if seed % 2 else "wire"))
+    quiet = [one for one in told if one.happened == "nothing"]
+    false_alarms = sum(one.named != "nothing" for one in quiet)
+    seen = [one for one in told if one.happened != "nothing" and one.named != "nothing"]
+    named = [one for one in seen if one.named]
+    wrong = [one for one in named if one.named != one.happened]
+    line = (
+        f"drifts: {false_alarms} of {len(quiet)} alarms where nothing happened (none); of "
+        f"{len(told) - len(quiet)} events {len(seen)} seen, {len(named)} named (at least 60 % of those seen), "
+        f"{len(wrong)} of these wrongly (at most 5 %)"
+    )
+    reached = false_alarms == 0 and len(named) >= 0.6 * len(seen) and len(wrong) <= 0.05 * len(named)
+    return Figures(line, reached)
+
+
+def _seeds(what: str, count: int) -> Iterable[int]:
+    return track(range(1, count + 1), description=what, console=Console(stderr=True))

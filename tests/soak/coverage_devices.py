@@ -1,0 +1,98 @@
+"""Simulated calibrations by one device, as `cellcal identify` does them: one function a kind."""
+
+import numpy as np
+
+from calibration.estimator import Problem, estimate
+from calibration.geometry import Array, exp_rotation
+from calibration.observations import (
+    Device,
+    LengthObservations,
+    Observations,
+    PointObservations,
+    PoseObservations,
+)
+from calibration.parameters import GEOMETRY, ArmState, Layout, make_layout
+from calibration.robust import fit_robustly
+from calibration.series_breaks import fit_frames
+from calibration.tip_uncertainty import predict_tips
+from calibration.uncertainty import coverage_factor
+from tests.soak.coverage_arms import (
+    ANCHOR,
+    CHECKED,
+    PRIORS,
+    SIGMA_RAD,
+    TOOL,
+    TRACKER,
+    Arm,
+    Calibration,
+    Noise,
+    Score,
+    apart,
+)
+
+
+def point(dice: np.random.Generator, found: bool) -> Score:
+    """Positions of one target in the frame of a tracker."""
+    arm, noise = Arm.drawn(dice), Noise.drawn(dice, found)
+    truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (Device(TRACKER, np.zeros(3)),))
+    joints = arm.joints(dice, 20)
+    seen = truth.seen_from(0).base_flange(joints)[:, :3, 3] + noise(len(joints), 3)
+    return _alone(truth, PointObservations(joints, seen, *noise.stated(len(joints))), dice, found)
+
+
+def pose(dice: np.random.Generator, found: bool) -> Score:
+    """Full poses of one target in the frame of a camera."""
+    arm, noise = Arm.drawn(dice), Noise.drawn(dice, found)
+    truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (Device(TRACKER, np.zeros(3)),))
+    joints = arm.joints(dice, 12)
+    there = truth.seen_from(0).base_flange(joints)
+    turned = exp_rotation(noise(len(joints), 3, sigma=SIGMA_RAD)) @ there[:, :3, :3]
+    positions = there[:, :3, 3] + noise(len(joints), 3)
+    stated = noise.stated(len(joints))
+    seen = PoseObservations(joints, positions, *stated, turned, np.full(len(joints), SIGMA_RAD))
+    return _alone(truth, seen, dice, found)
+
+
+def length(dice: np.random.Generator, found: bool) -> Score:
+    """Lengths of one draw-wire whose anchor, zero and scale are unknown."""
+    arm, noise = Arm.drawn(dice), Noise.drawn(dice, found)
+    zero, scale = dice.standard_normal(2) * [PRIORS.wire_zero_m, PRIORS.wire_scale]
+    device = Device(np.eye(4), ANCHOR, float(zero), 1.0 + float(scale))
+    truth = ArmState(arm.model, arm.errors, (), np.zeros(0), TOOL, (device,))
+    joints = arm.joints(dice, 60)
+    free = np.linalg.norm(arm.tips(joints) - device.anchor_in_base_m, axis=1)
+    lengths = device.zero_m + device.scale * free + noise(len(joints))
+    return _alone(truth, LengthObservations(joints, lengths, *noise.stated(len(joints))), dice, found)
+
+
+KINDS: dict[str, Calibration] = {"length": length, "point": point, "pose": pose}
+
+
+def _alone(truth: ArmState, seen: Observations, dice: np.random.Generator, found: bool) -> Score:
+    """Fit one device's rows, and score parameters and tips."""
+    start = fit_frames(truth.nominal, seen, ()).state
+    layout = make_layout(truth.nominal, seen.kind, 1, level=GEOMETRY, priors=PRIORS)
+    problem, factor = Problem.of(start, seen), 2.0
+    if found:
+        robust = fit_robustly(layout, start, problem)
+        fit, factor = robust.fit, coverage_factor(robust.degrees_of_freedom)
+    else:
+        fit = estimate(layout, start, problem)
+    off = layout.deviations(truth) - layout.deviations(fit.state)
+    _put(off, layout, "base", apart(fit.state.devices[0].device_base, truth.devices[0].device_base))
+    _put(off, layout, "anchor", truth.devices[0].anchor_in_base_m - fit.state.devices[0].anchor_in_base_m)
+    _put(off, layout, "tool", apart(fit.state.flange_tool, truth.flange_tool))
+    joints = dice.uniform(-1.2, 1.2, (CHECKED, truth.nominal.axes))
+    told, there = predict_tips(fit, joints, mounting=0), truth.seen_from(0).base_flange(joints)[:, :3, 3]
+    spread = np.sqrt(np.diagonal(told.covariance_m2, axis1=1, axis2=2))
+    return Score(
+        tuple(parameter.name for parameter in layout.parameters),
+        off / np.sqrt(np.diag(fit.covariance)),
+        ((there - told.positions_m) / spread).reshape(-1),
+        factor,
+    )
+
+
+def _put(off: Array, layout: Layout, role: str, values: Array) -> None:
+    at = [i for i, parameter in enumerate(layout.parameters) if parameter.role == role]
+    off[at] = values[: len(at)]

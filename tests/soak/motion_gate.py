@@ -1,0 +1,111 @@
+"""Random targets against the gate: what comes through is judged by an oracle that shares nothing with it."""
+
+import asyncio
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.collision import Plane, Sphere, arm_shape
+from calibration.errors import CellError
+from calibration.geometry import Array, Pose
+from calibration.kinematics import load_model
+from drivers.interfaces import Joints
+from procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits
+from procedures.motion_gate import Care, move_along
+from procedures.surroundings import Block, Surroundings
+from tests.procedures.ideal import Hands, IdealArm, IdealWire
+from tests.soak.figures import Figures
+from tests.soak.gate_oracle import Oracle
+
+MODEL = load_model("fanuc_m6ib")
+HOME = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
+AT = GaugeSetup((0.9, -0.7, -0.45), (0.06, 0.05, 0.12))
+KNOWN = Surroundings(
+    blocks=(Block("table", Pose((0.9, 0.5, -0.4)), (0.5, 0.4, 0.3)),),
+    balls=(Sphere("lamp", (0.5, -0.6, 1.1), 0.15),),
+    planes=(Plane("floor", (0.0, 0.0, -0.7), (0.0, 0.0, 1.0)),),
+    capsules=arm_shape(MODEL, radius_m=0.07, tip_in_flange_m=(0.06, 0.05, 0.12)),
+)
+_CAP_M_S = 0.25
+_BAD = (math.nan, math.inf, -math.inf, 1e300, -1e12)
+
+
+@dataclass
+class Recorder(IdealArm):
+    """An arm that writes down what it is told."""
+
+    told: list[tuple[Joints, Joints, float]] = field(default_factory=list)
+
+    async def move_joints(self, target_rad: Joints, *, speed_rad_s: float) -> None:
+        """Note the command, and be there."""
+        here = (await self.joints()).joints_rad
+        self.told.append((here, target_rad, speed_rad_s))
+        if np.isfinite(target_rad).all():
+            self.put(np.array(target_rad))
+
+
+def gate(trials: int) -> Figures:
+    """Random targets: not finite, beyond limits, unreachable for the wire, colliding, and honest ones; 0 escapes."""
+    found = asyncio.run(_campaign(trials))
+    escapes = sum(count for name, count in found.items() if name.startswith("escaped"))
+    told = ", ".join(f"{name} {count}" for name, count in sorted(found.items()))
+    line = f"gate: {trials} random targets, {found['commanded']} commanded, {escapes} escapes ({told})"
+    return Figures(line, escapes == 0 and found["commanded"] > 0.02 * trials)
+
+
+async def _campaign(trials: int) -> Counter[str]:
+    arm, rng, found = Recorder(model=MODEL), np.random.default_rng(11), Counter[str]()
+    oracle = Oracle(MODEL, KNOWN, AT, IdealWire(arm).capabilities.range_m)
+    cell = Cell(
+        "campaign",
+        arm,
+        Hands(),
+        jogs=arm,
+        mastering=arm,
+        gauge=IdealWire(arm),
+        gauge_setup=AT,
+        model=MODEL,
+        limits=MotionLimits(settle_s=0.0),
+        level=MotionLevel.COMMANDED,
+        surroundings=KNOWN,
+    )
+    arm.put(np.array(HOME))
+    assert oracle.stands_free(HOME)
+    for _ in range(trials):
+        kind, target, speed = _drawn(rng, arm.true_joints)
+        arm.told.clear()
+        try:
+            await move_along(cell, [target], speed, care=Care.WIRED)
+            found["commanded"] += 1
+        except CellError:
+            found[f"refused {kind}"] += 1
+        for start, goal, rate in arm.told:
+            for complaint in oracle.complaints(start, goal, rate, _CAP_M_S):
+                found[f"escaped {complaint}"] += 1
+    return found
+
+
+def _drawn(rng: np.random.Generator, here: Array) -> tuple[str, Joints, float]:
+    """Return what kind of target was drawn, the target, and a speed."""
+    low, high = MODEL.lower_rad, MODEL.upper_rad
+    target, speed = rng.uniform(low, high), float(rng.uniform(0.01, 3.0))
+    kind = str(
+        rng.choice(["bad number", "limit", "anywhere", "near", "bad speed"], p=[0.15, 0.15, 0.25, 0.4, 0.05])
+    )
+    axis = int(rng.integers(6))
+    if kind == "bad number":
+        target[axis] = rng.choice(_BAD)
+    elif kind == "limit":
+        target = here.copy()
+        edge = rng.choice([low[axis], high[axis]])
+        target[axis] = edge + rng.normal(0.0, 0.05)
+    elif kind == "near":
+        target = here + rng.normal(0.0, 0.25, 6)
+    elif kind == "bad speed":
+        target, speed = (
+            here + rng.normal(0.0, 0.1, 6),
+            float(rng.choice([math.nan, -0.1, 0.0, math.inf, -math.inf])),
+        )
+    return kind, tuple(float(q) for q in target), speed

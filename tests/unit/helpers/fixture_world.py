@@ -1,0 +1,187 @@
+"""The fake world's arm, wire and fixture without sockets, for the mathematics of alignments and for campaigns."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from calibration.fixture import PlacedPoints, place_points
+from calibration.geometry import Pose, log_transform
+from calibration.kinematics import load_model
+from calibration.motion_check import MotionLimits, WirePath
+from calibration.pose_design import candidate_joints, kit_poses
+from calibration.wire_design import best_order, with_poses
+from calibration.wire_model import WirePrior
+from calibration.wire_network import Mounting, Place, WireBelief, WireNetwork, fit_network
+from fake_devices.wire_gauge import WireGauge
+from fake_devices.world import World
+from tests.unit.helpers.recovery_cases import DRIVE
+
+MODEL = load_model("fanuc_m6ib")
+ANCHOR, HOOK = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12)
+MOUTH = (0.75, 0.0, 0.55)
+PRIOR = WirePrior(ANCHOR, HOOK)
+SIGMA_M, SAMPLES = 2e-4, 5
+
+POINTS = ((-0.35, -0.45, 0.0), (0.35, -0.45, 0.0), (-0.35, 0.45, 0.0), (0.35, 0.45, 0.25))
+ROUGH = Pose((0.85, 0.0, -0.2))
+TARGETS = ((0.0, 0.0, 0.0), (0.16, 0.0, -0.05), (0.0, 0.16, -0.05))
+ROUGH_TOOL = Pose((0.0, 0.0, 0.2))
+FAKE: dict[str, Any] = {
+    "fixture": {
+        "points_mm": [[1e3 * v for v in point] for point in POINTS],
+        "seen_from": {"fanuc": [850.0, 0.0, -200.0, 0.0, 0.0, 0.0]},
+    },
+    "end_effector": {
+        "targets_mm": [[1e3 * v for v in target] for target in TARGETS],
+        "flange_tool": [0.0, 0.0, 200.0, 0.0, 0.0, 0.0],
+    },
+}
+
+
+@dataclass
+class FixtureWorld:
+    """One robot, one wire, one fixture, one end-effector; everything hidden is drawn from the seed."""
+
+    seed: int
+
+    def __post_init__(self) -> None:
+        self.world = World(self.seed, 0.0)
+        self.world.add_furniture(FAKE)
+        self.arm = self.world.add_arm("fanuc", MODEL.name)
+        self.gauge = WireGauge(self.world, {"name": "wire", "robot": "fanuc"})
+
+    def lengths(self, joints_rad: np.ndarray) -> np.ndarray:
+        """Measure at these joints, each reached from below, as the mean of several readings."""
+        lengths = []
+        for joints in joints_rad:
+            self.arm.place(joints - 0.02)
+            self.arm.place(joints)
+            self.world.clock.advance(1.0)  # it settles
+            lengths.append(np.mean([self.gauge.read_m()[0] for _ in range(SAMPLES)]))
+        return np.array(lengths)
+
+    def fixture(self) -> np.ndarray:
+        """Return the true pose of the fixture in the robot's own base."""
+        return self.gauge.fixture_in_base()
+
+    def tool(self) -> np.ndarray:
+        """Return the true pose of the tool in the robot's own flange."""
+        return self.gauge.tool_in_flange()
+
+
+def mounting(
+    exit_: int, hook: int, joints: np.ndarray, lengths: np.ndarray, mouth=None, **more: Any
+) -> Mounting:
+    """Put captures into the form of the mathematics."""
+    poses = tuple(tuple(float(q) for q in pose) for pose in joints)
+    values = tuple(float(v) for v in lengths)
+    return Mounting(exit_, hook, poses, values, (8e-5,) * len(poses), mouth, **more)
+
+
+@cache
+def kit() -> np.ndarray:
+    """Return thirty poses of a mastering record."""
+    limits = MotionLimits(
+        joint_margin_rad=0.2,
+        box_low_m=(-1.2, -1.2, -0.4),
+        box_high_m=(1.5, 1.5, 1.6),
+        wire=WirePath(ANCHOR, HOOK, 3.0, lowest_fraction=0.06),
+    )
+    return kit_poses(MODEL, DRIVE, PRIOR, limits, 30)
+
+
+def candidates(
+    exit_m: tuple[float, float, float], hook_m: tuple[float, float, float], count: int, seed: int
+) -> np.ndarray:
+    """Return poses within the wire's reach and in front of its mouth."""
+    limits = MotionLimits(
+        joint_margin_rad=0.2,
+        box_low_m=(-0.3, -1.3, -0.4),
+        box_high_m=(1.6, 1.3, 1.6),
+        wire=WirePath(exit_m, hook_m, 3.0, lowest_fraction=0.08, highest_fraction=0.6),
+    )
+    drawn = candidate_joints(MODEL, limits, 4 * count, seed=seed, hook_in_flange_m=hook_m)
+    away = MODEL.tip_positions(drawn, np.array(hook_m)) - np.array(exit_m)
+    ahead = np.array(MOUTH) - np.array(exit_m)
+    cosine = away @ ahead / np.linalg.norm(away, axis=1) / np.linalg.norm(ahead)
+    return drawn[cosine > np.cos(1.0)][:count]
+
+
+def fixture_belief() -> WireBelief:
+    """Return what a technician knows before the fixture is measured; the record's exit comes first."""
+    exits = (Place(ANCHOR, 0.010), *(Place(_at(ROUGH, point), 0.020) for point in POINTS))
+    return WireBelief.tight(PRIOR, exits, (Place(HOOK, 0.002),), 1e-4)
+
+
+def tool_belief() -> WireBelief:
+    """Return what a technician knows before the targets are measured; the record's hook comes first."""
+    hooks = (Place(HOOK, 0.002), *(Place(_at(ROUGH_TOOL, target), 0.010) for target in TARGETS))
+    return WireBelief.tight(PRIOR, (Place(ANCHOR, 0.010),), hooks, 1e-4)
+
+
+def _at(pose: Pose, point: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = pose.rotation() @ np.array(point) + np.array(pose.position_m)
+    return (float(x), float(y), float(z))
+
+
+@dataclass
+class Aligned:
+    """One alignment, the truth, and the error with the stated U of every axis (x, y, z, rx, ry, rz)."""
+
+    placed: PlacedPoints
+    network: WireNetwork
+    truth: np.ndarray
+
+    @property
+    def error(self) -> np.ndarray:
+        return log_transform(np.linalg.inv(self.placed.outer_inner.matrix()) @ self.truth)
+
+    @property
+    def u(self) -> np.ndarray:
+        return 2.0 * np.sqrt(np.diag(np.array(self.placed.covariance)))
+
+
+@cache
+def designed(hooks: bool, per_spot: int = 20) -> tuple[np.ndarray, ...]:
+    """Return the poses that tell most at every spot, before anything is measured; the record's come first."""
+    belief = tool_belief() if hooks else fixture_belief()
+    known = [mounting(0, 0, kit(), np.ones(30), another_day=True)]
+    chosen = [kit()]
+    for spot in range(1, len(TARGETS if hooks else POINTS) + 1):
+        exit_, hook = (0, spot) if hooks else (spot, 0)
+        drawn = candidates(belief.exits[exit_].at_m, belief.hooks[hook].at_m, 90, spot)
+        pool = mounting(exit_, hook, drawn, np.ones(len(drawn)), None if hooks else MOUTH)
+        chosen.append(drawn[list(best_order(MODEL, belief, known, pool, per_spot))])
+        known.append(with_poses(pool, chosen[-1], 8e-5))
+    return tuple(chosen)
+
+
+def align(world: FixtureWorld, per_spot: int = 20) -> Aligned:
+    """Take a record, then measure every alignment point at the poses that tell most."""
+    record, *spots = designed(False, per_spot)
+    mountings = [mounting(0, 0, record, world.lengths(record), another_day=True)]
+    for point, poses in enumerate(spots, 1):
+        world.gauge.mount(point, MOUTH)
+        mountings.append(mounting(point, 0, poses, world.lengths(poses), MOUTH))
+    network = fit_network(MODEL, fixture_belief(), mountings)
+    points = list(range(1, len(POINTS) + 1))
+    found = [network.exits_m[k] for k in points]
+    placed = place_points(POINTS, found, network.exit_covariance(points), sigma_point_m=2e-5)
+    return Aligned(placed, network, world.fixture())
+
+
+def find_tool(world: FixtureWorld) -> tuple[np.ndarray, np.ndarray]:
+    """Take a record, then measure every target of the end-effector; return error and U of every axis."""
+    record, *spots = designed(True, 12)
+    mountings = [mounting(0, 0, record, world.lengths(record), another_day=True)]
+    for target, poses in enumerate(spots, 1):
+        world.gauge.hook_to(target)
+        mountings.append(mounting(0, target, poses, world.lengths(poses)))
+    network = fit_network(MODEL, tool_belief(), mountings)
+    targets = list(range(1, len(TARGETS) + 1))
+    found = [network.hooks_m[k] for k in targets]
+    placed = place_points(TARGETS, found, network.hook_covariance(targets), sigma_point_m=2e-5)
+    one = Aligned(placed, network, world.tool())
+    return one.error, one.u

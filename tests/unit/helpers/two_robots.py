@@ -1,0 +1,160 @@
+"""Two arms before one fixture of the fake world, one wire carried from the one to the other."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from calibration.alignment import Alignment, WirePoints
+from calibration.fixture import place_points
+from calibration.geometry import Pose
+from calibration.motion_check import MotionLimits, WirePath
+from calibration.pose_design import kit_poses
+from calibration.wire_design import best_order, with_poses
+from calibration.wire_network import Mounting, Place, WireBelief, fit_network
+from fake_devices.wire_gauge import WireGauge
+from fake_devices.world import World
+from tests.unit.helpers.fixture_world import ANCHOR, HOOK, MODEL, MOUTH, POINTS, PRIOR, candidates
+from tests.unit.helpers.recovery_cases import DRIVE
+
+SIX_POINTS = (*POINTS, (0.0, -0.45, 0.3), (0.0, 0.45, 0.3))
+ROUGH = {"left": Pose((0.85, 0.0, -0.2)), "right": Pose((0.85, 0.0, -0.2), (0.0, 0.0, 0.0, 1.0))}  # they face
+HOME_MOUTH = (0.75, 0.0, 0.55)  # where the wire looks at home, as the cell file says
+READING_SIGMA_M, SEAT_SIGMA_M = 1e-4, 2e-5
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured: alignment points, captures at each, poses of the record, readings of a capture."""
+
+    points: tuple[tuple[float, float, float], ...] = POINTS
+    per_spot: int = 26
+    record: int = 30
+    samples: int = 5
+    sigma_scale: float = 1e-4
+
+    @property
+    def sigma_m(self) -> float:
+        return READING_SIGMA_M / self.samples**0.5
+
+
+DEFAULT = Effort()
+FOR_BASES = Effort(SIX_POINTS, per_spot=40, record=30, samples=20)
+
+
+@dataclass
+class Robot:
+    """One of the two arms with the wire before it."""
+
+    world: World
+    name: str
+    effort: Effort
+
+    def __post_init__(self) -> None:
+        self.arm = self.world.arms[self.name]
+        self.gauge = WireGauge(self.world, {"name": "wire", "robot": self.name})  # of one name: one wire
+        self.gauge.scale_error *= self.effort.sigma_scale / 1e-4
+
+    def align(self) -> Alignment:
+        """Take a record, then measure every alignment point at the poses that tell most."""
+        belief, (record, *spots) = belief_of(self.name, self.effort), poses_of(self.name, self.effort)
+        mountings = [self._mounted(0, record, mouth_at_m=HOME_MOUTH, another_day=True)]
+        for point, poses in enumerate(spots, 1):
+            self.gauge.mount(point, MOUTH)
+            mountings.append(self._mounted(point, poses, mouth_at_m=MOUTH))
+        network = fit_network(MODEL, belief, mountings)
+        points = range(1, len(self.effort.points) + 1)
+        found = tuple(network.exits_m[k] for k in points)
+        covariance = network.exit_covariance(points)
+        placed = place_points(self.effort.points, found, covariance, sigma_point_m=SEAT_SIGMA_M)
+        told = WirePoints(
+            wire="wire",
+            found_m=found,
+            of_wire=(network.scale, network.exit_radius_m, *network.slow_m),
+            covariance=tuple(
+                tuple(float(v) for v in row) for row in network.exit_and_wire_covariance(points)
+            ),
+            believed=belief.wire_values(),
+            sigma=belief.wire_sigmas(),
+            sigma_seat_m=SEAT_SIGMA_M,
+            sigma_drawing_m=0.0,
+        )
+        return Alignment(
+            "table",
+            self.name,
+            MODEL.name,
+            self.effort.points,
+            placed.outer_inner,
+            placed.covariance,
+            (),
+            told,
+        )
+
+    def truth(self) -> np.ndarray:
+        """Return the true fixture in the robot's own base."""
+        fixture = self.gauge.fixture_in_base()
+        assert fixture is not None
+        return fixture
+
+    def _mounted(self, exit_: int, joints: np.ndarray, **more: Any) -> Mounting:
+        lengths = []
+        for pose in joints:
+            self.arm.place(pose - 0.02)
+            self.arm.place(pose)
+            self.world.clock.advance(1.0)  # it settles
+            lengths.append(float(np.mean([self.gauge.read_m()[0] for _ in range(self.effort.samples)])))
+        return _mounting(exit_, joints, tuple(lengths), self.effort, **more)
+
+
+def two_robots(seed: int, effort: Effort = DEFAULT) -> tuple[Robot, Robot]:
+    """Return two robots of one world; everything hidden is drawn from the seed."""
+    world = World(seed, 0.0)
+    seen = {"left": [850.0, 0.0, -200.0, 0.0, 0.0, 0.0], "right": [850.0, 0.0, -200.0, 0.0, 0.0, 180.0]}
+    world.add_furniture(
+        {"fixture": {"points_mm": [[1e3 * v for v in p] for p in effort.points], "seen_from": seen}}
+    )
+    for name in seen:
+        world.add_arm(name, MODEL.name)
+    return Robot(world, "left", effort), Robot(world, "right", effort)
+
+
+@cache
+def belief_of(name: str, effort: Effort) -> WireBelief:
+    """Return what a technician knows before the fixture is measured; the record's exit comes first."""
+    rough = ROUGH[name]
+    at = [rough.rotation() @ np.array(p) + np.array(rough.position_m) for p in effort.points]
+    exits = (Place(ANCHOR, 0.010), *(Place((float(x), float(y), float(z)), 0.020) for x, y, z in at))
+    return WireBelief.tight(PRIOR, exits, (Place(HOOK, 0.002),), effort.sigma_scale)
+
+
+@cache
+def poses_of(name: str, effort: Effort) -> tuple[np.ndarray, ...]:
+    """Return the poses that tell most at every spot, before anything is measured; the record's come first."""
+    belief, record = belief_of(name, effort), _record(effort.record)
+    known = [_mounting(0, record, (1.0,) * len(record), effort, mouth_at_m=HOME_MOUTH, another_day=True)]
+    chosen = [record]
+    for spot in range(1, len(effort.points) + 1):
+        drawn = candidates(belief.exits[spot].at_m, HOOK, 90, spot)
+        pool = _mounting(spot, drawn, (1.0,) * len(drawn), effort, mouth_at_m=MOUTH)
+        chosen.append(drawn[list(best_order(MODEL, belief, known, pool, effort.per_spot))])
+        known.append(with_poses(pool, chosen[-1], effort.sigma_m))
+    return tuple(chosen)
+
+
+@cache
+def _record(count: int) -> np.ndarray:
+    limits = MotionLimits(
+        joint_margin_rad=0.2,
+        box_low_m=(-1.2, -1.2, -0.4),
+        box_high_m=(1.5, 1.5, 1.6),
+        wire=WirePath(ANCHOR, HOOK, 3.0, lowest_fraction=0.06),
+    )
+    return kit_poses(MODEL, DRIVE, PRIOR, limits, count)
+
+
+def _mounting(
+    exit_: int, joints: np.ndarray, lengths: tuple[float, ...], effort: Effort, **more: Any
+) -> Mounting:
+    poses = tuple(tuple(float(q) for q in pose) for pose in joints)
+    return Mounting(exit_, 0, poses, lengths, (effort.sigma_m,) * len(poses), **more)

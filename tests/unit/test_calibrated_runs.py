@@ -1,0 +1,82 @@
+"""A kept calibration is lent to later runs, and becomes a version of the robot's parameter set."""
+
+from pathlib import Path
+
+import pytest
+from pydantic_core import to_jsonable_python
+
+from calibration.arm_fit import FoundParameter
+from calibration.calibrated_arm import CalibratedArm
+from calibration.drift_reference import DriftReference
+from calibration.kinematics import load_model
+from procedures.past import Kind
+from service.calibrated_models import calibrated_model
+from service.calibrated_runs import keep_calibration
+from service.cell import open_journal
+from service.config import CellConfig, read_cell_file
+from service.outline import remembered
+from service.parameter_sets import ParameterSetError, ParameterSets
+from service.store import stored_body
+
+SERIAL = "F-104711"
+CELL = """\
+[cell]
+name = "kept"
+data_dir = "{folder}"
+
+[[robot]]
+name = "fanuc"
+driver = "modbus_robot"
+profile = "fanuc_hmi"
+address = "127.0.0.1"
+model = "fanuc_m6ib"
+serial = "F-104711"
+speed_limit_rad_s = 0.5
+"""
+FOUND = (
+    FoundParameter("J2 offset", "rad", 0.002, 1e-4, 1e-2, "offset"),
+    FoundParameter("J3 a", "m", -0.0004, 5e-5, 5e-4, "geometry"),
+)
+ARM = CalibratedArm(
+    SERIAL, "fanuc_m6ib", (1, 2, 3, 4, 5, 6), "wire", FOUND, (0.06, 0.05, 0.12), ((0.0,) * 6,)
+)
+ROWS = ((0.0,) * 6,) * 4
+LENGTHS = ((1.0,), (1.1,), (1.2,), (1.3,))
+REFERENCE = DriftReference(SERIAL, "fanuc_m6ib", "wire", (), 0, ROWS[0], ROWS, ROWS, LENGTHS, LENGTHS, 1e-4)
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> CellConfig:
+    path = tmp_path / "cell.toml"
+    path.write_text(CELL.format(folder=tmp_path), encoding="utf-8")
+    return read_cell_file(path)
+
+
+def _store(config: CellConfig, what: str, value: object, run: str = "run-1") -> None:
+    body = stored_body(what, SERIAL, SERIAL, to_jsonable_python(value))
+    with open_journal(config) as journal:
+        journal.append(run, Kind.STORED, body, actor="test")
+
+
+def test_what_was_kept_is_lent_to_the_next_run(config: CellConfig) -> None:
+    assert remembered(config).calibrated is None
+    _store(config, "parameter_set", ARM)
+    _store(config, "drift_reference", REFERENCE, "run-2")
+    cell = remembered(config)
+    assert cell.calibrated == ARM
+    assert cell.drift_references == (REFERENCE,)
+
+
+def test_a_calibration_becomes_a_version_once(config: CellConfig, tmp_path: Path) -> None:
+    sets = ParameterSets(tmp_path / "sets")
+    with pytest.raises(ParameterSetError, match="no calibration"):
+        keep_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
+    _store(config, "parameter_set", ARM)
+    saved = keep_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
+    assert (saved.version, saved.robot_serial, saved.made_by) == (1, SERIAL, "anna")
+    moved = calibrated_model(load_model("fanuc_m6ib"), sets.load(SERIAL))
+    assert moved.left_out == ()
+    assert moved.model.dh is not None
+    assert moved.model.dh.rows()[1, 0] == pytest.approx(load_model("fanuc_m6ib").dh.rows()[1, 0] + 0.002)  # type: ignore[union-attr]
+    with pytest.raises(ParameterSetError, match="version 1 already"):
+        keep_calibration(config, None, sets, "anna", "2026-11-21T11:00:00+00:00")

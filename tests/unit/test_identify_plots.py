@@ -1,0 +1,124 @@
+"""Pictures of an identification: they show the numbers they claim to show, and the same ones every time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from service.identify import IdentifyOptions, identify_file
+from service.identify_plots import draw_identification
+from service.plots.correlations import strong_pairs
+from service.plots.evidence import Evidence, places_of, thinned
+from service.plots.residuals import by_joint, held_out_by_row
+from service.plots.style import new_figure, write_figures
+from service.plots.workspace import error_map
+from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
+
+NAMES = {"overview", "residuals_by_row", "residuals_by_joint", "workspace", "correlations", "distribution"}
+WILD_ROW, WILD_M = 40, 0.02
+
+
+def file_of(simulated, path):
+    seen = simulated.observations
+    wire = seen.kind == "length"
+    values = seen.lengths_m[:, None] if wire else seen.positions_m
+    names = [*(f"q{i}" for i in range(1, 7)), *(["L"] if wire else ["x", "y", "z"])]
+    table = np.concatenate([np.rad2deg(seen.joints_rad), values * 1e3], axis=1)
+    lines = [",".join(names), *(",".join(f"{v:.7f}" for v in row) for row in table)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def evidence(tmp_path_factory):
+    """A UR10 seen by a tracker, with one wild row: off upwards, as seen from the base."""
+    simulated = tracker_points("ur10", 120)
+    path = tmp_path_factory.mktemp("plots") / "points.csv"
+    clean = identify_file(file_of(simulated, path), "ur10", IdentifyOptions(level=2, train_rows=119))
+    up = clean.identification.state.devices[0].device_base[:3, 2]
+    simulated.observations.positions_m[WILD_ROW] += WILD_M * up
+    return Evidence(identify_file(file_of(simulated, path), "ur10", IdentifyOptions(level=2, train_rows=119)))
+
+
+def test_every_figure_is_written_as_png_and_svg(tmp_path):
+    report = identify_file(file_of(wire_lengths("ur10", 14), tmp_path / "wire.csv"), "ur10")
+    written = draw_identification(report, tmp_path / "new" / "folder")
+    assert {path.name for path in written} == {f"{name}.{kind}" for name in NAMES for kind in ("png", "svg")}
+    assert all(path.stat().st_size > 5000 for path in written)
+
+
+def test_the_same_report_draws_the_same_files(evidence, tmp_path):
+    twice = []
+    for name in ("a", "b"):
+        figure = new_figure(8, 6)
+        error_map(figure, evidence)
+        twice.append([path.read_bytes() for path in write_figures({"map": figure}, tmp_path / name)])
+    assert twice[0] == twice[1]
+
+
+def test_residuals_have_sign_and_direction(evidence):
+    (at,) = np.flatnonzero(evidence.fitted_rows == WILD_ROW)
+    after = {name: pair[1][at] for name, pair in evidence.signed_mm.items()}
+    assert after["upwards"] == pytest.approx(WILD_M * 1e3, abs=0.5)
+    assert abs(after["outwards"]) < 0.5
+    assert abs(after["sideways"]) < 0.5
+
+
+def test_rejected_rows_and_breaks_are_marked_where_they_are(evidence):
+    report = replace(
+        evidence.report, held_out_rows=evidence.fitted_rows, held_out_m=np.ones(119), before_m=np.ones(119),
+        breaks=(33,),
+    )  # fmt: skip
+    panel = new_figure(4, 3).subplots()
+    held_out_by_row(panel, Evidence(report))
+    drawn = {line.get_label(): np.asarray(line.get_xdata()) for line in panel.lines}
+    assert WILD_ROW in drawn["rejected by the fit"]
+    assert set(drawn["rejected by the fit"]) == {item.row for item in report.rejected}
+    assert set(drawn["device moved"]) == {32.5}
+
+
+def test_predicted_uncertainty_is_that_of_the_covariance(evidence):
+    fit = evidence.report.identification.robust.fit
+    joints = np.array([[0.3, -1.1, 1.4, -0.8, 0.9, 0.4], [-2.0, -0.4, 0.7, 1.0, -1.1, 2.0]])
+
+    def seen(change):
+        state = fit.layout.step(fit.state, change)
+        return state.seen_from(0).base_flange(joints)[:, :3, 3]
+
+    step = 1e-6
+    columns = [(seen(step * one) - seen(-step * one)) / (2 * step) for one in np.eye(len(fit.layout))]
+    variance = np.einsum("pnc,pq,qnc->n", columns, fit.covariance, columns)
+    assert evidence.sigma_m(joints) == pytest.approx(np.sqrt(variance), rel=1e-5)
+
+
+def test_places_are_those_of_the_target_in_the_base_frame(evidence):
+    device_base = evidence.state.devices[0].device_base
+    measured = evidence.fitted.positions_m[:20]
+    in_base = (measured - device_base[:3, 3]) @ device_base[:3, :3]
+    assert np.abs(places_of(evidence.state, evidence.fitted.joints_rad[:20]) - in_base).max() < 1e-3
+
+
+def test_each_joint_has_its_panel_in_each_direction(evidence):
+    figure = new_figure(6, 4)
+    by_joint(figure, evidence)
+    assert len(figure.axes) == 18
+    assert [panel.get_xlabel() for panel in figure.axes[12:]] == [f"J{i} (deg)" for i in range(1, 7)]
+    assert [figure.axes[6 * k].get_ylabel() for k in range(3)] == [
+        "outwards (mm)", "sideways (mm)", "upwards (mm)",
+    ]  # fmt: skip
+
+
+def test_of_very_many_rows_the_worst_are_drawn():
+    errors = np.zeros(100_000)
+    errors[[7, 99_001]] = 1.0
+    shown = thinned(errors)
+    assert {7, 99_001} <= set(shown.tolist())
+    assert len(shown) < 25_000
+
+
+def test_strong_pairs_are_found_once_strongest_first():
+    rho = np.eye(4)
+    rho[0, 3] = rho[3, 0] = -0.99
+    rho[1, 2] = rho[2, 1] = 0.96
+    rho[0, 1] = rho[1, 0] = 0.94
+    assert strong_pairs(rho) == [(0, 3), (1, 2)]

@@ -1,0 +1,110 @@
+"""What alarms suggest, what is prepared for it, and when nobody is asked before it starts."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.interfaces import Alarm, Condition, Readiness
+from procedures.cell import MotionLevel
+from service.answers_to_loss import DETECTION, journal_detection, prepare_answer
+from service.cell import open_journal
+from service.config import CellConfig, read_cell_file
+from service.demo.fake_cell import write_cell_file
+from service.loss_modes import LossMode, battery_warning, suspect, wrong_robot
+from service.motion_config import RobotMotion
+from service.store import Store
+from service.watch import HealthyCounts, PositionLoss
+
+BATTERY = Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:3)", 2)
+ENCODER = Alarm("SRVO-068", "DTERR alarm (Group:1 Axis:4)", 3)
+CRASH = Alarm("SRVO-050", "CLALM alarm (Group:1 Axis:2)", 1)
+HEALTHY = HealthyCounts("fanuc", (1, 2, 3, 4, 5, 6), 4, "2026-01-01T00:00:00+00:00")
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> CellConfig:
+    return read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=60.0))
+
+
+def loss(*alarms: Alarm, healthy: HealthyCounts | None = HEALTHY) -> PositionLoss:
+    return PositionLoss("fanuc", "the controller reports", alarms, healthy, suspect(alarms))
+
+
+@pytest.mark.parametrize(
+    ("alarms", "mode", "axes"),
+    [
+        ((), LossMode.MEMORY, ()),
+        ((BATTERY,), LossMode.TURNS, (3,)),
+        (
+            (Alarm("SRVO-075", "Pulse not established", 0), Alarm("SRVO-038", "mismatch", 5)),
+            LossMode.TURNS,
+            (1, 6),
+        ),
+        ((BATTERY, ENCODER), LossMode.MOTOR, (4,)),
+        ((BATTERY, ENCODER, CRASH), LossMode.GEOMETRY, (2,)),
+        ((Alarm("SYST-001", "something else"),), LossMode.MEMORY, ()),
+    ],
+)
+def test_the_gravest_alarm_speaks(alarms: tuple[Alarm, ...], mode: LossMode, axes: tuple[int, ...]) -> None:
+    found = suspect(alarms)
+    assert (found.mode, found.axes) == (mode, axes)
+    assert found.procedure == "mastering_recovery"
+    assert found.words
+
+
+def test_a_closed_cell_that_allows_it_recovers_turns_alone(config: CellConfig) -> None:
+    answer = prepare_answer(config, loss(BATTERY))
+    assert answer.starts_alone
+    assert answer.command == f"cellcal run mastering_recovery --cell {config.path} --robot fanuc"
+
+
+def test_an_exchanged_motor_is_prepared_and_left_to_a_person(config: CellConfig) -> None:
+    answer = prepare_answer(config, loss(BATTERY, ENCODER))
+    assert answer.settings == {"exchanged_axes": (4,)}
+    assert "--set exchanged_axes=[4]" in answer.command
+    assert not answer.starts_alone
+    assert "judgement" in answer.reasons[0]
+
+
+def test_each_missing_permission_is_named(config: CellConfig) -> None:
+    open_watch = config.watch.model_copy(update={"recover_alone": False, "cell_closed": False})
+    forbidden = replace(config, watch=open_watch, motions={"fanuc": RobotMotion(MotionLevel.OBSERVE)})
+    answer = prepare_answer(forbidden, loss(BATTERY, healthy=None))
+    assert not answer.starts_alone
+    told = "; ".join(answer.reasons)
+    for word in ("healthy", "recover_alone", "cell_closed", "observe", "[robot.space]"):
+        assert word in told
+    assert len(answer.reasons) == 5
+
+
+def test_another_robot_is_no_business_of_a_recovery(config: CellConfig) -> None:
+    answer = prepare_answer(config, PositionLoss("fanuc", "serial", (), None, wrong_robot()))
+    assert answer.procedure is None
+    assert not answer.starts_alone
+
+
+def test_a_collision_of_a_robot_that_still_knows_its_place_asks_for_a_drift_check() -> None:
+    assert suspect((CRASH,), position_lost=False).procedure == "drift_check"
+
+
+def test_what_was_seen_is_in_the_journal_and_is_no_run(config: CellConfig) -> None:
+    name = journal_detection(config, loss(BATTERY))
+    with open_journal(config) as journal:
+        (event,) = journal.events(name)
+        body = json.loads(event.body)
+        assert body["what"] == DETECTION
+        assert body["value"]["mode"] == "M1"
+        assert body["value"]["last_healthy"]["counts"] == [1, 2, 3, 4, 5, 6]
+        assert Store(journal).runs() == []
+        assert Store(journal).mastering_record("F-104711") is None
+
+
+def test_a_low_battery_is_told_while_the_position_is_there() -> None:
+    low = Alarm("SRVO-065", "BLAL alarm (Group:1 Axis:2)", 1)
+    words = battery_warning(Condition(Readiness.READY, alarms=(low,)))
+    assert "switched ON" in words
+    assert "J2" in words
+    assert battery_warning(Condition(Readiness.READY)) == ""
+    assert battery_warning(Condition(Readiness.POSITION_LOST, alarms=(low, BATTERY))) == ""

@@ -1,0 +1,111 @@
+"""Dry runs and lists: from the cell file and the journal alone, with every cable pulled."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from service.cli.app import run_command_line
+from service.config import CellConfig, read_cell_file
+from service.demo.fake_cell import write_cell_file
+from service.exit_codes import ExitCode
+from service.outline import ClassOutOfReachError, dry_run, possible, refuse_class_out_of_reach
+
+POINTER = {"frame_number": 2, "tip_in_flange_m": [0.0, 0.0, 0.1]}
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> CellConfig:
+    """A cell on whose address nobody listens."""
+    return read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=600.0))
+
+
+def test_a_mastering_record_is_planned_with_every_cable_pulled(config: CellConfig) -> None:
+    found = dry_run(config, "mastering_record", {"poses": 20})
+    assert (found.lacks, found.problem) == ((), "")
+    assert found.forecast is not None
+    assert [pose.label for pose in found.forecast.poses] == [f"pose {k}" for k in range(1, 21)]
+    joints = np.array([pose.joints_rad for pose in found.forecast.poses])
+    assert np.isfinite(joints).all()
+    assert 300 < found.forecast.duration_s < 7200
+    (turns,) = found.forecast.predictions
+    assert "chance that all lost turns are found" in turns.sentence
+    assert any("gears" in line for line in found.forecast.assumed)
+    assert any("not checked" in line for line in found.forecast.not_checked)
+    assert not config.cell.data_dir.exists()  # a dry run leaves nothing behind
+
+
+def test_slower_means_longer(config: CellConfig) -> None:
+    slow, fast = (
+        dry_run(config, "mastering_record", {"poses": 20, "room": {"tip_speed_m_s": speed}}).forecast
+        for speed in (0.02, 0.05)
+    )
+    assert slow is not None
+    assert fast is not None
+    assert slow.duration_s > 1.5 * fast.duration_s
+
+
+def test_a_recovery_without_a_record_says_what_it_lacks(config: CellConfig) -> None:
+    found = dry_run(config, "mastering_recovery", {})
+    assert any("mastering record" in line for line in found.lacks)
+    assert found.forecast is None
+    assert "measurements decide" not in found.problem
+    assert found.expected_steps > 30
+
+
+def test_what_another_robot_of_the_cell_lacks(config: CellConfig) -> None:
+    fanuc = {entry.name: entry.lacks for entry in possible(config)}
+    ur = {entry.name: entry.lacks for entry in possible(config, "ur")}
+    assert fanuc["mastering_record"] == ()
+    assert ur["mastering_record"] is not None
+    assert "access to encoder counts and mastering" in ur["mastering_record"]
+    assert ur["six_point_tcp"] == ("access to the tool frames",)
+    assert {entry.lacks for entry in possible(None)} == {None}
+
+
+def test_more_touches_tell_more(config: CellConfig) -> None:
+    few, many = (
+        dry_run(config, "six_point_tcp", {"tool_number": 1, "max_touches": most}).forecast for most in (4, 12)
+    )
+    assert few is not None
+    assert many is not None
+    assert many.predictions[0].expanded < 0.4 * few.predictions[0].expanded
+    assert "C" in many.predictions[0].classes_in_reach()
+
+
+def test_a_class_that_cannot_be_proved_is_refused_with_those_that_can(config: CellConfig) -> None:
+    sharp = POINTER | {"sigma_m": 0.0001}
+    refuse_class_out_of_reach(config, "three_point_frame", sharp)  # none was chosen
+    refuse_class_out_of_reach(config, "three_point_frame", sharp | {"accuracy_class": "C"})
+    with pytest.raises(ClassOutOfReachError, match="In reach: C"):
+        refuse_class_out_of_reach(config, "three_point_frame", sharp | {"accuracy_class": "B"})
+    own = {"origin_m": 0.001, "angle_rad": 0.01}
+    refuse_class_out_of_reach(config, "three_point_frame", sharp | {"accuracy_class": "B", "limits": own})
+
+
+def test_the_commands_print_it(config: CellConfig, capsys: pytest.CaptureFixture[str]) -> None:
+    cell = str(config.path)
+    words = ("run", "three_point_frame", "--cell", cell, "--set", "frame_number=2")
+    tip = ("--set", "tip_in_flange_m=[0,0,0.1]")
+    assert run_command_line([*words, *tip, "--dry-run"]) == ExitCode.PASS
+    told = capsys.readouterr().out
+    for part in ("No device was touched", "lacks nothing", "touch the origin", "Duration", "U = ", "Assumed"):
+        assert part in told
+    assert run_command_line([*words, *tip, "--dry-run", "--json"]) == ExitCode.PASS
+    document = json.loads(capsys.readouterr().out)
+    assert document["phases"][0] == {
+        "name": "read the user frame",
+        "repeats": None,
+        "adaptive": False,
+        "steps": 1,
+    }
+    assert run_command_line([*words, *tip, "--set", "accuracy_class=A"]) == ExitCode.REFUSED
+    assert "cannot be proved" in " ".join(capsys.readouterr().err.split())
+    assert run_command_line(["run", "mastering_recovery", "--cell", cell, "--dry-run"]) == ExitCode.REFUSED
+    assert "lacks: a mastering record" in capsys.readouterr().out
+    assert run_command_line(["procedures", "--cell", cell, "--json"]) == ExitCode.PASS
+    listed = {row["name"]: row["lacks"] for row in json.loads(capsys.readouterr().out)["procedures"]}
+    assert listed["mastering_record"] == []
+    assert listed["mastering_recovery"]
+    assert run_command_line([*words, "--set", "tip_in_flange_m=[0,0,1e999]", "--dry-run"]) == ExitCode.USAGE

@@ -1,0 +1,193 @@
+"""Signed documents: the smallest change is found, and a key is made once."""
+
+import json
+import math
+import os
+import stat
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from cryptography.hazmat.primitives import serialization
+from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_private_key
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from procedures.canonical import canonical_json
+from service.signing import (
+    Checked,
+    Finding,
+    SigningError,
+    StationKey,
+    check,
+    read_document,
+    read_public_key,
+    station_key,
+)
+
+CONTENT = {
+    "word": "pass",
+    "value_m": 0.00012,
+    "n": 3,
+    "name": "Zäune & Öl",
+    "rows": [1.0, -2.5e-07, None, True],
+}
+
+
+@pytest.fixture(scope="module")
+def key(tmp_path_factory: pytest.TempPathFactory) -> StationKey:
+    return station_key(tmp_path_factory.mktemp("cell"))
+
+
+@pytest.fixture(scope="module")
+def signed(key: StationKey) -> bytes:
+    return key.sign("test 1", CONTENT).encode()
+
+
+def test_an_untouched_document_is_intact_and_gives_its_content(key: StationKey, signed: bytes) -> None:
+    for expected in (None, key.public, key.public.upper()):
+        checked = check(signed, expected_key=expected)
+        assert (checked.finding, checked.content) == (Finding.INTACT, CONTENT)
+    assert (checked.format, checked.public_key) == ("test 1", key.public)
+
+
+def test_the_same_content_gives_the_same_bytes(key: StationKey, signed: bytes) -> None:
+    assert key.sign("test 1", dict(reversed(CONTENT.items()))).encode() == signed
+
+
+def test_every_byte_matters(signed: bytes) -> None:
+    """Each byte replaced by several others, taken away, and doubled: none of them passes."""
+    for place, byte in enumerate(signed):
+        for other in {byte ^ 1, byte ^ 0x20, byte ^ 0x80, ord("0"), ord(" "), ord("\n")} - {byte}:
+            assert check(signed[:place] + bytes([other]) + signed[place + 1 :]).finding is not Finding.INTACT
+        assert check(signed[:place] + signed[place + 1 :]).finding is not Finding.INTACT
+        assert check(signed[: place + 1] + signed[place:]).finding is not Finding.INTACT
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_no_other_change_passes(signed: bytes, data: st.DataObject) -> None:
+    place = data.draw(st.integers(0, len(signed)))
+    until = data.draw(st.integers(place, min(len(signed), place + 20)))
+    changed = signed[:place] + data.draw(st.binary(max_size=20)) + signed[until:]
+    assert (check(changed).finding is Finding.INTACT) == (changed == signed)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda text: text.replace('"n":3', '"n":3.0'),
+        lambda text: text.replace('"n":3', '"n": 3'),
+        lambda text: text.replace("-2.5e-07", "-0.00000025"),
+        lambda text: text.replace('"n":3', '"n":4,"n":3'),
+        lambda text: text.replace("ö", "\\u00f6").replace("Ö", "\\u00d6"),
+        lambda text: json.dumps(json.loads(text)),
+        lambda text: text + "\n",
+        lambda text: text.replace("ed25519", "ED25519"),
+        lambda text: text.replace("0.00012", "1e999"),
+        lambda text: text.replace("0.00012", "NaN"),
+        lambda text: text.replace('"pass"', '"\\ud800"'),
+    ],
+)
+def test_the_same_meaning_in_other_bytes_is_tampered_too(signed: bytes, change) -> None:
+    changed = change(signed.decode())
+    assert changed.encode(errors="surrogatepass") != signed
+    assert check(changed.encode(errors="surrogatepass")).finding is Finding.TAMPERED
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"",
+        b"\xff\xfe",
+        b"{}",
+        b"[]",
+        b"null",
+        b"{" * 100_000,
+        b'{"content":1}',
+        b'{"content":' + b"9" * 9999 + b"}",
+    ],
+)
+def test_what_was_never_signed_is_unreadable(raw: bytes) -> None:
+    assert check(raw).finding is Finding.UNREADABLE
+
+
+def test_another_key_is_an_unknown_key(key: StationKey, tmp_path: Path) -> None:
+    forged = station_key(tmp_path).sign("test 1", CONTENT).encode()
+    assert check(forged).finding is Finding.INTACT  # it says itself that nobody checked whose key it is
+    found = check(forged, expected_key=key.public)
+    assert (found.finding, found.content) == (Finding.UNKNOWN_KEY, None)
+
+
+def test_a_signature_does_not_travel_to_another_format(key: StationKey, signed: bytes) -> None:
+    document = json.loads(signed)
+    document["format"] = "test 2"
+    assert check((canonical_json(document) + "\n").encode()).finding is Finding.TAMPERED
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
+def test_no_number_that_is_not_finite_is_signed(key: StationKey, wrong: float) -> None:
+    with pytest.raises(SigningError, match="cannot be signed"):
+        key.sign("test 1", {"value": [wrong]})
+
+
+def test_a_key_is_made_once_for_its_owner_only(tmp_path: Path) -> None:
+    first = station_key(tmp_path / "data")
+    assert first.created
+    assert stat.S_IMODE(first.path.stat().st_mode) == 0o600
+    assert not first.open_to_others
+    kept = first.path.read_bytes()
+    again = station_key(tmp_path / "data")
+    assert (again.created, again.public, first.path.read_bytes()) == (False, first.public, kept)
+    assert os.listdir(tmp_path / "data") == [first.path.name]  # noqa: PTH208
+    first.path.chmod(0o644)
+    assert station_key(tmp_path / "data").open_to_others
+
+
+def test_two_at_once_end_with_one_key(tmp_path: Path) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        keys = list(pool.map(lambda _: station_key(tmp_path), range(8)))
+    assert len({key.public for key in keys}) == 1
+    assert sum(key.created for key in keys) == 1
+
+
+def test_a_damaged_key_is_left_alone_and_told(tmp_path: Path) -> None:
+    other = generate_private_key(SECP256R1()).private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    for content in (b"", b"nonsense", b"\xff", other):
+        path = tmp_path / "signing_key.pem"
+        path.write_bytes(content)
+        with pytest.raises(SigningError, match="holds no signing key") as told:
+            station_key(tmp_path)
+        assert "backup" in told.value.remedy
+        assert path.read_bytes() == content
+
+
+def test_a_key_in_a_place_that_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "data").write_text("in the way")
+    with pytest.raises(SigningError, match="cannot be used"):
+        station_key(tmp_path / "data")
+
+
+def test_a_public_key_is_given_as_digits_or_as_a_file(key: StationKey, tmp_path: Path) -> None:
+    digits, pem = tmp_path / "key.txt", tmp_path / "key.pem"
+    digits.write_text(key.public + "\n")
+    pem.write_bytes(
+        key.private.public_key().public_bytes(
+            serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
+        )
+    )
+    for told in (key.public, key.public.upper(), str(digits), str(pem)):
+        assert read_public_key(told) == key.public
+    digits.write_text("-----BEGIN PUBLIC KEY-----\nxx\n-----END PUBLIC KEY-----")
+    for wrong in ("", "abc", str(digits), str(tmp_path), "x" * 5000, "a\0b", str(tmp_path / "none")):
+        with pytest.raises(SigningError, match="no public key"):
+            read_public_key(wrong)
+
+
+def test_a_file_that_cannot_be_read_is_told(tmp_path: Path) -> None:
+    for path in (tmp_path, tmp_path / "none", Path("a\0b")):
+        found = read_document(path)
+        assert isinstance(found, Checked)
+        assert found.finding is Finding.UNREADABLE

@@ -1,0 +1,149 @@
+"""Every sentence of the TouchProbe interface as a test; ``test_contracts.py`` runs them."""
+
+import asyncio
+import time
+from typing import Any
+
+import pytest
+
+from drivers.errors import BusyError, DeviceError, RefusedError, WrongDeviceError
+from drivers.interfaces import Readiness
+from service.config import CellConfig
+from service.demo.door import Door
+from tests.wire.cases import ProbeCase, until_open, until_ready
+
+
+def config_of(cell: CellConfig, case: ProbeCase) -> Any:
+    return next(entry.device for entry in cell.probes if entry.device.name == case.name)
+
+
+class ProbeContract:
+    """Mixed into a test class."""
+
+    async def test_a_reading_is_fresh(self, probe: Any, probe_case: ProbeCase, door: Door) -> None:
+        for fault, closed in ((None, False), ("stuck_closed", True), ("stuck_open", False)):
+            await probe_case.heal(door)
+            if fault is not None:
+                await door.fault(fault, device=probe_case.name)
+            began_s = time.monotonic()
+            reading = await probe.contact()
+            assert reading.closed is closed
+            assert began_s <= reading.taken_at_s <= time.monotonic()
+
+    @pytest.mark.parametrize("way", range(3))
+    async def test_inputs_that_stand_still_give_no_reading(
+        self, probe: Any, probe_case: ProbeCase, cell: CellConfig, door: Door, way: int
+    ) -> None:
+        fault, parameters = probe_case.stale_faults[way]
+        watching = asyncio.create_task(probe.touched())
+        await asyncio.sleep(0)
+        await door.fault(fault, device=probe_case.name, **parameters)
+        async with asyncio.timeout(2 * config_of(cell, probe_case).deadline_s):
+            with pytest.raises(DeviceError) as seen_while_waiting:
+                await watching
+            with pytest.raises(DeviceError) as seen_when_asked:
+                await probe.contact()
+        assert seen_while_waiting.value.remedy
+        assert seen_when_asked.value.remedy
+        condition = await probe.condition()
+        assert condition.readiness is not Readiness.READY
+        assert condition.remedy
+        await probe_case.heal(door)
+        await until_ready(probe, Readiness.READY)
+
+    @pytest.mark.parametrize("bounce_s", [0.0, 0.005])
+    async def test_touched_returns_the_first_touch_in_bounds_that_hold_it(
+        self, probe: Any, probe_case: ProbeCase, door: Door, bounce_s: float
+    ) -> None:
+        if bounce_s:
+            await door.fault("bounce", device=probe_case.name, s=bounce_s)
+        for _ in range(5):
+            began_s = time.monotonic()
+            watching = asyncio.create_task(probe.touched())
+            await asyncio.sleep(0.05)
+            await door.fault("press", device=probe_case.name, duration_s=0.3)
+            edge = await watching
+            touched_at_s = (await door.truth())["probes"][probe_case.name]["touched_at_s"]
+            assert began_s < touched_at_s
+            assert edge.earliest_s <= touched_at_s <= edge.latest_s
+            assert edge.steady
+            assert edge.raw
+            await until_open(probe)
+
+    async def test_a_contact_that_does_not_settle_is_told(
+        self, probe: Any, probe_case: ProbeCase, door: Door
+    ) -> None:
+        steady = []
+        for _ in range(6):  # a busy machine may happen to look at closed moments only
+            await door.fault("bounce", device=probe_case.name, s=5.0, half_s=0.004)
+            watching = asyncio.create_task(probe.touched())
+            await asyncio.sleep(0.05)
+            await door.fault("press", device=probe_case.name)
+            edge = await watching
+            assert edge.steady or edge.bounces > 0
+            steady.append(edge.steady)
+            await probe_case.heal(door)
+            await until_open(probe)
+        assert not all(steady)
+
+    async def test_a_closed_contact_is_refused(self, probe: Any, probe_case: ProbeCase, door: Door) -> None:
+        await door.fault("stuck_closed", device=probe_case.name)
+        with pytest.raises(RefusedError, match="closed already") as refused:
+            await probe.touched()
+        assert refused.value.remedy
+
+    async def test_a_second_wait_during_one_is_busy(
+        self, probe: Any, probe_case: ProbeCase, door: Door
+    ) -> None:
+        watching = asyncio.create_task(probe.touched())
+        await asyncio.sleep(0)
+        with pytest.raises(BusyError):
+            await probe.touched()
+        await door.fault("press", device=probe_case.name)
+        assert (await watching).steady
+
+    async def test_a_cancelled_wait_leaves_the_probe_usable(
+        self, probe: Any, probe_case: ProbeCase, door: Door
+    ) -> None:
+        for pause_s in (0.0, 0.001, 0.01):
+            watching = asyncio.create_task(probe.touched())
+            await asyncio.sleep(pause_s)
+            watching.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await watching
+            assert not (await probe.contact()).closed
+
+    async def test_the_serial_number_is_checked_at_connect(
+        self, probe: Any, probe_case: ProbeCase, cell: CellConfig
+    ) -> None:
+        config = config_of(cell, probe_case)
+        assert (await probe.identify()).serial == config.serial.replace(":", "").lower()
+        with pytest.raises(WrongDeviceError, match=r"cell\.toml"):
+            async with config.model_copy(update={"serial": probe_case.stranger}).open():
+                pytest.fail("a stranger was let in")
+
+    @pytest.mark.parametrize("way", range(4))
+    async def test_a_lost_link_ends_a_wait_and_heals(
+        self, probe: Any, probe_case: ProbeCase, cell: CellConfig, door: Door, way: int
+    ) -> None:
+        fault, parameters = probe_case.link_faults[way]
+        watching = asyncio.create_task(probe.touched())
+        await asyncio.sleep(0.02)
+        await door.fault(fault, device=probe_case.name, **parameters)
+        if fault == "refuse":  # nobody new is let in; who is in stays in
+            await door.fault("reset", device=probe_case.name, count=1)
+        async with asyncio.timeout(2 * config_of(cell, probe_case).deadline_s):
+            with pytest.raises(DeviceError) as failure:
+                await watching
+        assert failure.value.remedy
+        condition = await probe.condition()
+        assert condition.readiness is Readiness.UNREACHABLE
+        await probe_case.heal(door)
+        await until_ready(probe, Readiness.READY)
+        assert not (await probe.contact()).closed
+
+    async def test_what_a_probe_can_do_makes_sense(self, probe: Any) -> None:
+        can = probe.capabilities
+        assert 0 < can.sigma_m < can.tip_radius_m
+        assert 0 <= can.pretravel_m < can.overtravel_m
+        assert can.delay_s + can.delay_tolerance_s < can.reaction_s

@@ -1,0 +1,170 @@
+"""A cell file with a robot that carries a probe, a ball to touch, and the approaches to it from several sides."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.kinematics import RobotModel
+from procedures.cell import Cell
+from procedures.probe_line import joints_for_tip
+from procedures.steps.touch import Approach, probe_of
+from service.demo.door import Door
+from tests.wire.fakes import running
+
+BALL_MM = 12.7
+TIP_MM = (10.0, -20.0, 160.0)
+TIP_RADIUS_MM = 1.5
+PRETRAVEL_MM = 0.02
+HOME_RAD = {
+    "fanuc": (0.1, 0.17, -0.44, 0.26, -1.05, 0.35),
+    "ur": (-1.57, -1.57, -1.57, -1.57, 1.57, 0.0),
+}
+# from the ball's centre to where the tip comes from, in the base: above, and three sides raised by 30 degrees
+SIDES = ((0.0, 0.0, 1.0), (0.866, 0.0, 0.5), (-0.433, 0.75, 0.5), (-0.433, -0.75, 0.5))
+
+_ROBOTS = {
+    "fanuc": """
+[[robot]]
+name = "fanuc"
+driver = "modbus_robot"
+profile = "fanuc_hmi"
+address = "{{address}}"
+port = 1502
+model = "fanuc_m6ib"
+motion = "commanded"
+serial = "F-104711"
+deadline_s = 6.0
+speed_limit_rad_s = 0.5
+settle_s = 0.2
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+""",
+    "ur": """
+[[robot]]
+name = "ur"
+driver = "universal_robots"
+address = "{{address}}"
+model = "ur10e"
+motion = "commanded"
+serial = "20225500042"
+deadline_s = 8.0
+speed_limit_rad_s = 0.5
+watchdog_hz = 1.0  # a test machine may be too busy for 5
+state_rate_hz = 60.0
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+""",
+}
+_REST = """
+[cell]
+name = "probe tests"
+data_dir = "{{folder}}"
+
+[[probe]]
+name = "probe"
+driver = "touch_probe"
+address = "{{address}}"
+port = 1503
+serial = "00:30:DE:0A:0B:0C"
+robot = "{robot}"
+contact_input = 1
+echo_output = 1
+echo_input = 2
+tip_in_flange_mm = {tip}
+tip_sigma_mm = {tip_sigma}
+tip_radius_mm = {tip_radius}
+pretravel_mm = {pretravel}
+sigma_mm = 0.003
+overtravel_mm = 3.0
+delay_ms = 6.0
+delay_tolerance_ms = 3.0
+deadline_s = 5.0
+silence_ms = 1000.0  # a test machine may be busy
+debounce_ms = 40.0
+poll_ms = 6.0
+
+[[probe]]
+name = "dial"
+driver = "dial_gauge"
+address = "{{address}}"
+port = 1503
+serial = "00:30:DE:0A:0B:0C"
+robot = "{robot}"
+dial_input = 2
+tip_in_flange_mm = {tip}
+range_mm = 12.5
+sigma_mm = 0.01
+deadline_s = 5.0
+
+[fake]
+seed = 1
+time_factor = 3.0
+hidden = {hidden}
+control_port = 0
+
+[[fake.artefact]]
+name = "ball"
+kind = "sphere"
+robot = "{robot}"
+radius_mm = {ball}
+place_in_base_mm = {place}
+sigma_mm = 0.3
+"""
+
+
+def drawn_ball_m(robot: str, model: RobotModel) -> np.ndarray:
+    """Return where the drawing has the ball: below the tip at home."""
+    tips = model.tip_positions(np.array([HOME_RAD[robot]]), np.array(TIP_MM) * 1e-3)
+    return np.asarray(tips[0] - [0.0, 0.0, 0.04])
+
+
+@contextmanager
+def probing(
+    folder: Path, robot: str, place_m: Sequence[float], *, hidden: bool = True, tip_sigma_mm: float = 1.0
+) -> Iterator[tuple[Path, Door]]:
+    """Play a robot with a probe and a ball near ``place_m``."""
+    text = (_ROBOTS[robot] + _REST).format(
+        robot=robot,
+        tip=list(TIP_MM),
+        tip_radius=TIP_RADIUS_MM,
+        pretravel=PRETRAVEL_MM,
+        ball=BALL_MM,
+        place=[float(1e3 * value) for value in place_m],
+        hidden=str(hidden).lower(),
+        tip_sigma=tip_sigma_mm,
+    )
+    with running(folder, text) as cell:
+        yield cell
+
+
+def approach_from(
+    cell: Cell,
+    home_rad: Sequence[float],
+    centre_m: np.ndarray,
+    side: Sequence[float],
+    *,
+    clear_m: float = 0.0015,
+    beyond_m: float = 0.0025,
+    **how: Any,
+) -> Approach:
+    """Return an approach to the ball's centre from one side, from clear of where it should touch to beyond that."""
+    _, setup = probe_of(cell)
+    assert cell.model is not None
+    direction = np.array(side) / np.linalg.norm(side)
+    reach = (BALL_MM + TIP_RADIUS_MM) * 1e-3
+    ends = [
+        joints_for_tip(
+            cell.model, setup.tip_in_flange_m, tuple(home_rad), centre_m + direction * (reach + away)
+        )
+        for away in (clear_m, -beyond_m)
+    ]
+    return Approach(ends[0], ends[1], **how)

@@ -1,0 +1,287 @@
+"""A robot feels for a ball through real drivers and sockets: where it was at the touch, and every way to fail."""
+
+import asyncio
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from calibration.kinematics import RobotModel, load_model
+from calibration.registration import trilaterate
+from drivers.errors import DeviceError
+from drivers.operator.scripted import ScriptedOperator
+from procedures.cell import Cell
+from procedures.probe_line import probe_line
+from procedures.steps.touch import (
+    AlreadyInContactError,
+    Approach,
+    BouncingContactError,
+    ContactError,
+    ContactLostError,
+    NoContactError,
+    OvertravelError,
+    StuckContactError,
+    touch,
+)
+from service.cell import open_cell
+from service.check import check_cell
+from service.config import read_cell_file
+from service.demo.door import Door
+from tests.wire.probe_cell import (
+    BALL_MM,
+    HOME_RAD,
+    PRETRAVEL_MM,
+    SIDES,
+    TIP_MM,
+    TIP_RADIUS_MM,
+    approach_from,
+    drawn_ball_m,
+    probing,
+)
+
+MODELS = {"fanuc": "fanuc_m6ib", "ur": "ur10e"}
+REACH_M = (BALL_MM + TIP_RADIUS_MM - PRETRAVEL_MM) * 1e-3
+
+
+class Scene:
+    """A robot at home above a ball."""
+
+    def __init__(self, robot: str, cell: Cell, door: Door, model: RobotModel) -> None:
+        self.robot, self.cell, self.door, self.model = robot, cell, door, model
+        self.ball_m = drawn_ball_m(robot, model)
+
+    async def back_off(self, approach: Approach) -> None:
+        await self.cell.robot.move_joints(approach.start_rad, speed_rad_s=0.1)
+
+    async def home(self) -> None:
+        await self.cell.robot.move_joints(HOME_RAD[self.robot], speed_rad_s=0.3)
+
+    def approach(self, side: tuple[float, float, float] = SIDES[0], **how: Any) -> Approach:
+        return approach_from(self.cell, HOME_RAD[self.robot], self.ball_m, side, **how)
+
+    async def truth(self) -> dict[str, Any]:
+        return dict((await self.door.truth())["probes"]["probe"])
+
+    async def stands(self) -> bool:
+        before, after = await self.cell.robot.joints(), await self.cell.robot.joints()
+        return before.joints_rad == pytest.approx(after.joints_rad, abs=1e-6) and not after.moving
+
+
+@asynccontextmanager
+async def scene(folder: Path, robot: str, **how: Any) -> AsyncIterator[Scene]:
+    model = load_model(MODELS[robot])
+    with probing(folder, robot, drawn_ball_m(robot, model), **how) as played:
+        async with opened(robot, played) as made:
+            yield made
+
+
+@asynccontextmanager
+async def opened(robot: str, played: tuple[Path, Door]) -> AsyncIterator[Scene]:
+    path, door = played
+    async with open_cell(read_cell_file(path), ScriptedOperator({"approve_move": "yes"})) as cell:
+        await door.ask("clear")
+        made = Scene(robot, cell, door, load_model(MODELS[robot]))
+        await made.home()
+        yield made
+
+
+@pytest.fixture(scope="module")
+def as_drawn(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Door]]:
+    """A cell without hidden effects, for tests that leave it as it was."""
+    place_m = drawn_ball_m("fanuc", load_model(MODELS["fanuc"]))
+    with probing(tmp_path_factory.mktemp("drawn"), "fanuc", place_m, hidden=False) as played:
+        yield played
+
+
+@pytest.mark.parametrize("robot", sorted(MODELS))
+async def test_touches_from_several_sides_find_the_ball(tmp_path: Path, robot: str) -> None:
+    """The world is as drawn: what is found wrong comes from the latch, within what is stated about it."""
+    async with scene(tmp_path, robot, hidden=False) as made:
+        tip_m = np.array(TIP_MM) * 1e-3
+        points = []
+        for number, side in enumerate(SIDES):
+            approach = made.approach(side, clear_m=0.0008, measure_m_s=0.0015, repeats=1, retreat_m=0.0004)
+            points.append(await touch(made.cell, f"side {number}", approach))
+            latched = points[-1].touches[-1]
+            true_joints = (await made.truth())["contact_joints_rad"]
+            both = made.model.tip_positions(np.array([latched.joints_rad, true_joints]), tip_m)
+            assert np.linalg.norm(both[0] - both[1]) <= 3 * latched.sigma_m
+            await made.home()
+        sigma_m = max(point.sigma_m for point in points)
+        fit = trilaterate(
+            [point.tip_in_base_m for point in points],
+            [REACH_M] * len(points),
+            sigma_m=sigma_m,
+            near_m=made.ball_m,
+        )
+        error_m = np.abs(np.array(fit.point_m) - made.ball_m)
+        assert (error_m <= 3 * np.array(fit.point_sigma_m)).all()
+        assert sigma_m < 1e-3  # stated, and not so large that anything would do
+        assert (await made.truth())["deepest_m"] < made.cell.probe.capabilities.overtravel_m  # type: ignore[union-attr]
+
+
+async def test_one_scene_after_the_other_each_fault_is_told_and_the_arm_stands(tmp_path: Path) -> None:
+    """One robot in a world with every hidden effect on; a touch goes well between the faults."""
+    async with scene(tmp_path, "fanuc", tip_sigma_mm=0.2) as made:
+        wide = made.approach(clear_m=0.003, beyond_m=0.006, measure_m_s=0.002, repeats=1, retreat_m=0.0005)
+        found = await touch(made.cell, "well", wide)
+        setup = made.cell.probe_setup
+        assert setup is not None
+        line = probe_line(made.model, setup.tip_in_flange_m, wide.start_rad, wide.end_rad)
+        near = line.distance_of(found.joints_rad)
+        short = replace(wide, start_rad=line.joints_at(near - 0.001), end_rad=line.joints_at(near + 0.001))
+        await _never_touches(made, short)
+        await _loses_contact(made, short)
+        await _sticks(made, short)
+        await _begins_in_contact(made, short)
+        await _springs_for_ever(made, short)
+        await _stale(made, short)
+        await _cancelled(made, short)
+        again = await touch(made.cell, "well again", short)
+        tips = line.tips_m(np.array([found.joints_rad, again.joints_rad]))
+        assert np.linalg.norm(tips[0] - tips[1]) < 2e-4  # the arm's own scatter
+
+
+async def _fails(
+    made: Scene, approach: Approach, error: type[Exception] | tuple[type[Exception], ...], words: str
+) -> None:
+    with pytest.raises(error, match=words) as failure:
+        await touch(made.cell, "faulty", approach)
+    assert getattr(failure.value, "remedy", "")
+    assert await made.stands()
+    await made.door.ask("clear")
+    await made.back_off(approach)
+
+
+async def _never_touches(made: Scene, approach: Approach) -> None:
+    await made.door.fault("stuck_open", device="probe")
+    with pytest.raises(NoContactError, match="no contact within"):
+        await touch(made.cell, "faulty", approach)
+    assert await made.stands()
+    there = (await made.cell.robot.joints()).joints_rad
+    assert there == pytest.approx(approach.end_rad, abs=2e-3)  # and no farther
+    await made.door.ask("clear")
+    await made.back_off(approach)
+
+
+async def _loses_contact(made: Scene, approach: Approach) -> None:
+    await made.door.fault("contact_lost", device="probe", after_s=0.05)
+    # seen before the contact counts as closed, it is a bounce that is too long
+    both = (ContactLostError, BouncingContactError)
+    await _fails(made, approach, both, "is open although|did not settle")
+
+
+async def _sticks(made: Scene, approach: Approach) -> None:
+    async def stick_when_touched() -> None:
+        while not (await made.truth())["signal"]:
+            await asyncio.sleep(0.01)
+        await made.door.fault("stuck_closed", device="probe")
+
+    sticking = asyncio.create_task(stick_when_touched())
+    await _fails(made, approach, StuckContactError, "stays closed")
+    await sticking
+
+
+async def _begins_in_contact(made: Scene, approach: Approach) -> None:
+    await made.door.fault("stuck_closed", device="probe")
+    before = (await made.cell.robot.joints()).joints_rad
+    with pytest.raises(AlreadyInContactError):
+        await touch(made.cell, "faulty", approach)
+    assert (await made.cell.robot.joints()).joints_rad == pytest.approx(before, abs=1e-4)
+    await made.door.ask("clear")
+
+
+async def _springs_for_ever(made: Scene, approach: Approach) -> None:
+    await made.door.fault("bounce", device="probe", s=60.0, half_s=0.005)
+    await _fails(made, approach, BouncingContactError, "did not settle")
+
+
+async def _stale(made: Scene, approach: Approach) -> None:
+    async def freeze_on_the_way() -> None:
+        while not (await made.cell.robot.joints()).moving:
+            await asyncio.sleep(0.01)
+        await made.door.fault("image_frozen", device="probe")
+
+    freezing = asyncio.create_task(freeze_on_the_way())
+    await _fails(made, approach, DeviceError, "stands still")
+    await freezing
+
+
+async def _cancelled(made: Scene, approach: Approach) -> None:
+    touching = asyncio.create_task(touch(made.cell, "cancelled", approach))
+    while not (await made.cell.robot.joints()).moving:
+        await asyncio.sleep(0.01)
+    touching.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await touching
+    assert await made.stands()
+    await made.back_off(approach)
+
+
+async def test_what_is_wrong_beforehand_moves_nothing(as_drawn: tuple[Path, Door]) -> None:
+    async with opened("fanuc", as_drawn) as made:
+        good = made.approach(repeats=1)
+        before = (await made.cell.robot.joints()).joints_rad
+        can = made.cell.probe.capabilities  # type: ignore[union-attr]
+        for approach, error in (
+            (replace(good, search_m_s=0.003), ContactError),
+            (replace(good, measure_m_s=float("nan")), ContactError),
+            (replace(good, retreat_m=0.5), ContactError),
+            (replace(good, segment_m=0.0), ContactError),
+            (replace(good, segment_m=float("inf")), ContactError),
+            (replace(good, repeats=0), ContactError),
+            (replace(good, end_rad=good.start_rad), ValueError),
+            (replace(good, end_rad=(float("nan"),) * 6), ValueError),
+        ):
+            with pytest.raises(error):
+                await touch(made.cell, "impossible", approach)
+        assert can.overtravel_m > 0
+        fragile = replace(made.cell, probe=_Fragile(made.cell.probe))  # type: ignore[arg-type]
+        with pytest.raises(OvertravelError, match="or slower") as refused:
+            await touch(fragile, "fragile", good)
+        assert "mm/s" in refused.value.remedy
+        assert (await made.cell.robot.joints()).joints_rad == pytest.approx(before, abs=1e-5)
+
+
+class _Fragile:
+    """The same probe with a stylus that bears little."""
+
+    def __init__(self, probe: Any) -> None:
+        self._probe = probe
+        self.capabilities = replace(probe.capabilities, overtravel_m=1e-4)
+
+    async def contact(self) -> Any:
+        return await self._probe.contact()
+
+
+async def test_the_check_of_a_cell_shows_its_probes(as_drawn: tuple[Path, Door]) -> None:
+    path, door = as_drawn
+    await door.ask("clear")
+    await door.fault("bus_break", device="dial", terminal=2)
+    broken = {device.name: device for device in (await check_cell(read_cell_file(path))).devices}
+    await door.ask("clear")
+    well = {device.name: device for device in (await check_cell(read_cell_file(path))).devices}
+    assert "terminal 2" in broken["dial"].message + broken["probe"].message
+    assert not broken["probe"].ready
+    assert well["probe"].ready
+    assert well["dial"].ready
+    assert well["probe"].serial == well["dial"].serial == "0030de0a0b0c"
+
+
+async def test_a_plunger_follows_the_arm_onto_a_surface(as_drawn: tuple[Path, Door]) -> None:
+    """The dial gauge in the world: what it shows is how far the arm has pushed it in."""
+    async with opened("fanuc", as_drawn) as made:
+        dial = made.cell.dial
+        assert dial is not None
+        with pytest.raises(DeviceError, match="plunger is free"):
+            await dial.distance()
+        approach = made.approach(clear_m=0.0005, beyond_m=0.004)
+        await made.cell.robot.move_joints(approach.end_rad, speed_rad_s=0.1)
+        reading = await dial.distance()
+        true_m = (await made.door.truth())["probes"]["dial"]["reading_m"]
+        assert reading.value_m == pytest.approx(true_m, abs=3 * reading.sigma_m)
+        assert reading.value_m == pytest.approx(0.004, abs=1e-4)

@@ -1,0 +1,114 @@
+"""A robot and a tracker together, through their real drivers: what is fitted is what the world hides."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from calibration.registration import best_fit_transform
+from drivers.operator.scripted import ScriptedOperator
+from procedures.steps.measure_point import PointCapture, hold_station, measure_point, measure_pose
+from service.cell import open_cell
+from service.check import check_cell
+from service.config import read_cell_file
+from tests.wire.fakes import running
+
+CELL = """\
+[cell]
+name = "tracker tests"
+data_dir = "{folder}"
+
+[[robot]]
+name = "ur"
+driver = "universal_robots"
+address = "{address}"
+model = "ur10e"
+motion = "commanded"
+serial = "20225500042"
+deadline_s = 4.0
+speed_limit_rad_s = 1.0
+watchdog_hz = 1.0
+settle_s = 0.1
+
+[[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+
+[[tracker]]
+name = "at"
+driver = "laser_tracker"
+address = "{address}"
+port = 7700
+serial = 390793
+station = 2
+measures_poses = true
+deadline_s = 4.0
+robot = "ur"
+target_in_flange_mm = [80.0, 40.0, 100.0]
+
+[fake]
+seed = 11
+time_factor = {time_factor}
+control_port = 0
+"""
+HOME = np.array([-1.2, -1.5, 1.6, -1.6, -1.5, 0.2])
+POSES = 12
+
+
+def poses() -> np.ndarray:
+    """Return joints around home, every axis well turned."""
+    return HOME + np.random.default_rng(4).uniform(-0.5, 0.5, (POSES, 6))
+
+
+def fit_frames(
+    flanges: np.ndarray, captures: list[PointCapture], target_m: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fit where the tracker stands and where the target sits; return target [m] and weighted residuals (n, 3)."""
+    seen = np.array([capture.position_m for capture in captures])
+    weights = [np.linalg.inv(np.linalg.cholesky(np.array(capture.covariance_m2))) for capture in captures]
+    start = best_fit_transform((flanges @ [*target_m, 1.0])[:, :3], seen).target_source
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        in_base = (flanges @ [*x[6:], 1.0])[:, :3]
+        off = Rotation.from_rotvec(x[:3]).apply(in_base) + x[3:6] - seen
+        return np.concatenate([w @ r for w, r in zip(weights, off, strict=True)])
+
+    guess = [*Rotation.from_matrix(start.rotation()).as_rotvec(), *start.position_m, *target_m]
+    found = least_squares(residuals, guess, x_scale="jac")
+    return found.x[6:], found.fun.reshape(-1, 3)
+
+
+async def test_twelve_poses_measured_from_one_station_agree_within_the_trackers_noise(tmp_path: Path) -> None:
+    with running(tmp_path, CELL) as (path, door):
+        config = read_cell_file(path)
+        report = await check_cell(config)
+        assert [device.state for device in report.devices] == ["ready", "ready"]
+        async with open_cell(config, ScriptedOperator({})) as cell:
+            assert cell.tracker_setup is not None
+            captures, true_flanges, believed_flanges = [], [], []
+            for k, joints in enumerate(poses()):
+                await cell.robot.move_joints(tuple(joints), speed_rad_s=1.0)
+                captures.append(await measure_point(cell, f"pose {k + 1}", station=2))
+                true_flanges.append((await door.truth())["robots"]["ur"]["base_flange"])
+                believed_flanges.append((await cell.robot.flange_pose()).matrix())
+            pose = await measure_pose(cell, "the last pose again")
+            await cell.robot.move_joints(tuple(poses()[0]), speed_rad_s=1.0)
+            again = await measure_point(cell, "pose 1 again", station=2)
+            assert hold_station(captures[0], again, arm_sigma_m=5e-5) < 3e-4
+        truth = (await door.truth())["trackers"]["at"]
+    start = cell.tracker_setup.target_in_flange_m
+    target, off = fit_frames(np.array(true_flanges), captures, start)
+    freedom = 3 * POSES - 9
+    assert (
+        0.4 < (off**2).sum() / freedom < 2.0
+    )  # 27 degrees of freedom: chi-square outside is a matter of 1e-3
+    assert target == pytest.approx(truth["target_in_flange_m"], abs=3e-4)
+    assert np.linalg.norm(target - np.array(start)) > 3e-4  # it was not simply believed
+    _, with_robot = fit_frames(np.array(believed_flanges), captures, start)
+    rms_m = np.sqrt((with_robot**2).mean()) * 3e-5
+    assert 3e-5 < rms_m < 1e-3  # the arm's own errors, which the tracker now shows
+    assert pose.station_probe.position_m == pytest.approx(captures[-1].position_m, abs=3e-4)

@@ -1,0 +1,27 @@
+"""Runs the tracker's contract against everything that can be one."""
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+
+from fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from tests.wire.contract_tracker import TrackerContract
+from tests.wire.trackers import TRACKERS, TrackerCase, fake_tracker
+
+
+@pytest.fixture
+async def fake() -> AsyncIterator[FakeTracker]:
+    async with fake_tracker() as device:
+        yield device
+
+
+@pytest.fixture(params=TRACKERS, ids=lambda case: case.name)
+async def tracker(request: pytest.FixtureRequest, fake: FakeTracker) -> AsyncIterator[Any]:
+    case: TrackerCase = request.param
+    async with case.open(fake) as device:
+        yield device
+
+
+class TestTrackers(TrackerContract):
+    """All trackers."""
