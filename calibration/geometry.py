@@ -101,6 +101,15 @@ def quaternion_from_rotation(rotation: Array) -> Array:
     return unique
 
 
+def adjoint(transform: Array) -> Array:
+    """Return (6, 6): twists (v, w) seen through a rigid transform, ``T exp(x) = exp(Ad x) T``."""
+    rotation, position = transform[:3, :3], transform[:3, 3]
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = matrix[3:, 3:] = rotation
+    matrix[:3, 3:] = skew(position) @ rotation
+    return matrix
+
+
 def inverse_transform(matrix: Array) -> Array:
     """Return the inverses of rigid transforms (…, 4, 4)."""
     matrix = np.asarray(matrix, dtype=float)

@@ -21,7 +21,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from calibration.geometry import Pose
-from calibration.mastering import DriveTrain
+from calibration.mastering.counts import DriveTrain
 
 Joints = tuple[float, ...]
 Counts = tuple[int, ...]

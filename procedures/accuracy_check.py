@@ -14,12 +14,12 @@ from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from calibration.accuracy import FULL_POSES, AccuracyTest, Attained, Conditions, PoseResult, evaluate
-from calibration.arm_fit import placed
-from calibration.calibrated_arm import CalibratedArm
+from calibration.arm.joint_terms import term_values
 from calibration.geometry import Array, inverse_transform
-from calibration.joint_terms import term_values
+from calibration.identification.parameters import ArmState
 from calibration.line_accuracy import LinePose, LineTest, evaluate_lengths
-from calibration.parameters import ArmState
+from calibration.poses.arm_fit import placed
+from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import Instruction
 from procedures.arm_bench import (
     READY,

@@ -10,12 +10,12 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.arm_fit import ArmTask
+from calibration.arm.kinematics import RobotModel, load_model
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel, load_model
-from calibration.mastering import DriveTrain
-from calibration.observations import Observations
-from calibration.parameters import GRAVITY, Priors
+from calibration.identification.observations import Observations
+from calibration.identification.parameters import GRAVITY, Priors
+from calibration.mastering.counts import DriveTrain
+from calibration.poses.arm_fit import ArmTask
 from drivers.interfaces import Counts, Instruction, Joints, Readiness
 from procedures.cell import Cell, MotionLimits
 from procedures.entry import NEEDS

@@ -9,13 +9,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.collision import CollisionCheck
+from calibration.arm.kinematics import load_model
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
-from calibration.kinematics import load_model
-from calibration.motion_check import WirePath, check_moves
-from calibration.motion_quantities import wire_winding
-from calibration.pose_design import candidate_joints
+from calibration.mastering.pose_design import candidate_joints
+from calibration.motion.collision import CollisionCheck
+from calibration.motion.motion_check import WirePath, check_moves
+from calibration.motion.motion_quantities import wire_winding
 from drivers.interfaces import Joints
 from procedures import survey_motion
 from procedures.approach import from_below

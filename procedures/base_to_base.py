@@ -11,9 +11,9 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.alignment import Alignment
-from calibration.fixture import BaseToBase
-from calibration.joint_bases import bases_together
+from calibration.points.alignment import Alignment
+from calibration.points.fixture import BaseToBase
+from calibration.points.joint_bases import bases_together
 from calibration.uncertainty import chi_square_limit
 from drivers.interfaces import Counts, Instruction
 from procedures.canonical import sha256_of

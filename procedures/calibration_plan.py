@@ -9,14 +9,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from calibration.arm_fit import ArmTask, fit_arm, outlook_from, outlook_of, target_u
-from calibration.enough_poses import Acceptance, gaps
 from calibration.geometry import Array
-from calibration.measurement_poses import Criterion, Outlook, TestPoses, predict
-from calibration.next_pose import best_in_turn, drawn_need, spread_order
-from calibration.parameters import GEOMETRY, GRAVITY, OFFSETS
-from calibration.robust import RobustFit
-from calibration.shortfall import shortfall
+from calibration.identification.parameters import GEOMETRY, GRAVITY, OFFSETS
+from calibration.identification.robust import RobustFit
+from calibration.poses.arm_fit import ArmTask, fit_arm, outlook_from, outlook_of, target_u
+from calibration.poses.enough_poses import Acceptance, gaps
+from calibration.poses.measurement_poses import Criterion, Outlook, TestPoses, predict
+from calibration.poses.next_pose import best_in_turn, drawn_need, spread_order
+from calibration.poses.shortfall import shortfall
 from drivers.interfaces import Joints
 from procedures.arm_bench import ARM_SIGMA_M, ArmCapture, Bench, Triple, observed
 from procedures.arm_motion import Reach, Roadmap, draw_poses, map_roads, way_between, way_to_rest

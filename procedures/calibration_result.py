@@ -5,7 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm_fit import (
+from calibration.arm.kinematics import load_model
+from calibration.geometry import Array
+from calibration.identification.estimator import Fit
+from calibration.identification.identifiability import not_identified
+from calibration.identification.offset_acceptance import accept_offsets
+from calibration.identification.parameters import OFFSETS
+from calibration.identification.tip_uncertainty import offset_slopes
+from calibration.mastering.counts import DriveTrain
+from calibration.poses.arm_fit import (
     ArmTask,
     believed_sigma,
     errors_at,
@@ -15,15 +23,7 @@ from calibration.arm_fit import (
     predicted_sigma,
     target_u,
 )
-from calibration.calibrated_arm import CalibratedArm
-from calibration.estimator import Fit
-from calibration.geometry import Array
-from calibration.identifiability import not_identified
-from calibration.kinematics import load_model
-from calibration.mastering import DriveTrain
-from calibration.offset_acceptance import accept_offsets
-from calibration.parameters import OFFSETS
-from calibration.tip_uncertainty import offset_slopes
+from calibration.poses.calibrated_arm import CalibratedArm
 from calibration.uncertainty import chi_square_limit
 from drivers.interfaces import Counts
 from procedures.arm_bench import ArmCapture, joints_of, observed, values_of

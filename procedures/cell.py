@@ -4,11 +4,11 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-from calibration.alignment import Alignment
-from calibration.calibrated_arm import CalibratedArm
-from calibration.drift_reference import DriftReference
-from calibration.kinematics import RobotModel
-from calibration.mastering import MasteringRecord
+from calibration.arm.kinematics import RobotModel
+from calibration.drift.reference import DriftReference
+from calibration.mastering.counts import MasteringRecord
+from calibration.points.alignment import Alignment
+from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import (
     DistanceGauge,
     Identity,

@@ -8,8 +8,8 @@ import numpy as np
 from calibration.accuracy import FULL_POSES, cube_positions
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
-from calibration.motion_check import allowed_postures
-from calibration.next_pose import spread_order
+from calibration.motion.motion_check import allowed_postures
+from calibration.poses.next_pose import spread_order
 from drivers.interfaces import Joints
 from procedures.arm_bench import Bench, Triple
 from procedures.arm_motion import (

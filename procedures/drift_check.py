@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.drift import (
+from calibration.drift.causes import (
     DEVICE,
     NOTHING,
     OTHER,
@@ -24,7 +24,7 @@ from calibration.drift import (
     explain,
     telling_pose,
 )
-from calibration.drift_reference import DriftReference
+from calibration.drift.reference import DriftReference
 from drivers.interfaces import Instruction, Joints
 from procedures.arm_bench import (
     READY,

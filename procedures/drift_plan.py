@@ -7,8 +7,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from calibration.drift import telling_order
-from calibration.drift_reference import DriftReference
+from calibration.drift.causes import telling_order
+from calibration.drift.reference import DriftReference
 from drivers.interfaces import Joints
 from procedures.arm_bench import Bench
 from procedures.arm_motion import Reach, draw_poses, map_roads, way_is_free, way_to_one, way_to_rest

@@ -13,15 +13,15 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.alignment import Alignment
-from calibration.fixture import (
+from calibration.geometry import Pose
+from calibration.points.alignment import Alignment
+from calibration.points.fixture import (
     PlacedPoints,
     Triple,
     place_points,
     refuse_bad_points,
 )
-from calibration.geometry import Pose
-from calibration.wire_network import Place, WireNetwork
+from calibration.wires.network import Place, WireNetwork
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase

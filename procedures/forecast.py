@@ -6,8 +6,8 @@ A procedure says it in a function ``(spec, Knowledge) -> Forecast`` on its card,
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from calibration.kinematics import RobotModel
-from calibration.mastering import MasteringRecord
+from calibration.arm.kinematics import RobotModel
+from calibration.mastering.counts import MasteringRecord
 from drivers.interfaces import Counts, GaugeCapabilities, Joints, TrackerCapabilities
 from procedures.cell import GaugeSetup, MotionLimits, TrackerSetup
 from procedures.limits import AccuracyClass, in_reach

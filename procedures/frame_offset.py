@@ -13,9 +13,9 @@ from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from calibration.errors import CalibrationError
-from calibration.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
-from calibration.frames import frame_offset as offset_between
 from calibration.geometry import Pose, log_rotation
+from calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
+from calibration.points.frames import frame_offset as offset_between
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase

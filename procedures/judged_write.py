@@ -8,8 +8,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from calibration.frames import frame_offset as offset_between
 from calibration.geometry import Pose, log_rotation
+from calibration.points.frames import frame_offset as offset_between
 from drivers.interfaces import Instruction
 from procedures.run import RefusalError
 from procedures.verdict import FAIL, PASS, Change, Characteristic, Verdict

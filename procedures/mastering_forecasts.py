@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.kinematics import RobotModel, load_model
-from calibration.mastering import DriveTrain, MasteringRecord, WireCapture
-from calibration.pose_design import predict
-from calibration.wire_reference import fit_wire_reference
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
+from calibration.mastering.pose_design import predict
+from calibration.wires.reference import fit_wire_reference
 from drivers.interfaces import Condition, Counts, Identity, Joints, MasteringData, Readiness
 from procedures.approach import OVERSHOOT_RAD
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction

@@ -7,11 +7,11 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.kinematics import load_model
-from calibration.mastering import MasteringRecord, WireCapture
-from calibration.pose_design import predict
+from calibration.arm.kinematics import load_model
+from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.pose_design import predict
 from calibration.uncertainty import chi_square_limit
-from calibration.wire_reference import WireReference, fit_wire_reference
+from calibration.wires.reference import WireReference, fit_wire_reference
 from drivers.interfaces import Instruction, Readiness
 from procedures.canonical import sha256_of
 from procedures.detours import known_way

@@ -1,6 +1,6 @@
 """Mastering recovery: a robot that lost its encoders gets its zero back, exactly where turns were lost.
 
-The gate of calibration/turn_recovery.py decides; this procedure brings it the captures it asks for, writes
+The gate of calibration/mastering/turn_recovery.py decides; this procedure brings it the captures it asks for, writes
 only what check poses have confirmed, and says why when it refuses.
 """
 
@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
-from calibration.mastering import MasteringRecord, WireCapture, provisional_turns
-from calibration.place_recovery import FITTED
-from calibration.turn_recovery import TurnRecovery
+from calibration.mastering.counts import MasteringRecord, WireCapture, provisional_turns
+from calibration.mastering.place_recovery import FITTED
+from calibration.mastering.turn_recovery import TurnRecovery
 from drivers.interfaces import Instruction, MasteringData
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase

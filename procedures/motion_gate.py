@@ -14,8 +14,8 @@ from enum import Enum
 
 import numpy as np
 
-from calibration.kinematics import RobotModel
-from calibration.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
+from calibration.arm.kinematics import RobotModel
+from calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
 from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from drivers.interfaces import Instruction, JointReading, Joints, Readiness
 from procedures.by_hand import jog_by_hand, move_by_hand

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.mastering import MasteringRecord, PlaceCapture, RecoveryKit, provisional_turns
-from calibration.place_recovery import places_to_fit, recover_from_places, verify_at_places
-from calibration.turn_recovery import TurnRecovery
+from calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit, provisional_turns
+from calibration.mastering.place_recovery import places_to_fit, recover_from_places, verify_at_places
+from calibration.mastering.turn_recovery import TurnRecovery
 from drivers.interfaces import Counts, Instruction
 from procedures.canonical import sha256_of
 from procedures.recovery_result import Effort, RecoveryResult, refused, restored, told_correction

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel
-from calibration.motion_check import MotionLimits, MotionVerdict, check_moves
-from calibration.motion_quantities import wire_winding
+from calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves
+from calibration.motion.motion_quantities import wire_winding
 from drivers.interfaces import Joints
 from procedures.approach import axis_by_axis, from_below
 

@@ -7,21 +7,21 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from calibration.arm.kinematics import RobotModel, load_model
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel, load_model
-from calibration.mastering import DriveTrain, MasteringRecord
-from calibration.motion_check import (
+from calibration.mastering.counts import DriveTrain, MasteringRecord
+from calibration.mastering.pose_design import candidate_joints, kit_poses, next_poses
+from calibration.mastering.recovery_walk import Pace, WalkPlanner, nearby_joints
+from calibration.mastering.turn_recovery import verification_power
+from calibration.motion.motion_check import (
     MotionLimits,
     WirePath,
     allowed_postures,
     check_moves,
     seem_free,
 )
-from calibration.pose_design import candidate_joints, kit_poses, next_poses
-from calibration.recovery_walk import Pace, WalkPlanner, nearby_joints
-from calibration.turn_recovery import verification_power
-from calibration.wire_model import WirePrior
+from calibration.wires.model import WirePrior
 from drivers.interfaces import Joints
 from procedures.detours import ways_through
 from procedures.plan_ways import (

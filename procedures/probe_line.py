@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array, log_rotation
-from calibration.kinematics import RobotModel
 from drivers.interfaces import Joints
 
 Place = tuple[float, float, float]

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 from pydantic_core import to_jsonable_python
 
-from calibration.mastering import MasteringRecord, WireCapture
-from calibration.turn_recovery import TurnRecovery
+from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.turn_recovery import TurnRecovery
 from drivers.interfaces import Joints
 from procedures.canonical import sha256_of
 from procedures.mastering_record import shown

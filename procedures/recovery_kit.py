@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from calibration.kinematics import load_model
-from calibration.mastering import MasteringRecord, RecoveryKit
-from calibration.place_recovery import places_to_fit, predict_places
+from calibration.arm.kinematics import load_model
+from calibration.mastering.counts import MasteringRecord, RecoveryKit
+from calibration.mastering.place_recovery import places_to_fit, predict_places
 from procedures.entry import Phase
 from procedures.run import RefusalError, Run
 from procedures.steps.place import PlaceKind, visit_place

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.kinematics import load_model
-from calibration.mastering import MasteringRecord, WireCapture
-from calibration.turn_recovery import (
+from calibration.arm.kinematics import load_model
+from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.turn_recovery import (
     GateCheck,
     TurnRecovery,
     recover_turns,

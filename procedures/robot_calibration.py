@@ -12,8 +12,8 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.calibrated_arm import CalibratedArm
 from calibration.errors import CalibrationError
+from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import Instruction, MasteringData
 from procedures.arm_bench import READY, ArmCapture, Bench, Method, bench_before, read_bench, same_robot
 from procedures.arm_motion import Reach, ordered_ways

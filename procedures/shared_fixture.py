@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.alignment import Alignment, WirePoints
-from calibration.fixture import Covariance6, Triple, base_through_fixture
-from calibration.joint_bases import bases_together
-from calibration.wire_network import WireNetwork
+from calibration.points.alignment import Alignment, WirePoints
+from calibration.points.fixture import Covariance6, Triple, base_through_fixture
+from calibration.points.joint_bases import bases_together
+from calibration.wires.network import WireNetwork
 from procedures.cell import Cell
 from procedures.steps.mastering import length_gauge
 from procedures.survey import Survey

@@ -12,14 +12,14 @@ from typing import Annotated, Literal, NewType
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
+from calibration.arm.kinematics import load_model
+from calibration.arm.urdf import bare_urdf, calibrated_urdf, read_urdf
 from calibration.errors import CalibrationError
 from calibration.geometry import Pose
-from calibration.kinematics import load_model
-from calibration.parameters import GEOMETRY, OFFSETS
-from calibration.tag_placement import Method, PlacedTags, Sigmas, place_by_tags
-from calibration.tag_points import Pairs, TagPath, paired
-from calibration.tag_robot import LEAST_TAGS, SimulatedRobot, calibrate_simulated_robot
-from calibration.urdf import bare_urdf, calibrated_urdf, read_urdf
+from calibration.identification.parameters import GEOMETRY, OFFSETS
+from calibration.points.tag_placement import Method, PlacedTags, Sigmas, place_by_tags
+from calibration.points.tag_points import Pairs, TagPath, paired
+from calibration.points.tag_robot import LEAST_TAGS, SimulatedRobot, calibrate_simulated_robot
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.cell import Cell

@@ -2,8 +2,8 @@
 
 import math
 
-from calibration.tag_placement import Known, PlacedTags
-from calibration.tag_robot import SimulatedRobot
+from calibration.points.tag_placement import Known, PlacedTags
+from calibration.points.tag_robot import SimulatedRobot
 from procedures.limits import CheckLimits, FrameLimits, ToolLimits
 from procedures.verdict import (
     PASS,

@@ -12,8 +12,8 @@ from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from calibration.geometry import Pose
-from calibration.tool_point import ToolAxes, ToolPoint, tool_pose
-from calibration.touch_design import foreseen_u_m, planned_attitudes
+from calibration.points.tool_point import ToolAxes, ToolPoint, tool_pose
+from calibration.points.touch_design import foreseen_u_m, planned_attitudes
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.cell import Cell

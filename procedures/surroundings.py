@@ -6,7 +6,9 @@ Plans carry them, the journal keeps them, and `clearances` makes the check of th
 from dataclasses import dataclass
 from functools import lru_cache
 
-from calibration.collision import (
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.geometry import Pose
+from calibration.motion.collision import (
     Box,
     Capsule,
     CellShape,
@@ -17,9 +19,7 @@ from calibration.collision import (
     arm_shape,
     assumed_shape,
 )
-from calibration.geometry import Pose
-from calibration.kinematics import RobotModel, load_model
-from calibration.motion_check import WirePath
+from calibration.motion.motion_check import WirePath
 
 Triple = tuple[float, float, float]
 

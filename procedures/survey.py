@@ -8,14 +8,13 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from calibration.fixture import Triple, placing_covariance, u_of
-from calibration.geometry import Array, Pose
-from calibration.kinematics import RobotModel, load_model
-from calibration.mastering import MasteringRecord
-from calibration.parameters import adjoint
-from calibration.wire_design import with_poses
-from calibration.wire_model import WirePrior
-from calibration.wire_network import Mounting, Place, WireBelief, WireNetwork, fit_network
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.geometry import Array, Pose, adjoint
+from calibration.mastering.counts import MasteringRecord
+from calibration.points.fixture import Triple, placing_covariance, u_of
+from calibration.wires.design import with_poses
+from calibration.wires.model import WirePrior
+from calibration.wires.network import Mounting, Place, WireBelief, WireNetwork, fit_network
 from drivers.interfaces import Instruction, Joints
 from procedures.cell import GaugeSetup, MotionLimits
 from procedures.plans import Room
@@ -205,7 +204,7 @@ def recorded_wire(record: MasteringRecord) -> RecordedWire:
 def uncertainties(goal: Goal, covariance_m2: Array, seat_sigma_m: float) -> tuple[float, float]:
     """Return U (k = 2) of the goal's origin [m] and angle [rad]; with one point, its own and none of the angle.
 
-    Two alignments of a base goal are taken as independent; `calibration.joint_bases` knows what they share.
+    Two alignments of a base goal are taken as independent; `calibration.points.joint_bases` knows what they share.
     """
     if len(goal.points_in_inner_m) == 1:
         return u_of(covariance_m2 + seat_sigma_m**2 * np.eye(3)), 0.0

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.fixture import Mirror, mirror_image, telling_gaps
 from calibration.geometry import Array
-from calibration.wire_design import best_order, expected_covariance, look_ahead
-from calibration.wire_network import Mounting
+from calibration.points.fixture import Mirror, mirror_image, telling_gaps
+from calibration.wires.design import best_order, expected_covariance, look_ahead
+from calibration.wires.network import Mounting
 from drivers.interfaces import Joints
 from procedures.steps.length import LengthCapture
 from procedures.survey import Captures, Survey, SurveyPlan, uncertainties

@@ -5,12 +5,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.collision import CollisionCheck
+from calibration.arm.kinematics import load_model
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
-from calibration.kinematics import load_model
-from calibration.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
-from calibration.pose_design import candidate_joints
+from calibration.mastering.pose_design import candidate_joints
+from calibration.motion.collision import CollisionCheck
+from calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
 from drivers.interfaces import Joints
 from procedures.approach import from_below
 from procedures.plans import Room

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from calibration.geometry import Pose
-from calibration.tool_point import AxesLimits, ToolAxes, axes_from_attitude, axes_from_plane, tool_axes
+from calibration.points.tool_point import AxesLimits, ToolAxes, axes_from_attitude, axes_from_plane, tool_axes
 from drivers.interfaces import Instruction
 from procedures.run import Run
 from procedures.steps.teach import teach

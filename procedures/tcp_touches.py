@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from calibration.geometry import Pose
-from calibration.tool_point import ToolPoint, locate_tool_point
-from calibration.touch_design import Alike, alike_touch, fixed_plan_touches, foreseen_u_m, next_turn
+from calibration.points.tool_point import ToolPoint, locate_tool_point
+from calibration.points.touch_design import Alike, alike_touch, fixed_plan_touches, foreseen_u_m, next_turn
 from drivers.interfaces import Instruction
 from procedures.run import OutOfToleranceError, RefusalError, Run
 from procedures.steps.teach import teach

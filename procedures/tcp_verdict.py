@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.geometry import Array, Pose
-from calibration.tool_point import ToolAxes, ToolPoint
+from calibration.points.tool_point import ToolAxes, ToolPoint
 from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
 from procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen, told
 from procedures.tcp_methods import Way

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.frames import TaughtFrame, frame_from_more_points, frame_from_three_points
 from calibration.geometry import Pose
+from calibration.points.frames import TaughtFrame, frame_from_more_points, frame_from_three_points
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from calibration.mastering import MasteringRecord
+from calibration.mastering.counts import MasteringRecord
 from drivers.interfaces import Condition, Counts, Instruction
 from procedures.cell import Cell
 from procedures.plans import index_travel

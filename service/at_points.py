@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.compensation.pose_gap import Arm
+from calibration.compensation.posture_of_pose import postures_of_poses
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, homogeneous
 from calibration.orientation import CONVENTIONS, rotation_from
-from calibration.pose_gap import Arm
-from calibration.posture_of_pose import postures_of_poses
 from service.measurement_table import MeasurementError
 
 _PLACE = ("x_mm", "y_mm", "z_mm")

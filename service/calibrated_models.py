@@ -7,14 +7,14 @@ from typing import Protocol
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
+from calibration.arm.urdf import calibrated_urdf, read_urdf
 from calibration.errors import CalibrationError
-from calibration.estimator import Fit
 from calibration.geometry import Array, homogeneous, inverse_transform
-from calibration.identifiability import correlations
-from calibration.kinematics import RobotModel
+from calibration.identification.estimator import Fit
+from calibration.identification.identifiability import correlations
+from calibration.identification.parameters import GEOMETRY, make_layout
 from calibration.orientation import elementary
-from calibration.parameters import GEOMETRY, make_layout
-from calibration.urdf import calibrated_urdf, read_urdf
 from service.parameter_sets import ParameterSet, ParameterSetError, Value
 
 _ROUNDED = 1e-6  # of an eigenvalue of stored correlations

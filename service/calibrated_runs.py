@@ -1,7 +1,7 @@
 """From a kept robot calibration to a version of the robot's parameter set, for `cellcal parameters keep`."""
 
-from calibration.calibrated_arm import CalibratedArm
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
+from calibration.poses.calibrated_arm import CalibratedArm
 from service.calibrated_models import nominal_sha256, values_of_identification
 from service.cell import open_journal
 from service.config import CellConfig

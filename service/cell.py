@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
 from drivers.interfaces import (
     DistanceGauge,
     GaugeCapabilities,

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from calibration.cell import CellRobot
-from calibration.cell_identification import CellIdentification, SeriesErrors, fit_cell
-from calibration.cell_levels import CellOptions
-from calibration.cell_prediction import FoundFrame, frame_between, tool_in_flange
-from calibration.cell_robot_fit import fit_of_robot
-from calibration.cross_validation import Errors, rmse_uncertainty
-from calibration.estimator import Fit
+from calibration.cells.cell import CellRobot
+from calibration.cells.identify import CellIdentification, SeriesErrors, fit_cell
+from calibration.cells.levels import CellOptions
+from calibration.cells.prediction import FoundFrame, frame_between, tool_in_flange
+from calibration.cells.robot_fit import fit_of_robot
 from calibration.geometry import quaternion_from_rotation
-from calibration.observations import Rows
-from calibration.offset_acceptance import OffsetAcceptance, OffsetEvidence, judge_offsets
-from calibration.parameters import LEVEL_NAMES
-from calibration.tip_uncertainty import HayatiTable, hayati_table
+from calibration.identification.cross_validation import Errors, rmse_uncertainty
+from calibration.identification.estimator import Fit
+from calibration.identification.observations import Rows
+from calibration.identification.offset_acceptance import OffsetAcceptance, OffsetEvidence, judge_offsets
+from calibration.identification.parameters import LEVEL_NAMES
+from calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from calibration.uncertainty import Decision, Verdict, coverage_factor, decide
 from service.identify_verdicts import Limits
 from service.measurement_cell_rows import CellMeasurements, read_cell

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.cell_prediction import target_positions, tip_covariance
-from calibration.free_parameters import values_of
+from calibration.arm.urdf import bare_urdf
+from calibration.cells.prediction import target_positions, tip_covariance
+from calibration.compensation.pose_gap import Arm
 from calibration.geometry import Array
-from calibration.lints import beyond_fitted_range
-from calibration.parameters import FRAMES
-from calibration.pose_gap import Arm
-from calibration.urdf import bare_urdf
+from calibration.identification.free_parameters import values_of
+from calibration.identification.lints import beyond_fitted_range
+from calibration.identification.parameters import FRAMES
 from service.at_points import AtOptions, read_points, solved
 from service.calibrated_models import nominal_sha256, values_of_identification
 from service.cell_identify import ArmReport, CellReport

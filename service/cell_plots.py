@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from calibration.cell_system import residuals
+from calibration.cells.system import residuals
 from calibration.geometry import Array
-from calibration.observations import PoseObservations, Rows
-from calibration.parameters import LEVEL_NAMES
+from calibration.identification.observations import PoseObservations, Rows
+from calibration.identification.parameters import LEVEL_NAMES
 from service.cell_identify import CellReport
 from service.plots.correlations import matrix_of
 from service.plots.distribution import distribution, histogram

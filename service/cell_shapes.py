@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from calibration.collision import Capsule, CellShape, Plane, Sphere
+from calibration.arm.kinematics import RobotModel
+from calibration.arm.robot_models import model_names
 from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Pose, homogeneous
-from calibration.kinematics import RobotModel
-from calibration.motion_check import WirePath
+from calibration.motion.collision import Capsule, CellShape, Plane, Sphere
+from calibration.motion.motion_check import WirePath
 from calibration.orientation import rotation_from
-from calibration.robot_models import model_names
 from procedures.surroundings import Block, Surroundings, cell_shape, clearances
 
 Place = tuple[float, float, float]

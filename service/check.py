@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
 from drivers.errors import DeviceError
 from drivers.interfaces import Device, Readiness, Robot
 from procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m

@@ -19,8 +19,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
+from calibration.arm.robot_models import model_names
 from calibration.errors import CellError
-from calibration.robot_models import model_names
 from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
 from service.motion_config import MOTION_KEYS, RobotMotion, read_motion
 

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from calibration.cross_validation import Errors, Grouping, group_rows
-from calibration.free_parameters import PartLayout, values_of
+from calibration.arm.kinematics import load_model
 from calibration.geometry import Array
-from calibration.identification import Identification, identify
-from calibration.kinematics import load_model
-from calibration.lints import Lint
-from calibration.observations import Observations, Rows, with_mounting
-from calibration.parameters import LEVEL_NAMES
-from calibration.residual_model import errors_with
-from calibration.selection import Options
-from calibration.series_breaks import mounting_of
-from calibration.tip_uncertainty import HayatiTable, hayati_table
+from calibration.identification.cross_validation import Errors, Grouping, group_rows
+from calibration.identification.free_parameters import PartLayout, values_of
+from calibration.identification.identify import Identification, identify
+from calibration.identification.lints import Lint
+from calibration.identification.observations import Observations, Rows, with_mounting
+from calibration.identification.parameters import LEVEL_NAMES
+from calibration.identification.residual_model import errors_with
+from calibration.identification.selection import Options
+from calibration.identification.series_breaks import mounting_of
+from calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from calibration.uncertainty import coverage_factor
 from service.identify_check import (
     Checked,

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from calibration.compensation.pose_gap import Arm
 from calibration.geometry import Array
-from calibration.lints import beyond_fitted_range
-from calibration.pose_gap import Arm
-from calibration.tip_uncertainty import predict_tips
+from calibration.identification.lints import beyond_fitted_range
+from calibration.identification.tip_uncertainty import predict_tips
 from service.at_points import AtOptions, read_points, solved
 from service.identify import IdentifyReport
 from service.measurement_table import MeasurementError

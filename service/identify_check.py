@@ -6,20 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import lints
-from calibration.cross_validation import Errors, Grouping, group_rows, same_postures
-from calibration.drift_lint import order_drift, temperature_drift
-from calibration.estimator import Problem, errors_m, estimate, whitened_residuals
+from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array
-from calibration.identification import Identification
-from calibration.kinematics import RobotModel
-from calibration.lints import Lint
-from calibration.observations import Observations, Rows, with_joints, with_mounting
-from calibration.parameters import FRAMES, ArmState, make_layout
-from calibration.residual_model import errors_with
-from calibration.series_breaks import assign_mountings
-from calibration.sweep_lint import sweep_lint
-from calibration.unrounding import unround_joints
+from calibration.identification import lints
+from calibration.identification.cross_validation import Errors, Grouping, group_rows, same_postures
+from calibration.identification.drift_lint import order_drift, temperature_drift
+from calibration.identification.estimator import Problem, errors_m, estimate, whitened_residuals
+from calibration.identification.identify import Identification
+from calibration.identification.lints import Lint
+from calibration.identification.observations import Observations, Rows, with_joints, with_mounting
+from calibration.identification.parameters import FRAMES, ArmState, make_layout
+from calibration.identification.residual_model import errors_with
+from calibration.identification.series_breaks import assign_mountings
+from calibration.identification.sweep_lint import sweep_lint
+from calibration.identification.unrounding import unround_joints
 from service.identify_start import Start
 from service.measurement_table import MeasurementError
 from service.measurements import Measurements, ReadOptions, read_measurements

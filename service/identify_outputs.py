@@ -3,8 +3,8 @@
 import hashlib
 from pathlib import Path
 
-from calibration.parameters import FRAMES
-from calibration.urdf import bare_urdf
+from calibration.arm.urdf import bare_urdf
+from calibration.identification.parameters import FRAMES
 from service.calibrated_models import nominal_sha256, values_of_identification
 from service.identify import IdentifyReport
 from service.measurement_table import MeasurementError

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
 from calibration.errors import CalibrationError
-from calibration.free_parameters import Places, StartingPoint
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel
-from calibration.observations import Device
-from calibration.parameters import ArmState
+from calibration.identification.free_parameters import Places, StartingPoint
+from calibration.identification.observations import Device
+from calibration.identification.parameters import ArmState
 from service.calibrated_models import calibrated_model, covariance_of
 from service.measurement_table import MeasurementError
 from service.parameter_sets import ParameterSets, parse

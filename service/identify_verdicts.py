@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from calibration.cross_validation import rmse_uncertainty
 from calibration.geometry import Array
-from calibration.identification import Identification
-from calibration.observations import Rows
-from calibration.offset_acceptance import OffsetAcceptance, accept_offsets
+from calibration.identification.cross_validation import rmse_uncertainty
+from calibration.identification.identify import Identification
+from calibration.identification.observations import Rows
+from calibration.identification.offset_acceptance import OffsetAcceptance, accept_offsets
 from calibration.uncertainty import Decision, Verdict, decide
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from calibration.errors import CellError
-from calibration.mastering import MasteringRecord
+from calibration.mastering.counts import MasteringRecord
 from procedures.mastering_record import seal_of
 from procedures.past import Kind
 from service.cell import open_journal

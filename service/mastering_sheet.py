@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.kinematics import load_model
-from calibration.mastering import MasteringRecord
+from calibration.arm.kinematics import load_model
+from calibration.mastering.counts import MasteringRecord
 
 WIDTH = 80
 _AFTER_A_LOSS = (

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Series
-from calibration.cell_places import Place
-from calibration.contact_observations import (
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Series
+from calibration.cells.contact_observations import (
     BarLengths,
     CellObservations,
     GuidedLengthObservations,
@@ -16,9 +16,14 @@ from calibration.contact_observations import (
     PlaneContacts,
     SphereContacts,
 )
+from calibration.cells.places import Place
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel, load_model
-from calibration.observations import LengthObservations, PointObservations, PoseObservations, Rows
+from calibration.identification.observations import (
+    LengthObservations,
+    PointObservations,
+    PoseObservations,
+    Rows,
+)
 from calibration.orientation import CONVENTIONS, rotation_from
 from service.measurement_cells import CellLayoutFile, Named, Reading
 from service.measurement_table import MeasurementError, Table, read_table

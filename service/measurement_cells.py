@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.cell import Scalar
-from calibration.cell_places import Place
+from calibration.cells.cell import Scalar
+from calibration.cells.places import Place
 from calibration.geometry import Array, homogeneous, rotation_from_quaternion
 from calibration.orientation import CONVENTIONS
 from service.measurement_layouts import layout_data, refuse_unknown

@@ -15,7 +15,7 @@ import numpy as np
 
 from calibration.errors import CellError
 from calibration.geometry import Array
-from calibration.observations import Rows
+from calibration.identification.observations import Rows
 
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _LOOK_AHEAD = 200  # lines, to find separator and decimal mark

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
 from calibration.errors import CalibrationError
-from calibration.first_guess import first_guess
 from calibration.geometry import Array, log_rotation, mean_rotation
-from calibration.kinematics import RobotModel
-from calibration.observations import (
+from calibration.identification.first_guess import first_guess
+from calibration.identification.observations import (
     LengthObservations,
     Observations,
     PointObservations,
     Rows,
     pose_from_points,
 )
+from calibration.identification.unrounding import resolution
 from calibration.orientation import CONVENTIONS, rotation_from
-from calibration.unrounding import resolution
 from service.measurement_columns import Layout, detect_layout
 from service.measurement_table import MeasurementError, Table, read_table
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
+from calibration.arm.standard_dh import standard_dh
+from calibration.arm.ur_factory import factory_model
+from calibration.arm.urdf import bare_urdf
 from calibration.geometry import log_transform
-from calibration.kinematics import RobotModel
-from calibration.standard_dh import standard_dh
-from calibration.ur_factory import factory_model
-from calibration.urdf import bare_urdf
 from service.calibrated_models import (
     CalibratedModel,
     calibrated_description,

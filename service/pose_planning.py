@@ -8,14 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from calibration.collision import CollisionCheck, assumed_shape
-from calibration.description_collision import DescriptionCheck
-from calibration.enough_poses import Acceptance, enough_poses
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.arm.urdf import read_urdf
 from calibration.errors import CellError
 from calibration.geometry import Array
-from calibration.identifiability import NotIdentified
-from calibration.kinematics import RobotModel, load_model
-from calibration.measurement_poses import (
+from calibration.identification.identifiability import NotIdentified
+from calibration.identification.observations import Observations, with_mounting
+from calibration.identification.parameters import GEOMETRY
+from calibration.motion.collision import CollisionCheck, assumed_shape
+from calibration.motion.description_collision import DescriptionCheck
+from calibration.motion.motion_check import MotionLimits, WirePath
+from calibration.poses.enough_poses import Acceptance, enough_poses
+from calibration.poses.measurement_poses import (
     Criterion,
     Instrument,
     Outlook,
@@ -29,10 +33,6 @@ from calibration.measurement_poses import (
     plan_efficiency,
     predict,
 )
-from calibration.motion_check import MotionLimits, WirePath
-from calibration.observations import Observations, with_mounting
-from calibration.parameters import GEOMETRY
-from calibration.urdf import read_urdf
 from service.cell_shapes import read_cell_shape
 from service.identify import IdentifyOptions, identify_file
 

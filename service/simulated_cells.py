@@ -9,12 +9,12 @@ import numpy as np
 from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
+from calibration.arm.kinematics import load_model
+from calibration.arm.urdf import read_urdf
 from calibration.errors import CalibrationError
-from calibration.kinematics import load_model
 from calibration.orientation import CONVENTIONS, values_from
-from calibration.tag_placement import PlacedTags
-from calibration.tag_points import TagPath
-from calibration.urdf import read_urdf
+from calibration.points.tag_placement import PlacedTags
+from calibration.points.tag_points import TagPath
 from procedures.simulation_cell import CalibratedPart, CalibratedRobot, Description, SimulationCell
 from service.calibrated_models import nominal_sha256
 from service.files import replace_file

@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from calibration.alignment import Alignment
-from calibration.calibrated_arm import CalibratedArm
-from calibration.drift_reference import DriftReference
-from calibration.mastering import MasteringRecord
+from calibration.drift.reference import DriftReference
+from calibration.mastering.counts import MasteringRecord
+from calibration.points.alignment import Alignment
+from calibration.poses.calibrated_arm import CalibratedArm
 from procedures.canonical import sha256_of
 from procedures.cell import Cell
 from procedures.past import Kind, Past, fold

@@ -11,7 +11,7 @@ import numpy as np
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, quaternion_from_rotation
 from calibration.orientation import CONVENTIONS, rotation_from
-from calibration.tag_points import TagPath
+from calibration.points.tag_points import TagPath
 from service.measurement_columns import Layout, detect_layout
 from service.measurement_table import MeasurementError, Table, read_table
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.arm.kinematics import DhTable, RobotModel
+from calibration.arm.standard_dh import standard_dh
+from calibration.arm.ur_factory import calibration_hash, factory_model, parse_calibration_conf
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, homogeneous, inverse_transform, is_rigid
-from calibration.kinematics import DhTable, RobotModel
 from calibration.orientation import elementary, euler_angles, euler_rotation
-from calibration.standard_dh import standard_dh
-from calibration.ur_factory import calibration_hash, factory_model, parse_calibration_conf
 
 ROS_FRAMES = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 LINEARISED = 2  # calibration status: 0 not initialised, 1 not linearised, 2 linearised

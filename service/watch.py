@@ -19,7 +19,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.mastering import DriveTrain
+from calibration.mastering.counts import DriveTrain
 from drivers.errors import DeviceError
 from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
 from service.loss_modes import Suspicion, battery_warning, crashed, suspect

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from calibration.arm.kinematics import RobotModel, load_model
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel, load_model
 from drivers.operator.scripted import ScriptedOperator
 from service.cli.runs import tell
 from service.config import read_cell_file

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from calibration.mastering import DriveTrain
+from calibration.mastering.counts import DriveTrain
 from drivers.errors import CellError, DeviceError, RefusedError, WireProtocolError
 from drivers.interfaces import Counts, MasteringData
 from drivers.modbus_robot.panel import Panel

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.geometry import Pose
-from calibration.mastering import DriveTrain
+from calibration.mastering.counts import DriveTrain
 from drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError
 from drivers.interfaces import (
     Condition,

@@ -5,7 +5,7 @@ import math
 import statistics
 from dataclasses import dataclass
 
-from calibration.mastering import WireCapture
+from calibration.mastering.counts import WireCapture
 from drivers.interfaces import Counts, Joints
 from procedures.cell import Cell
 from procedures.run import ProcedureError

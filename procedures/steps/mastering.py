@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Pose
-from calibration.kinematics import RobotModel
-from calibration.mastering import DriveTrain, MasteringRecord
+from calibration.mastering.counts import DriveTrain, MasteringRecord
 from drivers.errors import UnreachableError
 from drivers.interfaces import (
     Condition,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.mastering import DriveTrain
+from calibration.mastering.counts import DriveTrain
 from drivers.interfaces import Counts, Joints
 from procedures import motion_gate
 from procedures.approach import OVERSHOOT_RAD, from_below

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from calibration.mastering import PlaceCapture
+from calibration.mastering.counts import PlaceCapture
 from drivers.interfaces import Instruction
 from procedures.cell import Cell
 from procedures.run import ProcedureError

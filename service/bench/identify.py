@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array, exp_twist
-from calibration.kinematics import RobotModel
 from service.bench.contestants import OURS, PEERS, Absent, Answers, Contestant, run
 from service.bench.results import Result, Topic, take_turns
 from service.bench.simulated import arms, device_and_target, draw_joints

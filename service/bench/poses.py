@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.base_parameters import base_subset
-from calibration.estimator import Problem, place_columns
-from calibration.first_guess import first_guess
 from calibration.geometry import Array
-from calibration.observations import PointObservations, Rows
-from calibration.parameters import GEOMETRY, Priors, make_layout
+from calibration.identification.base_parameters import base_subset
+from calibration.identification.estimator import Problem, place_columns
+from calibration.identification.first_guess import first_guess
+from calibration.identification.observations import PointObservations, Rows
+from calibration.identification.parameters import GEOMETRY, Priors, make_layout
 from service.bench.contestants import OURS, PEERS, Absent, Answers, Contestant, run
 from service.bench.results import Result, Topic, take_turns
 from service.bench.simulated import arms, draw_joints

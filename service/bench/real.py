@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.estimator import Problem, estimate
-from calibration.first_guess import first_guess
+from calibration.arm.kinematics import RobotModel, load_model
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel, load_model
-from calibration.observations import PointObservations, Rows
-from calibration.parameters import FRAMES, make_layout
+from calibration.identification.estimator import Problem, estimate
+from calibration.identification.first_guess import first_guess
+from calibration.identification.observations import PointObservations, Rows
+from calibration.identification.parameters import FRAMES, make_layout
 from service.bench.contestants import OURS, PEERS, Absent, Answers, BenchError, Contestant, run
 from service.bench.results import Result, Topic, take_turns
 from service.bench.simulated import model_inputs

@@ -5,14 +5,18 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calibration.cell import Cell, CellDevice, CellRobot, CellTool, Series
-from calibration.cell_identification import fit_cell
-from calibration.cell_levels import CellOptions
-from calibration.cell_places import Place
-from calibration.cell_prediction import frame_between
-from calibration.compensation import compensate
-from calibration.contact_observations import PlaneContacts
-from calibration.frames import (
+from calibration.arm.kinematics import DhTable, RobotModel
+from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTool, Series
+from calibration.cells.contact_observations import PlaneContacts
+from calibration.cells.identify import fit_cell
+from calibration.cells.levels import CellOptions
+from calibration.cells.places import Place
+from calibration.cells.prediction import frame_between
+from calibration.compensation.compensate import compensate
+from calibration.geometry import Array, Pose
+from calibration.identification.parameters import FRAMES
+from calibration.mastering.integer_search import search_integers
+from calibration.points.frames import (
     base_to_base,
     clone_change,
     frame_from_many_points,
@@ -21,12 +25,8 @@ from calibration.frames import (
     frame_offset,
     moved_point,
 )
-from calibration.geometry import Array, Pose
-from calibration.integer_search import search_integers
-from calibration.kinematics import DhTable, RobotModel
-from calibration.parameters import FRAMES
+from calibration.points.tool_point import locate_tool_point
 from calibration.registration import best_fit_transform, trilaterate
-from calibration.tool_point import locate_tool_point
 
 Given: TypeAlias = dict[str, Array]
 Found: TypeAlias = dict[str, Array | float]

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel, load_model
 from calibration.geometry import Array, exp_twist, homogeneous
-from calibration.kinematics import RobotModel, load_model
 
 ROBOT = "ur10"
 LENGTH_ERROR_M = 4e-4

@@ -40,7 +40,7 @@ def export(*, cell: CellFile, out: Path) -> int:
     out
         The file to write (.aln).
     """
-    from calibration.alignment import alignment_text
+    from calibration.points.alignment import alignment_text
     from service.cell import open_journal
     from service.cli.printing import EN_ROUTE
     from service.config import read_cell_file

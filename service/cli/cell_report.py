@@ -64,7 +64,7 @@ def print_tables(console: "Console", report: "CellReport") -> None:
 def _print_series(console: "Console", report: "CellReport") -> None:
     from rich.table import Table
 
-    from calibration.parameters import LEVEL_NAMES
+    from calibration.identification.parameters import LEVEL_NAMES
 
     title = f"level {report.level}, {LEVEL_NAMES[report.level]}; RMSE in mm"
     table = Table("series", "kind", "rows", "before", "held out", "fit", "sigma x", title=title)

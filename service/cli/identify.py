@@ -129,7 +129,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     """
     # Before numpy is imported: on matrices of this size a second BLAS thread only waits for the first.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from calibration.cell_levels import CellOptions
+    from calibration.cells.levels import CellOptions
     from service.at_points import AtOptions
     from service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
     from service.identify import IdentifyOptions, identify_file
@@ -250,7 +250,7 @@ def _quantity(text: str, option: str, units: dict[str, float]) -> float | None:
 def _show_layout(measurements: Path, robot: str, read: "ReadOptions", *, as_json: bool) -> int:
     from rich.console import Console
 
-    from calibration.kinematics import load_model
+    from calibration.arm.kinematics import load_model
     from service.cli.printing import EN_ROUTE, print_json
     from service.measurement_layouts import layout_document, layout_text
     from service.measurements import read_measurements

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from calibration.cell_levels import CellOptions
+    from calibration.cells.levels import CellOptions
     from service.at_points import AtOptions
     from service.cell_identify import CellReport
     from service.identify_at import TipsAt

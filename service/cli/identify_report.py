@@ -8,10 +8,10 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from calibration.cross_validation import Errors
-    from calibration.identifiability import NotIdentified
-    from calibration.offset_acceptance import OffsetAcceptance
-    from calibration.tip_uncertainty import HayatiTable
+    from calibration.identification.cross_validation import Errors
+    from calibration.identification.identifiability import NotIdentified
+    from calibration.identification.offset_acceptance import OffsetAcceptance
+    from calibration.identification.tip_uncertainty import HayatiTable
     from service.identify import IdentifyReport
     from service.identify_at import TipsAt
 
@@ -47,7 +47,7 @@ def print_report(console: "Console", report: "IdentifyReport") -> None:
 def _print_errors(console: "Console", report: "IdentifyReport") -> None:
     from rich.table import Table
 
-    from calibration.parameters import LEVEL_NAMES
+    from calibration.identification.parameters import LEVEL_NAMES
 
     table = Table(
         "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {report.rows} rows"

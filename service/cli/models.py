@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from calibration.kinematics import DhTable, RobotModel
+    from calibration.arm.kinematics import DhTable, RobotModel
 
 
 def models(name: str | None = None, /, *, as_json: Annotated[bool, Parameter(name="--json")] = False) -> int:
@@ -21,7 +21,7 @@ def models(name: str | None = None, /, *, as_json: Annotated[bool, Parameter(nam
     from rich.console import Console
     from rich.table import Table
 
-    from calibration.kinematics import load_model, model_names
+    from calibration.arm.kinematics import load_model, model_names
     from service.cli.printing import print_json
 
     names = model_names() if name is None else (name,)

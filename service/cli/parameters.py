@@ -235,7 +235,7 @@ def import_(  # noqa: PLR0913  # a command's options are its arguments
     note
         Anything worth keeping.
     """
-    from calibration.kinematics import load_model
+    from calibration.arm.kinematics import load_model
     from service.parameter_files import Who, import_file
 
     _must_exist(file)
@@ -275,7 +275,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
     geometric_joints
         Allow a URDF of a robot that couples joints, driven by geometric angles.
     """
-    from calibration.kinematics import load_model
+    from calibration.arm.kinematics import load_model
     from service.cli.printing import EN_ROUTE
     from service.parameter_files import FileKind, Template, export_set
     from service.parameter_sets import ParameterSetError

@@ -8,8 +8,8 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from calibration.enough_poses import Acceptance
-    from calibration.measurement_poses import Criterion
+    from calibration.poses.enough_poses import Acceptance
+    from calibration.poses.measurement_poses import Criterion
     from service.pose_planning import PlanReport
 
 _DEG = 57.29577951308232
@@ -100,7 +100,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
-    from calibration.measurement_poses import Instrument
+    from calibration.poses.measurement_poses import Instrument
     from service.cli.printing import EN_ROUTE, print_json
     from service.exit_codes import ExitCode
     from service.pose_planning import Description, PlanRequest, plan_poses, write_plan
@@ -144,7 +144,7 @@ def _metres(millimetres: tuple[float, float, float]) -> tuple[float, float, floa
 
 
 def _criterion(word: str | None) -> "Criterion | None":
-    from calibration.measurement_poses import Criterion
+    from calibration.poses.measurement_poses import Criterion
     from service.pose_planning import PlanError
 
     if word is None:
@@ -157,7 +157,7 @@ def _criterion(word: str | None) -> "Criterion | None":
 def _acceptance(
     tip_mm: float | None, worst_mm: float | None, offset_deg: float | None, offsets: tuple[str, ...]
 ) -> "Acceptance | None":
-    from calibration.enough_poses import Acceptance
+    from calibration.poses.enough_poses import Acceptance
 
     if tip_mm is None and worst_mm is None and offset_deg is None:
         return None

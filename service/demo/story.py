@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from calibration.errors import CellError
-from calibration.mastering import DriveTrain
+from calibration.mastering.counts import DriveTrain
 from procedures.cell import Cell
 from procedures.progress import Progress, ignore
 from procedures.recovery_result import RecoveryResult

@@ -7,7 +7,7 @@ from matplotlib.figure import FigureBase
 from matplotlib.patches import Rectangle
 
 from calibration.geometry import Array
-from calibration.identifiability import Estimate, correlations
+from calibration.identification.identifiability import Estimate, correlations
 from service.plots.evidence import Evidence
 from service.plots.style import SIGNED_MAP, title_of
 

@@ -5,14 +5,14 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.estimator import Problem, whitened_residuals
+from calibration.arm.joint_terms import term_values
 from calibration.geometry import Array
-from calibration.joint_terms import term_values
-from calibration.measurement_poses import Outlook, TestPoses
-from calibration.motion_check import MotionLimits
-from calibration.observations import LengthObservations, Observations, PoseObservations, Rows
-from calibration.parameters import ArmState
-from calibration.pose_design import candidate_joints
+from calibration.identification.estimator import Problem, whitened_residuals
+from calibration.identification.observations import LengthObservations, Observations, PoseObservations, Rows
+from calibration.identification.parameters import ArmState
+from calibration.mastering.pose_design import candidate_joints
+from calibration.motion.motion_check import MotionLimits
+from calibration.poses.measurement_poses import Outlook, TestPoses
 from service.identify import IdentifyReport
 
 _REACHABLE = 4000  # postures: enough for a few in every cell of the map

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import FigureBase
 
-from calibration.parameters import LEVEL_NAMES
+from calibration.identification.parameters import LEVEL_NAMES
 from service.identify import IdentifyReport
 from service.plots.distribution import histogram, shares
 from service.plots.evidence import Evidence

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from calibration.geometry import Array
-from calibration.observations import Rows
+from calibration.identification.observations import Rows
 
 
 class Pictured(Protocol):

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import FigureBase
 
 from calibration.geometry import Array
-from calibration.observations import LengthObservations
+from calibration.identification.observations import LengthObservations
 from service.plots.evidence import Evidence, thinned
 from service.plots.style import DOUBT_MAP, ERROR_MAP, tidy, title_of
 

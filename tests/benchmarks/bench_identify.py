@@ -28,13 +28,13 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a second BLA
 import numpy as np
 import pinocchio as pin
 
-from calibration.base_parameters import base_subset
-from calibration.estimator import Fit, Problem, errors_m, estimate, place_columns, settled
-from calibration.first_guess import first_guess
+from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel
-from calibration.observations import PointObservations
-from calibration.parameters import GEOMETRY, ArmState, Layout, Priors, make_layout
+from calibration.identification.base_parameters import base_subset
+from calibration.identification.estimator import Fit, Problem, errors_m, estimate, place_columns, settled
+from calibration.identification.first_guess import first_guess
+from calibration.identification.observations import PointObservations
+from calibration.identification.parameters import GEOMETRY, ArmState, Layout, Priors, make_layout
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 
 _LOOSE = Priors(offset_rad=0.1, length_m=0.1, angle_rad=0.1)  # the bound knows no prior

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.alignment import read_alignments
 from calibration.geometry import Pose, log_transform
+from calibration.points.alignment import read_alignments
 from service.cell import lend_record, open_cell, open_journal
 from service.cli.alignments import export as export_alignments
 from service.cli.alignments import show as show_alignments

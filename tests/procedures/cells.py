@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from calibration.alignment import Alignment
-from calibration.drift_reference import DriftReference
+from calibration.arm.kinematics import load_model
+from calibration.drift.reference import DriftReference
 from calibration.geometry import Pose, homogeneous, quaternion_from_rotation
-from calibration.kinematics import load_model
-from calibration.mastering import MasteringRecord
+from calibration.mastering.counts import MasteringRecord
+from calibration.points.alignment import Alignment
 from procedures.accuracy_check import AccuracyCheck, CheckRules
 from procedures.arm_bench import Method
 from procedures.base_to_base import BaseToBaseSpec

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel, load_model
 from calibration.geometry import Pose
-from calibration.kinematics import RobotModel, load_model
-from calibration.mastering import DriveTrain
+from calibration.mastering.counts import DriveTrain
 from drivers.errors import RefusedError
 from drivers.interfaces import (
     Alarm,

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration.geometry import log_rotation
-from calibration.mastering import MasteringRecord, WireCapture
+from calibration.mastering.counts import MasteringRecord, WireCapture
 from drivers.interfaces import Condition, Identity, PointReading, Readiness, TrackerCapabilities
 from procedures.mastering_record import fit_wire, sealed
 from procedures.steps.mastering import read_motors

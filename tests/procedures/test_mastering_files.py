@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pydantic import TypeAdapter
 
-from calibration.mastering import MasteringRecord
+from calibration.mastering.counts import MasteringRecord
 from procedures.mastering_record import seal
 from service.cell import on_paper, open_journal
 from service.config import CellConfig, read_cell_file

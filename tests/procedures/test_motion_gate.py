@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.collision import Plane, Sphere
 from calibration.errors import CellError
+from calibration.motion.collision import Plane, Sphere
 from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from drivers.interfaces import Condition, JointReading, Readiness
 from drivers.registry import PROGRAM_WRITERS

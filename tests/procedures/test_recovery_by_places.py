@@ -163,7 +163,7 @@ async def test_a_record_older_than_kits_keeps_its_seal() -> None:
 
 
 def test_a_place_needs_what_its_kind_says() -> None:
-    from calibration.mastering import PlaceCapture
+    from calibration.mastering.counts import PlaceCapture
 
     for wrong in (
         {"kind": "ball"},

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.frames import base_to_base as chained_frames
 from calibration.geometry import Pose, homogeneous
+from calibration.points.frames import base_to_base as chained_frames
 from drivers.interfaces import MasteringData
 from procedures.base_to_base import BasesResult, BaseToBaseSpec, base_to_base
 from procedures.catalogue import CATALOGUE

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from calibration.calibrated_arm import CalibratedArm
-from calibration.free_parameters import StartingPoint, state_of
+from calibration.arm.joint_terms import term_values
+from calibration.arm.kinematics import load_model
 from calibration.geometry import homogeneous
-from calibration.joint_terms import term_values
-from calibration.kinematics import load_model
-from calibration.motion_check import MotionLimits, WirePath
-from calibration.pose_design import candidate_joints
+from calibration.identification.free_parameters import StartingPoint, state_of
+from calibration.mastering.pose_design import candidate_joints
+from calibration.motion.motion_check import MotionLimits, WirePath
+from calibration.poses.calibrated_arm import CalibratedArm
 from calibration.registration import best_fit_transform
 from fake_devices.cell import FakeCell
 from procedures.cell import Cell

@@ -4,15 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
-from calibration.cell_estimate import CellFit, estimate_cell
-from calibration.cell_first_guess import first_places
-from calibration.cell_places import Place
-from calibration.cell_prediction import target_positions, tip_covariance
-from calibration.cell_robust import fit_cell_robustly
-from calibration.cell_state import CellLayout, CellState, Frames, cell_layout
-from calibration.cell_system import CellProblem
-from calibration.contact_observations import (
+from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
+from calibration.cells.contact_observations import (
     BarLengths,
     CellObservations,
     GuidedLengthObservations,
@@ -20,9 +13,16 @@ from calibration.contact_observations import (
     PlaneContacts,
     SphereContacts,
 )
+from calibration.cells.estimate import CellFit, estimate_cell
+from calibration.cells.first_guess import first_places
+from calibration.cells.places import Place
+from calibration.cells.prediction import target_positions, tip_covariance
+from calibration.cells.robust import fit_cell_robustly
+from calibration.cells.state import CellLayout, CellState, Frames, cell_layout
+from calibration.cells.system import CellProblem
 from calibration.geometry import Array, exp_rotation, exp_twist, homogeneous, inverse_transform
-from calibration.observations import LengthObservations, PointObservations
-from calibration.parameters import FRAMES, GEOMETRY
+from calibration.identification.observations import LengthObservations, PointObservations
+from calibration.identification.parameters import FRAMES, GEOMETRY
 from calibration.uncertainty import coverage_factor
 from tests.soak.coverage_arms import (
     ANCHOR,

@@ -2,19 +2,19 @@
 
 import numpy as np
 
-from calibration.estimator import Problem, estimate
 from calibration.geometry import Array, exp_rotation
-from calibration.observations import (
+from calibration.identification.estimator import Problem, estimate
+from calibration.identification.observations import (
     Device,
     LengthObservations,
     Observations,
     PointObservations,
     PoseObservations,
 )
-from calibration.parameters import GEOMETRY, ArmState, Layout, make_layout
-from calibration.robust import fit_robustly
-from calibration.series_breaks import fit_frames
-from calibration.tip_uncertainty import predict_tips
+from calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
+from calibration.identification.robust import fit_robustly
+from calibration.identification.series_breaks import fit_frames
+from calibration.identification.tip_uncertainty import predict_tips
 from calibration.uncertainty import coverage_factor
 from tests.soak.coverage_arms import (
     ANCHOR,

@@ -7,9 +7,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from calibration.fixture import BaseToBase, base_through_fixture
 from calibration.geometry import log_transform
-from calibration.joint_bases import bases_together
+from calibration.points.fixture import BaseToBase, base_through_fixture
+from calibration.points.joint_bases import bases_together
 from tests.soak.figures import Figures
 from tests.unit.helpers.fixture_world import Aligned, FixtureWorld, align, find_tool
 from tests.unit.helpers.two_robots import DEFAULT, FOR_BASES, Effort, two_robots

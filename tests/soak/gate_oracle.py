@@ -6,9 +6,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from calibration.collision import Capsule, Sphere
+from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array
-from calibration.kinematics import RobotModel
+from calibration.motion.collision import Capsule, Sphere
 from drivers.interfaces import Joints
 from procedures.cell import GaugeSetup
 from procedures.surroundings import Surroundings

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.collision import Plane, Sphere, arm_shape
+from calibration.arm.kinematics import load_model
 from calibration.errors import CellError
 from calibration.geometry import Array, Pose
-from calibration.kinematics import load_model
+from calibration.motion.collision import Plane, Sphere, arm_shape
 from drivers.interfaces import Joints
 from procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits
 from procedures.motion_gate import Care, move_along

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import track
 
 from calibration.geometry import Pose, exp_rotation, homogeneous
-from calibration.touch_design import planned_attitudes
+from calibration.points.touch_design import planned_attitudes
 from procedures.run import Run
 from procedures.six_point_tcp import ToolSetup, six_point_tcp
 from tests.procedures.cells import TIP, Scene, touching

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
+from calibration.compensation.pose_gap import Arm
+from calibration.compensation.posture_of_pose import postures_of_poses
 from calibration.orientation import CONVENTIONS, values_from
-from calibration.pose_gap import Arm
-from calibration.posture_of_pose import postures_of_poses
 from service.at_points import AtOptions, read_points, solved
 from service.measurement_table import MeasurementError
 from tests.unit.helpers.simulated_arm import dh_errors, random_joints

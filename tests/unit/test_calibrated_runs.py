@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from pydantic_core import to_jsonable_python
 
-from calibration.arm_fit import FoundParameter
-from calibration.calibrated_arm import CalibratedArm
-from calibration.drift_reference import DriftReference
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
+from calibration.drift.reference import DriftReference
+from calibration.poses.arm_fit import FoundParameter
+from calibration.poses.calibrated_arm import CalibratedArm
 from procedures.past import Kind
 from service.calibrated_models import calibrated_model
 from service.calibrated_runs import keep_calibration

@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
-from calibration.cell_first_guess import first_places
-from calibration.cell_identification import fit_cell
-from calibration.cell_levels import CellOptions
-from calibration.cell_places import Place
-from calibration.cell_prediction import target_positions, tip_covariance
-from calibration.cell_state import Frames, cell_layout
-from calibration.cell_system import CellProblem, residuals, whole_columns
+from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
+from calibration.cells.first_guess import first_places
+from calibration.cells.identify import fit_cell
+from calibration.cells.levels import CellOptions
+from calibration.cells.places import Place
+from calibration.cells.prediction import target_positions, tip_covariance
+from calibration.cells.state import Frames, cell_layout
+from calibration.cells.system import CellProblem, residuals, whole_columns
 from calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform
-from calibration.identification import identify
-from calibration.observations import with_mounting
-from calibration.parameters import GEOMETRY, GRAVITY, Priors
-from calibration.selection import Options, terms_of_level
+from calibration.identification.identify import identify
+from calibration.identification.observations import with_mounting
+from calibration.identification.parameters import GEOMETRY, GRAVITY, Priors
+from calibration.identification.selection import Options, terms_of_level
 from tests.unit.helpers.simulated_arm import tracker_points, tracker_poses, wire_lengths
 from tests.unit.helpers.simulated_cell import REFLECTORS, TRACKER, World, shortest_wire
 

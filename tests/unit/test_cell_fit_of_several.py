@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Series
-from calibration.cell_identification import fit_cell
-from calibration.cell_levels import CellOptions, grouped
-from calibration.cell_places import Place
-from calibration.cell_prediction import frame_between, target_positions, tip_covariance
-from calibration.cell_state import Frames
+from calibration.arm.kinematics import DhTable, RobotModel
+from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Series
+from calibration.cells.identify import fit_cell
+from calibration.cells.levels import CellOptions, grouped
+from calibration.cells.places import Place
+from calibration.cells.prediction import frame_between, target_positions, tip_covariance
+from calibration.cells.state import Frames
 from calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform, log_transform
-from calibration.kinematics import DhTable, RobotModel
-from calibration.parameters import FRAMES, GEOMETRY, OFFSETS, ArmState, Priors, nominal_state
+from calibration.identification.parameters import FRAMES, GEOMETRY, OFFSETS, ArmState, Priors, nominal_state
 from tests.unit.helpers.simulated_arm import random_joints
 from tests.unit.helpers.simulated_cell import REFLECTORS, TOOL, TRACKER, World
 

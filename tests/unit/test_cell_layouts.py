@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.cell_levels import CellOptions
+from calibration.arm.kinematics import load_model
+from calibration.cells.levels import CellOptions
 from calibration.errors import CellError
 from calibration.geometry import (
     exp_rotation,
@@ -16,8 +17,7 @@ from calibration.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
-from calibration.kinematics import load_model
-from calibration.parameters import OFFSETS
+from calibration.identification.parameters import OFFSETS
 from service.cell_identify import identify_cell_file
 from service.cli.app import run_command_line
 from service.measurement_cell_rows import read_cell

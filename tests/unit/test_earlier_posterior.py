@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from calibration.errors import DegenerateDataError
-from calibration.estimator import estimate
-from calibration.free_parameters import StartingPoint
-from calibration.identification import identify
-from calibration.parameters import GEOMETRY
-from calibration.selection import Options
-from calibration.tip_uncertainty import predict_tips
+from calibration.identification.estimator import estimate
+from calibration.identification.free_parameters import StartingPoint
+from calibration.identification.identify import identify
+from calibration.identification.parameters import GEOMETRY
+from calibration.identification.selection import Options
+from calibration.identification.tip_uncertainty import predict_tips
 from service.calibrated_models import covariance_of
 from service.cli.app import run_command_line
 from service.parameter_sets import ParameterSetError, ParameterSets, parse, to_text

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.frames import (
+from calibration.geometry import Pose, exp_rotation, homogeneous, log_transform
+from calibration.points.frames import (
     base_to_base,
     clone_change,
     frame_from_many_points,
@@ -17,7 +18,6 @@ from calibration.frames import (
     frame_offset,
     moved_point,
 )
-from calibration.geometry import Pose, exp_rotation, homogeneous, log_transform
 
 TRUTH = homogeneous(exp_rotation(np.array([0.2, -0.5, 1.4])), np.array([1.2, -0.3, 0.4]))
 

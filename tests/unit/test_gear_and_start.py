@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.arm.joint_terms import JointTerm, gear_terms, term_values
+from calibration.arm.kinematics import load_model
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.free_parameters import Places, StartingPoint
-from calibration.identification import identify
-from calibration.joint_terms import JointTerm, gear_terms, term_values
-from calibration.kinematics import load_model
-from calibration.parameters import FRAMES, GEAR, OFFSETS
-from calibration.selection import Options, terms_of_level
+from calibration.identification.free_parameters import Places, StartingPoint
+from calibration.identification.identify import identify
+from calibration.identification.parameters import FRAMES, GEAR, OFFSETS
+from calibration.identification.selection import Options, terms_of_level
 from tests.unit.helpers.simulated_arm import TRACKER, random_joints, tracker_points
 
 

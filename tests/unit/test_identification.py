@@ -5,16 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.base_parameters import base_subset
+from calibration.arm.joint_terms import gravity_terms, harmonic_terms, term_values
+from calibration.arm.kinematics import load_model
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.estimator import Problem, errors_m, estimate, place_columns, whitened_residuals
-from calibration.first_guess import first_guess
 from calibration.geometry import exp_twist
-from calibration.identification import identify
-from calibration.joint_terms import gravity_terms, harmonic_terms, term_values
-from calibration.kinematics import load_model
-from calibration.observations import LengthObservations, PointObservations, PoseObservations
-from calibration.parameters import (
+from calibration.identification.base_parameters import base_subset
+from calibration.identification.estimator import (
+    Problem,
+    errors_m,
+    estimate,
+    place_columns,
+    whitened_residuals,
+)
+from calibration.identification.first_guess import first_guess
+from calibration.identification.identify import identify
+from calibration.identification.observations import LengthObservations, PointObservations, PoseObservations
+from calibration.identification.parameters import (
     FRAMES,
     GEOMETRY,
     GRAVITY,
@@ -23,7 +29,7 @@ from calibration.parameters import (
     Priors,
     make_layout,
 )
-from calibration.selection import Options, fit_level, terms_of_level
+from calibration.identification.selection import Options, fit_level, terms_of_level
 from tests.unit.helpers.simulated_arm import (
     ANCHOR,
     random_joints,

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration import lints
-from calibration.cross_validation import compare, deal_folds, group_rows
-from calibration.identification import identify
-from calibration.kinematics import load_model
-from calibration.parameters import GEOMETRY
-from calibration.selection import Options
-from calibration.series_breaks import assign_mountings, candidate_breaks
-from calibration.unrounding import resolution, unround_joints
+from calibration.arm.kinematics import load_model
+from calibration.identification import lints
+from calibration.identification.cross_validation import compare, deal_folds, group_rows
+from calibration.identification.identify import identify
+from calibration.identification.parameters import GEOMETRY
+from calibration.identification.selection import Options
+from calibration.identification.series_breaks import assign_mountings, candidate_breaks
+from calibration.identification.unrounding import resolution, unround_joints
 from tests.unit.helpers.simulated_arm import ANCHOR, random_joints, tracker_points, wire_lengths
 from tests.unit.test_identification import fitted, tip_error_m
 

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
 from service.cli.app import run_command_line
 from service.measurements import ReadOptions, read_measurements
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths

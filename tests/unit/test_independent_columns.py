@@ -4,8 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from calibration.geometry import exp_twist, log_rotation
-from calibration.kinematics import (
+from calibration.arm.kinematics import (
     along_next,
     chain_frames,
     cosine_and_sine,
@@ -14,6 +13,7 @@ from calibration.kinematics import (
     model_names,
     placement_columns,
 )
+from calibration.geometry import exp_twist, log_rotation
 
 _POSTURES = 40
 

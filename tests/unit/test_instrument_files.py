@@ -6,7 +6,7 @@ import numpy as np
 import openpyxl
 import pytest
 
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
 from calibration.orientation import values_from
 from service.measurement_table import MeasurementError
 from service.measurements import ReadOptions, read_measurements

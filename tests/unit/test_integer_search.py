@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration.errors import DegenerateDataError
-from calibration.integer_search import search_integers, success_probability
+from calibration.mastering.integer_search import search_integers, success_probability
 
 
 def covariance(seed, size, scale):

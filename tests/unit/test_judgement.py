@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.cross_validation import deal_folds, group_rows, same_postures
-from calibration.identification import identify
-from calibration.judgement import judge
-from calibration.kinematics import load_model
-from calibration.selection import Options
+from calibration.arm.kinematics import load_model
+from calibration.identification.cross_validation import deal_folds, group_rows, same_postures
+from calibration.identification.identify import identify
+from calibration.identification.judgement import judge
+from calibration.identification.selection import Options
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points, wire_lengths
 
 UR10 = load_model("ur10")

@@ -7,9 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from calibration.errors import CalibrationError
-from calibration.geometry import exp_twist, is_rigid, log_transform
-from calibration.kinematics import (
+from calibration.arm.kinematics import (
     DhTable,
     RobotModel,
     chain_frames,
@@ -18,6 +16,8 @@ from calibration.kinematics import (
     model_names,
     placement_columns,
 )
+from calibration.errors import CalibrationError
+from calibration.geometry import exp_twist, is_rigid, log_transform
 
 TIP = np.array([0.06, 0.05, 0.12])
 

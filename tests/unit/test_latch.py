@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calibration.arm.kinematics import load_model
 from calibration.errors import DegenerateDataError
-from calibration.kinematics import load_model
 from procedures.latch import TimedJoints, latch, reading_times
 from procedures.probe_line import joints_for_tip, probe_line
 

@@ -8,8 +8,8 @@ import numpy as np
 import pinocchio
 import pytest
 
+from calibration.arm.kinematics import load_model
 from calibration.errors import CellError
-from calibration.kinematics import load_model
 from calibration.orientation import values_from
 from service.cli.app import run_command_line
 from service.measurement_layouts import layout_document, layout_text, overlaid, read_layout

@@ -5,12 +5,15 @@ import re
 import numpy as np
 import pytest
 
-from calibration.collision import CollisionCheck, Sphere, assumed_shape
-from calibration.enough_poses import Acceptance, enough_poses, gaps
+from calibration.arm.kinematics import load_model
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.estimator import Problem, estimate
-from calibration.kinematics import load_model
-from calibration.measurement_poses import (
+from calibration.identification.estimator import Problem, estimate
+from calibration.identification.observations import LengthObservations, PointObservations
+from calibration.identification.parameters import GRAVITY, OFFSETS, Priors
+from calibration.motion.collision import CollisionCheck, Sphere, assumed_shape
+from calibration.motion.motion_check import MotionLimits, WirePath
+from calibration.poses.enough_poses import Acceptance, enough_poses, gaps
+from calibration.poses.measurement_poses import (
     Criterion,
     Instrument,
     TestPoses,
@@ -21,9 +24,6 @@ from calibration.measurement_poses import (
     plan_efficiency,
     predict,
 )
-from calibration.motion_check import MotionLimits, WirePath
-from calibration.observations import LengthObservations, PointObservations
-from calibration.parameters import GRAVITY, OFFSETS, Priors
 
 MODEL = load_model("abb_irb120")
 TOOL = (0.04, 0.025, 0.1)

@@ -4,7 +4,7 @@ import numpy as np
 import openpyxl
 import pytest
 
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
 from calibration.orientation import values_from
 from service.measurement_columns import detect_layout
 from service.measurement_table import MeasurementError, read_table

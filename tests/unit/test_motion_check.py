@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration.arm.kinematics import load_model
 from calibration.errors import CalibrationError
-from calibration.kinematics import load_model
-from calibration.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
+from calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
 
 MODEL = load_model("fanuc_m6ib")
 HOME = np.deg2rad([0.0, 0, 0, 0, -45, 0])

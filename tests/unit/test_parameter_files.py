@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from cyclopts import App
 
+from calibration.arm.kinematics import load_model
+from calibration.arm.ur_factory import factory_model
+from calibration.arm.urdf import bare_urdf, read_urdf
 from calibration.errors import CalibrationError
-from calibration.kinematics import load_model
-from calibration.ur_factory import factory_model
-from calibration.urdf import bare_urdf, read_urdf
 from service.cli.parameters import parameters
 from service.parameter_sets import ParameterSets, Value
 from service.ur_files import (

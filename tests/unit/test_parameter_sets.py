@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.kinematics import load_model
-from calibration.ur_factory import factory_model
+from calibration.arm.kinematics import load_model
+from calibration.arm.ur_factory import factory_model
 from service.calibrated_models import (
     calibrated_model,
     nominal_sha256,

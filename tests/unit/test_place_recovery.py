@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.mastering import PlaceCapture
-from calibration.place_evidence import PlaceProblem
-from calibration.place_recovery import choose_places, places_to_fit, predict_places, verify_at_places
+from calibration.mastering.counts import PlaceCapture
+from calibration.mastering.place_evidence import PlaceProblem
+from calibration.mastering.place_recovery import (
+    choose_places,
+    places_to_fit,
+    predict_places,
+    verify_at_places,
+)
 from tests.unit.helpers.place_cases import lose_places
 from tests.unit.helpers.recovery_cases import DRIVE, MODEL
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from cyclopts import App
 
-from calibration.collision import Box, CollisionCheck, Plane, Sphere
+from calibration.arm.kinematics import load_model
+from calibration.arm.urdf import bare_urdf
 from calibration.errors import CellError
-from calibration.kinematics import load_model
-from calibration.urdf import bare_urdf
+from calibration.motion.collision import Box, CollisionCheck, Plane, Sphere
 from service.cell_shapes import CellShapeError, read_cell_shape
 from service.cli.poses import poses
 from service.exit_codes import ExitCode

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.frames import frame_from_three_points
 from calibration.geometry import Pose, exp_rotation, exp_twist, homogeneous, log_transform
+from calibration.points.frames import frame_from_three_points
+from calibration.points.tool_point import locate_tool_point
 from calibration.registration import best_fit_transform, trilaterate
-from calibration.tool_point import locate_tool_point
 
 RNG = np.random.default_rng(5)
 POINTS = RNG.uniform(-1, 1, (8, 3))

@@ -4,11 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from calibration.arm.kinematics import load_model, model_names
+from calibration.arm.robot_models import parse_model
 from calibration.errors import CalibrationError
 from calibration.geometry import log_rotation
-from calibration.kinematics import load_model, model_names
 from calibration.orientation import values_from
-from calibration.robot_models import parse_model
 
 NOMINAL = [
     "ur3e",

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.arm.kinematics import load_model
+from calibration.arm.urdf import bare_urdf, read_urdf
 from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Pose
-from calibration.kinematics import load_model
-from calibration.tag_points import TagPath
-from calibration.urdf import bare_urdf, read_urdf
+from calibration.points.tag_points import TagPath
 from service.cli.app import run_command_line
 from service.exit_codes import ExitCode
 from service.measurement_table import MeasurementError

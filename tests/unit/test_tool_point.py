@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.geometry import Pose, exp_rotation, homogeneous, log_rotation, rotation_from_quaternion
-from calibration.tool_point import AxesLimits, locate_tool_point, tool_axes, tool_pose
+from calibration.points.tool_point import AxesLimits, locate_tool_point, tool_axes, tool_pose
 
 TIP = np.array([0.012, -0.034, 0.187])
 PIN = np.array([1.1, -0.4, 0.3])

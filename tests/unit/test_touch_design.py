@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibration.geometry import Pose, exp_rotation, homogeneous
-from calibration.tool_point import locate_tool_point
-from calibration.touch_design import (
+from calibration.points.tool_point import locate_tool_point
+from calibration.points.touch_design import (
     alike_touch,
     cone_attitudes,
     fixed_plan_touches,

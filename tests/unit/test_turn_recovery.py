@@ -7,7 +7,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from calibration.errors import CalibrationError
-from calibration.turn_recovery import TurnRecovery, predict, verification_power, verify_recovery
+from calibration.mastering.turn_recovery import TurnRecovery, predict, verification_power, verify_recovery
 from tests.unit.helpers.recovery_cases import DRIVE, MODEL, kit, lose
 
 

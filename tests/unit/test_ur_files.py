@@ -5,10 +5,10 @@ import struct
 import numpy as np
 import pytest
 
+from calibration.arm.kinematics import DhTable, RobotModel, load_model
+from calibration.arm.standard_dh import standard_dh
+from calibration.arm.ur_factory import factory_model
 from calibration.errors import CalibrationError
-from calibration.kinematics import DhTable, RobotModel, load_model
-from calibration.standard_dh import standard_dh
-from calibration.ur_factory import factory_model
 from service.ur_files import (
     RosKinematics,
     UrKinematics,

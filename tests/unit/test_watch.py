@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.mastering import DriveTrain
+from calibration.mastering.counts import DriveTrain
 from drivers.errors import UnreachableError
 from drivers.interfaces import Alarm, Condition, MasteringData, Readiness
 from service.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
 from fake_devices.arm import Arm
 from fake_devices.arm_models import COUNTS_PER_TURN, MODELS
 from fake_devices.clock import Clock

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.kinematics import RobotModel
+from calibration.arm.kinematics import RobotModel
 from procedures.cell import Cell
 from procedures.probe_line import joints_for_tip
 from procedures.steps.touch import Approach, probe_of

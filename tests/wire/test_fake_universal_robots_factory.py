@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from calibration.kinematics import load_model
-from calibration.ur_factory import factory_model
+from calibration.arm.kinematics import load_model
+from calibration.arm.ur_factory import factory_model
 from drivers.universal_robots.config import UniversalRobotConfig
 from drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
 from fake_devices.arm_models import MODELS

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.kinematics import RobotModel, load_model
+from calibration.arm.kinematics import RobotModel, load_model
 from calibration.registration import trilaterate
 from drivers.errors import DeviceError
 from drivers.operator.scripted import ScriptedOperator

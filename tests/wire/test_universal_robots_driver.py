@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.kinematics import RobotModel
+from calibration.arm.kinematics import RobotModel
 from drivers.errors import (
     DeviceError,
     DeviceTimeoutError,

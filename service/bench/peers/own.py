@@ -4,17 +4,17 @@ from typing import Any
 
 import numpy as np
 
-from calibration.base_parameters import base_subset
-from calibration.compensation import compensate as solve
-from calibration.estimator import Problem, estimate
-from calibration.first_guess import first_guess
-from calibration.identification import identify as choose_and_identify
-from calibration.joint_terms import term_values
-from calibration.kinematics import DhTable, RobotModel
-from calibration.observations import PointObservations
-from calibration.optimal_design import DesignTask, choose_blocks
-from calibration.parameters import FRAMES, GEOMETRY, Layout, Priors, make_layout
-from calibration.selection import Options
+from calibration.arm.joint_terms import term_values
+from calibration.arm.kinematics import DhTable, RobotModel
+from calibration.compensation.compensate import compensate as solve
+from calibration.identification.base_parameters import base_subset
+from calibration.identification.estimator import Problem, estimate
+from calibration.identification.first_guess import first_guess
+from calibration.identification.identify import identify as choose_and_identify
+from calibration.identification.observations import PointObservations
+from calibration.identification.parameters import FRAMES, GEOMETRY, Layout, Priors, make_layout
+from calibration.identification.selection import Options
+from calibration.poses.optimal_design import DesignTask, choose_blocks
 
 _LOOSE = Priors(offset_rad=0.1, length_m=0.1, angle_rad=0.1)  # so that data decide, as for the peers
 

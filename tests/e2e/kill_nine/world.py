@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from calibration.kinematics import load_model
+from calibration.arm.kinematics import load_model
 from procedures.cell import Cell, MotionLevel, MotionLimits
 from procedures.progress import Progress
 from service.conduct import Conditions, resume, run_procedure

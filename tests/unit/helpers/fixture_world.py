@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from calibration.fixture import PlacedPoints, place_points
+from calibration.arm.kinematics import load_model
 from calibration.geometry import Pose, log_transform
-from calibration.kinematics import load_model
-from calibration.motion_check import MotionLimits, WirePath
-from calibration.pose_design import candidate_joints, kit_poses
-from calibration.wire_design import best_order, with_poses
-from calibration.wire_model import WirePrior
-from calibration.wire_network import Mounting, Place, WireBelief, WireNetwork, fit_network
+from calibration.mastering.pose_design import candidate_joints, kit_poses
+from calibration.motion.motion_check import MotionLimits, WirePath
+from calibration.points.fixture import PlacedPoints, place_points
+from calibration.wires.design import best_order, with_poses
+from calibration.wires.model import WirePrior
+from calibration.wires.network import Mounting, Place, WireBelief, WireNetwork, fit_network
 from fake_devices.wire_gauge import WireGauge
 from fake_devices.world import World
 from tests.unit.helpers.recovery_cases import DRIVE

@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 
-from calibration.kinematics import load_model
-from calibration.mastering import DriveTrain, MasteringRecord, WireCapture
-from calibration.motion_check import MotionLimits, WirePath
-from calibration.pose_design import kit_poses
-from calibration.turn_recovery import recover_turns
-from calibration.wire_model import WirePrior
-from calibration.wire_reference import fit_wire_reference
+from calibration.arm.kinematics import load_model
+from calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
+from calibration.mastering.pose_design import kit_poses
+from calibration.mastering.turn_recovery import recover_turns
+from calibration.motion.motion_check import MotionLimits, WirePath
+from calibration.wires.model import WirePrior
+from calibration.wires.reference import fit_wire_reference
 from tests.unit.helpers.wire_world import ANCHOR, COUNTS_PER_TURN, HOOK, WireWorld, interaction
 
 SIGMA_M = 0.0002

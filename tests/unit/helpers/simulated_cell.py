@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.contact_observations import (
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.cells.contact_observations import (
     BarLengths,
     GuidedLengthObservations,
     PinTouches,
@@ -12,8 +13,7 @@ from calibration.contact_observations import (
     SphereContacts,
 )
 from calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform
-from calibration.kinematics import RobotModel, load_model
-from calibration.observations import LengthObservations, PointObservations, PoseObservations
+from calibration.identification.observations import LengthObservations, PointObservations, PoseObservations
 from tests.unit.helpers.simulated_arm import dh_errors, random_joints
 
 TOOL = homogeneous(exp_rotation(np.array([0.3, -0.2, 0.4])), np.array([0.05, -0.04, 0.12]))

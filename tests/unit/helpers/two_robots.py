@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from calibration.alignment import Alignment, WirePoints
-from calibration.fixture import place_points
 from calibration.geometry import Pose
-from calibration.motion_check import MotionLimits, WirePath
-from calibration.pose_design import kit_poses
-from calibration.wire_design import best_order, with_poses
-from calibration.wire_network import Mounting, Place, WireBelief, fit_network
+from calibration.mastering.pose_design import kit_poses
+from calibration.motion.motion_check import MotionLimits, WirePath
+from calibration.points.alignment import Alignment, WirePoints
+from calibration.points.fixture import place_points
+from calibration.wires.design import best_order, with_poses
+from calibration.wires.network import Mounting, Place, WireBelief, fit_network
 from fake_devices.wire_gauge import WireGauge
 from fake_devices.world import World
 from tests.unit.helpers.fixture_world import ANCHOR, HOOK, MODEL, MOUTH, POINTS, PRIOR, candidates

@@ -5,9 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from calibration.motion_check import allowed_postures
-from calibration.recovery_walk import WalkPlanner, nearby_joints
-from calibration.turn_recovery import TurnRecovery, verification_power, verify_recovery
+from calibration.mastering.recovery_walk import WalkPlanner, nearby_joints
+from calibration.mastering.turn_recovery import TurnRecovery, verification_power, verify_recovery
+from calibration.motion.motion_check import allowed_postures
 from tests.unit.helpers.recovery_cases import LIMITS, MODEL, PRIOR, Loss, healthy_record, kit, lose
 from tests.unit.helpers.wire_world import WireWorld
 

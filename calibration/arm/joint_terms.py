@@ -1,0 +1,107 @@
+"""What a joint does beside turning by its angle: sagging under weight, ripple and a wrong ratio of its gear.
+
+A term adds ``coefficient * f(q)`` to one DH angle. ``f`` is taken from the nominal arm, so that it is a fixed
+column of numbers for given joints: its own change with the errors being sought is of second order.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel, chain_frames
+from calibration.geometry import Array
+
+_SHORTEST_LEVER_M = 0.02
+_POSTURES = np.linspace(-1.5, 1.5, 13)
+
+
+@dataclass(frozen=True, slots=True)
+class JointTerm:
+    """One term: which joint it moves (0-based), by what."""
+
+    kind: str  # gravity | harmonic | gear
+    joint: int
+    link: int = 0  # gravity: the link whose weight it is
+    order: int = 0  # harmonic: periods per turn of the joint
+    phase: str = ""  # harmonic: cos | sin
+    source: int = 0  # gear: the joint whose angle it follows
+
+    @property
+    def name(self) -> str:
+        """A name for people: joints and links count from one."""
+        if self.kind == "gravity":
+            return f"J{self.joint + 1} sag under link {self.link + 1}"
+        if self.kind == "gear":
+            return f"J{self.joint + 1} " + (
+                "gear ratio" if self.source == self.joint else f"coupling to J{self.source + 1}"
+            )
+        return f"J{self.joint + 1} ripple {self.phase} {self.order}"
+
+
+def gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
+    """Return the sag of every joint that carries links and is not upright, except the last two of the wrist.
+
+    Joint i sags by ``c_ik z_i . (g x l_k)``: the lever of link vector l_k under its weight, for each link k
+    at or after the joint. Levers that never reach 20 mm are left out: an upright joint has none, and a link
+    along the joint's own axis has none either.
+    """
+    n = model.axes
+    candidates = tuple(
+        JointTerm("gravity", joint, link) for joint in range(n - 2) for link in range(joint, n - 2)
+    )
+    levers = np.abs(term_values(model, _POSTURES[:, None] * np.ones(n), candidates)).max(axis=1)
+    return tuple(term for term, lever in zip(candidates, levers, strict=True) if lever > _SHORTEST_LEVER_M)
+
+
+def harmonic_terms(model: RobotModel, orders: tuple[int, ...] = (1, 2)) -> tuple[JointTerm, ...]:
+    """Return cosine and sine of every joint's angle, for each order."""
+    return tuple(
+        JointTerm("harmonic", joint, order=order, phase=phase)
+        for joint in range(model.axes)
+        for order in orders
+        for phase in ("cos", "sin")
+    )
+
+
+def gear_terms(model: RobotModel) -> tuple[JointTerm, ...]:
+    """Return ``(1 + e) q_i`` of every joint, and ``c_ik q_k`` where gears and linkages do couple joints.
+
+    Those are J3 behind J2 (a linkage, or a motor at the shoulder), and the wrist's last two joints, whose shafts
+    run through the joints before them.
+    """
+    n = model.axes
+    coupled = [(2, 1)] if n > 2 else []
+    coupled += [(joint, source) for joint in range(max(n - 2, 3), n) for source in range(n - 3, joint)]
+    ratios = (JointTerm("gear", joint, source=joint) for joint in range(n))
+    return (*ratios, *(JointTerm("gear", joint, source=source) for joint, source in coupled))
+
+
+def term_values(
+    model: RobotModel,
+    joints_rad: Array,
+    terms: tuple[JointTerm, ...],
+    gravity_in_base: tuple[float, float, float] = (0.0, 0.0, -1.0),
+) -> Array:
+    """Return ``f`` of every term for every posture, (K, N): metres of lever, 1, or radians."""
+    joints = np.asarray(joints_rad, dtype=float)
+    values = np.empty((len(terms), len(joints)))
+    if any(term.kind == "gravity" for term in terms):
+        rotations, origins = chain_frames(model, joints)
+        links = np.diff(origins, axis=0)
+        axes = rotations[:-1, :, 2]
+        down = np.asarray(gravity_in_base)
+        # z . (l x g) = g . (z x l)
+        across = {
+            (t.joint, t.link): down @ np.cross(axes[t.joint].T, links[t.link].T).T
+            for t in terms
+            if t.kind == "gravity"
+        }
+    for row, term in enumerate(terms):
+        if term.kind == "gravity":
+            values[row] = across[term.joint, term.link]
+        elif term.kind == "gear":
+            values[row] = joints[:, term.source]
+        else:
+            wave = np.cos if term.phase == "cos" else np.sin
+            values[row] = wave(term.order * joints[:, term.joint])
+    return values

@@ -1,0 +1,216 @@
+"""A cell as the fit sees it: robots with tools and targets, devices, and the series that were measured.
+
+Frames hang in a tree: the world holds the bases of the robots and the devices; a tool is in its robot's flange, a
+target in its tool. The world is the base of the first robot unless another place is given for that.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.cells.contact_observations import BarLengths, CellObservations
+from calibration.cells.places import Place
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.identification.observations import PoseObservations, Rows
+from calibration.identification.parameters import ArmState
+
+_SYMMETRIC = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class CellRobot:
+    """An arm of the cell: its nominal model, where its base is in the world, and what an earlier fit found."""
+
+    name: str
+    model: RobotModel
+    base: Place | None = None  # None: the world for the first robot, else unknown
+    previous: ArmState | None = None  # geometry and joint terms to start from and to expect
+
+
+@dataclass(frozen=True, eq=False)
+class CellTool:
+    """A frame on a robot's flange. A place left out is unknown: a frame where its turning shows, else a point."""
+
+    name: str
+    robot: str
+    place: Place | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class CellTarget:
+    """A point of a tool, whose place in the tool's frame is known: one of several reflectors of a plate, say."""
+
+    name: str
+    tool: str
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Scalar:
+    """A number that belongs to a device, such as the zero of a wire: expected value and standard deviation."""
+
+    value: float
+    sigma: float  # 0: fixed; infinite: unknown
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.value) or np.isnan(self.sigma) or self.sigma < 0:
+            raise CalibrationError("a scalar is a finite number with a deviation of zero or more")
+
+
+@dataclass(frozen=True, eq=False)
+class CellDevice:
+    """A measuring device, or what is touched: one place for each time it was put up, and its own numbers.
+
+    ``scalars`` may name ``zero_m``, ``scale`` and ``radius_m``. Those left out are zero, one and zero; zero and
+    scale of a wire are then free above the level of frames, all others fixed.
+    """
+
+    name: str
+    places: tuple[Place, ...] = (Place.unknown(),)
+    scalars: Mapping[str, Scalar] = field(default_factory=lambda: MappingProxyType({}))
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Rows of one kind by one device of one target; the mounting of a row counts the places of the device.
+
+    ``covariance`` (N, c, c) of the rows' channels, in the device's axes [m^2, m rad, rad^2], goes before their
+    standard deviations, which then only say how large its entries are compared with those of other rows.
+    """
+
+    name: str
+    device: str
+    target: str  # or a tool, for its origin
+    observations: CellObservations
+    covariance: Array | None = None
+    groups: Rows | None = (
+        None  # (N,): rows with equal entries, in any series of a robot, are held out together
+    )
+
+    def __post_init__(self) -> None:
+        _check_observations(self.name, self.observations)
+        if self.groups is not None and self.groups.shape != (len(self.observations),):
+            raise CalibrationError(f"series {self.name!r}: one group for every row, please")
+        if self.covariance is not None:
+            _check_covariance(self.name, self.observations, self.covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """Everything that one fit takes together.
+
+    Raises
+    ------
+    CalibrationError
+        Names that occur twice or belong to nothing, joints of another robot, more mountings than places, or a
+        robot or device that nothing ties to the world.
+    """
+
+    robots: Sequence[CellRobot]
+    tools: Sequence[CellTool]
+    devices: Sequence[CellDevice]
+    series: Sequence[Series]
+    targets: Sequence[CellTarget] = ()
+
+    def __post_init__(self) -> None:
+        if not self.robots or not self.series:
+            raise CalibrationError("a cell needs a robot and a series of observations")
+        _refuse_doubles("robot", [robot.name for robot in self.robots])
+        _refuse_doubles("target", self._targets())
+        _refuse_doubles("device", [device.name for device in self.devices])
+        _refuse_doubles("series", [series.name for series in self.series])
+        for tool in self.tools:
+            _require_name("robot", tool.robot, [r.name for r in self.robots], f"tool {tool.name!r}")
+        for target in self.targets:
+            _require_name("tool", target.tool, [t.name for t in self.tools], f"target {target.name!r}")
+        for series in self.series:
+            self._check(series)
+
+    def tool_of(self, target: str) -> CellTool:
+        """Return the tool that carries a target; a tool carries its own origin."""
+        for item in self.targets:
+            if item.name == target:
+                target = item.tool
+        return next(tool for tool in self.tools if tool.name == target)
+
+    def robot_of(self, target: str) -> CellRobot:
+        """Return the robot that carries a target."""
+        name = self.tool_of(target).robot
+        return next(robot for robot in self.robots if robot.name == name)
+
+    def device(self, name: str) -> CellDevice:
+        """Return the device of this name."""
+        return next(device for device in self.devices if device.name == name)
+
+    def _targets(self) -> list[str]:
+        return [*(tool.name for tool in self.tools), *(target.name for target in self.targets)]
+
+    def _check(self, series: Series) -> None:
+        here = f"series {series.name!r}"
+        _require_name("device", series.device, [d.name for d in self.devices], here)
+        _require_name("target", series.target, self._targets(), here)
+        axes, joints = self.robot_of(series.target).model.axes, series.observations.joints_rad.shape[1]
+        if axes != joints:
+            raise CalibrationError(f"{here}: its robot has {axes} joints, its rows have {joints}")
+        places, last = len(self.device(series.device).places), int(series.observations.mounting.max())
+        if last >= places:
+            raise CalibrationError(
+                f"{here}: rows of mounting {last + 1}, but {series.device!r} has {places} places.",
+                remedy="Give the device one place for each time it was put up.",
+            )
+        unknown = set(self.device(series.device).scalars) - {"zero_m", "scale", "radius_m"}
+        if unknown:
+            raise CalibrationError(f"device {series.device!r} has no number {sorted(unknown)[0]!r}")
+
+
+def _check_observations(name: str, seen: CellObservations) -> None:
+    count = len(seen)
+    if not count:
+        raise CalibrationError(f"series {name!r} has no rows")
+    for what, values in seen.__dict__.items():
+        if len(values) != count:
+            raise CalibrationError(f"series {name!r}: {len(values)} entries of {what} for {count} rows")
+    sigmas = [seen.sigma_m] + ([seen.sigma_rad] if isinstance(seen, PoseObservations) else [])
+    if not all(np.isfinite(sigma).all() and (sigma > 0).all() for sigma in sigmas):
+        raise CalibrationError(
+            f"series {name!r}: standard deviations must be finite and above zero.",
+            remedy="State what the device's certificate says; only ratios matter much, sizes are checked.",
+        )
+    if int(np.min(seen.mounting)) < 0:
+        raise CalibrationError(f"series {name!r}: mountings count from zero")
+    if isinstance(seen, BarLengths) and bool((seen.lengths_m <= 0).any()):
+        raise CalibrationError(f"series {name!r}: the length of a bar is above zero")
+
+
+def _check_covariance(name: str, seen: CellObservations, covariance: Array) -> None:
+    wanted = (len(seen), seen.channels, seen.channels)
+    if covariance.shape != wanted or not np.isfinite(covariance).all():
+        raise CalibrationError(
+            f"series {name!r}: covariances are {wanted} finite numbers, not {covariance.shape}"
+        )
+    size = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
+    scaled = covariance / np.maximum(size[:, :, None] * size[:, None, :], 1e-300)
+    symmetric = np.abs(scaled - scaled.swapaxes(1, 2)).max() < _SYMMETRIC
+    if not symmetric or np.linalg.eigvalsh(scaled).min() <= _SYMMETRIC:
+        raise CalibrationError(
+            f"series {name!r}: a covariance is not symmetric and positive.",
+            remedy="Give every channel a variance above zero, and correlations below one.",
+        )
+
+
+def _refuse_doubles(what: str, names: list[str]) -> None:
+    doubled = next((name for name in names if names.count(name) > 1 or not name), None)
+    if doubled is not None:
+        raise CalibrationError(f"every {what} needs a name of its own; {doubled!r} has none")
+
+
+def _require_name(what: str, name: str, known: list[str], where: str) -> None:
+    if name not in known:
+        raise CalibrationError(
+            f"{where}: there is no {what} {name!r}.",
+            remedy=f"Known are {', '.join(map(repr, known)) or 'none'}.",
+        )

@@ -1,0 +1,189 @@
+"""Identification of a cell: every series in one fit, its level chosen by unseen groups, what stays unknown named."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.cells.cell import Cell
+from calibration.cells.first_guess import first_places
+from calibration.cells.levels import CellOptions, CellTrial, choose_level, grouped, refuse_unknown_words
+from calibration.cells.robust import RobustCellFit, widened_cell
+from calibration.cells.state import CellState, Frames
+from calibration.cells.system import errors_m
+from calibration.cells.unknowns import not_identified_in
+from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.geometry import Array
+from calibration.identification.cross_validation import Errors
+from calibration.identification.identifiability import CorrelatedPair, NotIdentified, correlated_pairs
+from calibration.identification.observations import Rows
+from calibration.identification.parameters import FRAMES, OFFSETS
+from calibration.identification.selection import LEVELS
+
+_FOLDS = 5
+_INNER_FOLDS = 5
+_LEAST_REDUNDANT = 1
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedCellRow:
+    """A row that was not fitted, and why."""
+
+    series: str
+    row: int
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class SeriesErrors:
+    """Errors of one series [m]: of the fit, and by procedures that saw nothing of a row."""
+
+    name: str
+    fit_m: Array  # (N,)
+    rejected: Rows
+    held_out: Rows  # rows that were held out: none of a short series
+    before_m: Array  # of those, places alone fitted
+    held_out_m: Array  # of those, level and fit chosen without them
+
+    @property
+    def fit(self) -> Errors:
+        """Residuals of the kept rows: never an accuracy."""
+        return Errors.of(np.delete(self.fit_m, self.rejected))
+
+    @property
+    def before(self) -> Errors:
+        """The arms as they were known, with places fitted by other rows."""
+        return Errors.of(self.before_m)
+
+    @property
+    def after(self) -> Errors:
+        """Each fold predicted by everything that the other folds lead to."""
+        return Errors.of(self.held_out_m)
+
+
+@dataclass(frozen=True, eq=False)
+class CellIdentification:
+    """The identified cell, and what may be believed about it."""
+
+    state: CellState
+    before: CellState  # places fitted to the arms as they were known
+    robust: RobustCellFit
+    level: int
+    level_reasons: tuple[str, ...]
+    series: tuple[SeriesErrors, ...]
+    rejected: tuple[RejectedCellRow, ...]
+    not_identified: tuple[NotIdentified, ...]
+    correlated: tuple[CorrelatedPair, ...]
+    groups: tuple[Rows, ...]  # of every series' rows, as they were held out together
+    group_effects: tuple[str, ...]  # by how much rows that go together widen what is stated, for people
+
+
+def fit_cell(cell: Cell, options: CellOptions | None = None) -> CellIdentification:
+    r"""Identify all arms of a cell from all its series at once.
+
+    Parameters
+    ----------
+    cell : Cell
+        Robots, tools, devices, and rows in the order of measuring.
+    options : CellOptions
+        Level, priors, what may move.
+
+    Returns
+    -------
+    CellIdentification
+        With held-out errors by series, rejected rows included; points and frames: `calibration.cells.prediction`.
+
+    Raises
+    ------
+    DegenerateDataError
+        Fewer readings than unknown places, or a place that nothing shows roughly.
+    CalibrationError
+        A level or a parameter that does not exist.
+
+    Notes
+    -----
+    Each series weighs as its own residuals show it, so that devices need not agree about what a sigma is. Where a
+    frame is given with a deviation, that is a prior, counted once however many series see the frame.
+    """
+    options = options or CellOptions()
+    if options.level is not None and options.level not in LEVELS:
+        raise CalibrationError(
+            f"there is no level {options.level}.", remedy=f"Levels are {LEVELS[0]} to {LEVELS[-1]}."
+        )
+    frames = Frames.of(cell)
+    refuse_unknown_words(frames, options)
+    _refuse_too_few(frames)
+    rows = tuple(np.arange(len(series.observations)) for series in cell.series)
+    trial = CellTrial(frames, first_places(frames), options, rows, grouped(frames))
+    before = trial.fit(FRAMES)
+    trial = replace(trial, places=before.fit.state.places)
+    level, reasons = choose_level(trial)
+    groups = [trial.groups[trial.series_of == number] for number in range(len(rows))]
+    robust, said = widened_cell(trial.fit(level) if level != FRAMES else before, groups)
+    told = robust if level != FRAMES else widened_cell(trial.fit(OFFSETS), groups)[0]
+    errors = [errors_m(series, robust.fit.state) for series in robust.problem.series]
+    return CellIdentification(
+        robust.fit.state,
+        before.fit.state,
+        robust,
+        level,
+        reasons,
+        _judged(trial, robust, errors),
+        _rejected(robust, errors),
+        not_identified_in(told.fit),
+        correlated_pairs(told.fit),
+        tuple(groups),
+        said,
+    )
+
+
+def _refuse_too_few(frames: Frames) -> None:
+    unknown = sum(int(np.isinf(slot.place.sigma).sum()) for slot in frames.slots)
+    readings = sum(len(s.observations) * s.observations.channels for s in frames.cell.series)
+    if readings < unknown + _LEAST_REDUNDANT:
+        raise DegenerateDataError(
+            f"{readings} readings cannot tell {unknown} unknown coordinates of frames.",
+            remedy="Measure more postures, or give places that are known.",
+        )
+
+
+def _judged(trial: CellTrial, robust: RobustCellFit, errors: list[Array]) -> tuple[SeriesErrors, ...]:
+    """Predict every row that may be held out by choices and fits without its fold."""
+    count = len(trial.groups)
+    before, after, held_rows = np.zeros(count), np.zeros(count), np.zeros(0, dtype=np.intp)
+    if trial.options.judge:
+        folds = replace(trial, options=replace(trial.options, folds=min(_FOLDS, trial.options.folds))).folds
+        for fold in range(int(folds.max()) + 1):
+            held, rest = np.flatnonzero(folds == fold), np.flatnonzero(folds != fold)
+            inner = trial.restricted_to(rest)
+            inner = replace(
+                inner, options=replace(trial.options, folds=min(_INNER_FOLDS, trial.options.folds))
+            )
+            frames_only = inner.fit(FRAMES)
+            inner = replace(inner, places=frames_only.fit.state.places)
+            level, _ = choose_level(inner)
+            before[held] = trial.errors(frames_only, held)
+            after[held] = trial.errors(inner.fit(level) if level != FRAMES else frames_only, held)
+        held_rows = np.flatnonzero(folds >= 0)
+    found: list[SeriesErrors] = []
+    start = 0
+    for result, rows in zip(robust.series, trial.parted(held_rows), strict=True):
+        number = len(found)
+        here = start + rows
+        found.append(
+            SeriesErrors(result.name, errors[number], result.rejected, rows, before[here], after[here])
+        )
+        start += len(errors[number])
+    return tuple(found)
+
+
+def _rejected(robust: RobustCellFit, errors: list[Array]) -> tuple[RejectedCellRow, ...]:
+    return tuple(
+        RejectedCellRow(
+            result.name,
+            int(row),
+            f"off model and neighbours by {sizes[row] * 1e3:.2f} mm, {result.deviations[row]:.1f} "
+            f"deviations (limit {result.threshold:.1f})",
+        )
+        for result, sizes in zip(robust.series, errors, strict=True)
+        for row in result.rejected
+    )

@@ -1,0 +1,203 @@
+"""How much model the series of a cell support: levels judged by groups of rows, of any series, that were held out."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.cells.robust import RobustCellFit, fit_cell_robustly
+from calibration.cells.state import CellLayout, Frames, cell_layout
+from calibration.cells.system import CellProblem, errors_m
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.identification.cross_validation import Grouping, deal_folds, group_rows
+from calibration.identification.free_parameters import GROUPS, PLACE_ROLES, every_term
+from calibration.identification.observations import Rows
+from calibration.identification.parameters import LEVEL_NAMES, Parameter, Priors
+from calibration.identification.selection import LEVELS, best_level, evenly, possible_levels, terms_of_level
+
+_FEWEST_VOTING = 12  # rows of a series: fewer are needed to place its device, and are always fitted
+_MOST_ROWS = 4000
+_FOLDS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class CellOptions:
+    """How to fit a cell; the defaults suit any."""
+
+    level: int | None = None  # None: chosen by cross-validation
+    seed: int = 0
+    folds: int = _FOLDS
+    priors: Priors = field(default_factory=Priors)
+    free: tuple[
+        str, ...
+    ] = ()  # groups, joints and names of what may move of arms and devices; none: all of a level
+    fixed: tuple[str, ...] = ()  # the same words, of what may not; names of places, too
+    judge: bool = True  # choose level and fit anew without each fold, for held-out errors
+
+
+@dataclass(frozen=True, eq=False)
+class CellTrial:
+    """Some rows of a cell with their groups, and a start for the places."""
+
+    frames: Frames
+    places: Array  # (M, 4, 4)
+    options: CellOptions
+    rows: tuple[Rows, ...]  # of every series
+    groups: Rows  # (total,): of these rows, series after series
+
+    def restricted_to(self, chosen: Rows) -> "CellTrial":
+        """Return the trial of some of its rows, numbered through all series."""
+        groups = np.unique(self.groups[chosen], return_inverse=True)[1].reshape(-1)
+        rows = tuple(mine[part] for mine, part in zip(self.rows, self.parted(chosen), strict=True))
+        return replace(self, rows=rows, groups=groups)
+
+    @cached_property
+    def series_of(self) -> Rows:
+        """The series of every row (total,)."""
+        return np.repeat(np.arange(len(self.rows)), [len(rows) for rows in self.rows])
+
+    def parted(self, chosen: Rows) -> list[Rows]:
+        """Return rows numbered through all series as rows of each."""
+        starts = np.cumsum([0, *(len(rows) for rows in self.rows)]).tolist()
+        return [chosen[(chosen >= a) & (chosen < b)] - a for a, b in pairwise(starts)]
+
+    @cached_property
+    def votes(self) -> NDArray[np.bool_]:
+        """Whether a row may be held out (total,): rows of short series are needed to place their devices."""
+        sizes = np.array([len(rows) for rows in self.rows])
+        may = (sizes >= _FEWEST_VOTING) | (sizes == sizes.max())
+        return np.asarray(may[self.series_of])
+
+    @cached_property
+    def folds(self) -> Rows:
+        """The fold of every row (total,), -1 for rows that are always fitted."""
+        dealt = np.full(len(self.groups), -1)
+        voting = np.flatnonzero(self.votes)
+        groups = Grouping(self.groups, "").of_rows(voting)
+        dealt[voting] = deal_folds(groups, self.options.folds, self.options.seed)
+        return dealt
+
+    def layout(self, level: int) -> CellLayout:
+        """Return what a level leaves unknown, of that what the options free."""
+        cell = self.frames.cell
+        terms = []
+        for robot in cell.robots:
+            joints = [s.observations.joints_rad for s in cell.series if cell.robot_of(s.target) is robot]
+            whole = np.concatenate(joints) if joints else np.zeros((0, robot.model.axes))
+            terms.append(terms_of_level(robot.model, whole, level))
+        return freed(cell_layout(self.frames, level, terms, self.options.priors), self.options)
+
+    def problem(self, layout: CellLayout) -> CellProblem:
+        """Return the rows of the trial for a layout's joint terms."""
+        return CellProblem.of(self.frames, layout.expected).take(self.rows)
+
+    def fit(self, level: int, chosen: Rows | None = None) -> RobustCellFit:
+        """Fit a level to the rows of the trial, or to some."""
+        layout = self.layout(level)
+        problem = self.problem(layout)
+        if chosen is not None:
+            problem = problem.take(self.parted(chosen))
+        start = replace(layout.expected, places=self.places)
+        return fit_cell_robustly(layout, start, problem)
+
+    def errors(self, fit: RobustCellFit, chosen: Rows) -> Array:
+        """Return the errors of some rows by a fit of others [m]."""
+        problem = self.problem(fit.fit.layout).take(self.parted(chosen))
+        return np.concatenate([errors_m(series, fit.fit.state) for series in problem.series])
+
+    def held_out(self, level: int) -> Array:
+        """Return the error of every row by a fit without its fold (total,) [m]; zero for rows that never vote."""
+        errors = np.zeros(len(self.groups))
+        for fold in range(int(self.folds.max()) + 1):
+            held = np.flatnonzero(self.folds == fold)
+            errors[held] = self.errors(self.fit(level, np.flatnonzero(self.folds != fold)), held)
+        return errors
+
+    @cached_property
+    def weights(self) -> Array:
+        """How much an error of each row counts (total,): in units of the series with the smallest stated sigma."""
+        sigma = np.array([float(np.median(s.observations.sigma_m)) for s in self.frames.cell.series])
+        weights: Array = (sigma.min() / sigma)[self.series_of]
+        return weights
+
+
+def choose_level(trial: CellTrial) -> tuple[int, tuple[str, ...]]:
+    """Return the level that predicts unseen groups best, and why; wider ones must be surely better."""
+    wanted = trial.options.level
+    if wanted is not None:
+        return wanted, (f"level {wanted}, {LEVEL_NAMES[wanted]}, was asked for",)
+    few = trial.restricted_to(evenly(len(trial.groups), _MOST_ROWS))
+    sizes = {level: len(few.layout(level)) for level in LEVELS}
+    seen = [series.observations for series in few.frames.cell.series]
+    most = sum(len(rows) * of.channels for rows, of in zip(few.rows, seen, strict=True))
+    possible, said = possible_levels(sizes, most)
+    level, reasons = best_level(
+        possible, lambda each: few.held_out(each) * few.weights, few.groups, few.votes
+    )
+    return level, (*said, *reasons)
+
+
+def grouped(frames: Frames) -> Rows:
+    """Return the group of every row, series after series: rows of one robot in one posture share one.
+
+    Series that were measured at the same stops must not tell on each other, so groups are found over all of them.
+    """
+    cell, groups, first = frames.cell, {}, 0
+    for robot in cell.robots:
+        mine = [s for s in cell.series if cell.robot_of(s.target) is robot]
+        if not mine:
+            continue
+        joints = np.concatenate([s.observations.joints_rad for s in mine])
+        labels = [s.groups for s in mine if s.groups is not None]
+        given = np.concatenate(labels) if len(labels) == len(mine) else None
+        found = group_rows(joints, given)
+        at = 0
+        for series in mine:
+            count = len(series.observations)
+            groups[series.name] = first + found.groups[at : at + count]
+            at += count
+        first += found.count
+    return np.concatenate([groups[series.name] for series in cell.series])
+
+
+def freed(layout: CellLayout, options: CellOptions) -> CellLayout:
+    """Return the layout without what the options hold."""
+    held = [p for p in layout.parameters if any(_means(word, p) for word in options.fixed)]
+    if options.free:
+        held += [
+            p
+            for p in layout.parameters
+            if p.role not in (*PLACE_ROLES, "target", "device")
+            and not any(_means(w, p) for w in options.free)
+        ]
+    names = {parameter.name for parameter in held}
+    free = [i for i in layout.free if layout.whole[i].name not in names]
+    return replace(layout, free=np.array(free, dtype=np.intp))
+
+
+def _means(word: str, parameter: Parameter) -> bool:
+    if word in GROUPS:
+        return parameter.role in GROUPS[word]
+    return parameter.name == word or parameter.name.startswith(f"{word} ")
+
+
+def refuse_unknown_words(frames: Frames, options: CellOptions) -> None:
+    """Refuse words of the options that name nothing of the cell, at any level.
+
+    Raises
+    ------
+    CalibrationError
+        With what could be meant.
+    """
+    terms = [every_term(robot.model) for robot in frames.cell.robots]
+    known = cell_layout(frames, LEVELS[-1], terms, options.priors).whole
+    for word in (*options.free, *options.fixed):
+        if not any(_means(word, parameter) for parameter in known):
+            near = sorted({p.name.rsplit(" ", 1)[0] for p in known if p.role != "harmonic"})
+            raise CalibrationError(
+                f"there is no parameter {word!r} in this cell.",
+                remedy=f"Groups: {', '.join(GROUPS)}. Names begin with: {', '.join(near)}.",
+            )

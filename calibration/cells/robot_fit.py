@@ -1,0 +1,55 @@
+"""One arm of a fitted cell, as if it had been fitted alone: for tables, acceptance, descriptions and sets."""
+
+import numpy as np
+
+from calibration.cells.estimate import CellFit
+from calibration.errors import CalibrationError
+from calibration.identification.estimator import Fit
+from calibration.identification.free_parameters import PLACE_ROLES, PartLayout
+from calibration.identification.observations import Device
+from calibration.identification.parameters import GEOMETRY, ArmState, make_layout
+
+
+def fit_of_robot(fit: CellFit, robot: str) -> Fit:
+    """Return a robot's arm with its share of the cell's covariance: what all series together leave of it.
+
+    Base, tool and devices are left out: `calibration.cells.prediction` tells them.
+
+    Raises
+    ------
+    CalibrationError
+        The cell has no such robot.
+    """
+    names = [each.name for each in fit.layout.frames.cell.robots]
+    if robot not in names:
+        raise CalibrationError(f"the cell has no robot {robot!r}.", remedy=f"It has {', '.join(names)}.")
+    arm = fit.state.arms[names.index(robot)]
+    state = ArmState(
+        arm.nominal,
+        arm.geometry,
+        arm.terms,
+        arm.coefficients,
+        np.eye(4),
+        (Device(np.eye(4), np.zeros(3)),),
+    )
+    whole = make_layout(arm.nominal, "point", 1, level=GEOMETRY, terms=arm.terms)
+    mark = f"{robot} " if len(names) > 1 else ""
+    at = {parameter.name: i for i, parameter in enumerate(fit.layout.parameters)}
+    free = [
+        i for i, p in enumerate(whole.parameters) if p.role not in PLACE_ROLES and f"{mark}{p.name}" in at
+    ]
+    rows = [at[f"{mark}{whole.parameters[i].name}"] for i in free]
+    numbers = np.array(free, dtype=np.intp)
+    layout = PartLayout(
+        tuple(whole.parameters[i] for i in free),
+        whole.kind,
+        whole.mountings,
+        whole.geometry,
+        whole.terms,
+        whole=whole,
+        free=numbers,
+        means=whole.deviations(state)[numbers] - fit.deviations[rows],
+    )
+    return Fit(
+        state, layout, fit.covariance[np.ix_(rows, rows)], fit.deviations[rows], fit.cost, fit.iterations
+    )

@@ -1,0 +1,226 @@
+"""The rows of a cell against its unknowns: residuals and derivatives, series by series, in blocks of postures."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calibration.arm.joint_terms import term_values
+from calibration.arm.kinematics import along_next, independent_columns, turned_frames
+from calibration.cells.cell import Series
+from calibration.cells.contact_observations import BarLengths, CellObservations, scaled_sigma
+from calibration.cells.state import Along, CellLayout, CellState, Frames, Route
+from calibration.geometry import Array
+from calibration.identification.observations import PoseObservations, Rows, TipFrames
+from calibration.identification.parameters import ArmState
+
+_BLOCK = 2048  # postures at once
+
+
+@dataclass(frozen=True, eq=False)
+class Postures:
+    """What the joints of some rows bring along, whatever the unknowns are."""
+
+    values: Array  # (K, N) of the joint terms
+    angles_rad: Array  # (n, N): what the joints add to the angles of the arm
+
+    @classmethod
+    def of(cls, arm: ArmState, joints_rad: Array) -> "Postures":
+        """Prepare postures for states with the same nominal arm and joint terms."""
+        return cls(term_values(arm.nominal, joints_rad, arm.terms), arm.nominal.joint_coupling @ joints_rad.T)
+
+    def take(self, rows: Rows) -> "Postures":
+        """Return some of them."""
+        return Postures(self.values[:, rows], self.angles_rad[:, rows])
+
+
+@dataclass(frozen=True, eq=False)
+class SeriesRows:
+    """The rows of one series, ready for any state of the cell."""
+
+    name: str
+    observations: CellObservations
+    routes: tuple[Route, ...]  # by mounting
+    device: int
+    ends: tuple[Postures, ...]  # one; two for a bar
+    whitener: Array | None  # (N, c, c): makes channels in their sigmas independent
+
+    def __len__(self) -> int:
+        return len(self.observations)
+
+    def take(self, rows: Rows) -> "SeriesRows":
+        """Return some of the rows."""
+        return replace(
+            self,
+            observations=self.observations.take(rows),
+            ends=tuple(end.take(rows) for end in self.ends),
+            whitener=None if self.whitener is None else self.whitener[rows],
+        )
+
+    def scaled(self, factors: Array) -> "SeriesRows":
+        """Return the rows with sigmas of lengths, and of attitudes, multiplied by factors (1 or 2,)."""
+        return replace(self, observations=scaled_sigma(self.observations, *(float(f) for f in factors)))
+
+    def blocks(self) -> Iterator[tuple[int, Rows]]:
+        """Yield the mountings and rows of each block."""
+        mounting = self.observations.mounting
+        for number in range(len(self.routes)):
+            rows = np.flatnonzero(mounting == number)
+            for start in range(0, len(rows), _BLOCK):
+                yield number, rows[start : start + _BLOCK]
+
+    def white(self, values: Array, rows: Rows) -> Array:
+        """Return values (…, channels, N) in their sigmas with covariances taken out."""
+        if self.whitener is None:
+            return values
+        white: Array = np.einsum("nij,...jn->...in", self.whitener[rows], values)
+        return white
+
+
+@dataclass(frozen=True, eq=False)
+class CellProblem:
+    """All series of a cell."""
+
+    series: tuple[SeriesRows, ...]
+
+    @classmethod
+    def of(cls, frames: Frames, state: CellState) -> "CellProblem":
+        """Prepare every series for states with the same arms and joint terms."""
+        return cls(tuple(_series_rows(frames, state, series) for series in frames.cell.series))
+
+    def take(self, rows: Sequence[Rows]) -> "CellProblem":
+        """Return some rows of every series."""
+        return CellProblem(tuple(s.take(some) for s, some in zip(self.series, rows, strict=True)))
+
+    def with_terms_of(self, state: CellState) -> "CellProblem":
+        """Return the same rows for arms with other joint terms."""
+        return CellProblem(
+            tuple(replace(s, ends=_ends(state.arms[s.routes[0].arm], s.observations)) for s in self.series)
+        )
+
+
+def _series_rows(frames: Frames, state: CellState, series: Series) -> SeriesRows:
+    seen = series.observations
+    mountings = range(len(frames.cell.device(series.device).places))
+    routes = tuple(frames.route(series.target, series.device, mounting) for mounting in mountings)
+    return SeriesRows(
+        series.name,
+        seen,
+        routes,
+        frames.device_number(series.device),
+        _ends(state.arms[routes[0].arm], seen),
+        None if series.covariance is None else _whitener(seen, series.covariance),
+    )
+
+
+def _ends(arm: ArmState, seen: CellObservations) -> tuple[Postures, ...]:
+    first = Postures.of(arm, seen.joints_rad)
+    return (first, Postures.of(arm, seen.other_joints_rad)) if isinstance(seen, BarLengths) else (first,)
+
+
+def _whitener(seen: CellObservations, covariance: Array) -> Array:
+    scales = [seen.sigma_m] * min(seen.channels, 3)
+    if isinstance(seen, PoseObservations):
+        scales += [seen.sigma_rad] * 3
+    size = np.stack(scales, axis=1)
+    return np.linalg.inv(np.linalg.cholesky(covariance / (size[:, :, None] * size[:, None, :])))
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A route at one state, and what each unknown does along it."""
+
+    along: Along
+    tangent: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (p, P + K + D), by independent columns
+
+    @classmethod
+    def of(
+        cls, layout: CellLayout, state: CellState, route: Route, device: int, own: tuple[str, ...]
+    ) -> "Chain":
+        """Return the chain of a route with the derivatives by all free unknowns."""
+        along = state.along(route, device)
+        tangent = layout.tangent(state, route, device, own)
+        twists = 6 * len(along.placements)
+        arm = tangent[:, :twists] @ along_next(along.placements)
+        return cls(along, np.concatenate([arm, tangent[:, twists:]], axis=1))
+
+    def frames(self, postures: Postures, rows: Rows) -> tuple[Array, Array]:
+        """Return rotations and origins of every frame, components first."""
+        arm = self.along.arm
+        angles = postures.angles_rad[:, rows] + arm.arm.theta0_rad[:, None]
+        for term, coefficient, values in zip(arm.terms, arm.coefficients, postures.values, strict=True):
+            angles[term.joint] += coefficient * values[rows]
+        return turned_frames(self.along.placements, angles)
+
+    def columns(
+        self, postures: Postures, rows: Rows, *, turning: bool
+    ) -> tuple[TipFrames, Array, Array | None]:
+        """Return the tip, and how it moves and turns (P + K, 3, N) with independent columns and terms."""
+        rotations, origins = self.frames(postures, rows)
+        n, count, terms = len(rotations) - 1, len(rows), self.along.arm.terms
+        size = 4 * n + 6
+        linear = np.empty((size + len(terms), 3, count))
+        independent_columns(rotations, origins, out=linear[:size])
+        parts = [linear]
+        if turning:
+            angular = np.zeros_like(linear)
+            angular[: 4 * n].reshape(n, 4, 3, count)[:, 2:] = rotations[:-1].swapaxes(1, 2)[:, :2]
+            angular[size - 3 : size] = rotations[-1].swapaxes(0, 1)
+            parts.append(angular)
+        if terms:
+            turns = along_next(self.along.placements)[[6 * term.joint + 5 for term in terms]]
+            for part in parts:
+                part[size:] = np.tensordot(turns, part[:size], axes=1) * postures.values[:, rows][:, None]
+        return (origins[-1], rotations[-1]), linear, parts[1] if turning else None
+
+
+def residuals(series: SeriesRows, state: CellState) -> Array:
+    """Return measured minus predicted of every row (channels, N), in sigmas, with covariances taken out."""
+    left = np.empty((series.observations.channels, len(series)))
+    for mounting, rows in series.blocks():
+        chain = Chain(state.along(series.routes[mounting], series.device))
+        frames = [chain.frames(end, rows) for end in series.ends]
+        place = frames[0][1][-1] if len(frames) == 1 else frames[0][1][-1] - frames[1][1][-1]
+        tip = place, frames[0][0][-1]
+        raw = series.observations.residuals(tip, chain.along.device, rows)
+        left[:, rows] = series.white(raw, rows)
+    return left
+
+
+def errors_m(series: SeriesRows, state: CellState) -> Array:
+    """Return the size of the position or length error of every row (N,) [m]."""
+    plain = replace(series, whitener=None)
+    sizes: Array = series.observations.errors_m(residuals(plain, state))
+    return sizes
+
+
+def chains(layout: CellLayout, state: CellState, series: SeriesRows) -> list[Chain]:
+    """Return the chains of a series' mountings with their derivatives."""
+    own = series.observations.scalars
+    return [Chain.of(layout, state, route, series.device, own) for route in series.routes]
+
+
+def system(series: SeriesRows, chain: Chain, rows: Rows) -> Array:
+    """Return the white columns of a block and, in the last row, its residuals (P + K + D + 1, channels, N)."""
+    seen, device = series.observations, chain.along.device
+    tip, linear, angular = chain.columns(series.ends[0], rows, turning=seen.needs_rotation)
+    if len(series.ends) > 1:
+        second = chain.columns(series.ends[1], rows, turning=False)
+        tip, linear = (tip[0] - second[0][0], tip[1]), linear - second[1]
+    own = (
+        seen.own_columns(tip, device)[-len(seen.scalars) :] if seen.scalars else seen.own_columns(tip, device)
+    )
+    columns = np.concatenate([seen.project(linear, angular, tip, device), own]) * seen.scales(rows)
+    return series.white(np.concatenate([columns, seen.residuals(tip, device, rows)[None]]), rows)
+
+
+def whole_columns(layout: CellLayout, state: CellState, series: SeriesRows) -> tuple[Array, Array]:
+    """Return the white columns of all unknowns (p, channels, N) and the residuals (channels, N)."""
+    every = np.zeros((len(layout), series.observations.channels, len(series)))
+    left = np.empty((series.observations.channels, len(series)))
+    by_mounting = chains(layout, state, series)
+    for mounting, rows in series.blocks():
+        block = system(series, by_mounting[mounting], rows)
+        every[:, :, rows] = np.tensordot(by_mounting[mounting].tangent, block[:-1], axes=1)
+        left[:, rows] = block[-1]
+    return every, left

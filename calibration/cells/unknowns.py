@@ -1,0 +1,135 @@
+"""What the series of a cell cannot determine, what it hides behind, and what would bring it out."""
+
+import numpy as np
+
+from calibration.cells.estimate import CellFit
+from calibration.cells.state import CellState, Frames, Route, Slot
+from calibration.geometry import Array, adjoint, inverse_transform
+from calibration.identification.identifiability import NotIdentified, partners
+from calibration.identification.parameters import Parameter
+
+_LEARNED = 0.5  # of the prior deviation: above, the prior speaks rather than the data
+_FOUND_M, _FOUND_RAD = 0.05, 0.05  # an unknown place that stays vaguer than this has not been found
+_ARM_ROLES = ("offset", "geometry", "wire", "gravity", "gear")
+_PLACE_ROLES = ("base", "tool", "target", "device")
+_TURNS = 0.1  # rad per rad or per m: below, a frame moves along rather than around
+_ALONG = 0.99
+_FIXED_PLACE_CURE = "record a point in the base frame, or measure the device's place from the base"
+_TOOL_CURE = "use a target off the last axis whose place on the flange is known"
+_ROWS_CURE = "measure more rows that show it, or give the place with its deviation"
+_WIRE_CURE = "check zero, scale and radius of the device against a known length"
+_NO_CURE = "none needed while they act together: only their sum moves the target in these postures"
+_TARGETS_CURE = "measure three targets of the tool, not on one line, whose places in it are known"
+
+
+def not_identified_in(fit: CellFit) -> tuple[NotIdentified, ...]:
+    """Return every parameter that the series leave where its prior put it, and every frame they do not find.
+
+    A place that was given with a deviation may stay at it: that is what it was given for.
+    """
+    sigma = np.sqrt(np.diag(fit.covariance))
+    learnt = sigma / fit.layout.prior
+    found = []
+    for number, parameter in enumerate(fit.layout.parameters):
+        weak = parameter.role in _ARM_ROLES and learnt[number] > _LEARNED
+        if weak or _lost(fit, number, float(sigma[number])):
+            found.append(_describe(fit, number, float(learnt[number])))
+    return tuple(found)
+
+
+def _lost(fit: CellFit, number: int, sigma: float) -> bool:
+    parameter = fit.layout.parameters[number]
+    if parameter.role not in _PLACE_ROLES:
+        return False
+    slot, axis = divmod(int(fit.layout.free[number]), 6)
+    unknown = np.isinf(fit.layout.frames.slots[slot].place.sigma[axis])
+    return bool(unknown) and sigma > (_FOUND_RAD if parameter.unit == "rad" else _FOUND_M)
+
+
+def _describe(fit: CellFit, own: int, ratio: float) -> NotIdentified:
+    parameters = fit.layout.parameters
+    blocks, share = partners(fit, own, _block)
+    words = ", ".join(_words(fit, own, block) for block in blocks)
+    cure = _cure(parameters[own], [parameters[block[0]] for block in blocks])
+    return NotIdentified(parameters[own].name, words, cure, ratio, share)
+
+
+def _block(parameter: Parameter) -> str:
+    if parameter.role in _PLACE_ROLES:
+        return parameter.name.rsplit(" ", 1)[0]
+    return parameter.name
+
+
+def _words(fit: CellFit, own: int, block: list[int]) -> str:
+    """Return how a partner moves when the parameter does, in axes that people know."""
+    first = fit.layout.parameters[block[0]]
+    if first.role not in _PLACE_ROLES:
+        return first.name
+    number = int(fit.layout.free[block[0]]) // 6
+    slot = fit.layout.frames.slots[number]
+    twist = np.zeros(6)
+    axes = [int(fit.layout.free[i]) % 6 for i in block]
+    twist[axes] = fit.covariance[block, own] / fit.covariance[own, own]
+    frame, outer = _known_axes(fit.layout.frames, fit.state, slot, number)
+    twist = adjoint(frame) @ twist
+    turning, sliding = np.linalg.norm(twist[3:]), np.linalg.norm(twist[:3])
+    if max(axes) >= 3 and turning > _TURNS:
+        return f"rotation of {_named(slot)} about {_axis(twist[3:])} of {outer}"
+    along = f" ({_axis(twist[:3])} of {outer})" if sliding > 0 and max(axes) < 3 else ""
+    return f"place of {_named(slot)}{along}"
+
+
+def _named(slot: Slot) -> str:
+    return {"base": f"the {slot.name}", "tool": f"the {slot.name}", "device": f"device {slot.name!r}"}.get(
+        slot.role, slot.name
+    )
+
+
+def _known_axes(frames: Frames, state: CellState, slot: Slot, number: int) -> tuple[Array, str]:
+    """Return a slot seen from the frame in which people know its motions: the base that it sees, or its parent."""
+    if slot.role in ("tool", "target"):
+        return state.places[number], "the flange" if slot.role == "tool" else "the tool"
+    route = _route_of(frames, number)
+    base = inverse_transform(state.places[route.base])
+    robot = frames.slots[route.base].name
+    return base @ state.places[number], f"the {robot}" if len(state.arms) > 1 else "the base"
+
+
+def _route_of(frames: Frames, number: int) -> Route:
+    for series in frames.cell.series:
+        for mounting in range(len(frames.cell.device(series.device).places)):
+            route = frames.route(series.target, series.device, mounting)
+            if number in (route.device, route.base):
+                return route
+    return frames.route(frames.cell.series[0].target)
+
+
+def _axis(vector: Array) -> str:
+    unit = vector / np.linalg.norm(vector)
+    largest = int(np.argmax(np.abs(unit)))
+    if abs(unit[largest]) > _ALONG:
+        return "xyz"[largest]
+    return "(" + ", ".join(f"{part:.2f}" for part in unit) + ")"
+
+
+def _cure(parameter: Parameter, hiding: list[Parameter]) -> str:
+    """Return what to measure: the first of these that applies."""
+    partner_roles = {partner.role for partner in hiding}
+    # Where axes are not parallel, an offset and the same row's beta do the same.
+    one_row = bool(hiding) and {partner.joint for partner in hiding} == {parameter.joint}
+    own, alone = parameter.role, not partner_roles & set(_ARM_ROLES)
+    joint = f"J{parameter.joint + 1}" if parameter.joint >= 0 else "the arm"
+    cures = (
+        (own in ("tool", "target") and parameter.unit == "rad", _TARGETS_CURE),
+        (own == "wire", _WIRE_CURE),
+        (own in _PLACE_ROLES and alone, _ROWS_CURE),
+        (bool(partner_roles & {"base", "device"}), _FIXED_PLACE_CURE),
+        (bool(partner_roles & {"tool", "target"}), _TOOL_CURE),
+        ("wire" in partner_roles, _WIRE_CURE),
+        (partner_roles == {"geometry"} or one_row, _NO_CURE),
+        (
+            True,
+            f"measure postures that turn {joint} and its neighbours further, with the tool in other attitudes",
+        ),
+    )
+    return next(cure for applies, cure in cures if applies)

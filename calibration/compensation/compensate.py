@@ -1,0 +1,259 @@
+"""Joint positions that make the real arm go where the nominal one would, and the way back.
+
+A controller computes with the nominal arm. To make its robot stand right, every programmed position is
+replaced by one whose *real* place is the intended one (upload); a position taught on the real robot is brought
+back to the nominal world the other way round (download). Each point ends with a status, and with the error that
+is left, seen by forward kinematics at the very joints that are returned.
+"""
+
+from collections import Counter
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.kinematics import RobotModel
+from calibration.compensation.bounded_steps import Search
+from calibration.compensation.damped_solve import damped_step
+from calibration.compensation.pose_gap import Arm, Flags, Gap, Target, gap_between
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+
+_BLOCK = 2048  # postures at once: large enough for numpy, small enough for the cache
+_QUICK_STEPS = 5
+_FLOOR = 1e-12  # of the damping: keeps Cholesky real where the arm is singular
+_SHARE = 0.01  # of the squared error that becomes damping: steps stay quadratic near the answer
+
+
+class PointStatus(IntEnum):
+    """What became of a point. Only a converged one stands where it shall."""
+
+    CONVERGED = 0
+    LIMIT = 1  # a joint limit is in the way
+    SINGULAR = 2  # the arm loses a direction of motion on the way, and the steps did not settle
+    BRANCH_KEPT = 3  # the pose needs another branch, or a joint far from where it was
+    UNREACHABLE = 4  # no posture near by is nearer: the arm is at the end of its reach
+
+
+class Direction(StrEnum):
+    """Which way a program goes."""
+
+    UPLOAD = "upload"  # nominal program to the real robot
+    DOWNLOAD = "download"  # taught on the real robot, to the nominal world
+
+
+@dataclass(frozen=True, slots=True)
+class CompensationLimits:
+    """When a pose counts as reached, and how far a joint may go for it."""
+
+    position_m: float = 1e-8
+    angle_rad: float = 1e-8
+    max_step_rad: float = 0.3  # of any joint in one step
+    branch_rad: float = 0.5  # of any joint from where it was: beyond is another branch
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """Compensated joints, the pose first.
+
+    A point that is not converged carries the nearest posture that was allowed, never a worse one than it came
+    with; its errors say how near that is.
+    """
+
+    joints_rad: Array  # (N, n)
+    status: NDArray[np.int8]  # (N,), of PointStatus
+    position_error_m: Array  # (N,)
+    angle_error_rad: Array  # (N,)
+    steps: NDArray[np.int64]  # (N,)
+
+    @property
+    def converged(self) -> Flags:
+        """Which points (N,) stand where they shall."""
+        reached: Flags = self.status == PointStatus.CONVERGED
+        return reached
+
+    def counts(self) -> dict[str, int]:
+        """Return how many points ended how, by the status' name."""
+        found = Counter(self.status.tolist())
+        return {status.name.lower(): found[status] for status in PointStatus}
+
+
+def compensate(
+    real: Arm | RobotModel,
+    nominal: Arm | RobotModel,
+    joints_rad: Array,
+    *,
+    direction: Direction = Direction.UPLOAD,
+    limits: CompensationLimits = CompensationLimits(),
+) -> Compensation:
+    """Find the joints that bring one arm's tip to where the other's is at the joints given.
+
+    Parameters
+    ----------
+    real, nominal : Arm or RobotModel
+        With the tip each of them has; a bare model's tip is its flange. Bases are the same frame.
+    joints_rad : (N, n)
+        Controller joints [rad]: of the nominal program (upload), or taught on the real robot (download).
+    direction : Direction
+        Upload finds joints for the real arm, download for the nominal one.
+    limits : CompensationLimits
+        Tolerances [m, rad], longest step and the way a joint may go.
+
+    Returns
+    -------
+    Compensation
+        No joint moves by more than ``limits.branch_rad``, and none of a converged point is beyond its limit.
+
+    Raises
+    ------
+    CalibrationError
+        Arms of different numbers of joints, joints of another shape or not finite, tolerances not positive.
+
+    Notes
+    -----
+    Newton with a damping that fades with the squared error, for all points at once; the few that do not arrive,
+    or leave the box of limits and branch, begin again with Levenberg-Marquardt inside that box. Sag and ripple
+    enter the poses but not the derivatives, where they are a thousandth.
+
+    References
+    ----------
+    T. Sugihara, Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method, IEEE Trans.
+    Robotics 27 (2011) 984: damping by the error itself.
+    """
+    arms = {Direction.UPLOAD: (real, nominal), Direction.DOWNLOAD: (nominal, real)}
+    moved, followed = (_as_arm(arm) for arm in arms[Direction(direction)])
+    start = np.asarray(joints_rad, dtype=float)
+    _check(moved, followed, start, limits)
+    outcome = _Outcome.empty(np.ascontiguousarray(start.T))
+    rest = np.zeros(len(start), dtype=bool)
+    for first in range(0, len(start), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        rest[block] = _go_quickly(moved, followed, outcome.of(block), limits)
+    # Together, because many steps of a few points cost as much as many steps of a block.
+    left = np.flatnonzero(rest)
+    for first in range(0, len(left), _BLOCK):
+        _go_carefully(moved, followed, outcome, left[first : first + _BLOCK], limits)
+    return Compensation(
+        np.ascontiguousarray(outcome.joints.T),
+        outcome.status,
+        outcome.position_m,
+        outcome.angle_rad,
+        outcome.steps,
+    )
+
+
+@dataclass(eq=False)
+class _Outcome:
+    """The answers, filled in as points arrive; components first."""
+
+    start: Array
+    joints: Array
+    status: NDArray[np.int8]
+    position_m: Array
+    angle_rad: Array
+    steps: NDArray[np.int64]
+
+    @classmethod
+    def empty(cls, start: Array) -> "_Outcome":
+        n = start.shape[1]
+        status = np.full(n, PointStatus.SINGULAR, dtype=np.int8)
+        return cls(start, start.copy(), status, np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64))
+
+    def of(self, block: slice) -> "_Outcome":
+        """Return a view of a block."""
+        return _Outcome(
+            self.start[:, block],
+            self.joints[:, block],
+            self.status[block],
+            self.position_m[block],
+            self.angle_rad[block],
+            self.steps[block],
+        )
+
+    def store(self, rows: NDArray[np.intp], joints: Array, gap: Gap, chosen: Flags | slice) -> None:
+        self.joints[:, rows] = joints[:, chosen]
+        self.position_m[rows] = gap.position_m[chosen]
+        self.angle_rad[rows] = gap.angle_rad[chosen]
+
+
+def _go_quickly(moved: Arm, followed: Arm, outcome: _Outcome, limits: CompensationLimits) -> Flags:
+    """Take a few Newton steps for all points of a block, and return which ones need more care."""
+    joints = outcome.start
+    target = Target.of(followed, joints)
+    rows = np.arange(joints.shape[1])
+    for step in range(_QUICK_STEPS + 1):
+        gap = gap_between(moved, joints, target)
+        met = gap.met(limits.position_m, limits.angle_rad)
+        last = step == _QUICK_STEPS or bool(met.all())
+        if last or met.sum() * 8 > len(met):
+            outcome.store(rows[met], joints, gap, met)
+            outcome.status[rows[met]] = PointStatus.CONVERGED
+            outcome.steps[rows[met]] = step
+            left = ~met
+            rows, joints, target, gap = rows[left], joints[:, left], target.take(left), gap.take(left)
+        if last:
+            break
+        joints = joints + _quick_step(moved, gap, limits)
+    model, going = moved.model, outcome.joints
+    inside = ((going >= model.lower_rad[:, None]) & (going <= model.upper_rad[:, None])).all(axis=0)
+    near = (np.abs(going - outcome.start) <= limits.branch_rad).all(axis=0)
+    astray: Flags = (outcome.status != PointStatus.CONVERGED) | ~inside | ~near
+    return astray
+
+
+def _quick_step(arm: Arm, gap: Gap, limits: CompensationLimits) -> Array:
+    damping = _SHARE * np.einsum("in,in->n", gap.error, gap.error) + _FLOOR
+    step = damped_step(gap.columns(arm), gap.error, damping)
+    longest = np.maximum(step.max(axis=0), -step.min(axis=0))
+    if longest.max() > limits.max_step_rad:
+        step *= np.minimum(1.0, limits.max_step_rad / np.maximum(longest, 1e-300))
+    return step
+
+
+def _go_carefully(
+    moved: Arm, followed: Arm, outcome: _Outcome, rows: NDArray[np.intp], limits: CompensationLimits
+) -> None:
+    """Search inside the box of joint limits and branch, and say what was in the way."""
+    start = outcome.start[:, rows]
+    lower, upper = moved.model.lower_rad[:, None], moved.model.upper_rad[:, None]
+    # A point that comes in from beyond a limit may stay there: it will say so.
+    low = np.minimum(np.maximum(lower, start - limits.branch_rad), start)
+    high = np.maximum(np.minimum(upper, start + limits.branch_rad), start)
+    search = Search.begin(moved, Target.of(followed, start), start.copy(), (low, high))
+    search.run(limits)
+    outcome.store(rows, search.joints, search.gap, slice(None))
+    outcome.steps[rows] = search.steps
+    outcome.status[rows] = _status(search, limits)
+
+
+def _status(search: Search, limits: CompensationLimits) -> NDArray[np.int8]:
+    model = search.arm.model
+    lower, upper = model.lower_rad[:, None], model.upper_rad[:, None]
+    low, high = search.pushes()
+    met = search.gap.met(limits.position_m, limits.angle_rad)
+    beyond = ((search.joints < lower) | (search.joints > upper)).any(axis=0)
+    at_limit = ((low & (search.joints <= lower)) | (high & (search.joints >= upper))).any(axis=0)
+    conditions = [beyond | (at_limit & ~met), met, (low | high).any(axis=0), search.settled]
+    answers = [
+        PointStatus.LIMIT,
+        PointStatus.CONVERGED,
+        PointStatus.BRANCH_KEPT,
+        PointStatus.UNREACHABLE,
+    ]
+    return np.select(conditions, answers, PointStatus.SINGULAR).astype(np.int8)
+
+
+def _as_arm(arm: Arm | RobotModel) -> Arm:
+    return Arm(arm) if isinstance(arm, RobotModel) else arm
+
+
+def _check(moved: Arm, followed: Arm, joints: Array, limits: CompensationLimits) -> None:
+    n = moved.model.axes
+    if followed.model.axes != n:
+        raise CalibrationError(f"arms of {n} and {followed.model.axes} joints cannot stand in for each other")
+    if joints.ndim != 2 or joints.shape[1] != n or not np.isfinite(joints).all():
+        raise CalibrationError(f"joints must be finite and (N, {n}), not {joints.shape}")
+    sizes = (limits.position_m, limits.angle_rad, limits.max_step_rad, limits.branch_rad)
+    if not all(np.isfinite(size) and size > 0 for size in sizes):
+        raise CalibrationError("tolerances and limits of compensation must be positive and finite")

@@ -1,0 +1,67 @@
+"""The parameters that measurements can tell apart at all: a base subset, chosen in order of preference."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.geometry import Array
+from calibration.identification.estimator import Problem, place_columns
+from calibration.identification.observations import Observations
+from calibration.identification.parameters import ArmState, Layout
+
+_INDEPENDENT = 1e-6  # of a column's length, in prior deviations: the gap is ten orders wide
+
+
+def base_subset(layout: Layout, state: ArmState, observations: Observations) -> Layout:
+    """Return the layout without every geometry parameter that earlier parameters can imitate.
+
+    Parameters
+    ----------
+    layout : Layout
+        In order of preference: devices and tool, offsets, then the rest of the geometry.
+    state : ArmState
+        Where to look: structure does not depend on small errors.
+    observations : Observations
+        A few hundred random postures for what the arm allows, or those measured for what they allow.
+
+    Returns
+    -------
+    Layout
+        With the same devices, tool and joint terms.
+
+    Notes
+    -----
+    Columns are scaled by prior deviations first: millimetres and radians decide rank on one scale.
+    """
+    columns, _ = place_columns(layout, state, Problem.of(state, observations))
+    scaled = columns.reshape(len(columns), -1) * layout.prior[:, None]
+    first = layout.shared + (6 if layout.kind == "pose" else 3)
+    count = len(layout.geometry)
+    offsets = [i for i in range(count) if layout.parameters[first + i].role == "offset"]
+    order = [*offsets, *(i for i in range(count) if i not in offsets)]
+    fixed = [*range(first), *range(first + count, len(layout))]
+    basis = _orthonormal(scaled[fixed])
+    kept = []
+    for i in order:
+        column = scaled[first + i]
+        # Twice is enough: one projection leaves rounding of the first behind.
+        rest = _outside(_outside(column, basis), basis)
+        size = float(np.linalg.norm(rest))
+        if size > _INDEPENDENT * float(np.linalg.norm(column)):
+            kept.append(i)
+            basis = np.vstack([basis, rest / size])
+    kept.sort()
+    parameters = [
+        p for i, p in enumerate(layout.parameters) if not first <= i < first + count or i - first in kept
+    ]
+    return replace(layout, parameters=tuple(parameters), geometry=tuple(layout.geometry[i] for i in kept))
+
+
+def _outside(column: Array, basis: Array) -> Array:
+    rest: Array = column - (column @ basis.T) @ basis
+    return rest
+
+
+def _orthonormal(rows: Array) -> Array:
+    basis: Array = np.linalg.qr(rows.T)[0].T
+    return basis

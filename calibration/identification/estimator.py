@@ -1,0 +1,365 @@
+"""Maximum a posteriori estimation of an arm from observations: Gauss-Newton, in blocks of postures."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import prod
+from threading import local
+from typing import TypeAlias
+
+import numpy as np
+
+from calibration.arm.joint_terms import JointTerm, term_values
+from calibration.arm.kinematics import RobotModel, along_next, independent_columns, turned_frames
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.identification.observations import Observations, Rows
+from calibration.identification.parameters import ArmState, Layout
+
+_BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the cache
+_MOST_HELD = 10_000_000  # values of joint terms: 80 MB
+_MAX_ITERATIONS = 40
+_SETTLED = 1e-3  # of a posterior standard deviation: nobody can see the rest of the step
+_CURVED = 1e-2  # of the smallest posterior deviation
+_INVISIBLE_M = 1e-7  # a tenth of a micrometre: no arm and no tracker shows it
+_NEAR_M = 3e-4  # its square is invisible: one step of all rows does the rest
+_MAX_DAMPING = 1e8
+_ROUNDING = 1e-6
+_COARSE = 150  # rows are enough to come near
+_THINNEST = 32
+
+Block: TypeAlias = tuple[int, Rows | slice]  # mounting and its rows
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """An estimate with its uncertainty, before anything is said about how good it is."""
+
+    state: ArmState
+    layout: Layout
+    covariance: Array  # (p, p), in the units of the parameters, for the sigmas as given
+    deviations: Array  # (p,): how far each parameter is from its prior mean; zero for places
+    cost: float
+    iterations: int
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Observations with everything about them that does not change while the parameters do."""
+
+    observations: Observations
+    arm: RobotModel  # nominal
+    terms: tuple[JointTerm, ...]
+    held: Array | None  # (K, N) values of the joint terms; None: too many, made again block by block
+    angles_rad: Array  # (n, N): what the joints add to the angles of the nominal arm
+    blocks: tuple[Block, ...]
+    root: Array | None = None  # (N,) of each row's weight; None weighs all rows alike
+
+    @classmethod
+    def of(cls, state: ArmState, observations: Observations) -> "Problem":
+        """Prepare the observations for states with the same nominal arm and joint terms."""
+        held = None
+        if len(state.terms) * len(observations) <= _MOST_HELD:
+            held = term_values(state.nominal, observations.joints_rad, state.terms)
+        angles = state.nominal.joint_coupling @ observations.joints_rad.T
+        return cls(observations, state.nominal, state.terms, held, angles, tuple(_blocks(observations)))
+
+    def values(self, rows: Rows | slice) -> Array:
+        """Return the values of the joint terms in some rows (K, n)."""
+        if self.held is not None:
+            return self.held[:, rows]
+        return term_values(self.arm, self.observations.joints_rad[rows], self.terms)
+
+    def take(self, rows: Rows) -> "Problem":
+        """Return the same for some of the rows."""
+        taken = self.observations.take(rows)
+        root = None if self.root is None else self.root[rows]
+        held = self.values(rows) if len(self.terms) * len(taken) <= _MOST_HELD else None
+        angles = self.angles_rad[:, rows]
+        return Problem(taken, self.arm, self.terms, held, angles, tuple(_blocks(taken)), root)
+
+    def scales(self, rows: Rows | slice) -> Array:
+        """Return what makes the channels of rows count alike: root of the weight over sigma (channels or 1, N)."""
+        scales = self.observations.scales(rows)
+        return scales if self.root is None else scales * self.root[rows]
+
+
+def whitened_residuals(state: ArmState, problem: Problem) -> Array:
+    """Return measured minus predicted of every row, in sigmas, (channels, N)."""
+    observations = problem.observations
+    residuals = np.empty((observations.channels, len(observations)))
+    for mounting, rows in problem.blocks:
+        values = problem.values(rows)
+        rotations, origins = _frames(state, _placements(state, mounting), problem.angles_rad[:, rows], values)
+        tip = origins[-1], rotations[-1]
+        residuals[:, rows] = observations.residuals(tip, state.devices[mounting], rows)
+    return residuals
+
+
+def errors_m(state: ArmState, problem: Problem) -> Array:
+    """Return the size of the position or length error of every row (N,) [m]."""
+    return problem.observations.errors_m(whitened_residuals(state, problem))
+
+
+def estimate(
+    layout: Layout,
+    state: ArmState,
+    problem: Problem,
+    weights: Array | None = None,
+    *,
+    from_afar: bool = False,
+) -> Fit:
+    r"""Minimise ``sum w r^2 + sum (x / prior)^2`` from a start, by damped Gauss-Newton.
+
+    Parameters
+    ----------
+    layout : Layout
+        The unknowns and their priors.
+    state : ArmState
+        Start; its joint terms must be those of the layout.
+    problem : Problem
+        Observations.
+    weights : (N,) or None
+        Weight of each row's squared residual [1].
+    from_afar : bool
+        The start is rough: walk most of the way with a few hundred of the rows, the last step with all.
+
+    Returns
+    -------
+    Fit
+        Estimate and posterior covariance for the sigmas and weights given.
+
+    Raises
+    ------
+    CalibrationError
+        Nothing finite comes out.
+
+    Notes
+    -----
+    Steps are taken in units of prior deviations, so that metres and radians meet on one scale. The iteration
+    ends when what the next step could change, its own part or the curvature that it leaves out, is far below
+    the posterior deviations.
+    """
+    if weights is not None:
+        problem = replace(problem, root=np.sqrt(weights))
+    count = len(problem.observations)
+    if from_afar and count > 2 * _COARSE:
+        few = problem.take(np.arange(0, count, min(count // _COARSE, _THINNEST)))
+        state = _iterate(_Equations(layout, few), state, enough_m=_NEAR_M).state
+    return _iterate(_Equations(layout, problem), state)
+
+
+def _iterate(equations: "_Equations", state: ArmState, *, enough_m: float = _INVISIBLE_M) -> Fit:
+    layout = equations.layout
+    information, gradient, cost = equations.at(state)
+    damping = 0.0
+    iterations = 0
+    inverse = inverse_information(information)
+    while iterations < _MAX_ITERATIONS and damping <= _MAX_DAMPING:
+        iterations += 1
+        damped = (
+            inverse_information(information + damping * np.diag(np.diag(information))) if damping else inverse
+        )
+        step, spread = damped @ gradient, np.sqrt(np.diag(damped))
+        candidate = layout.step(state, step * layout.prior)
+        if settled(step, spread, layout.prior, enough_m):
+            state, cost = candidate, cost - float(gradient @ step)
+            break
+        there = equations.at(candidate)
+        if there[2] <= cost * (1 + 1e-12):
+            state, (information, gradient, cost) = candidate, there
+            inverse = inverse_information(information)
+            damping = 0.0 if damping < 1e-3 else damping / 10
+        else:
+            damping = max(1e-3, damping * 10)
+    covariance = inverse * np.outer(layout.prior, layout.prior)
+    return Fit(state, layout, covariance, layout.deviations(state), cost, iterations)
+
+
+def settled(step: Array, spread: Array, prior: Array, enough_m: float = _INVISIBLE_M) -> bool:
+    """Tell whether all that a step leaves out is invisible; step and posterior deviations in prior deviations.
+
+    That is so when the step itself is, or what is quadratic in it (an arm is a metre long).
+    """
+    if float(np.max(np.abs(step) / spread)) < _SETTLED:
+        return True
+    curved_m = float(np.max(np.abs(step * prior))) ** 2
+    return curved_m < max(_CURVED * float(np.min(spread * prior)), enough_m)
+
+
+def place_columns(layout: Layout, state: ArmState, problem: Problem) -> tuple[Array, Array]:
+    """Return the whitened columns of all unknowns (p, channels, N) and the residuals (channels, N)."""
+    observations = problem.observations
+    every = np.zeros((len(layout), observations.channels, len(observations)))
+    left = np.empty((observations.channels, len(observations)))
+    for mounting, rows in problem.blocks:
+        chain = _Chain.of(layout, state, mounting)
+        system = _system(state, chain, problem, (mounting, rows))
+        every[:, :, rows] = np.tensordot(chain.tangent, system[:-1], axes=1)
+        left[:, rows] = system[-1]
+    return every, left
+
+
+def _blocks(observations: Observations) -> Iterator[Block]:
+    for mounting in range(int(observations.mounting.max(initial=0)) + 1):
+        rows = np.flatnonzero(observations.mounting == mounting)
+        for start in range(0, len(rows), _BLOCK):
+            yield mounting, _together(rows[start : start + _BLOCK])
+
+
+def _together(rows: Rows) -> Rows | slice:
+    """Return rows that follow each other as a slice, which is looked at and not copied."""
+    first, last = int(rows[0]), int(rows[-1])
+    return slice(first, last + 1) if last - first + 1 == len(rows) else rows
+
+
+class _Workspace(local):
+    """Arrays that are written again block after block, kept by each thread between fits.
+
+    Touching memory that is new from the system costs more than the arithmetic on it. What is taken under a name
+    is good until the next one takes it.
+    """
+
+    def __init__(self) -> None:
+        self._kept: dict[str, Array] = {}
+
+    def take(self, name: str, *shape: int) -> Array:
+        """Return an array of this shape, with anything in it."""
+        size = prod(shape)
+        if name not in self._kept or self._kept[name].size < size:
+            self._kept[name] = np.empty(size)
+        return self._kept[name][:size].reshape(shape)
+
+
+_WORKSPACE = _Workspace()
+
+
+@dataclass(frozen=True, eq=False)
+class _Chain:
+    """The arm between one mounting of the device and the target, at one state."""
+
+    placements: Array  # (n + 1, 4, 4)
+    turns: Array  # (K, P): what each joint term's joint does, by independent columns
+    tangent: Array  # (p, P + K + D): what each parameter does, by columns of the system
+
+    @classmethod
+    def of(cls, layout: Layout, state: ArmState, mounting: int) -> "_Chain":
+        placements = _placements(state, mounting)
+        combine = along_next(placements)
+        if layout.kind != "pose":
+            combine = combine[:, :-3]
+        joints = np.array([term.joint for term in state.terms], dtype=np.intp)
+        tangent = layout.tangent(state, mounting)
+        arm, rest = tangent[:, : len(combine)], tangent[:, len(combine) :]
+        return cls(placements, combine[6 * joints + 5], np.concatenate([arm @ combine, rest], axis=1))
+
+
+def _placements(state: ArmState, mounting: int) -> Array:
+    """Return those of `ArmState.seen_from`, without a model around them."""
+    placements = state.arm.placements.copy()
+    placements[0] = state.devices[mounting].device_base @ placements[0]
+    placements[-1] = placements[-1] @ state.flange_tool
+    return placements
+
+
+def _frames(state: ArmState, placements: Array, joints_rad: Array, values: Array) -> tuple[Array, Array]:
+    angles = joints_rad + state.arm.theta0_rad[:, None]
+    for term, coefficient, value in zip(state.terms, state.coefficients, values, strict=True):
+        angles[term.joint] += coefficient * value
+    out = _WORKSPACE.take("frames", len(placements), 4, 3, angles.shape[1])
+    return turned_frames(placements, angles, out=out)
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Normal equations of a problem at any state."""
+
+    layout: Layout
+    problem: Problem
+
+    def at(self, state: ArmState) -> tuple[Array, Array, float]:
+        """Return information and gradient in prior deviations, and twice the negative log posterior."""
+        layout = self.layout
+        deviations = layout.deviations(state) / layout.prior
+        information, gradient = np.eye(len(layout)), -deviations
+        cost = float(deviations @ deviations)
+        for mounting in range(len(state.devices)):
+            chain = _Chain.of(layout, state, mounting)
+            products = self._products(state, chain, mounting)
+            tangent = chain.tangent * layout.prior[:, None]
+            information += tangent @ products[:-1, :-1] @ tangent.T
+            gradient += tangent @ products[:-1, -1]
+            cost += float(products[-1, -1])
+        if not np.isfinite(cost):
+            raise CalibrationError(
+                "the estimate left the range of numbers.", remedy="Check robot model, units and columns."
+            )
+        return information, gradient, cost
+
+    def _products(self, state: ArmState, chain: _Chain, mounting: int) -> Array:
+        """Return the products of all columns and the residuals with each other, over a mounting's rows."""
+        size = chain.tangent.shape[1] + 1
+        products = np.zeros((size, size))
+        for block in self.problem.blocks:
+            if block[0] != mounting:
+                continue
+            system = _system(state, chain, self.problem, block)
+            flat = system.reshape(size, -1)
+            products += flat @ flat.T
+        return products
+
+
+def _system(state: ArmState, chain: _Chain, problem: Problem, block: Block) -> Array:
+    """Return the whitened columns of a block and, in the last row, its residuals (P + K + D + 1, channels, N)."""
+    observations, (mounting, rows) = problem.observations, block
+    device, count = state.devices[mounting], chain.turns.shape[1]
+    values = problem.values(rows)
+    rotations, origins = _frames(state, chain.placements, problem.angles_rad[:, rows], values)
+    tip, rows_taken = (origins[-1], rotations[-1]), origins.shape[-1]
+    system = _WORKSPACE.take("system", chain.tangent.shape[1] + 1, observations.channels, rows_taken)
+    scales, columns = problem.scales(rows), system[:count]
+    if observations.channels == 3:  # the tip's motion is the answer, in place
+        independent_columns(rotations, origins, out=columns, scale=scales[0])
+    else:
+        linear = independent_columns(rotations, origins, out=_WORKSPACE.take("linear", count, 3, rows_taken))
+        angular = _angular_columns(rotations) if observations.needs_rotation else None
+        np.multiply(observations.project(linear, angular, tip, device), scales, out=columns)
+    if state.terms:
+        turned = chain.turns @ columns.reshape(count, -1)
+        moved = turned.reshape(-1, *system.shape[1:]) * values[:, None]
+        system[count : count + len(moved)] = moved
+    system[count + len(state.terms) : -1] = observations.own_columns(tip, device) * scales
+    system[-1] = observations.residuals(tip, device, rows)
+    if problem.root is not None:
+        system[-1] *= problem.root[rows]
+    return system
+
+
+def _angular_columns(rotations: Array) -> Array:
+    """Return (4 n + 6, 3, N): how the motions of `independent_columns` turn the tip."""
+    n, count = len(rotations) - 1, rotations.shape[-1]
+    columns = np.zeros((4 * n + 6, 3, count))
+    columns[: 4 * n].reshape(n, 4, 3, count)[:, 2:] = rotations[:-1].swapaxes(1, 2)[:, :2]
+    columns[-3:] = rotations[-1].swapaxes(0, 1)
+    return columns
+
+
+def inverse_information(information: Array) -> Array:
+    """Return the inverse of information in prior deviations, whose eigenvalues are one or more.
+
+    With few rows and small residuals they span more digits than there are; then the smallest are cut to what the
+    prior alone makes of them.
+    """
+    scale = 1.0 / np.sqrt(np.diag(information))
+    try:
+        inverse: Array = np.linalg.inv(information * scale[:, None] * scale) * scale[:, None] * scale
+    except np.linalg.LinAlgError:
+        return _cut_inverse(information)
+    variances = np.diag(inverse)
+    plausible = (variances > 0).all() and (variances <= 1.0 + _ROUNDING).all()
+    return inverse if plausible else _cut_inverse(information)
+
+
+def _cut_inverse(information: Array) -> Array:
+    values, vectors = np.linalg.eigh(information)
+    safe: Array = (vectors / np.maximum(values, 1.0)) @ vectors.T
+    return safe

@@ -1,0 +1,233 @@
+"""Which parameters a fit may move, and where it starts: all of a level from nominal, or any subset from before.
+
+What is not free is held where it was. Priors then stand around the values of before: an arm that was identified
+once is expected to be that arm still.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.arm.joint_terms import JointTerm, gear_terms, gravity_terms, harmonic_terms
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.identification.observations import Device, Rows
+from calibration.identification.parameters import (
+    FRAMES,
+    GEAR,
+    GEOMETRY,
+    GRAVITY,
+    OFFSETS,
+    RIPPLE,
+    ArmState,
+    Layout,
+    Parameter,
+    Priors,
+    make_layout,
+)
+
+# To the eighth: the same orders predict another series of one arm better, higher ones only the series they are from.
+RIPPLE_ORDERS = tuple(range(1, 9))
+PLACE_ROLES = ("base", "anchor", "tool")
+GROUPS = {
+    "offsets": ("offset",),
+    "geometry": ("geometry",),
+    "gravity": ("gravity",),
+    "ripple": ("harmonic",),
+    "gear": ("gear",),
+    "wire": ("wire",),
+    "base": ("base", "anchor"),
+    "tool": ("tool",),
+}
+_LEVEL_OF_ROLE = {
+    "wire": OFFSETS,
+    "offset": OFFSETS,
+    "geometry": GEOMETRY,
+    "gravity": GRAVITY,
+    "harmonic": RIPPLE,
+    "gear": GEAR,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where a device and the target on the flange are known to be."""
+
+    device: Device
+    flange_tool: Array  # (4, 4)
+
+
+@dataclass(frozen=True, eq=False)
+class StartingPoint:
+    """What was known before a fit, and which parameters it may move."""
+
+    values: Mapping[str, float] = field(default_factory=dict)  # by parameter's name, SI, off nominal
+    free: tuple[str, ...] = ()  # names and groups; none: everything of a level
+    places: Places | None = None  # without them base and tool are always free
+    names: tuple[str, ...] = ()  # of parameters whose covariance an earlier fit left
+    covariance: Array | None = None  # (k, k) of these
+
+    @property
+    def is_nominal(self) -> bool:
+        """Whether there is nothing to know."""
+        return not (self.values or self.free)
+
+    @property
+    def holds_places(self) -> bool:
+        """Whether base, tool or both are held, so that nothing is placed anew and no device has moved."""
+        return self.places is not None and bool(self.free) and not {"base", "tool"} <= set(self.free)
+
+    def frees(self, parameter: Parameter) -> bool:
+        """Tell whether a fit may move a parameter."""
+        if not self.free or (self.places is None and parameter.role in PLACE_ROLES):
+            return True
+        return any(_names(word, parameter) for word in self.free)
+
+    def chain(self, model: RobotModel) -> RobotModel:
+        """Return the rigid arm as it was known before."""
+        return state_of(model, self, (), np.eye(4), ()).arm
+
+
+def _names(word: str, parameter: Parameter) -> bool:
+    if word in GROUPS:
+        return parameter.role in GROUPS[word]
+    rigid = parameter.role in ("offset", "geometry")
+    return word == parameter.name or (rigid and word == f"J{parameter.joint + 1}")
+
+
+def spelled(words: Iterable[str], parameters: Sequence[Parameter]) -> tuple[str, ...]:
+    """Return names and groups as they are written here, whatever their case.
+
+    Raises
+    ------
+    CalibrationError
+        A word that is neither, with all that could be meant.
+    """
+    joints = sorted({f"J{p.joint + 1}" for p in parameters if p.joint >= 0})
+    groups = [g for g, roles in GROUPS.items() if any(p.role in roles for p in parameters)]
+    known = {word.lower(): word for word in (*groups, *joints, *(p.name for p in parameters))}
+    wanted = [" ".join(word.split()) for word in words]
+    wrong = [word for word in wanted if word.lower() not in known]
+    if wrong:
+        names = [p.name for p in parameters if p.role not in ("harmonic", *PLACE_ROLES)]
+        raise CalibrationError(
+            f"there is no parameter {wrong[0]!r}.",
+            remedy=f"Groups: {', '.join(groups)}. Joints: {', '.join(joints)}. Parameters: {', '.join(names)}.",
+            code="usage",
+        )
+    return tuple(known[word.lower()] for word in wanted)
+
+
+def level_of(start: StartingPoint, parameters: Sequence[Parameter]) -> int:
+    """Return the lowest level that has every parameter named as free."""
+    roles = {p.role for p in parameters if p.role not in PLACE_ROLES and start.frees(p)}
+    return max((_LEVEL_OF_ROLE[role] for role in roles), default=FRAMES)
+
+
+def every_term(model: RobotModel) -> tuple[JointTerm, ...]:
+    """Return every joint term that an identification of this arm may hold."""
+    return (*gravity_terms(model), *harmonic_terms(model, RIPPLE_ORDERS), *gear_terms(model))
+
+
+def state_of(
+    model: RobotModel,
+    start: StartingPoint,
+    devices: tuple[Device, ...],
+    flange_tool: Array,
+    terms: tuple[JointTerm, ...],
+) -> ArmState:
+    """Return the arm as it was known before, with at least these terms.
+
+    Raises
+    ------
+    CalibrationError
+        A value that this model has no place for.
+    """
+    whole = make_layout(model, "point", 1, level=GEOMETRY)
+    names = [p.name for p in whole.parameters if p.role in ("offset", "geometry")]
+    entries = dict(zip(names, whole.geometry, strict=True))
+    geometry = np.zeros((model.axes, 5) if model.dh is not None else (model.axes + 1, 6))
+    rest = {name: value for name, value in start.values.items() if name not in entries}
+    for name in start.values.keys() & entries.keys():
+        geometry[entries[name]] = start.values[name]
+    if rest:
+        own = {term.name for term in terms}
+        others = {term.name: term for term in every_term(model)}
+        strange = sorted(rest.keys() - others.keys())
+        if strange:
+            raise CalibrationError(
+                f"{model.name} has no parameter {strange[0]!r}.", remedy="Start from a set of the same model."
+            )
+        terms = (*terms, *(others[name] for name in rest if name not in own))
+    coefficients = np.array([rest.get(term.name, 0.0) for term in terms], dtype=float)
+    return ArmState(model, geometry, terms, coefficients, flange_tool, devices)
+
+
+@dataclass(frozen=True, eq=False)
+class PartLayout(Layout):
+    """Some parameters of a whole layout, with priors around given values; the others are held."""
+
+    whole: Layout
+    free: Rows  # of the whole's parameters
+    means: Array  # (p,)
+
+    def deviations(self, state: ArmState) -> Array:
+        """Return how far each free parameter is from its prior mean (p,)."""
+        deviations: Array = self.whole.deviations(state)[self.free] - self.means
+        return deviations
+
+    def tangent(self, state: ArmState, mounting: int) -> Array:
+        """Return the rows of the whole tangent that belong to free parameters."""
+        rows: Array = self.whole.tangent(state, mounting)[self.free]
+        return rows
+
+    def step(self, state: ArmState, change: Array) -> ArmState:
+        """Return the state after a step of the free parameters (p,)."""
+        every = np.zeros(len(self.whole))
+        every[self.free] = change
+        return self.whole.step(state, every)
+
+
+def prepared(
+    layout: Layout,
+    terms: tuple[JointTerm, ...],
+    model: RobotModel,
+    places: ArmState,
+    start: StartingPoint,
+    priors: Priors,
+) -> tuple[Layout, ArmState]:
+    """Return the free ones of a level's unknowns, and the state at which their fit starts.
+
+    ``places`` tells where devices and tool are; its arm does not matter.
+    """
+    state = state_of(model, start, places.devices, places.flange_tool, terms)
+    if start.is_nominal:
+        return layout, state
+    count = len(places.devices)
+    whole = make_layout(model, layout.kind, count, level=GEOMETRY, terms=state.terms, priors=priors)
+    names = {p.name for p in layout.parameters}
+    free = [i for i, p in enumerate(whole.parameters) if p.name in names and start.frees(p)]
+    return _part_of(whole, np.array(free, dtype=np.intp), state), state
+
+
+def _part_of(whole: Layout, free: Rows, state: ArmState) -> PartLayout:
+    return PartLayout(
+        tuple(whole.parameters[i] for i in free),
+        whole.kind,
+        whole.mountings,
+        whole.geometry,
+        whole.terms,
+        whole=whole,
+        free=free,
+        means=whole.deviations(state)[free],
+    )
+
+
+def values_of(layout: Layout, state: ArmState) -> Array:
+    """Return the values of a layout's parameters off nominal (p,); places have none, so zero."""
+    if isinstance(layout, PartLayout):
+        values: Array = layout.whole.deviations(state)[layout.free]
+        return values
+    return layout.deviations(state)

@@ -1,0 +1,186 @@
+"""What the measurements cannot determine, what it hides behind, and what would bring it out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from calibration.geometry import Array
+from calibration.identification.estimator import Fit
+from calibration.identification.parameters import Parameter
+
+_LEARNED = 0.5  # of the prior deviation: above, the prior speaks rather than the data
+_PARTNER = 0.5  # of the variance
+_EXPLAINED = 0.9
+_MOST_PARTNERS = 3
+_STRONG = 0.95
+_ARM_ROLES = ("offset", "geometry", "wire", "gravity")
+_PLACE_ROLES = ("base", "anchor", "tool")
+
+
+class Unknowns(Protocol):
+    """What was free."""
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]: ...
+    @property
+    def prior(self) -> Array: ...
+
+
+class Estimate(Protocol):
+    """A fit of one device or of a cell."""
+
+    @property
+    def covariance(self) -> Array: ...
+    @property
+    def layout(self) -> Unknowns: ...
+
+
+@dataclass(frozen=True, slots=True)
+class NotIdentified:
+    """One parameter that the data leave where the prior put it."""
+
+    parameter: str
+    partner: str  # what moves with it unseen; empty if it simply does not show
+    cure: str
+    sigma_over_prior: float
+    hidden_share: float  # of its variance, that knowledge of the partner would take away
+
+
+@dataclass(frozen=True, slots=True)
+class CorrelatedPair:
+    """Two parameters whose estimates can hardly be told apart."""
+
+    first: str
+    second: str
+    correlation: float
+
+
+def correlations(fit: Estimate) -> Array:
+    """Return the correlation matrix of all parameters (p, p)."""
+    sigma = np.sqrt(np.diag(fit.covariance))
+    matrix: Array = fit.covariance / np.outer(sigma, sigma)
+    return matrix
+
+
+def not_identified(fit: Fit) -> tuple[NotIdentified, ...]:
+    """Return every parameter of arm or wire whose posterior deviation exceeds half its prior deviation.
+
+    Its partners are the places and parameters whose knowledge would determine most of it. Ripple is left out:
+    two dozen small terms say nothing to a reader, and their priors keep them harmless.
+    """
+    sigma = np.sqrt(np.diag(fit.covariance))
+    parameters = fit.layout.parameters
+    learnt = sigma / fit.layout.prior
+    weak = [
+        i for i, parameter in enumerate(parameters) if parameter.role in _ARM_ROLES and learnt[i] > _LEARNED
+    ]
+    return tuple(_describe(fit, i, float(learnt[i])) for i in weak)
+
+
+def _describe(fit: Fit, own: int, ratio: float) -> NotIdentified:
+    parameters = fit.layout.parameters
+    partners, share = _partners(fit, own)
+    words = ", ".join(_words(parameter) for parameter in partners)
+    return NotIdentified(parameters[own].name, words, _cure(parameters[own], partners), ratio, share)
+
+
+def _partners(fit: Fit, own: int) -> tuple[tuple[Parameter, ...], float]:
+    parameters = fit.layout.parameters
+    rho = np.abs(correlations(fit)[own])
+    blocks, share = partners(fit, own, lambda p: p.role if p.role in _PLACE_ROLES else p.name)
+    return tuple(parameters[max(block, key=lambda i: rho[i])] for block in blocks), share
+
+
+def partners(
+    fit: Estimate, own: int, block_of: Callable[[Parameter], str]
+) -> tuple[tuple[list[int], ...], float]:
+    """Return who hides a parameter: the fewest others, three at most, who take its variance away if known.
+
+    A place is one partner, however many coordinates it has: ``block_of`` names the block of a parameter.
+    """
+    blocks: dict[str, list[int]] = {}
+    for i, parameter in enumerate(fit.layout.parameters):
+        if i != own and parameter.role != "harmonic":
+            blocks.setdefault(block_of(parameter), []).append(i)
+    chosen: list[str] = []
+    share = 0.0
+    while len(chosen) < _MOST_PARTNERS and share < _EXPLAINED and len(chosen) < len(blocks):
+        shares = {
+            name: _share(fit, own, [i for c in (*chosen, name) for i in blocks[c]])
+            for name in blocks
+            if name not in chosen
+        }
+        best = max(shares, key=lambda name: shares[name])
+        chosen, share = [*chosen, best], shares[best]
+    return (tuple(blocks[name] for name in chosen) if share >= _PARTNER else ()), share
+
+
+def _share(fit: Estimate, own: int, others: list[int]) -> float:
+    """Return the share of a parameter's variance that would vanish if the others were known."""
+    covariance = fit.covariance
+    cross, inner = covariance[own, others], covariance[np.ix_(others, others)]
+    scale = np.sqrt(np.diag(inner))
+    white = cross / scale
+    known = white @ np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-10) @ white
+    return min(float(known / covariance[own, own]), 1.0)
+
+
+def correlated_pairs(fit: Estimate) -> tuple[CorrelatedPair, ...]:
+    """Return pairs with a correlation beyond 0.95, strongest first, places of devices and tools left out."""
+    rho, parameters = correlations(fit), fit.layout.parameters
+    shown = [
+        i
+        for i, parameter in enumerate(parameters)
+        if parameter.role in ("offset", "geometry", "wire", "gravity")
+    ]
+    pairs = [
+        CorrelatedPair(parameters[i].name, parameters[j].name, float(rho[i, j]))
+        for at, i in enumerate(shown)
+        for j in shown[at + 1 :]
+        if abs(rho[i, j]) > _STRONG
+    ]
+    return tuple(sorted(pairs, key=lambda pair: -abs(pair.correlation)))
+
+
+def _words(parameter: Parameter) -> str:
+    axis = parameter.name.split()[-1]
+    if parameter.role == "base":
+        turns = axis.startswith("r")
+        return f"rotation of the base about {axis[1:]}" if turns else f"shift of the base along {axis}"
+    if parameter.role == "anchor":
+        return f"place of the wire's anchor ({axis})"
+    if parameter.role == "tool":
+        return f"{'rotation' if axis.startswith('r') else 'place'} of the tool in the flange ({axis})"
+    return parameter.name
+
+
+def _cure(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
+    roles = {partner.role for partner in partners}
+    together = roles | {parameter.role}
+    if roles & {"base", "anchor"}:
+        return "record a point in the base frame, or measure the device's place from the base"
+    if "tool" in roles:
+        return "use a target off the last axis whose place on the flange is known"
+    if partners and "wire" in together:
+        return "check the wire's zero and scale against a known length"
+    if partners and (together == {"geometry"} or _one_turn(parameter, partners)):
+        return "none needed while they act together: only their sum moves the tip in these postures"
+    return _turn_more(parameter, partners)
+
+
+def _one_turn(parameter: Parameter, partners: tuple[Parameter, ...]) -> bool:
+    """Tell whether only an offset and the beta of one row are meant: without parallel axes they are one turn."""
+    words = {p.name.split()[-1] for p in (parameter, *partners)}
+    return words == {"offset", "beta"} and {p.joint for p in partners} == {parameter.joint}
+
+
+def _turn_more(parameter: Parameter, partners: tuple[Parameter, ...]) -> str:
+    joints = sorted({p.joint + 1 for p in (parameter, *partners) if p.joint >= 0})
+    names = " and ".join(f"J{joint}" for joint in joints) or "the arm"
+    if not partners:
+        return f"these postures hardly show it: measure with {names} over a wider range"
+    if len(joints) == 1:
+        return f"turn {names} and its neighbours further, with the tool in other attitudes"
+    return f"measure postures that turn {names} separately and further"

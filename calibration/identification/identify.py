@@ -1,0 +1,192 @@
+"""Identification of an arm: which model the measurements support, how good it is, what stays unknown."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.geometry import Array
+from calibration.identification.cross_validation import Errors, Grouping, compare, group_rows
+from calibration.identification.earlier_posterior import Contradiction, EarlierPosterior, contradicted, told
+from calibration.identification.estimator import errors_m
+from calibration.identification.free_parameters import StartingPoint, every_term, spelled
+from calibration.identification.group_effect import GroupEffect, widened
+from calibration.identification.identifiability import (
+    CorrelatedPair,
+    NotIdentified,
+    correlated_pairs,
+    not_identified,
+)
+from calibration.identification.judgement import Judgement, judge
+from calibration.identification.observations import Observations, Rows
+from calibration.identification.parameters import (
+    FRAMES,
+    GEAR,
+    LEVEL_NAMES,
+    OFFSETS,
+    ArmState,
+    Parameter,
+    make_layout,
+)
+from calibration.identification.residual_model import ResidualModel, residual_of
+from calibration.identification.robust import RobustFit
+from calibration.identification.selection import LEVELS, Options, fit_level, select
+from calibration.identification.series_breaks import SeriesBreak
+
+_FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
+_FEWEST_TO_PLACE = {"length": 9, "point": 5, "pose": 4}
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualFinding:
+    """A residual model, and whether unseen groups are better predicted with it."""
+
+    model: ResidualModel
+    chosen: bool
+    reason: str
+    held_out: Errors  # with it, of the rows that were cross-validated
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """The identified arm, and what may be believed about it."""
+
+    state: ArmState
+    frames: ArmState  # base and tool fitted to the nominal arm, by the same rows
+    robust: RobustFit  # its covariance widened by what rows of a group share
+    group_effect: GroupEffect
+    level: int
+    level_reasons: tuple[str, ...]
+    breaks: tuple[SeriesBreak, ...]
+    break_reasons: tuple[str, ...]
+    rejected: Rows
+    grouping: Grouping
+    judgement: Judgement  # empty if not asked for
+    fit_m: Array  # (N,) errors of the fit itself
+    not_identified: tuple[NotIdentified, ...]
+    correlated: tuple[CorrelatedPair, ...]
+    residual: ResidualFinding | None = None
+    contradicted: tuple[Contradiction, ...] = ()  # offsets that an earlier fit has elsewhere
+
+    @property
+    def before(self) -> Errors:
+        """Base and tool fitted to the nominal arm, each fold predicted by the others."""
+        return Errors.of(self.judgement.before_m)
+
+    @property
+    def held_out(self) -> Errors:
+        """Each fold predicted by everything that the other folds lead to, breaks and level included."""
+        return Errors.of(self.judgement.held_out_m)
+
+    @property
+    def fit(self) -> Errors:
+        """Residuals of the kept rows: never an accuracy."""
+        kept = np.delete(self.fit_m, self.rejected)
+        return Errors.of(kept)
+
+
+def identify(
+    model: RobotModel,
+    observations: Observations,
+    *,
+    grouping: Grouping | None = None,
+    options: Options | None = None,
+) -> Identification:
+    r"""Identify an arm: find moved devices, choose the level, fit robustly, say what is unknown.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal.
+    observations : Observations
+        In the order of measuring; their mounting is ignored.
+    grouping : Grouping or None
+        Rows that belong together for cross-validation; None looks for runs of constant wrist, else blocks.
+    options : Options
+        Level, seed, folds, priors.
+
+    Returns
+    -------
+    Identification
+        With held-out errors of all rows, the rejected ones included: nobody looks better by rejecting.
+
+    Raises
+    ------
+    DegenerateDataError
+        Too few rows.
+    CalibrationError
+        A level that does not exist.
+    """
+    options = _checked(model, observations, options or Options())
+    grouping = grouping or group_rows(observations.joints_rad)
+    choice = select(model, observations, grouping, options)
+    robust, frames = (
+        fit_level(model, choice.seen, choice.places, level, options.priors, options.start)
+        for level in (choice.level, FRAMES)
+    )
+    weighed = robust
+    if choice.level == FRAMES:
+        weighed = fit_level(model, choice.seen, choice.places, OFFSETS, options.priors, options.start)
+    judgement = judge(model, observations, grouping, options) if options.judge else Judgement.none()
+    moved: tuple[Contradiction, ...] = ()
+    if options.start.covariance is not None:
+        moved = contradicted(robust, EarlierPosterior(options.start.names, options.start.covariance))
+    robust, effect = widened(robust, grouping.groups)
+    robust, weak = replace(robust, fit=told(robust.fit)), told(weighed.fit)
+    return Identification(
+        robust.fit.state,
+        frames.fit.state,
+        robust,
+        effect,
+        choice.level,
+        choice.level_reasons,
+        choice.breaks,
+        choice.break_reasons,
+        robust.rejected,
+        grouping,
+        judgement,
+        errors_m(robust.fit.state, robust.problem),
+        not_identified(weak),
+        correlated_pairs(weak),
+        _residual(robust, choice.seen, judgement, grouping, options) if options.residual_model else None,
+        moved,
+    )
+
+
+def _checked(model: RobotModel, observations: Observations, options: Options) -> Options:
+    """Return the options with their words spelled out; refuse what cannot be done before the work."""
+    if options.level is not None and options.level not in LEVELS:
+        names = ", ".join(f"{level} {LEVEL_NAMES[level]}" for level in LEVELS)
+        raise CalibrationError(
+            f"there is no level {options.level}.", remedy=f"Levels are: {names}.", code="usage"
+        )
+    layout = make_layout(model, observations.kind, 1, level=GEAR, terms=every_term(model))
+    start = replace(options.start, free=spelled(options.start.free, layout.parameters))
+    fewest = _fewest_rows(observations, start, layout.parameters)
+    if len(observations) < fewest:
+        raise DegenerateDataError(
+            f"{len(observations)} usable rows are too few to identify anything and to check it.",
+            remedy=f"Measure at least {fewest} postures, better 60.",
+        )
+    return replace(options, start=start)
+
+
+def _fewest_rows(observations: Observations, start: StartingPoint, parameters: tuple[Parameter, ...]) -> int:
+    """Return how many rows determine what is free, and one more to check it."""
+    if not start.free:
+        known = start.covariance is not None
+        return (_FEWEST_TO_PLACE if known else _FEWEST_ROWS)[observations.kind]
+    needed = -(-sum(start.frees(parameter) for parameter in parameters) // observations.channels) + 1
+    if start.holds_places:
+        return max(needed, 2)
+    return min(max(needed, _FEWEST_TO_PLACE[observations.kind]), _FEWEST_ROWS[observations.kind])
+
+
+def _residual(
+    robust: RobustFit, seen: Observations, judgement: Judgement, grouping: Grouping, options: Options
+) -> ResidualFinding:
+    plain, smooth = judgement.held_out_m, judgement.with_residual_m
+    found = compare(("the arm alone", plain), ("a residual model over the joints", smooth), grouping.groups)
+    model = residual_of(robust, seen, options.seed)
+    return ResidualFinding(model, found.better, found.reason, Errors.of(smooth))

@@ -1,0 +1,110 @@
+"""The honest figure: every row predicted by a procedure that saw nothing of it, its choices included.
+
+A fit that leaves rows out is not enough. If all rows have chosen the level, or told where the device was moved,
+the rows left out have had their say. Here breaks, level and fit are made anew without each fold.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Array
+from calibration.identification.cross_validation import Grouping, deal_folds
+from calibration.identification.estimator import Problem, errors_m
+from calibration.identification.observations import Observations, Rows, with_mounting
+from calibration.identification.parameters import FRAMES
+from calibration.identification.residual_model import errors_with, residual_of
+from calibration.identification.selection import Options, Selection, errors_in_both, evenly, fit_level, select
+from calibration.identification.series_breaks import change_between, mounting_of
+
+_FOLDS = 5
+_MANY_FOLDS = 10
+_FEW_ROWS = 100  # up to here ten folds cost little, and each row left out costs much
+_VERY_FEW_ROWS = 25  # up to here each group is a fold: which groups share one would show
+_MOST_ROWS = 20_000  # are fitted in each fold; all rows are judged
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """Errors of rows by procedures without their fold."""
+
+    before_m: Array  # (N,) base and tool only
+    held_out_m: Array  # (N,)
+    levels: tuple[int, ...]  # chosen without each fold
+    breaks: tuple[tuple[int, ...], ...]  # found without each fold, as rows of the series
+    placed: Rows  # rows next to a break, whose order does not tell their mounting
+    with_residual_m: Array  # (N,) with a residual model; empty if none was asked for
+
+    @classmethod
+    def none(cls) -> "Judgement":
+        """Return the judgement of no rows."""
+        return cls(np.zeros(0), np.zeros(0), (), (), np.zeros(0, dtype=np.intp), np.zeros(0))
+
+    def said(self, grouping: Grouping) -> str:
+        """Return how the rows were judged, for people."""
+        text = (
+            f"cross-validation over {grouping.count} {grouping.kind} in {len(self.levels)} folds; breaks, level "
+            "and fit were made anew without each fold"
+        )
+        if len(self.placed):
+            text += (
+                f"; {len(self.placed)} rows beside a break, whose order does not tell their mounting, were given "
+                "to the one that they fit"
+            )
+        return text
+
+
+def judge(model: RobotModel, observations: Observations, grouping: Grouping, options: Options) -> Judgement:
+    """Predict every row by everything that ``select`` and a fit make of the other folds."""
+    count = len(observations)
+    folds = deal_folds(grouping, _number_of_folds(count), options.seed)
+    before, after = np.zeros(count), np.zeros(count)
+    smooth = np.zeros(count if options.residual_model else 0)
+    levels: list[int] = []
+    breaks: list[tuple[int, ...]] = []
+    placed: list[Rows] = []
+    inner = replace(options, folds=_FOLDS)
+    for fold in range(int(folds.max()) + 1):
+        training, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
+        training = training[evenly(len(training), _MOST_ROWS)]
+        choice = select(model, observations.take(training), grouping.of_rows(training), inner)
+        rows, unsure = _mountings(choice, observations, training, held)
+        seen = with_mounting(observations.take(held), rows)
+        for level, errors in ((FRAMES, before), (choice.level, after)):
+            fit = fit_level(model, choice.seen, choice.places, level, options.priors, options.start)
+            state = fit.fit.state
+            errors[held] = errors_m(state, Problem.of(state, seen))
+        if options.residual_model:
+            smooth[held] = errors_with(residual_of(fit, choice.seen, options.seed), state, seen)
+        levels.append(choice.level)
+        breaks.append(tuple(int(training[found.row]) for found in choice.breaks))
+        placed.append(unsure)
+    return Judgement(before, after, tuple(levels), tuple(breaks), np.sort(np.concatenate(placed)), smooth)
+
+
+def _number_of_folds(rows: int) -> int:
+    if rows <= _VERY_FEW_ROWS:
+        return rows
+    return _MANY_FOLDS if rows <= _FEW_ROWS else _FOLDS
+
+
+def _mountings(
+    choice: Selection, observations: Observations, training: Rows, held: Rows
+) -> tuple[Rows, Rows]:
+    """Return the mounting of every held-out row by its order, and the rows whose order does not tell it.
+
+    Between the last row of one mounting and the first of the next, only a row's own value can say where the
+    device was moved: one change there, where these rows fit best to base and tool alone.
+    """
+    first = [int(training[found.row]) for found in choice.breaks]
+    mountings = mounting_of(len(observations), first)[held]
+    unsure = [np.arange(0)]
+    for mounting, found in enumerate(choice.breaks):
+        last = int(training[found.row - 1])
+        between = np.flatnonzero((held > last) & (held < first[mounting]))
+        if len(between):
+            both = errors_in_both(choice.places, observations.take(held[between]), mounting)
+            mountings[between] = mounting + (np.arange(len(between)) >= change_between(*both))
+            unsure.append(held[between])
+    return mountings, np.concatenate(unsure)

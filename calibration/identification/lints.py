@@ -1,0 +1,187 @@
+"""Cheap looks at measurements that find what ruins a calibration. Doubt is reported, never mended."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Array
+from calibration.identification.observations import Rows
+
+_FAR_FROM_ZERO_RAD = float(np.deg2rad(10.0))
+_NEAR_RAD = float(np.deg2rad(2.0))
+_FEW = 0.2  # of the rows may be the doubtful ones
+_ALIKE = 0.3  # correlation of neighbouring residuals
+_FLOOR_M = 5e-5
+_SHARE = 0.3  # of the floor, above which a resolution is named
+_ENOUGH_ROWS = 20_000  # for a mean
+_UNIFORM = 1 / np.sqrt(12.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Lint:
+    """Something a person should look at: a short code, a sentence, and the rows it is about."""
+
+    code: str
+    message: str
+    rows: tuple[int, ...] = ()
+
+
+def sign_flips(joints_rad: Array, joint_names: Sequence[str]) -> list[Lint]:
+    """Find joints whose sign may have been lost on the way into the file.
+
+    A joint that is never near zero, has one sign in most rows and, in a few blocks of rows, the other sign at
+    the same sizes, is doubtful. It may still be true: arms do flip their wrists.
+    """
+    found = []
+    for joint, name in enumerate(joint_names):
+        angle = joints_rad[:, joint]
+        if np.abs(angle).min() < _FAR_FROM_ZERO_RAD:
+            continue
+        rare = angle > 0 if np.mean(angle > 0) < 0.5 else angle < 0
+        if not 0 < rare.mean() <= _FEW or not _within(np.abs(angle[rare]), np.abs(angle[~rare])):
+            continue
+        starts = np.flatnonzero(np.diff(np.concatenate([[False], rare]).astype(int)) == 1)
+        if len(starts) > max(3, len(angle) // 100):
+            continue
+        rows = np.flatnonzero(rare)
+        blocks = ", ".join(_span(block) for block in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1))
+        found.append(
+            Lint(
+                "sign",
+                f"{name} has the other sign in {len(rows)} rows ({blocks}) at the same sizes as the others: "
+                "a minus sign may be lost. Used as written.",
+                tuple(int(row) for row in rows),
+            )
+        )
+    return found
+
+
+def duplicates(joints_rad: Array) -> list[Lint]:
+    """Find rows with exactly the joints of an earlier row."""
+    _, first, inverse = np.unique(joints_rad, axis=0, return_index=True, return_inverse=True)
+    repeated = np.flatnonzero(first[inverse.reshape(-1)] != np.arange(len(joints_rad)))
+    if not len(repeated):
+        return []
+    return [
+        Lint(
+            "duplicates",
+            f"{len(repeated)} rows repeat the joints of an earlier row: they weigh twice.",
+            tuple(int(row) for row in repeated),
+        )
+    ]
+
+
+def leakage(fitted_joints_rad: Array, check_joints_rad: Array) -> list[Lint]:
+    """Find check rows whose joints the fit has seen."""
+    seen = {row.tobytes() for row in np.ascontiguousarray(fitted_joints_rad + 0.0)}
+    rows = [i for i, row in enumerate(np.ascontiguousarray(check_joints_rad + 0.0)) if row.tobytes() in seen]
+    if not rows:
+        return []
+    return [
+        Lint(
+            "leakage",
+            f"{len(rows)} check rows have joints that the fit has seen: not independent.",
+            tuple(rows),
+        )
+    ]
+
+
+def beyond_fitted_range(fitted_joints_rad: Array, check_joints_rad: Array) -> list[Lint]:
+    """Find check rows that turn a joint further than any fitted row did."""
+    low, high = fitted_joints_rad.min(axis=0) - _NEAR_RAD, fitted_joints_rad.max(axis=0) + _NEAR_RAD
+    rows = np.flatnonzero(((check_joints_rad < low) | (check_joints_rad > high)).any(axis=1))
+    if not len(rows):
+        return []
+    return [
+        Lint(
+            "extrapolation",
+            f"{len(rows)} check rows turn a joint further than any fitted row: sag and ripple are extrapolated.",
+            tuple(int(row) for row in rows),
+        )
+    ]
+
+
+def rounding_floor(
+    model: RobotModel, joints_rad: Array, joint_step_rad: Array, value_step_m: float
+) -> list[Lint]:
+    """Say what the rounding of joints and values alone does to the errors, if it is worth saying."""
+    _, jacobian = model.tip_jacobian(joints_rad[:: 1 + len(joints_rad) // _ENOUGH_ROWS], np.zeros(3))
+    by_joint = np.sqrt(((jacobian * joint_step_rad * _UNIFORM) ** 2).sum(axis=(1, 2)).mean())
+    floor = float(np.hypot(by_joint, value_step_m * _UNIFORM))
+    if floor < _FLOOR_M:
+        return []
+    coarse = []
+    if by_joint >= _SHARE * floor:
+        coarse.append(f"joints are rounded to {np.rad2deg(joint_step_rad).max():g} deg")
+    if value_step_m * _UNIFORM >= _SHARE * floor:
+        coarse.append(f"measured values to {value_step_m * 1e3:g} mm")
+    return [
+        Lint(
+            "resolution",
+            f"{' and '.join(coarse)}: from that alone an error of {floor * 1e3:.2f} mm (RMS) is to be expected "
+            "where nothing sharpens them.",
+        )
+    ]
+
+
+def controller_positions(doubtful: Sequence[int], disagreement_m: Array, *, used: bool) -> list[Lint]:
+    """Say how the controller's printed positions relate to the joints, and what they were used for."""
+    what = "sharpen the rounded joints" if used else "check the joints"
+    usual = float(np.median(disagreement_m)) * 1e3
+    found = [
+        Lint(
+            "controller",
+            f"the controller's x, y, z agree with the joints to {usual:.2f} mm (median); they serve to "
+            f"{what}, never as truth.",
+        )
+    ]
+    if doubtful:
+        worst = float(disagreement_m[list(doubtful)].max()) * 1e3
+        found.append(
+            Lint(
+                "controller_rows",
+                f"the controller's x, y, z and the joints contradict each other in {len(doubtful)} rows "
+                f"(up to {worst:.1f} mm): one of the two is not what the arm did. Joints used as written.",
+                tuple(doubtful),
+            )
+        )
+    return found
+
+
+def not_a_measurement(errors_m: Array, step_m: float) -> list[Lint]:
+    """Warn if the "measured" positions are the nominal arm's own, to within their rounding."""
+    if len(errors_m) == 0 or float(np.median(errors_m)) > max(2 * step_m, 1e-6):
+        return []
+    return [
+        Lint(
+            "not_measured",
+            "the measured values equal the nominal forward kinematics: they look computed, not measured.",
+        )
+    ]
+
+
+def alike_neighbours(residuals: Array) -> list[Lint]:
+    """Warn if neighbouring residuals (channels, N) are alike: something drifts unmodelled."""
+    centred = residuals - residuals.mean(axis=1, keepdims=True)
+    if residuals.shape[1] < 30:
+        return []
+    rho = float((centred[:, 1:] * centred[:, :-1]).sum() / max(float((centred**2).sum()), 1e-300))
+    if rho < _ALIKE:
+        return []
+    return [
+        Lint(
+            "drift",
+            f"neighbouring residuals are alike (correlation {rho:.2f}): something drifts that the "
+            "model does not have. Held-out errors, by groups, are not affected.",
+        )
+    ]
+
+
+def _within(few: Array, many: Array) -> bool:
+    return bool(few.min() > many.min() - _NEAR_RAD and few.max() < many.max() + _NEAR_RAD)
+
+
+def _span(rows: Rows) -> str:
+    return f"{rows[0]}" if len(rows) == 1 else f"{rows[0]}-{rows[-1]}"

@@ -1,0 +1,338 @@
+"""The unknowns of an identification: their names, their priors in physical units, and the arm they describe.
+
+Derivatives by *any* parameter of the arm's fixed geometry are combinations, the same for all postures, of the
+derivatives by right twists of the placements (`calibration.arm.kinematics`). So the data are met once, with
+twists, and a small constant matrix turns twists into parameters.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from calibration.arm.joint_terms import JointTerm
+from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Array, adjoint, exp_twist, inverse_transform
+from calibration.identification.observations import Device, Rows
+
+FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR = range(6)
+LEVEL_NAMES = (
+    "base and tool only",
+    "mastering offsets",
+    "full geometry",
+    "geometry and sag under gravity",
+    "geometry, sag and gear ripple",
+    "geometry, sag, ripple and gear ratios",
+)
+_AXES = ("x", "y", "z", "rx", "ry", "rz")
+_DH_NAMES = ("offset", "d", "a", "alpha", "beta")
+_DH_UNITS = ("rad", "m", "m", "rad", "rad")
+
+
+@dataclass(frozen=True, slots=True)
+class Priors:
+    """How far a parameter may be expected from its nominal value: one standard deviation each."""
+
+    offset_rad: float = float(np.deg2rad(0.5))
+    length_m: float = 1e-3
+    angle_rad: float = float(np.deg2rad(0.2))
+    sag_rad_per_m: float = float(np.deg2rad(0.1))
+    # Tight: looser ripple predicts other rows of a series slightly better and another series far worse.
+    ripple_rad: float = float(np.deg2rad(0.003))
+    gear_ratio: float = 1e-4  # of ratios and couplings: tooth counts are exact, belts and linkages nearly
+    wire_zero_m: float = 1e-3
+    wire_scale: float = 1e-3
+    place_m: float = 10.0  # where devices and tools are is not known beforehand
+    turn_rad: float = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One unknown: what people call it, its unit, one prior standard deviation, and what it belongs to."""
+
+    name: str
+    unit: str  # m | rad | rad/m | 1
+    prior: float
+    role: str  # base | anchor | wire | tool | offset | geometry | gravity | harmonic | gear
+    joint: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """An arm with its errors, its tool, and the devices that look at it."""
+
+    nominal: RobotModel
+    geometry: Array  # (n, 5) DH errors, or (n + 1, 6) twists for a model without a DH table
+    terms: tuple[JointTerm, ...]
+    coefficients: Array  # (K,)
+    flange_tool: Array  # (4, 4)
+    devices: tuple[Device, ...]
+
+    @cached_property
+    def arm(self) -> RobotModel:
+        """The arm with its geometry errors; tool, devices and joint terms are not in it."""
+        if not self.geometry.any():
+            return self.nominal
+        if self.nominal.dh is None:
+            return self.nominal.with_twists(self.geometry)
+        return self.nominal.with_dh_errors(self.geometry)
+
+    def seen_from(self, mounting: int) -> RobotModel:
+        """Return the arm whose base is the device's frame and whose flange is the target."""
+        placements = self.arm.placements.copy()
+        placements[0] = self.devices[mounting].device_base @ placements[0]
+        placements[-1] = placements[-1] @ self.flange_tool
+        return replace(self.arm, dh=None, placements=placements)
+
+    def moved_joints(self, joints_rad: Array, values: Array) -> Array:
+        """Return the controller joints that carry sag and ripple; ``values`` (K, N) from `term_values`."""
+        if not len(self.terms):
+            return joints_rad
+        extra = np.zeros((self.nominal.axes, len(joints_rad)))
+        for term, coefficient, value in zip(self.terms, self.coefficients, values, strict=True):
+            extra[term.joint] += coefficient * value
+        moved: Array = joints_rad + np.linalg.solve(self.nominal.joint_coupling, extra).T
+        return moved
+
+
+def nominal_state(
+    model: RobotModel, devices: tuple[Device, ...], flange_tool: Array | None = None
+) -> ArmState:
+    """Return the nominal arm with these devices and tool."""
+    geometry = np.zeros((model.axes, 5) if model.dh is not None else (model.axes + 1, 6))
+    tool = np.eye(4) if flange_tool is None else flange_tool
+    return ArmState(model, geometry, (), np.zeros(0), tool, devices)
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Which unknowns are free, in which order, and how a step of them changes the arm."""
+
+    parameters: tuple[Parameter, ...]
+    kind: str  # of observation
+    mountings: int
+    geometry: tuple[tuple[int, int], ...]  # entries of ArmState.geometry that are free
+    terms: int
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    @cached_property
+    def prior(self) -> Array:
+        """Prior standard deviations (p,)."""
+        return np.array([parameter.prior for parameter in self.parameters])
+
+    @property
+    def _tool_size(self) -> int:
+        return 6 if self.kind == "pose" else 3
+
+    @property
+    def _place_size(self) -> int:
+        return 3 if self.kind == "length" else 6
+
+    @property
+    def shared(self) -> int:
+        """How many parameters stand before the tool: places of the device, and zero and scale of a wire."""
+        return self._place_size * self.mountings + (2 if self._has_wire else 0)
+
+    @cached_property
+    def _has_wire(self) -> bool:
+        return any(parameter.role == "wire" for parameter in self.parameters)
+
+    @cached_property
+    def _entries(self) -> tuple[Rows, Rows]:
+        rows, columns = zip(*self.geometry, strict=True)
+        return np.array(rows), np.array(columns)
+
+    def deviations(self, state: ArmState) -> Array:
+        """Return how far each parameter is from its prior mean (p,); places and tools have none, so zero."""
+        deviation = np.zeros(len(self))
+        if self._has_wire:
+            device = state.devices[0]
+            deviation[self.shared - 2 : self.shared] = device.zero_m, device.scale - 1.0
+        first = self.shared + self._tool_size
+        if self.geometry:
+            deviation[first : first + len(self.geometry)] = state.geometry[self._entries]
+        if self.terms:
+            deviation[-self.terms :] = state.coefficients
+        return deviation
+
+    def tangent(self, state: ArmState, mounting: int) -> Array:
+        """Return (p, 6 (n + 1) + K + D): each parameter as twists of placements, terms, device columns."""
+        n = state.nominal.axes
+        own = 5 if self.kind == "length" else 0
+        matrix = np.zeros((len(self), 6 * (n + 1) + len(state.terms) + own))
+        place = slice(self._place_size * mounting, self._place_size * (mounting + 1))
+        if self.kind == "length":
+            matrix[place, -5:-2] = np.eye(3)
+            if self._has_wire:
+                matrix[self.shared - 2 : self.shared, -2:] = np.eye(2)
+        else:
+            matrix[place, :6] = adjoint(inverse_transform(state.arm.placements[0])).T
+        tool = self.shared
+        matrix[tool : tool + self._tool_size, 6 * n : 6 * n + self._tool_size] = np.eye(self._tool_size)
+        first = tool + self._tool_size
+        if self.geometry:
+            rows, columns = self._entries
+            matrix[first : first + len(self.geometry), : 6 * (n + 1)] = geometry_twists(
+                state.arm, state.flange_tool
+            )[rows, columns]
+        if self.terms:
+            rows = np.arange(len(self) - self.terms, len(self))
+            matrix[rows, 6 * (n + 1) + np.arange(self.terms)] = 1.0
+        return matrix
+
+    def step(self, state: ArmState, change: Array) -> ArmState:
+        """Return the state after a step of the parameters (p,)."""
+        moves = self._moves(change)
+        first = self.shared + self._tool_size
+        geometry = state.geometry
+        if self.geometry:
+            geometry = geometry.copy()
+            geometry[self._entries] += change[first : first + len(self.geometry)]
+        coefficients = state.coefficients + change[-self.terms :] if self.terms else state.coefficients
+        return ArmState(
+            state.nominal,
+            geometry,
+            state.terms,
+            coefficients,
+            state.flange_tool @ moves[-1],
+            tuple(self._moved(device, i, change, moves) for i, device in enumerate(state.devices)),
+        )
+
+    def _moves(self, change: Array) -> Array:
+        """Return the small motions (4, 4) of every device frame, then of the tool, all at once."""
+        frames = 0 if self.kind == "length" else self.mountings
+        twists = np.zeros((frames + 1, 6))
+        twists[:frames] = change[: 6 * frames].reshape(frames, 6)
+        twists[-1, : self._tool_size] = change[self.shared : self.shared + self._tool_size]
+        return exp_twist(twists)
+
+    def _moved(self, device: Device, mounting: int, change: Array, moves: Array) -> Device:
+        if self.kind != "length":
+            return Device(device.device_base @ moves[mounting], device.anchor_in_base_m)
+        zero, scale = change[self.shared - 2 : self.shared] if self._has_wire else (0.0, 0.0)
+        return Device(
+            device.device_base,
+            device.anchor_in_base_m + change[3 * mounting : 3 * mounting + 3],
+            device.zero_m + float(zero),
+            device.scale + float(scale),
+        )
+
+
+def make_layout(
+    model: RobotModel,
+    kind: str,
+    mountings: int,
+    *,
+    level: int,
+    terms: tuple[JointTerm, ...] = (),
+    priors: Priors | None = None,
+) -> Layout:
+    """Return the unknowns of a level, in the order: devices, tool, geometry, joint terms."""
+    priors = priors or Priors()
+    entries, geometry = geometry_parameters(model, level, priors)
+    extra = term_parameters(terms, priors)
+    parameters = [
+        *_device_parameters(kind, mountings, level, priors),
+        *_tool_parameters(kind, priors),
+        *geometry,
+        *extra,
+    ]
+    return Layout(tuple(parameters), kind, mountings, tuple(entries), len(extra))
+
+
+def term_parameters(terms: tuple[JointTerm, ...], priors: Priors) -> list[Parameter]:
+    """Return the unknown coefficients of joint terms."""
+    sizes = {
+        "gravity": ("rad/m", priors.sag_rad_per_m),
+        "harmonic": ("rad", priors.ripple_rad),
+        "gear": ("1", priors.gear_ratio),
+    }
+    return [Parameter(term.name, *sizes[term.kind], term.kind, term.joint) for term in terms]
+
+
+def geometry_twists(arm: RobotModel, flange_tool: Array) -> Array:
+    """Return the twists of the placements that every entry of the geometry stands for (…, 6 (n + 1))."""
+    n = arm.axes
+    if arm.dh is None:
+        maps = np.eye(6 * (n + 1)).reshape(n + 1, 6, n + 1, 6)
+    else:
+        maps = np.zeros((n, 5, n + 1, 6))
+        rows = np.arange(n)
+        maps[rows, 0, rows, 5] = 1.0  # theta turns about z of the placement before
+        maps[rows, 1:, rows + 1] = _row_twists(arm.dh.alpha_rad, arm.dh.beta_rad)
+    # Behind the last placement stands the tool.
+    maps[:, :, n] = maps[:, :, n] @ adjoint(inverse_transform(flange_tool)).T
+    return maps.reshape(*maps.shape[:2], -1)
+
+
+def _row_twists(alpha_rad: Array, beta_rad: Array) -> Array:
+    """Return (n, 4, 6): d, a, alpha, beta of DH rows as right twists of their placements."""
+    cb, sb = np.cos(beta_rad), np.sin(beta_rad)
+    twists = np.zeros((len(cb), 4, 6))
+    twists[:, 0, 0], twists[:, 0, 1], twists[:, 0, 2] = (
+        -sb * np.cos(alpha_rad),
+        np.sin(alpha_rad),
+        cb * np.cos(alpha_rad),
+    )
+    twists[:, 1, 0], twists[:, 1, 2] = cb, sb  # x of the row seen after Rot(y, beta)
+    twists[:, 2, 3], twists[:, 2, 5] = cb, sb
+    twists[:, 3, 4] = 1.0
+    return twists
+
+
+def _device_parameters(kind: str, mountings: int, level: int, priors: Priors) -> list[Parameter]:
+    what = "anchor" if kind == "length" else "base"
+    names = _AXES[:3] if kind == "length" else _AXES
+    many = [f" {i + 1}" for i in range(mountings)] if mountings > 1 else [""]
+    found = [
+        Parameter(f"{what}{number} {axis}", *_place(axis, priors), what) for number in many for axis in names
+    ]
+    if kind == "length" and level > FRAMES:
+        found.append(Parameter("wire zero", "m", priors.wire_zero_m, "wire"))
+        found.append(Parameter("wire scale", "1", priors.wire_scale, "wire"))
+    return found
+
+
+def _tool_parameters(kind: str, priors: Priors) -> list[Parameter]:
+    names = _AXES if kind == "pose" else _AXES[:3]
+    return [Parameter(f"tool {axis}", *_place(axis, priors), "tool") for axis in names]
+
+
+def _place(axis: str, priors: Priors) -> tuple[str, float]:
+    return ("rad", priors.turn_rad) if axis.startswith("r") else ("m", priors.place_m)
+
+
+def geometry_parameters(
+    model: RobotModel, level: int, priors: Priors
+) -> tuple[list[tuple[int, int]], list[Parameter]]:
+    """Return the entries of `ArmState.geometry` that a level frees, and the unknowns they are."""
+    if level == FRAMES:
+        return [], []
+    n = model.axes
+    sizes = {"m": priors.length_m, "rad": priors.angle_rad}
+    if model.dh is not None:
+        entries = [(i, column) for i in range(n) for column in range(5 if level >= GEOMETRY else 1)]
+        return entries, [
+            Parameter(f"J{i + 1} offset", "rad", priors.offset_rad, "offset", i)
+            if column == 0
+            else Parameter(
+                f"J{i + 1} {_DH_NAMES[column]}", _DH_UNITS[column], sizes[_DH_UNITS[column]], "geometry", i
+            )
+            for i, column in entries
+        ]
+    # The first placement is the base's and the last the tool's, except for the turn about the next joint.
+    entries = [(k, axis) for k in range(n) for axis in range(6) if axis == 5 or (k > 0 and level >= GEOMETRY)]
+    return entries, [
+        Parameter(f"J{k + 1} offset", "rad", priors.offset_rad, "offset", k)
+        if axis == 5
+        else Parameter(
+            f"J{k + 1} placement {_AXES[axis]}",
+            "m" if axis < 3 else "rad",
+            sizes["m" if axis < 3 else "rad"],
+            "geometry",
+            k,
+        )
+        for k, axis in entries
+    ]

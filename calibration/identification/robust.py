@@ -1,0 +1,195 @@
+"""Fits that bad rows cannot bend: Cauchy start, rejection by median deviation, least squares at the end."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.special import chdtri, fdtri
+
+from calibration.geometry import Array
+from calibration.identification.estimator import Fit, Problem, estimate, whitened_residuals
+from calibration.identification.leverage import (
+    channel_groups,
+    effective_unknowns,
+    redundant_shares,
+    standardised_residuals,
+)
+from calibration.identification.observations import PoseObservations, Rows, with_sigma
+from calibration.identification.parameters import ArmState, Layout
+
+_CAUCHY = 2.5  # deviations at which a row's weight is one half
+_MAX_ROUNDS = 12
+_WEIGHTS_SETTLED = 0.02
+_SCALES_SETTLED = 0.01
+_LEAST_REJECTION = 4.0
+_FALSE_ALARMS = 0.05  # good rows rejected per fit, if errors were Gaussian
+_SMALLEST_M = 1e-7  # a series without errors is no reason to believe in none
+_SMALLEST_RAD = 1e-8
+_MEDIAN_EFFICIENCY = {1: 0.37, 3: 0.53, 6: 0.58}  # of a variance from the median of chi squares, by channels
+_NEIGHBOURS = 7  # rows, with the one in question
+_BEYOND_COMPANY = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class RobustFit:
+    """A least-squares fit of the rows that were kept, with sigmas scaled to what the residuals show."""
+
+    fit: Fit
+    problem: Problem  # all rows, sigmas scaled
+    rejected: Rows
+    deviations: Array  # (N,): size of each row's residual in deviations of the good rows
+    threshold: float
+    scale: Array  # per channel group: found deviation / stated sigma
+    degrees_of_freedom: float
+
+
+def fit_robustly(layout: Layout, start: ArmState, problem: Problem) -> RobustFit:
+    """Fit, find the rows that do not belong, and fit the rest by plain least squares.
+
+    Parameters
+    ----------
+    layout : Layout
+        Unknowns and priors.
+    start : ArmState
+        Start of the iteration.
+    problem : Problem
+        Observations; their sigmas weigh rows against each other and need not be right in size.
+
+    Returns
+    -------
+    RobustFit
+        The covariance belongs to sigmas scaled by the reduced chi square of the kept rows.
+
+    Notes
+    -----
+    A row is rejected beyond ``max(4, t)`` deviations of what its residual may be, where t would reject 0.05 good
+    Gaussian rows in all, given how well so few residuals tell their deviation; unless its neighbours are off in
+    the same way. The deviation is taken from the median, so up to half of the rows may be bad.
+    """
+    if not len(layout):
+        return _unfitted(layout, start, problem)
+    fit = estimate(layout, start, problem, from_afar=True)
+    weights = np.ones(len(problem.observations))
+    problem, left = _rescaled(fit, problem, weights)
+    for _ in range(_MAX_ROUNDS):
+        fresh = 1.0 / (1.0 + (left**2).sum(axis=0) / _CAUCHY**2)
+        settled = float(np.abs(fresh - weights).max()) < _WEIGHTS_SETTLED
+        weights = fresh
+        if settled:
+            break
+        fit = estimate(layout, fit.state, problem, weights)
+        problem, left = _rescaled(fit, problem, weights)
+    return _reject_and_refit(fit, problem, left)
+
+
+def _unfitted(layout: Layout, state: ArmState, problem: Problem) -> RobustFit:
+    """Return a fit of nothing: everything is held where it was known."""
+    fit = Fit(state, layout, np.zeros((0, 0)), np.zeros(0), 0.0, 0)
+    problem, left = _rescaled(fit, problem, np.ones(len(problem.observations)))
+    seen = problem.observations
+    freedom = float(seen.channels * len(seen))
+    limit = rejection_limit(seen.channels, len(seen), freedom)
+    out = np.flatnonzero(standing_out(left, limit))
+    groups = len(channel_groups(seen.channels))
+    return RobustFit(fit, problem, out, np.linalg.norm(left, axis=0), limit, np.ones(groups), freedom)
+
+
+def _reject_and_refit(fit: Fit, problem: Problem, left: Array) -> RobustFit:
+    seen, layout = problem.observations, fit.layout
+    redundant = max(seen.channels * len(seen) - effective_unknowns(fit), 1.0)
+    limit = rejection_limit(seen.channels, len(seen), redundant)
+    kept = np.ones(len(seen), dtype=bool)
+    for _ in range(_MAX_ROUNDS):
+        fresh = ~standing_out(left, limit)
+        settled = bool((fresh == kept).all())
+        if settled and not fresh.all():
+            break
+        kept = fresh
+        fit = estimate(layout, fit.state, problem, kept.astype(float))
+        problem, left = _rescaled(fit, problem, kept.astype(float))
+        if settled:
+            break
+    fit, problem, scale, freedom = _scaled_by_chi_square(fit, problem, kept)
+    return RobustFit(fit, problem, np.flatnonzero(~kept), np.linalg.norm(left, axis=0), limit, scale, freedom)
+
+
+def rejection_limit(channels: int, rows: int, freedom: float = np.inf) -> float:
+    """Return the number of deviations beyond which a row is not believed.
+
+    The deviation itself comes from a median of residuals with so many degrees of freedom; from few, good rows reach
+    farther: Fisher's F takes the place of chi square.
+    """
+    alarm = min(0.5, _FALSE_ALARMS / max(rows, 1))
+    limit = np.sqrt(chdtri(channels, alarm))
+    if np.isfinite(freedom):
+        known = max(_MEDIAN_EFFICIENCY[channels] * freedom, 1.0)
+        limit = np.sqrt(channels * fdtri(channels, known, 1.0 - alarm))
+    return max(_LEAST_REJECTION, float(limit))
+
+
+def standing_out(residuals: Array, limit: float) -> NDArray[np.bool_]:
+    """Tell which rows (channels, N) are beyond the limit, and not in the company of their neighbours.
+
+    A row that is as far off as the rows around it is no blunder but a drift, which a fit should see.
+    Far beyond the limit no company helps.
+    """
+    size = np.linalg.norm(residuals, axis=0)
+    if residuals.shape[1] <= _NEIGHBOURS:
+        return np.asarray(size > limit)
+    half = _NEIGHBOURS // 2
+    padded = np.pad(residuals, ((0, 0), (half, half)), mode="reflect")
+    around = sliding_window_view(padded, _NEIGHBOURS, axis=1)
+    others = np.delete(around, half, axis=2)
+    alone = np.linalg.norm(residuals - np.median(others, axis=2), axis=0)
+    out: NDArray[np.bool_] = ((size > limit) & (alone > limit)) | (size > _BEYOND_COMPANY * limit)
+    return out
+
+
+def _rescaled(fit: Fit, problem: Problem, weights: Array) -> tuple[Problem, Array]:
+    """Return the problem with sigmas as the median residual shows them, and the residuals in such deviations."""
+    left = standardised_residuals(fit, problem, weights)
+    groups = channel_groups(len(left))
+    factors = np.array(
+        [np.sqrt(np.median((left[g] ** 2).sum(axis=0)) / chdtri(len(left[g]), 0.5)) for g in groups]
+    )
+    factors = _believable(problem, factors)
+    for group, factor in zip(groups, factors, strict=True):
+        left[group] /= factor
+    return _with_factors(problem, factors), left
+
+
+def _believable(problem: Problem, factors: Array) -> Array:
+    seen = problem.observations
+    smallest = [_SMALLEST_M / float(np.median(seen.sigma_m))]
+    if isinstance(seen, PoseObservations):
+        smallest.append(_SMALLEST_RAD / float(np.median(seen.sigma_rad)))
+    return np.maximum(factors, smallest)
+
+
+def _with_factors(problem: Problem, factors: Array) -> Problem:
+    return replace(problem, observations=with_sigma(problem.observations, *(float(f) for f in factors)))
+
+
+def _scaled_by_chi_square(
+    fit: Fit, problem: Problem, kept: NDArray[np.bool_]
+) -> tuple[Fit, Problem, Array, float]:
+    """Return the fit with the scale that the kept rows show, and the freedom of the scale that is known least.
+
+    Places and attitudes have scales of their own, on which it depends what each of them has to tell: a few rounds
+    settle that.
+    """
+    groups, weights = channel_groups(problem.observations.channels), kept.astype(float)
+    total = np.ones(len(groups))
+    for _ in range(_MAX_ROUNDS):
+        residuals = whitened_residuals(fit.state, problem)[:, kept]
+        shares = redundant_shares(fit, problem.take(np.flatnonzero(kept)))
+        readings = np.array([residuals[group].size for group in groups])
+        freedom = np.maximum(readings * shares, 1.0)
+        squares = np.array([float((residuals[group] ** 2).sum()) for group in groups])
+        factors = _believable(problem, np.sqrt(squares / freedom))
+        problem, total = _with_factors(problem, factors), total * factors
+        fit = estimate(fit.layout, fit.state, problem, weights)
+        if len(groups) == 1 or float(np.abs(factors - 1.0).max()) < _SCALES_SETTLED:
+            break
+    return fit, problem, total, float(freedom.min())

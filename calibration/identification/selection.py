@@ -1,0 +1,325 @@
+"""What the measurements support: where the device was moved, and how much model predicts unseen groups."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.joint_terms import JointTerm, gear_terms, gravity_terms, harmonic_terms
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import DegenerateDataError
+from calibration.geometry import Array
+from calibration.identification.cross_validation import Grouping, compare, deal_folds, held_out_errors
+from calibration.identification.earlier_posterior import EarlierPosterior, turned
+from calibration.identification.estimator import Problem, errors_m, estimate
+from calibration.identification.free_parameters import (
+    RIPPLE_ORDERS,
+    PartLayout,
+    StartingPoint,
+    every_term,
+    level_of,
+    prepared,
+)
+from calibration.identification.observations import Observations, Rows, with_mounting
+from calibration.identification.parameters import (
+    FRAMES,
+    GEAR,
+    GEOMETRY,
+    GRAVITY,
+    LEVEL_NAMES,
+    OFFSETS,
+    RIPPLE,
+    ArmState,
+    Priors,
+    make_layout,
+    nominal_state,
+)
+from calibration.identification.robust import RobustFit, fit_robustly
+from calibration.identification.series_breaks import (
+    SeriesBreak,
+    candidate_breaks,
+    change_between,
+    fit_frames,
+    mounting_of,
+)
+
+LEVELS = (FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR)
+_DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for
+_ANGLES_PER_PERIOD = 5  # distinct ones, or a wave is read into gaps
+_ANGLE_STEP_RAD = 2e-3
+_FOLDS = 10
+_FOLDS_FOR_BREAKS = 5
+_BREAK_GAIN = 0.1  # of the held-out RMSE: a mounting costs more trust than a parameter
+_PATIENCE = 2
+_BELIEVABLE = 8.0  # times the median error
+_MOST_ROWS = 4000  # are looked at to choose; the fit takes all
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """How to identify; the defaults suit any file."""
+
+    level: int | None = None  # None: chosen by cross-validation
+    seed: int = 0
+    folds: int = _FOLDS
+    find_breaks: bool = True
+    priors: Priors = field(default_factory=Priors)
+    judge: bool = True  # repeat every choice without each fold, for held-out errors
+    start: StartingPoint = field(default_factory=StartingPoint)
+    residual_model: bool = False  # try a smooth function of the joints for what the arm leaves over
+
+
+@dataclass(frozen=True, eq=False)
+class Selection:
+    """The choice that a set of rows leads to."""
+
+    breaks: tuple[SeriesBreak, ...]  # in terms of these rows
+    break_reasons: tuple[str, ...]
+    places: ArmState  # base and tool fitted to the arm as it was known before
+    seen: Observations  # the rows with their mountings
+    level: int
+    level_reasons: tuple[str, ...]
+
+
+def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[JointTerm, ...]:
+    """Return the joint terms that a level has; a joint's ripple and gear ratio need twenty distinct angles."""
+    if level < GRAVITY:
+        return ()
+    sag = gravity_terms(model)
+    if level < RIPPLE:
+        return sag
+    distinct = [len(np.unique(np.round(angle / _ANGLE_STEP_RAD))) for angle in joints_rad.T]
+    ripple = (
+        term
+        for term in harmonic_terms(model, RIPPLE_ORDERS)
+        if distinct[term.joint] >= max(_DISTINCT_ANGLES, _ANGLES_PER_PERIOD * term.order)
+    )
+    terms = (*sag, *ripple)
+    if level < GEAR:
+        return terms
+    # After ripple: without it a ratio passes for the long waves of a gear, and is believed wrongly.
+    return (*terms, *(term for term in gear_terms(model) if distinct[term.source] >= _DISTINCT_ANGLES))
+
+
+def fit_level(
+    model: RobotModel,
+    observations: Observations,
+    places: ArmState,
+    level: int,
+    priors: Priors,
+    start: StartingPoint | None = None,
+) -> RobustFit:
+    """Fit one level robustly, from the places of devices and tool that any state of the same arm has."""
+    terms = terms_of_level(model, observations.joints_rad, level)
+    layout = make_layout(
+        model, observations.kind, len(places.devices), level=level, terms=terms, priors=priors
+    )
+    start = start or StartingPoint()
+    layout, state = prepared(layout, terms, model, places, start, priors)
+    if start.covariance is not None and not start.free and isinstance(layout, PartLayout):
+        layout = turned(layout, EarlierPosterior(start.names, start.covariance))
+    return fit_robustly(layout, state, Problem.of(state, observations))
+
+
+def select(model: RobotModel, observations: Observations, grouping: Grouping, options: Options) -> Selection:
+    """Find the breaks of a series and choose the level, from these rows alone.
+
+    Long series are looked at in every second, third … row; a break is then placed to the row.
+
+    Notes
+    -----
+    Levels are tried in order. A wider one replaces the best so far only if it predicts groups that it has not
+    seen better by 1 % and by more than the groups' own scatter. Rows that no level can believe do not vote.
+    """
+    rows = evenly(len(observations), _MOST_ROWS)
+    some, groups = observations.take(rows), grouping.of_rows(rows)
+    breaks: tuple[SeriesBreak, ...] = ()
+    break_reasons: tuple[str, ...] = ()
+    known = options.start.places
+    if known is not None and options.start.holds_places:
+        once = np.zeros(len(observations), dtype=np.intp)
+        seen = with_mounting(observations, once)
+        places = nominal_state(model, (known.device,), known.flange_tool)
+    else:
+        chain = options.start.chain(model)
+        coarse, break_reasons = _choose_breaks(chain, some, groups, options)
+        breaks = _placed_to_the_row(chain, observations, rows, coarse)
+        at = [found.row for found in breaks]
+        places = fit_frames(chain, observations, at).state
+        seen = with_mounting(observations, mounting_of(len(observations), at))
+    folds = deal_folds(groups, options.folds, options.seed)
+    trial = _Trial(model, seen.take(rows), groups, folds, places, options)
+    level, reasons = _choose_level(trial, options.level)
+    return Selection(breaks, break_reasons, places, seen, level, reasons)
+
+
+def evenly(count: int, most: int) -> Rows:
+    """Return every k-th row, so that no more than ``most`` remain."""
+    return np.arange(0, count, -(-count // most))
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Everything that cross-validation of a level needs."""
+
+    model: RobotModel
+    observations: Observations
+    grouping: Grouping
+    folds: Rows
+    places: ArmState
+    options: Options
+
+    def unknowns(self, level: int) -> int:
+        """Return how many unknowns a level has."""
+        terms = terms_of_level(self.model, self.observations.joints_rad, level)
+        kind, mountings = self.observations.kind, len(self.places.devices)
+        layout = make_layout(self.model, kind, mountings, level=level, terms=terms)
+        return sum(self.options.start.frees(parameter) for parameter in layout.parameters)
+
+    def level_of_free(self) -> tuple[int, tuple[str, ...]]:
+        """Return the level of the parameters that were named, which is no choice of ours."""
+        start, terms = self.options.start, every_term(self.model)
+        every = make_layout(self.model, self.observations.kind, 1, level=GEAR, terms=terms).parameters
+        level = level_of(start, every)
+        return level, (f"level {level}, {LEVEL_NAMES[level]}, has what is free: {', '.join(start.free)}",)
+
+    def held_out(self, level: int) -> Array:
+        """Return the errors (N,) of rows predicted by fits without their fold."""
+
+        def errors_without(training: Rows, held: Rows) -> Array:
+            rows, priors, start = self.observations.take(training), self.options.priors, self.options.start
+            fit = fit_level(self.model, rows, self.places, level, priors, start)
+            return errors_m(fit.fit.state, Problem.of(fit.fit.state, self.observations.take(held)))
+
+        return held_out_errors(self.folds, errors_without)
+
+
+def _choose_level(trial: _Trial, wanted: int | None) -> tuple[int, tuple[str, ...]]:
+    if wanted is not None:
+        return wanted, (f"level {wanted}, {LEVEL_NAMES[wanted]}, was asked for",)
+    if trial.options.start.free:
+        return trial.level_of_free()
+    sizes = {level: trial.unknowns(level) for level in LEVELS}
+    possible, said = possible_levels(sizes, trial.observations.channels * len(trial.observations))
+    voting = np.ones(len(trial.observations), dtype=bool)
+    level, reasons = best_level(possible, trial.held_out, trial.grouping.groups, voting)
+    return level, (*said, *reasons)
+
+
+def possible_levels(sizes: Mapping[int, int], readings: int) -> tuple[list[int], list[str]]:
+    """Return the levels that so many readings can carry, given their numbers of unknowns, and why not the others.
+
+    Ripple needs two readings an unknown: with fewer, its priors speak, and cost the more time the less they say.
+    """
+    most = {level: readings // 2 if level >= RIPPLE else readings for level in sizes}
+    possible = [level for level in sizes if level == FRAMES or sizes[level - 1] < sizes[level] <= most[level]]
+    said = [
+        f"level {level}, {LEVEL_NAMES[level]}: {size} unknowns are too many for {readings} readings: not tried"
+        for level, size in sizes.items()
+        if size > most[level]
+    ]
+    return possible, said
+
+
+def best_level(
+    possible: Sequence[int], held_out: Callable[[int], Array], groups: Rows, voting: NDArray[np.bool_]
+) -> tuple[int, tuple[str, ...]]:
+    """Return the level whose held-out errors are surely the smallest, narrower ones first, and every comparison.
+
+    Gear ratios are tried where ripple is worth its unknowns: what a ratio does, ripple shows as long waves.
+    """
+    errors = {level: held_out(level) for level in possible if level != GEAR}
+    best, said = _compared(errors, groups, voting)
+    if GEAR in possible and best == RIPPLE:
+        errors[GEAR] = held_out(GEAR)
+        best, said = _compared(errors, groups, voting)
+    elif GEAR in possible:
+        said.append(f"level {GEAR}, {LEVEL_NAMES[GEAR]}: not tried, because ripple does not help")
+    return best, tuple(said)
+
+
+def _compared(errors: Mapping[int, Array], groups: Rows, voting: NDArray[np.bool_]) -> tuple[int, list[str]]:
+    # The same rows vote on all levels: those that at least one of them can believe.
+    smallest = np.min(list(errors.values()), axis=0)
+    believable = voting & (smallest < _BELIEVABLE * np.median(smallest[voting]))
+    best, said = FRAMES, []
+    for level in [level for level in errors if level != FRAMES]:
+        narrow = (f"level {best}", errors[best][believable])
+        wide = (f"level {level}, {LEVEL_NAMES[level]}", errors[level][believable])
+        comparison = compare(narrow, wide, groups[believable])
+        said.append(comparison.reason)
+        if comparison.better:
+            best = level
+    return best, said
+
+
+def _choose_breaks(
+    model: RobotModel, observations: Observations, grouping: Grouping, options: Options
+) -> tuple[tuple[SeriesBreak, ...], tuple[str, ...]]:
+    """Return the breaks that make unseen groups more predictable, and why the search stopped."""
+    if not options.find_breaks:
+        return (), ()
+    folds = deal_folds(grouping, _FOLDS_FOR_BREAKS, options.seed)
+    chosen: tuple[SeriesBreak, ...] = ()
+    best, reasons, waited = None, [], 0
+    for candidate in candidate_breaks(model, observations):
+        if best is None:
+            best = _errors_with_breaks(model, observations, folds, ())
+        errors = _errors_with_breaks(model, observations, folds, candidate)
+        comparison = compare(
+            (f"{len(chosen)} breaks", best),
+            (f"{len(candidate)} breaks", errors),
+            grouping.groups,
+            least_gain=_BREAK_GAIN,
+        )
+        reasons.append(comparison.reason)
+        waited = 0 if comparison.better else waited + 1
+        if comparison.better:
+            chosen, best = candidate, errors
+        if waited == _PATIENCE:
+            break
+    return chosen, tuple(reasons)
+
+
+def _errors_with_breaks(
+    model: RobotModel, observations: Observations, folds: Rows, breaks: Sequence[SeriesBreak]
+) -> Array:
+    """Return held-out errors of plain fits of the geometry: quick, and good enough to compare mountings."""
+    rows = [found.row for found in breaks]
+    frames = fit_frames(model, observations, rows).state
+    seen = with_mounting(observations, mounting_of(len(observations), rows))
+    layout = make_layout(model, seen.kind, len(rows) + 1, level=GEOMETRY)
+
+    def errors_without(training: Rows, held: Rows) -> Array:
+        state = estimate(layout, frames, Problem.of(frames, seen.take(training))).state
+        return errors_m(state, Problem.of(state, seen.take(held)))
+
+    try:
+        return held_out_errors(folds, errors_without)
+    except DegenerateDataError:
+        return np.full(len(seen), np.inf)
+
+
+def _placed_to_the_row(
+    model: RobotModel, observations: Observations, rows: Rows, breaks: tuple[SeriesBreak, ...]
+) -> tuple[SeriesBreak, ...]:
+    """Return breaks of every k-th row as breaks of all rows: where the rows between fit better."""
+    if not breaks or len(rows) == len(observations):
+        return breaks
+    state = fit_frames(model, observations.take(rows), [found.row for found in breaks]).state
+    placed = []
+    for mounting, found in enumerate(breaks):
+        between = np.arange(rows[found.row - 1] + 1, rows[found.row])
+        row = between[0] + change_between(*errors_in_both(state, observations.take(between), mounting))
+        placed.append(SeriesBreak(int(row), found.bic_gain))
+    return tuple(placed)
+
+
+def errors_in_both(state: ArmState, observations: Observations, mounting: int) -> tuple[Array, Array]:
+    """Return the errors (N,) of rows in this mounting and in the one after it."""
+    first, second = (
+        errors_m(state, Problem.of(state, with_mounting(observations, np.full(len(observations), m))))
+        for m in (mounting, mounting + 1)
+    )
+    return first, second

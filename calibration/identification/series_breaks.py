@@ -1,0 +1,197 @@
+"""Where in a series the measuring device was moved: change points of its place, found row by row."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import DegenerateDataError
+from calibration.geometry import Array
+from calibration.identification.estimator import Fit, Problem, estimate, place_columns
+from calibration.identification.first_guess import first_guess
+from calibration.identification.observations import Observations, Rows, with_mounting
+from calibration.identification.parameters import FRAMES, make_layout
+
+_SHORTEST = 12  # rows of one mounting
+_MOST_BREAKS = 8
+_CAPPED_COST = 100.0
+_CHANGE_COST = 50.0
+
+
+@dataclass(frozen=True, slots=True)
+class SeriesBreak:
+    """The first row of a new mounting, and how strongly the rows ask for it."""
+
+    row: int
+    bic_gain: float  # difference of the Bayesian information criterion; above 10 is called very strong
+
+
+def mounting_of(count: int, breaks: Sequence[int]) -> Rows:
+    """Return the mounting of every row of a series with these breaks."""
+    return np.searchsorted(np.sort(np.asarray(breaks, dtype=np.intp)), np.arange(count), side="right")
+
+
+def fit_frames(model: RobotModel, observations: Observations, breaks: Sequence[int]) -> Fit:
+    """Fit places of devices and tool to the nominal arm, from the best of all starts."""
+    seen = with_mounting(observations, mounting_of(len(observations), breaks))
+    fits = []
+    for start in first_guess(model, seen):
+        layout = make_layout(model, seen.kind, len(start.devices), level=FRAMES)
+        fits.append(estimate(layout, start, Problem.of(start, seen), from_afar=True))
+    return min(fits, key=lambda fit: fit.cost)
+
+
+def candidate_breaks(
+    model: RobotModel, observations: Observations, *, most: int = _MOST_BREAKS
+) -> Iterator[tuple[SeriesBreak, ...]]:
+    r"""Yield one break, then two, and so on: for each number the rows that ask most strongly.
+
+    Each round adds the break with the largest gain of the Bayesian information criterion
+    ``N ln(RSS) + p ln(N)`` and then moves all breaks to their best places. The gain is computed for all cuts
+    at once from one linearisation: with gradient g and columns D of the rows after the cut,
+    ``RSS falls by g' (D'D - D'J (J'J)^-1 J'D)^-1 g``.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal.
+    observations : Observations
+        In the order in which they were measured; their mounting is ignored.
+    most : int
+        Largest number of breaks.
+
+    Yields
+    ------
+    tuple of SeriesBreak
+        Sorted by row. Whether breaks are real is for cross-validation to say: neighbours share errors, and
+        the criterion takes them for independent.
+    """
+    breaks: list[SeriesBreak] = []
+    while len(breaks) < most and len(observations) >= 4 * _SHORTEST:
+        rows = [found.row for found in breaks]
+        try:
+            fit = fit_frames(model, observations, rows)
+            cut = _best_cut(fit, observations, rows, None)
+        except DegenerateDataError:
+            return
+        if cut is None or cut.bic_gain <= 0:
+            return
+        breaks = _settle(model, observations, [*breaks, cut])
+        yield tuple(sorted(breaks, key=lambda found: found.row))
+
+
+def _settle(model: RobotModel, observations: Observations, breaks: list[SeriesBreak]) -> list[SeriesBreak]:
+    """Move each break to where it gains most while the others stay; the first search saw a worse model."""
+    for index in range(len(breaks)):
+        others = [found.row for found in breaks if found is not breaks[index]]
+        around = _span(breaks[index].row, others, len(observations))
+        fit = fit_frames(model, observations, others)
+        moved = _best_cut(fit, observations, others, around)
+        if moved is not None:
+            breaks = [*breaks[:index], moved, *breaks[index + 1 :]]
+    return breaks
+
+
+def _span(row: int, others: list[int], count: int) -> tuple[int, int]:
+    edges = sorted([0, count, *others])
+    after = int(np.searchsorted(edges, row, side="right"))
+    return edges[after - 1], edges[after]
+
+
+def _best_cut(
+    fit: Fit, observations: Observations, breaks: Sequence[int], within: tuple[int, int] | None
+) -> SeriesBreak | None:
+    seen = with_mounting(observations, mounting_of(len(observations), breaks))
+    problem = Problem.of(fit.state, seen)
+    columns, residuals = place_columns(fit.layout, fit.state, problem)  # (p, m, N), (m, N)
+    edges = sorted([0, len(seen), *breaks])
+    best: SeriesBreak | None = None
+    for mounting, span in enumerate(pairwise(edges)):
+        if within is not None and span != within:
+            continue
+        found = _scan(fit, columns, residuals, mounting, span)
+        if found is not None and (best is None or found.bic_gain > best.bic_gain):
+            best = found
+    return best
+
+
+def _scan(
+    fit: Fit, columns: Array, residuals: Array, mounting: int, span: tuple[int, int]
+) -> SeriesBreak | None:
+    size = 3 if fit.layout.kind == "length" else 6
+    first, last = span
+    if last - first < 2 * _SHORTEST:
+        return None
+    place = columns[size * mounting : size * (mounting + 1), :, first:last]
+    whole = columns[:, :, first:last]
+    # Sums over the rows from each cut to the end of the mounting.
+    cross = _tail_sums(np.einsum("pmn,dmn->npd", whole, place))
+    own = cross[:, size * mounting : size * (mounting + 1)]
+    gradient = _tail_sums(np.einsum("dmn,mn->nd", place, residuals[:, first:last]))
+    bent = np.einsum("pq,nqd->npd", _inverse(columns), cross)
+    schur = own - np.einsum("npd,npe->nde", cross, bent)
+    schur = schur + 1e-9 * np.trace(schur, axis1=1, axis2=2)[:, None, None] * np.eye(size)
+    cuts = slice(_SHORTEST, last - first - _SHORTEST + 1)
+    drop = np.einsum(
+        "nd,nd->n", gradient[cuts], np.linalg.solve(schur[cuts], gradient[cuts][..., None])[..., 0]
+    )
+    rss = float((residuals**2).sum())
+    count = residuals.size
+    left = np.maximum(rss - drop, 1e-3 * rss)
+    gain = count * np.log(rss / left) - (size + 1) * np.log(count)
+    at = int(np.argmax(gain))
+    return SeriesBreak(first + _SHORTEST + at, float(gain[at]))
+
+
+def _tail_sums(terms: Array) -> Array:
+    sums: Array = np.cumsum(terms[::-1], axis=0)[::-1]
+    return sums
+
+
+def _inverse(columns: Array) -> Array:
+    flat = columns.reshape(len(columns), -1)
+    normal = flat @ flat.T
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-30))
+    inverse: Array = np.linalg.pinv(normal / np.outer(scale, scale), rcond=1e-10) / np.outer(scale, scale)
+    return inverse
+
+
+def change_between(before_m: Array, after_m: Array) -> int:
+    """Return how many of some rows (N,) belong before a change, given their errors on either side of it [m]."""
+    usual = max(float(np.median(np.minimum(before_m, after_m))), 1e-6)
+    # Capped: one wild row must not decide.
+    first, second = (np.minimum((errors / usual) ** 2, _CAPPED_COST) for errors in (before_m, after_m))
+    cost = np.concatenate([[0.0], np.cumsum(first)]) + np.concatenate([[0.0], np.cumsum(second[::-1])])[::-1]
+    return int(np.argmin(cost))
+
+
+def assign_mountings(errors_m: Array, sigma_m: float) -> Rows:
+    """Return the mounting of every row of another series, changing as seldom as the rows allow.
+
+    Parameters
+    ----------
+    errors_m : (S, N)
+        Error of every row under each of the known mountings [m].
+    sigma_m : float
+        Standard deviation of one row [m].
+
+    Returns
+    -------
+    (N,)
+        The sequence with the least sum of squared errors, capped at 10 deviations, plus 50 for each change.
+    """
+    cost = np.minimum((errors_m / sigma_m) ** 2, _CAPPED_COST)
+    count, total = cost.shape[1], cost[:, 0].copy()
+    came_from = np.zeros(cost.shape, dtype=np.intp)
+    for row in range(1, count):
+        cheapest = int(np.argmin(total))
+        change = total[cheapest] + _CHANGE_COST < total
+        came_from[:, row] = np.where(change, cheapest, np.arange(len(total)))
+        total = np.minimum(total, total[cheapest] + _CHANGE_COST) + cost[:, row]
+    path = np.empty(count, dtype=np.intp)
+    path[-1] = int(np.argmin(total))
+    for row in range(count - 1, 0, -1):
+        path[row - 1] = came_from[path[row], row]
+    return path

@@ -1,0 +1,130 @@
+"""Residuals against each joint's angle: what follows a joint is no noise, and says where to look."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import fdtrc
+
+from calibration.geometry import Array
+from calibration.identification.group_effect import group_effect
+from calibration.identification.lints import Lint
+from calibration.identification.observations import Rows
+
+_BINS = 12
+_FEWEST_PER_BIN = 8
+_FEWEST_ROWS = 48
+_NARROWEST_RAD = float(np.deg2rad(5.0))
+_BY_CHANCE = 1e-3  # in all joints and directions together
+_EXPLAINED = 0.1  # of the residuals' square
+_SMALLEST_M = 2e-5
+_SHAPE = 0.75  # of what the bins explain
+
+
+@dataclass(frozen=True, slots=True)
+class _Sweep:
+    joint: int
+    channel: int
+    middles_rad: Array
+    means_m: Array
+    edges_rad: Array
+    share: float  # of the residuals' square
+
+
+def sweep_lint(
+    joints_rad: Array, left_m: Array, groups: Rows, joint_names: Sequence[str], *, lengths: bool = False
+) -> list[Lint]:
+    """Find joints whose angle tells the residual of a fit.
+
+    Parameters
+    ----------
+    joints_rad : (N, n)
+        Of the rows that were fitted.
+    left_m : (channels, N)
+        Measured minus predicted [m].
+    groups : (N,)
+        Rows that share drifts: they count as fewer.
+
+    Notes
+    -----
+    Up to twelve bins of equal counts per joint; analysis of variance between them, corrected for what rows of a
+    group share, Bonferroni for the number of looks. One note a joint, about the direction that shows it most.
+    """
+    count = joints_rad.shape[0]
+    if count < _FEWEST_ROWS:
+        return []
+    sizes = np.maximum(np.sqrt(np.mean(left_m**2, axis=1, keepdims=True)), 1e-12)
+    effect = group_effect(left_m / sizes, groups).widening ** 2
+    looks = joints_rad.shape[1] * len(left_m)
+    found = []
+    for joint in range(joints_rad.shape[1]):
+        bins = _bins(joints_rad[:, joint], count / effect)
+        if bins is None:
+            continue
+        sweeps = [
+            _look(joints_rad[:, joint], left_m[c], bins, effect, (joint, c)) for c in range(len(left_m))
+        ]
+        seen = [sweep for sweep, chance in sweeps if chance * looks < _BY_CHANCE and sweep.share > _EXPLAINED]
+        if seen and np.ptp(max(seen, key=_swing).means_m) > _SMALLEST_M:
+            found.append(_said(max(seen, key=_swing), joint_names[joint], lengths=lengths))
+    return found
+
+
+def _swing(sweep: _Sweep) -> float:
+    return float(np.ptp(sweep.means_m))
+
+
+def _bins(angle: Array, effective_rows: float) -> Rows | None:
+    """Return the bin of every row, with equal angles together; None where the joint hardly moved."""
+    number = min(_BINS, int(effective_rows) // _FEWEST_PER_BIN)
+    if number < 3:
+        return None
+    edges = np.unique(np.quantile(angle, np.linspace(0, 1, number + 1)[1:-1]))
+    bins = np.unique(np.searchsorted(edges, angle, side="right"), return_inverse=True)[1].reshape(-1)
+    few = np.bincount(bins).min() < 3
+    return None if np.ptp(angle) < _NARROWEST_RAD or bins.max() < 2 or few else bins
+
+
+def _look(angle: Array, left: Array, bins: Rows, effect: float, at: tuple[int, int]) -> tuple[_Sweep, float]:
+    """Return what the bins show, and the probability that chance shows as much."""
+    sizes = np.bincount(bins)
+    means = np.bincount(bins, left) / sizes
+    total = float(((left - left.mean()) ** 2).sum())
+    between = float((sizes * (means - left.mean()) ** 2).sum())
+    freedom = len(sizes) - 1, max((len(left) - len(sizes)) / effect, 3.0)
+    ratio = between / freedom[0] / max((total - between) / (len(left) - len(sizes)), 1e-300) / effect
+    order = np.array([[angle[bins == b].min(), angle[bins == b].max()] for b in range(len(sizes))])
+    middles = np.bincount(bins, angle) / sizes
+    share = between / max(float((left**2).sum()), 1e-300)
+    return _Sweep(*at, middles, means, order, share), float(fdtrc(*freedom, ratio))
+
+
+def _said(sweep: _Sweep, name: str, *, lengths: bool) -> Lint:
+    means, middles, edges = sweep.means_m * 1e3, np.rad2deg(sweep.middles_rad), np.rad2deg(sweep.edges_rad)
+    spread = float(((means - means.mean()) ** 2).sum())
+    line = np.polyval(np.polyfit(middles, means, 1), middles)
+    steps = [
+        sum(float(((part - part.mean()) ** 2).sum()) for part in (means[:i], means[i:]))
+        for i in range(1, len(means))
+    ]
+    cut = int(np.argmin(steps)) + 1
+    along = "the wire" if lengths else "xyz"[sweep.channel]
+    if float(((means - line) ** 2).sum()) < (1 - _SHAPE) * spread:
+        first, last = (f"{means[i]:+.3f} mm at {middles[i]:.0f} deg" for i in (0, -1))
+        shape = f"a trend from {first} to {last}"
+    elif min(steps) < (1 - _SHAPE) * spread:
+        shape = (
+            f"a step near {(edges[cut - 1, 1] + edges[cut, 0]) / 2:.0f} deg, from {means[:cut].mean():+.3f} to "
+            f"{means[cut:].mean():+.3f} mm"
+        )
+    else:
+        worst = int(np.argmax(np.abs(means)))
+        shape = (
+            f"a wave of {np.ptp(means):.3f} mm, furthest off ({means[worst]:+.3f} mm) between "
+            f"{edges[worst, 0]:.0f} and {edges[worst, 1]:.0f} deg"
+        )
+    return Lint(
+        "sweep",
+        f"residuals along {along} follow {name}: {shape}. The model lacks something there, or {name} was "
+        "not where the file says.",
+    )

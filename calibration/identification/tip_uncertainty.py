@@ -1,0 +1,141 @@
+"""How surely a fit tells where the target is, at any posture; and how surely it tells a table of numbers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arm.joint_terms import term_values
+from calibration.arm.kinematics import RobotModel
+from calibration.arm.standard_dh import hayati_dh, parallel_rows
+from calibration.geometry import Array
+from calibration.identification.estimator import Fit
+from calibration.identification.parameters import ArmState
+
+_SHARE = 1e-3  # of a prior deviation: small enough to be linear, large enough to be seen
+_LARGEST = 1e-4  # metres or radians
+_STRONG = 0.95
+_COLUMNS = (("offset", "rad"), ("d", "m"), ("a", "m"), ("alpha", "rad"), ("beta", "rad"))
+
+
+@dataclass(frozen=True, eq=False)
+class TipPrediction:
+    """Places of the target in the device's frame; for lengths, in the robot's base."""
+
+    positions_m: Array  # (N, 3)
+    covariance_m2: Array  # (N, 3, 3), of the model's parameters alone
+
+
+def predict_tips(fit: Fit, joints_rad: Array, *, mounting: int = -1) -> TipPrediction:
+    """Return where the target is at postures (N, n), with the covariance that the parameters leave."""
+    state = fit.state
+    values = term_values(state.nominal, joints_rad, state.terms)
+
+    def places(there: ArmState) -> Array:
+        chain = there.seen_from(mounting % len(there.devices))
+        return chain.base_flange(there.moved_joints(joints_rad, values))[:, :3, 3]
+
+    slopes = _slopes(fit, places)
+    return TipPrediction(places(state), np.einsum("pni,pq,qnj->nij", slopes, fit.covariance, slopes))
+
+
+def offset_slopes(fit: Fit) -> dict[str, Array]:
+    """Return how the joint offsets follow the free parameters (p,): as a table of four numbers a joint has them.
+
+    Where axes are not parallel an offset and its row's beta do the same, and only the table's offset is one
+    number. A model without a table has its offsets as they are fitted. Offsets that no free parameter moves are
+    left out.
+    """
+    free = [p.name for p in fit.layout.parameters]
+    names = [f"J{i + 1} offset" for i in range(fit.state.nominal.axes)]
+    if fit.state.nominal.dh is None:
+        return {name: np.eye(len(free))[free.index(name)] for name in names if name in free}
+    nominal = fit.state.nominal
+    slopes = _slopes(fit, lambda state: hayati_dh(state.arm, nominal).table.rows()[:, 0])
+    return {name: slopes[:, i] for i, name in enumerate(names) if name in free}
+
+
+@dataclass(frozen=True, slots=True)
+class TableEntry:
+    """One number of a DH table: nominal, identified, and how surely."""
+
+    name: str
+    unit: str  # rad | m
+    nominal: float
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class HayatiTable:
+    """An identified arm in four numbers a joint, and the pairs of them that can hardly be told apart."""
+
+    entries: tuple[TableEntry, ...]
+    correlated: tuple[tuple[str, str, float], ...]
+
+
+def hayati_table(fit: Fit) -> HayatiTable:
+    """Return the rigid arm of a fit as DH, with beta instead of d where nominal axes are parallel.
+
+    Raises
+    ------
+    CalibrationError
+        The nominal model has no DH table.
+    """
+    nominal = fit.state.nominal
+
+    def table(state: ArmState) -> Array:
+        return hayati_dh(state.arm, nominal).table.rows()
+
+    found, slopes = table(fit.state), _slopes(fit, table)
+    covariance = np.einsum("pab,pq,qcd->abcd", slopes, fit.covariance, slopes)
+    shown = _shown(nominal)
+    sigma = {(i, j): float(np.sqrt(max(covariance[i, j, i, j], 0.0))) for i, j in shown}
+    given = nominal.dh.rows() if nominal.dh is not None else found
+    entries = tuple(
+        TableEntry(
+            f"J{i + 1} {_COLUMNS[j][0]}",
+            _COLUMNS[j][1],
+            float(given[i, j]),
+            float(found[i, j]),
+            sigma[i, j],
+        )
+        for i, j in shown
+    )
+    names = dict(zip(shown, (entry.name for entry in entries), strict=True))
+    free = {p.name for p in fit.layout.parameters}
+    fitted = [entry for entry in shown if names[entry] in free]
+    pairs = []
+    for at, one in enumerate(fitted):
+        for other in fitted[at + 1 :]:
+            scale = sigma[one] * sigma[other]
+            rho = float(covariance[(*one, *other)]) / scale if scale > 0 else 0.0
+            if abs(rho) > _STRONG:
+                pairs.append((names[one], names[other], rho))
+    return HayatiTable(entries, tuple(sorted(pairs, key=lambda pair: -abs(pair[2]))))
+
+
+def _shown(nominal: RobotModel) -> list[tuple[int, int]]:
+    """Return the entries that a table of four numbers a joint has; the last row ends in the tool."""
+    parallel = parallel_rows(nominal)
+    last = nominal.axes - 1
+    return [
+        (i, j)
+        for i in range(nominal.axes)
+        for j in range(5)
+        if (i != last and j != (1 if i in parallel else 4)) or (i == last and j < 2)
+    ]
+
+
+def _slopes(fit: Fit, function: Callable[[ArmState], Array]) -> Array:
+    """Return derivatives (p, …) by every free parameter, by central differences."""
+    steps = np.minimum(_SHARE * fit.layout.prior, _LARGEST)
+    slopes = []
+    for i, step in enumerate(steps):
+        change = np.zeros(len(steps))
+        change[i] = step
+        there, back = (function(fit.layout.step(fit.state, sign * change)) for sign in (1.0, -1.0))
+        slopes.append((there - back) / (2 * step))
+    if not slopes:
+        return np.zeros((0, *function(fit.state).shape))
+    return np.array(slopes)

@@ -1,0 +1,117 @@
+"""Turns from places: which of them to record, what they would tell, and the recovery they give."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.mastering.counts import DriveTrain, MasteringRecord, PlaceCapture, RecoveryKit
+from calibration.mastering.integer_search import success_probability
+from calibration.mastering.place_evidence import PlaceProblem
+from calibration.mastering.pose_design import TURN_DOUBT
+from calibration.mastering.turn_recovery import Robot, TurnRecovery, recover_from
+from calibration.mastering.turn_verification import verify_evidence
+
+FITTED = 6  # places that tell all motors to a few hundredths of a degree; the others are left for checking
+
+
+def recover_from_places(
+    record: MasteringRecord,
+    kit: RecoveryKit,
+    captures: Sequence[PlaceCapture],
+    *,
+    provisional_turns: Sequence[int],
+    replaced_axes: Sequence[int] = (),
+    max_turns: float = 10.0,
+) -> TurnRecovery:
+    """Find the turns that motors lost from places visited again; as ``recover_turns``, by the same gate."""
+    model, robot = load_model(record.model), (record.drive, record.counts_at_zero)
+    return recover_from(
+        PlaceProblem(model, kit, robot, captures) if captures else None,
+        Robot(model, *robot),
+        provisional_turns=provisional_turns,
+        max_turns=max_turns,
+        replaced_axes=replaced_axes,
+        further=lambda _, __: _unvisited(record, kit, captures),
+    )
+
+
+def verify_at_places(
+    record: MasteringRecord,
+    kit: RecoveryKit,
+    recovery: TurnRecovery,
+    checks: Sequence[PlaceCapture],
+) -> TurnRecovery:
+    """Judge a recovery at places that were not fitted; as ``verify_recovery``."""
+    model = load_model(record.model)
+    return verify_evidence(PlaceProblem(model, kit, (record.drive, record.counts_at_zero), checks), recovery)
+
+
+def predict_places(
+    model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[int, ...]], numbers: Sequence[int]
+) -> tuple[float, Array]:
+    """Predict what visiting these places again would tell, as ``pose_design.predict`` does for lengths.
+
+    Returns
+    -------
+    probability : float
+        Lower bound on the chance that all turns are found right [1].
+    sigma_turns : (n,)
+        Standard deviation of each motor's real estimate [turns].
+    """
+    again = [place for place in kit.places if place.place in set(numbers) or place.kind == "nest"]
+    local = PlaceProblem(model, kit, robot, again).at(np.zeros(model.axes))
+    information = local.by_turn.T @ np.linalg.solve(local.scatter, local.by_turn)
+    covariance: Array = np.asarray(
+        np.linalg.inv(information + np.eye(model.axes) / TURN_DOUBT**2), dtype=float
+    )
+    return success_probability(covariance), np.sqrt(np.diag(covariance))
+
+
+def choose_places(
+    model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[int, ...]], count: int
+) -> tuple[int, ...]:
+    """Choose which places to visit after a loss, best first: the smallest sum of variances of the joints.
+
+    Greedy A-optimality; the places not chosen are left for checking.
+    """
+    per_turn = np.abs(np.diag(robot[0].radians_per_turn()))
+    left = [place.place for place in kit.places if place.kind != "nest"]
+    chosen: list[int] = []
+    while left and len(chosen) < count:
+        spread = [
+            float(np.sum((predict_places(model, kit, robot, [*chosen, k])[1] * per_turn) ** 2)) for k in left
+        ]
+        chosen.append(left.pop(int(np.argmin(spread))))
+    return tuple(chosen)
+
+
+def places_to_fit(record: MasteringRecord) -> tuple[int, ...]:
+    """Return the places to visit first: the best six; of a seat the seat, twice; at least two stay for checking.
+
+    Raises
+    ------
+    CalibrationError
+        The record holds no recovery kit.
+    """
+    kit = record.kit
+    if kit is None:
+        raise CalibrationError("the record holds no recovery kit")
+    seats = tuple(place.place for place in kit.places if place.kind == "seat")
+    if seats:
+        return (seats[0], seats[0])
+    arms = [place for place in kit.places if place.kind != "nest"]
+    robot = (record.drive, record.counts_at_zero)
+    return choose_places(load_model(record.model), kit, robot, max(1, min(FITTED, len(arms) - 2)))
+
+
+def _unvisited(
+    record: MasteringRecord, kit: RecoveryKit, captures: Sequence[PlaceCapture]
+) -> tuple[tuple[float, ...], ...]:
+    visited = {capture.place for capture in captures}
+    left = [place.counts for place in kit.places if place.place not in visited and place.kind != "nest"]
+    counts = np.array(left, dtype=float).reshape(-1, len(record.counts_at_zero))
+    joints = record.drive.joints(counts, np.array(record.counts_at_zero))
+    return tuple(tuple(float(q) for q in row) for row in joints)

@@ -1,0 +1,219 @@
+"""Which poses to measure: enough for the turns, reachable, and known to be so before measuring."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import DegenerateDataError
+from calibration.geometry import Array
+from calibration.mastering.counts import DriveTrain, MasteringRecord
+from calibration.mastering.integer_search import success_probability
+from calibration.motion.motion_check import MotionLimits, allowed_postures
+from calibration.wires.model import WirePrior, WireSeen, disturbance_covariance, wire_terms
+from calibration.wires.reference import WirePredictor, parameter_sigmas
+
+TURN_DOUBT = 10.0  # deviation of a lost motor's turns before measuring, per motor
+_EXCHANGE_ROUNDS = 2
+_DESIGN_SIGMA_M = 0.0002
+
+
+def predict(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> tuple[float, Array]:
+    """Predict, before measuring, what captures at these joints would tell about lost turns.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal model of the record.
+    record : MasteringRecord
+        Taken while the robot was healthy.
+    joints_rad : (N, n)
+        Joints of the captures [rad].
+
+    Returns
+    -------
+    probability : float
+        Lower bound on the chance that all turns are found right [1].
+    sigma_turns : (n,)
+        Standard deviation of each motor's real estimate [turns].
+    """
+    joints = np.asarray(joints_rad, dtype=float)
+    covariance_of = turn_covariances(record, WirePredictor(model, record.wire, record.prior), joints)
+    covariance = covariance_of(len(joints))
+    return success_probability(covariance), np.sqrt(np.diag(covariance))
+
+
+def turn_covariances(
+    record: MasteringRecord, predictor: WirePredictor, joints_rad: Array
+) -> Callable[[int], Array]:
+    """Return a function: covariance (n, n) [turns^2] of real estimates from the first so many captures."""
+    terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
+    scatter = predictor.expect(terms)[1]
+    by_turn = terms.by_joint @ record.drive.radians_per_turn()
+
+    def covariance_of(count: int) -> Array:
+        first = by_turn[:count]
+        information = first.T @ np.linalg.solve(scatter[:count, :count], first)
+        loose = np.eye(by_turn.shape[1]) / TURN_DOUBT**2
+        return np.asarray(np.linalg.inv(information + loose), dtype=np.float64)
+
+    return covariance_of
+
+
+def next_poses(
+    model: RobotModel, record: MasteringRecord, measured_joints: Array, candidates_joints: Array, k: int
+) -> tuple[int, ...]:
+    r"""Choose which k candidates to measure next, best first, given what is measured already.
+
+    Greedy D-optimality on the turns: each choice raises ``log det`` of their information most. With
+    correlated lengths this is ``log(v_T / v_S)`` of the conditional variances given all chosen, with and
+    without unknown turns; one rank-one step per choice keeps both up to date for all candidates.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal model of the record.
+    record : MasteringRecord
+        Taken while the robot was healthy.
+    measured_joints : (M, n)
+        Joints already measured [rad]; may be empty.
+    candidates_joints : (C, n)
+        Joints that can be reached [rad].
+    k : int
+        How many.
+
+    Returns
+    -------
+    tuple of int
+        Indices of candidates, best first; all of them if there are no more than k.
+
+    References
+    ----------
+    V. V. Fedorov, Theory of optimal experiments, 1972: the criterion.
+    """
+    candidates = np.asarray(candidates_joints, dtype=float)
+    measured = np.asarray(measured_joints, dtype=float).reshape(-1, model.axes)
+    predictor = WirePredictor(model, record.wire, record.prior)
+    terms = predictor.terms(WireSeen.of(np.vstack([measured, candidates]), predictor.sigma_m))
+    scatter = predictor.expect(terms)[1]
+    by_turn = terms.by_joint @ record.drive.radians_per_turn()
+    noise = np.diag(terms.noise(record.prior))
+    first = len(measured)
+    known, unknown = scatter - noise, scatter - noise + TURN_DOUBT**2 * by_turn @ by_turn.T
+    chosen = _greedy(known, unknown, np.diag(noise), list(range(first)), k)
+    return tuple(int(i) - first for i in chosen)
+
+
+def kit_poses(  # noqa: PLR0913 - a kit depends on all of it
+    model: RobotModel,
+    drive: DriveTrain,
+    prior: WirePrior,
+    limits: MotionLimits,
+    k: int,
+    *,
+    seed: int = 1,
+    usable: Callable[[Array], Array] | None = None,
+) -> Array:
+    r"""Choose the k poses of a mastering record: reachable, and D-optimal for turns and nuisance together.
+
+    Candidates are drawn evenly between the joint limits, those that break a limit are dropped; a greedy
+    choice is then improved by exchanging one pose after another while the information grows.
+
+    Parameters
+    ----------
+    model : RobotModel
+        The arm, nominal.
+    drive : DriveTrain
+        Its motors.
+    prior : WirePrior
+        Places of the wire.
+    limits : MotionLimits
+        What every posture must keep; its ``wire`` gives the usable range.
+    k : int
+        How many poses, 24 to 36 in practice.
+    seed : int
+        Of the candidates.
+    usable : callable, optional
+        From candidates (C, n) to (C,): which of them can be gone to.
+
+    Returns
+    -------
+    (k, n)
+        Joints [rad].
+
+    Raises
+    ------
+    DegenerateDataError
+        Fewer than 2 k candidates keep the limits and can be gone to.
+    """
+    candidates = candidate_joints(
+        model, limits, max(400, 12 * k), seed=seed, hook_in_flange_m=prior.hook_in_flange_m
+    )
+    if usable is not None:
+        candidates = candidates[usable(candidates)]
+    if len(candidates) < 2 * k:
+        raise DegenerateDataError(
+            f"only {len(candidates)} of the postures tried keep all limits",
+            remedy="Move the anchor of the wire or widen the workspace box.",
+        )
+    sigma_x = parameter_sigmas(model, prior)
+    nominal = np.zeros(len(sigma_x))
+    nominal[:8] = [*prior.anchor_in_base_m, *prior.hook_in_flange_m, prior.zero_m, 1.0]
+    terms = wire_terms(model, nominal, WireSeen.of(candidates, _DESIGN_SIGMA_M))
+    by_turn = terms.by_joint @ drive.radians_per_turn()
+    weighted = terms.by_parameter * sigma_x
+    known = disturbance_covariance(prior, terms, terms)
+    unknown = known + TURN_DOUBT**2 * by_turn @ by_turn.T + weighted @ weighted.T
+    noise = terms.noise(prior)
+    chosen = _greedy(known, unknown, noise, [], k)
+    for _ in range(_EXCHANGE_ROUNDS):
+        before = list(chosen)
+        for place in range(k):
+            others = chosen[:place] + chosen[place + 1 :]
+            chosen[place] = _greedy(known, unknown, noise, others, 1)[0]
+        if chosen == before:
+            break
+    return candidates[chosen]
+
+
+def candidate_joints(
+    model: RobotModel,
+    limits: MotionLimits,
+    count: int,
+    *,
+    seed: int = 1,
+    hook_in_flange_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Array:
+    """Return up to ``count`` postures (C, n), drawn evenly between the joint limits, that keep all limits."""
+    generator = np.random.default_rng(seed)
+    low, high = np.maximum(model.lower_rad, -np.pi), np.minimum(model.upper_rad, np.pi)
+    kept: list[Array] = []
+    for _ in range(40):
+        drawn = generator.uniform(low, high, (4 * count, model.axes))
+        kept.append(drawn[allowed_postures(model, drawn, limits, hook_in_flange_m)])
+        if sum(map(len, kept)) >= count:
+            break
+    return np.concatenate(kept)[:count]
+
+
+def _greedy(known: Array, unknown: Array, noise: Array, given: Sequence[int], k: int) -> list[int]:
+    """Return k indices, greedily maximising the information gained by noisy looks at correlated values."""
+    known, unknown = _conditioned(known, noise, given), _conditioned(unknown, noise, given)
+    chosen: list[int] = []
+    for _ in range(min(k, len(noise) - len(given))):
+        gain = np.log((np.diag(unknown) + noise) / (np.diag(known) + noise))
+        gain[[*given, *chosen]] = -np.inf
+        best = int(np.argmax(gain))
+        chosen.append(best)
+        known, unknown = (_conditioned(matrix, noise, [best]) for matrix in (known, unknown))
+    return chosen
+
+
+def _conditioned(covariance: Array, noise: Array, given: Sequence[int]) -> Array:
+    """Return the covariance (a copy) after noisy looks at the entries ``given``."""
+    if not len(given):
+        return covariance.copy()
+    rows = list(given)
+    block = covariance[np.ix_(rows, rows)] + np.diag(noise[rows])
+    conditioned: Array = covariance - covariance[:, rows] @ np.linalg.solve(block, covariance[rows])
+    return conditioned

@@ -1,0 +1,202 @@
+"""Poses after an encoder loss that tell the turns in little robot time.
+
+A robot that has lost its position may turn one axis at a time, slowly. The time of a recovery is therefore
+the sum of the ways of all axes, and poses that are best for the turns alone cost most of an hour. Here
+poses and the way between them are chosen together: a walk from where the robot stands.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Array
+from calibration.mastering.counts import MasteringRecord
+from calibration.mastering.pose_design import TURN_DOUBT
+from calibration.wires.model import WireSeen
+from calibration.wires.reference import WirePredictor
+
+AllowedPostures = Callable[[Array], Array]  # (M, n): booleans, True where all limits are kept
+
+GOAL_TURNS = 0.02  # small enough to tell a new motor from lost turns, as a rule
+_STANDING_RAD = 1e-6
+_NEAR_RAD = float(np.deg2rad(40.0))
+_STEP_RAD = float(np.deg2rad(20.0))
+_START_STEP_RAD = float(np.deg2rad(25.0))
+_START_SHARE = 0.35  # of the axes that turn before each pose of the first guess
+_ROUNDS, _BREADTH = 160, 16
+_VAGUE_S = 200.0  # what one e-fold of missing certainty may cost in robot time
+_FORBIDDEN_S = 100.0  # for each corner that breaks a limit: far more than it could save
+_WARM_S = 30.0
+_AMPLE_POWER = 2.0
+_NEEDED_POWER, _NEEDED_WEIGHT = 1.4, 100.0  # some power is lost to what the recovery itself does not know
+_POWER_S = 3.0  # what covering one more story well may cost in robot time
+_AT_ONCE = 64  # sets of captures: their covariances together stay small
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How long a robot takes that jogs one axis after the other and comes to rest from one side."""
+
+    speed_rad_s: float = 0.035
+    overshoot_rad: float = 0.0174533
+    settle_s: float = 1.0
+    capture_s: float = 2.5
+
+    def seconds(self, walks: Array) -> Array:
+        """Return the time of walks (B, K + 1, n), from where they start, a capture at each stop (B,) [s]."""
+        ways = np.diff(walks, axis=1)
+        moved, back = np.abs(ways) > _STANDING_RAD, ways < -_STANDING_RAD
+        turning = (np.abs(ways) + back * 2.0 * self.overshoot_rad) / self.speed_rad_s
+        resting = (1.0 * moved + back) * self.settle_s  # who comes from above goes beyond and returns
+        seconds: Array = (turning + resting).sum(axis=(1, 2)) + self.capture_s * ways.shape[1]
+        return seconds
+
+
+@dataclass(frozen=True, eq=False)
+class WalkPlanner:
+    """Everything about a record and a cell that stays the same while walks are compared."""
+
+    model: RobotModel
+    record: MasteringRecord
+    allowed: AllowedPostures
+    pace: Pace = field(default_factory=Pace)
+
+    @cached_property
+    def _predictor(self) -> WirePredictor:
+        return WirePredictor(self.model, self.record.wire, self.record.prior)
+
+    def plan(self, start_rad: Array, captures: int, *, seed: int = 0) -> Array:
+        """Plan a walk whose captures tell every motor's turns to about ``GOAL_TURNS``, as quickly as found.
+
+        Parameters
+        ----------
+        start_rad : (n,)
+            Where the robot stands [rad].
+        captures : int
+            Poses to stop at.
+        seed : int
+            Of the search.
+
+        Returns
+        -------
+        (captures, n)
+            Joints in the order of travel [rad]. Limits are looked at where the walk turns: it is for the
+            caller to check the ways between, and to ask for another walk where one is not allowed.
+
+        Notes
+        -----
+        Simulated annealing (Kirkpatrick et al., 1983) over stops and their order. A change moves one axis over
+        a stretch of the walk, lets it stand there, or exchanges two stops; a standing axis costs nothing.
+        """
+        rng = np.random.default_rng(seed)
+        start = np.asarray(start_rad, dtype=float)
+        turned = rng.random((captures, len(start))) < _START_SHARE
+        walk = start + np.cumsum(_START_STEP_RAD * rng.normal(size=turned.shape) * turned, axis=0)
+        cost = float(self._costs(walk[None], start)[0])
+        best, least = walk, cost
+        for k in range(_ROUNDS):
+            others = _changed(walk, start, rng, _BREADTH)
+            costs = self._costs(others, start)
+            found = int(np.argmin(costs))
+            warmth = _WARM_S * (1.0 - k / _ROUNDS)
+            if costs[found] < cost or rng.random() < np.exp((cost - costs[found]) / warmth):
+                walk, cost = others[found], float(costs[found])
+            if cost < least:
+                best, least = walk, cost
+        return best
+
+    def worth(
+        self, here_rad: Array, measured_rad: Array, candidates_rad: Array, *, efold_s: float
+    ) -> tuple[Array, Array]:
+        """Return what candidates (C, n) [rad] are worth, and how much each adds to the captures (M, n) [rad].
+
+        A candidate adds the sum, over the motors, of the logs of the deviations without and with it. One e-fold of
+        one motor is worth ``efold_s`` of robot time; the time to get there is taken off.
+        """
+        with_all = np.broadcast_to(measured_rad, (len(candidates_rad), *measured_rad.shape))
+        sets = np.concatenate([with_all, candidates_rad[:, None]], axis=1)
+        after = [self.turn_sigmas(sets[k : k + _AT_ONCE]) for k in range(0, len(sets), _AT_ONCE)]
+        gain = np.log(self.turn_sigmas(measured_rad[None]) / np.concatenate(after)).sum(axis=1)
+        return efold_s * gain - self._seconds_to(here_rad, candidates_rad), gain
+
+    def quick_checks(
+        self, here_rad: Array, candidates_rad: Array, power: Array, shown: Array, captures: int
+    ) -> list[int]:
+        """Choose candidates (C, n) whose power (C, m), 1 being enough, covers every wrong story, near each other.
+
+        ``shown`` (m,) is the power of the checks already made. Twice what is enough counts for nothing more; among
+        candidates that add the same the nearest is taken.
+        """
+        chosen: list[int] = []
+        seen, here = shown, here_rad
+        while len(chosen) < min(captures, len(candidates_rad)):
+            then = np.maximum(power, seen)
+            gain = np.minimum(then, _AMPLE_POWER).sum(axis=1)
+            gain += _NEEDED_WEIGHT * np.minimum(then, _NEEDED_POWER).sum(axis=1)
+            worth = gain - self._seconds_to(here, candidates_rad) / _POWER_S
+            worth[chosen] = -np.inf
+            chosen.append(int(np.argmax(worth)))
+            seen, here = np.maximum(seen, power[chosen[-1]]), candidates_rad[chosen[-1]]
+        return chosen
+
+    def _seconds_to(self, here_rad: Array, candidates_rad: Array) -> Array:
+        start = np.broadcast_to(here_rad, candidates_rad.shape)
+        return self.pace.seconds(np.stack([start, candidates_rad], axis=1))
+
+    def turn_sigmas(self, joints_rad: Array) -> Array:
+        """Return what B sets of captures (B, K, n) [rad] would tell: one deviation per motor (B, n) [turns]."""
+        sets, count, axes = joints_rad.shape
+        predictor = self._predictor
+        terms = predictor.terms(WireSeen.of(joints_rad.reshape(-1, axes), predictor.sigma_m))
+        each = np.arange(sets)
+        together = predictor.expect(terms)[1].reshape(sets, count, sets, count)
+        scatter = together[each, :, each]
+        by_turn = (terms.by_joint @ self.record.drive.radians_per_turn()).reshape(sets, count, axes)
+        information = np.swapaxes(by_turn, 1, 2) @ np.linalg.solve(scatter, by_turn)
+        covariance = np.linalg.inv(information + np.eye(axes) / TURN_DOUBT**2)
+        return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+
+    def _costs(self, walks: Array, start: Array) -> Array:
+        vague = np.maximum(0.0, np.log(self.turn_sigmas(walks) / GOAL_TURNS)).sum(axis=1)
+        whole = np.concatenate([np.broadcast_to(start, (len(walks), 1, len(start))), walks], axis=1)
+        stops = corners(whole)
+        forbidden = ~self.allowed(stops.reshape(-1, len(start))).astype(bool).reshape(len(walks), -1)
+        costs: Array = self.pace.seconds(whole) + _VAGUE_S * vague + _FORBIDDEN_S * forbidden.sum(axis=1)
+        return costs
+
+
+def corners(walks: Array) -> Array:
+    """Return where walks (B, K + 1, n) turn from one axis to the next, J1 first: (B, K n, n) [rad]."""
+    count, stops, axes = walks.shape
+    done = np.tril(np.ones((axes, axes), dtype=bool))
+    ways: Array = np.where(done, walks[:, 1:, None, :], walks[:, :-1, None, :])
+    return ways.reshape(count, (stops - 1) * axes, axes)
+
+
+def nearby_joints(here_rad: Array, count: int, *, seed: int) -> Array:
+    """Return ``count`` postures (count, n) [rad] that one to three axes reach with turns of up to 40 deg."""
+    rng = np.random.default_rng(seed)
+    axes = len(here_rad)
+    turned = rng.random((count, axes)).argsort(axis=1) < rng.integers(1, 4, (count, 1))
+    nearby: Array = here_rad + turned * rng.uniform(-_NEAR_RAD, _NEAR_RAD, (count, axes))
+    return nearby
+
+
+def _changed(walk: Array, start: Array, rng: np.random.Generator, count: int) -> Array:
+    """Return ``count`` walks that differ from this one in one or two places."""
+    walks = np.repeat(walk[None], count, axis=0)
+    stops, axes = walk.shape
+    for other in walks:
+        for _ in range(rng.integers(1, 3)):
+            first, axis, kind = rng.integers(stops), rng.integers(axes), rng.random()
+            last = rng.integers(first, stops) + 1
+            if kind < 0.45:
+                other[first:last, axis] += _STEP_RAD * rng.normal()
+            elif kind < 0.9:
+                other[first:last, axis] = start[axis] if first == 0 else other[first - 1, axis]
+            else:
+                other[[first, last - 1]] = other[[last - 1, first]]
+    return walks

@@ -1,0 +1,270 @@
+"""What may have happened to a robot that lost its counts, and how well each story explains the wire lengths.
+
+All stories are judged around the real-valued solution, where lengths are linear in the motors' turns. With
+the lengths whitened by their covariance, one small matrix of inner products is all that any story needs.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Protocol
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.integer_search import IntegerFix, search_integers
+from calibration.wires.model import FRAME_PARAMETERS, WireSeen, WireTerms
+from calibration.wires.reference import WirePredictor
+
+_MAX_ITERATIONS = 20
+_SETTLED_TURNS = 1e-5
+_LONGEST_STEP_TURNS = 3.0
+# How far a crash or a knock may have moved things (one deviation).
+_CRASH_LENGTH_M, _CRASH_ANGLE_RAD, _ANCHOR_MOVED_M, _HOOK_MOVED_M = 0.005, 0.0087266, 0.020, 0.005
+_OUTLIER_M = 0.050
+# Log of how much rarer it is that one more motor is exchanged, or that everything is lost.
+_RARER = -4.0
+
+
+class Evidence(Protocol):
+    """Captures of a robot that lost counts: what they say if the motors had lost these or those turns."""
+
+    captures: int
+
+    def values(self, turns: Array) -> Array:
+        """Return what is modelled to be seen (m,), if the motors had lost these turns (n,)."""
+        ...
+
+    def at(self, turns: Array) -> "Local":
+        """Look at the captures as if the motors had lost these turns (n,)."""
+        ...
+
+
+class LossProblem:
+    """Captures of a robot with lost counts, seen with its healthy record: lengths against turns."""
+
+    def __init__(self, model: RobotModel, record: MasteringRecord, captures: Sequence[WireCapture]) -> None:
+        if any(len(c.counts) != model.axes for c in captures):
+            raise CalibrationError(f"every capture needs the counts of all {model.axes} motors")
+        self.predictor = WirePredictor(model, record.wire, record.prior)
+        self._per_turn = record.drive.radians_per_turn()
+        counts = np.array([c.counts for c in captures], dtype=float).reshape(-1, model.axes)
+        self._read_joints = record.drive.joints(counts, np.array(record.counts_at_zero))
+        self._lengths = np.array([c.length_m for c in captures])
+        self._sigma = np.array([c.sigma_m for c in captures])
+        self._flank = np.array([float(c.settled_from != "record") for c in captures])
+        self.captures = len(captures)
+
+    def values(self, turns: Array) -> Array:
+        """Return the modelled lengths (m,) [m] if the motors had lost these turns (n,)."""
+        return self._terms(turns).lengths
+
+    def _terms(self, turns: Array) -> WireTerms:
+        joints = self._read_joints + turns @ self._per_turn.T
+        return self.predictor.terms(WireSeen(joints, self._sigma, self._flank))
+
+    def at(self, turns: Array) -> "Local":
+        """Look at the captures as if the motors had lost these turns (n,)."""
+        terms = self._terms(turns)
+        expected, scatter = self.predictor.expect(terms)
+        return Local(
+            turns=turns,
+            joints_rad=terms.seen.joints_rad,
+            values=terms.lengths,
+            residuals=self._lengths - expected,
+            by_turn=terms.by_joint @ self._per_turn,
+            scatter=scatter,
+            parts=_changed_parts(terms.by_parameter, self._read_joints.shape[1]),
+            rows=tuple(slice(k, k + 1) for k in range(self.captures)),
+        )
+
+
+def _changed_parts(by_x: Array, axes: int) -> dict[str, Array]:
+    """Return the columns of the wire's ends and the links, each of the size of a knock or a crash."""
+    ends = {
+        "the anchor of the wire": by_x[:, :3] * _ANCHOR_MOVED_M,
+        "the hook": by_x[:, 3:6] * _HOOK_MOVED_M,
+    }
+    return ends | bent_links(by_x[:, FRAME_PARAMETERS:], axes)
+
+
+def bent_links(by_geometry: Array, axes: int) -> dict[str, Array]:
+    """Return columns (m, p) by link, scaled to what a crash may do, from derivatives by geometry errors."""
+    length, angle = _CRASH_LENGTH_M, _CRASH_ANGLE_RAD
+    dh = by_geometry.shape[1] == 5 * axes
+    sizes = np.array([angle, length, length, angle, angle] if dh else [length] * 3 + [angle] * 3)
+    return {
+        f"link {index + 1 if dh else index}": by_geometry[:, index * len(sizes) : (index + 1) * len(sizes)]
+        * sizes
+        for index in range(by_geometry.shape[1] // len(sizes))
+    }
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Local:
+    """Residuals (m,) at some turns, their derivative by turns (m, n) and their covariance (m, m).
+
+    Rows are lengths [m], coordinates [m] or angles [rad]; ``rows`` tells which belong to one capture. ``parts``
+    are columns of what else may have moved, one name each.
+    """
+
+    turns: Array
+    joints_rad: Array  # of the captures
+    values: Array  # as modelled
+    residuals: Array
+    by_turn: Array
+    scatter: Array
+    parts: Mapping[str, Array]
+    rows: tuple[slice, ...]
+
+    def chi_square(self) -> float:
+        """Return the residuals' squared length in the metric of their covariance."""
+        return float(self.residuals @ np.linalg.solve(self.scatter, self.residuals))
+
+    def step(self, free: Sequence[int], *, towards: Array, doubt_turns: float) -> Array:
+        """Return the Gauss-Newton step (n,) of the free motors, with a weak pull towards what is believed."""
+        rows = list(free)
+        by_free = self.by_turn[:, rows]
+        weighted = np.linalg.solve(self.scatter, np.column_stack([by_free, self.residuals]))
+        information = by_free.T @ weighted[:, :-1] + np.eye(len(rows)) / doubt_turns**2
+        gradient = by_free.T @ weighted[:, -1] + (towards - self.turns)[rows] / doubt_turns**2
+        step = np.zeros(len(self.turns))
+        step[rows] = np.linalg.solve(information, gradient)
+        return step / max(1.0, float(np.abs(step).max()) / _LONGEST_STEP_TURNS)
+
+
+def solve_real(
+    problem: Evidence, start: Array, *, free: Sequence[int], towards: Array, doubt_turns: float
+) -> Local:
+    """Return the real-valued solution of the free motors, by Gauss-Newton from ``start``."""
+    local = problem.at(start)
+    for _ in range(_MAX_ITERATIONS):
+        step = local.step(free, towards=towards, doubt_turns=doubt_turns)
+        local = problem.at(local.turns + step)
+        if float(np.abs(step).max()) < _SETTLED_TURNS:
+            break
+    return local
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Story:
+    """One explanation: which motors are off by real amounts, and what else is wrong.
+
+    ``kind`` is turns, motor, all, geometry or outlier; ``subject`` names the part or capture that is wrong.
+    """
+
+    kind: str
+    real_axes: tuple[int, ...]
+    subject: str
+    capture: int
+    turns: Array  # (n,): whole where the motor is not in real_axes
+    fix: IntegerFix
+    rounded_same: bool
+    chi_square: float
+    degrees_of_freedom: int
+    log_evidence: float
+    covariance: Array  # (n, n) of the turns; zero for whole ones
+
+
+class Storyteller:
+    """Evaluates stories around the real-valued solution."""
+
+    def __init__(self, local: Local, doubt_turns: float, replaced_axes: Sequence[int] = ()) -> None:
+        self._local, self._replaced = local, tuple(sorted(set(replaced_axes)))
+        self._loose = np.eye(len(local.turns)) / doubt_turns**2
+        factor = np.linalg.cholesky(local.scatter)
+        stacked = np.column_stack(
+            [local.by_turn, local.residuals, *local.parts.values(), np.eye(len(factor))]
+        )
+        self._white = np.linalg.solve(factor, stacked)
+        names, position = {}, len(local.turns) + 1
+        for name, columns in local.parts.items():
+            names[name] = slice(position, position + columns.shape[1])
+            position += columns.shape[1]
+        self._columns, self._impulses = names, position
+
+    def real(self) -> "Story":
+        """All references lost: nothing is a whole turn."""
+        return self._tell("all", tuple(range(len(self._local.turns))))
+
+    def turns(self) -> "Story":
+        """Only whole turns were lost, except by the motors that are known to be replaced."""
+        return self._tell("motor" if self._replaced else "turns", self._replaced)
+
+    def motors(self, together: int) -> "Iterator[Story]":
+        """So many more motors were exchanged or slipped; the others lost whole turns."""
+        others = [j for j in range(len(self._local.turns)) if j not in self._replaced]
+        for axes in combinations(others, together):
+            yield self._tell("motor", tuple(sorted((*self._replaced, *axes))))
+
+    def changes(self) -> "Iterator[Story]":
+        """Whole turns were lost, and a link, the anchor or the hook is not where it was."""
+        for name, columns in self._columns.items():
+            yield self._tell("geometry", self._replaced, name, extra=self._white[:, columns])
+
+    def outliers(self, real_axes: tuple[int, ...] = ()) -> "Iterator[Story]":
+        """One length is wrong; besides, motors may be replaced."""
+        real_axes = real_axes or self._replaced
+        for capture, rows in enumerate(self._local.rows):
+            impulse = _OUTLIER_M * self._white[:, self._impulses + rows.start : self._impulses + rows.stop]
+            yield self._tell("outlier", real_axes, str(capture), extra=impulse)
+
+    def detectable_m(self, real_axes: Sequence[int], power: float) -> float:
+        """Return the outlier [m] that shows at ``power`` deviations in the capture that hides it best."""
+        white = self._white[:, : len(self._local.turns)][:, list(real_axes)]
+        impulses = self._white[:, self._impulses :]
+        if real_axes:
+            basis = np.linalg.qr(white)[0]
+            impulses = impulses - basis @ (basis.T @ impulses)
+        seen = [np.linalg.svd(impulses[:, rows], compute_uv=False)[-1] for rows in self._local.rows]
+        return float(power / max(min(seen), 1e-6))
+
+    def _tell(
+        self, kind: str, real_axes: tuple[int, ...], subject: str = "", *, extra: Array | None = None
+    ) -> Story:
+        """Judge one story; ``extra`` (m, p) are whitened columns of what else may be wrong, unit size."""
+        n = len(self._local.turns)
+        gram, penalty = _gram(self._white[:, : n + 1], extra)
+        information, gradient, square = gram[:n, :n], gram[:n, n], float(gram[n, n])
+        covariance = np.asarray(np.linalg.inv(information + self._loose), dtype=np.float64)
+        estimate = self._local.turns + covariance @ gradient
+        whole = [j for j in range(n) if j not in real_axes]
+        fix = search_integers(estimate[whole], covariance[np.ix_(whole, whole)])
+        move = np.zeros(n)
+        move[whole] = np.array(fix.best, dtype=float) - self._local.turns[whole]
+        real, spread = list(real_axes), np.zeros((n, n))
+        if real:
+            inner = np.linalg.inv((information + self._loose)[np.ix_(real, real)])
+            move[real] = inner @ (gradient[real] - information[np.ix_(real, whole)] @ move[whole])
+            spread[np.ix_(real, real)] = inner
+            penalty -= float(np.linalg.slogdet(2 * np.pi * inner)[1])
+        chi_square = square - 2 * float(gradient @ move) + float(move @ information @ move)
+        return Story(
+            kind=kind,
+            real_axes=real_axes,
+            subject=subject,
+            capture=int(subject) if kind == "outlier" else -1,
+            turns=self._local.turns + move,
+            fix=fix,
+            rounded_same=fix.best == tuple(int(v) for v in np.rint(estimate[whole])),
+            chi_square=chi_square,
+            degrees_of_freedom=len(self._local.residuals)
+            - len(real)
+            - (extra.shape[1] if kind == "outlier" and extra is not None else 0),
+            log_evidence=-0.5 * (chi_square + penalty)
+            + _RARER * min(max(len(real) - max(len(self._replaced), 1), 0), 2),
+            covariance=spread,
+        )
+
+
+def _gram(columns: Array, extra: Array | None) -> tuple[Array, float]:
+    """Return inner products of whitened columns in the presence of extra unknowns, and log determinant."""
+    gram = columns.T @ columns
+    if extra is None:
+        return gram, 0.0
+    cross = columns.T @ extra
+    inner = np.eye(extra.shape[1]) + extra.T @ extra
+    return gram - cross @ np.linalg.solve(inner, cross.T), float(np.linalg.slogdet(inner)[1])

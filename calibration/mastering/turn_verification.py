@@ -1,0 +1,123 @@
+"""Whether recovered turns are right, judged at captures that were not fitted."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.turn_hypotheses import Evidence, Local, LossProblem
+from calibration.mastering.turn_results import GateCheck, TurnRecovery
+from calibration.uncertainty import chi_square_limit
+from calibration.wires.model import WireSeen
+from calibration.wires.reference import WirePredictor
+
+VERIFICATION_POWER = 6.0
+
+
+def verify_recovery(
+    model: RobotModel, record: MasteringRecord, recovery: TurnRecovery, check_captures: Sequence[WireCapture]
+) -> TurnRecovery:
+    """Judge a recovery at captures that were not fitted: the fifth condition of the gate.
+
+    The counts of the captures are the controller's before the correction. The poses must be able to see one
+    wrong turn of every motor, and of every two motors in either sense, at six deviations; and the lengths
+    must agree with the record at 99.9 %.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal model of the record.
+    record : MasteringRecord
+        Taken while the robot was healthy.
+    recovery : TurnRecovery
+        Of ``recover_turns``.
+    check_captures : sequence of WireCapture
+        At other poses than those fitted.
+
+    Returns
+    -------
+    TurnRecovery
+        The same with two more gate checks; ``accepted`` only if they and all earlier ones passed.
+
+    Raises
+    ------
+    CalibrationError
+        No check captures.
+    """
+    if not check_captures:
+        raise CalibrationError("nothing was captured to verify the recovery with")
+    return verify_evidence(LossProblem(model, record, check_captures), recovery)
+
+
+def verify_evidence(problem: Evidence, recovery: TurnRecovery) -> TurnRecovery:
+    """Judge a recovery by any captures that were not fitted, as ``verify_recovery`` does by lengths."""
+    local = problem.at(np.array(recovery.offset_turns))
+    spread = local.by_turn @ np.array(recovery.offset_covariance) @ local.by_turn.T
+    local = replace(local, scatter=local.scatter + spread)
+    found, limit = local.chi_square(), chi_square_limit(len(local.residuals))
+    power = float(_detection(problem, local).max(axis=0).min())
+    largest_mm = 1e3 * float(np.abs(local.residuals).max())
+    checks = (
+        GateCheck(
+            "verification power",
+            power >= VERIFICATION_POWER,
+            power,
+            VERIFICATION_POWER,
+            f"the check poses see a wrong turn of any one or two motors at {power:.0f} deviations or more",
+        ),
+        GateCheck(
+            "verification",
+            found <= limit,
+            found,
+            limit,
+            f"{problem.captures} captures that were not fitted agree within {largest_mm:.2f} mm",
+        ),
+    )
+    passed = all(check.passed for check in checks)
+    reason = recovery.reason if passed else "the check poses do not confirm the result"
+    accepted = recovery.accepted and passed
+    return replace(recovery, accepted=accepted, reason=reason, gate=(*recovery.gate, *checks))
+
+
+def verification_power(
+    model: RobotModel,
+    record: MasteringRecord,
+    joints_rad: Array,
+    offset_covariance: Sequence[Sequence[float]] | None = None,
+) -> Array:
+    """Return (V, m): by how many deviations each wrong story would show at each check pose.
+
+    The first n stories are one wrong turn of each motor, the others one wrong turn of two motors in either sense.
+    ``offset_covariance`` (n, n) [turns^2] is what a recovery does not know of offsets that are no whole turns.
+    """
+    predictor = WirePredictor(model, record.wire, record.prior)
+    terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
+    variances = np.diag(predictor.expect(terms)[1])
+    if offset_covariance is not None:
+        by_turn = terms.by_joint @ record.drive.radians_per_turn()
+        variances = variances + np.einsum("vi,ij,vj->v", by_turn, np.array(offset_covariance), by_turn)
+    deviations = np.sqrt(variances)
+    shifts = []
+    for turn in _wrong_turns(model.axes) @ record.drive.radians_per_turn().T:
+        moved = predictor.terms(WireSeen.of(terms.seen.joints_rad + turn, predictor.sigma_m)).lengths
+        shifts.append(np.abs(moved - terms.lengths) / deviations)
+    return np.stack(shifts, axis=1)
+
+
+def _wrong_turns(motors: int) -> Array:
+    """Return (m, n) [turns]: one motor wrong by one turn, then two motors in either sense."""
+    unit = np.eye(motors)
+    pairs = [(i, j) for i in range(motors) for j in range(i)]
+    return np.array([*unit, *(unit[i] + unit[j] for i, j in pairs), *(unit[i] - unit[j] for i, j in pairs)])
+
+
+def _detection(problem: Evidence, local: Local) -> Array:
+    """Return (V, m): how far each story of wrong turns shows in each row, in deviations."""
+    deviations = np.sqrt(np.diag(local.scatter))
+    stories = local.turns + _wrong_turns(len(local.turns))
+    shifted = [np.abs(problem.values(turns) - local.values) / deviations for turns in stories]
+    return np.stack(shifted, axis=1)

@@ -1,0 +1,356 @@
+"""Whether postures keep their distance: arm against itself, against what stands in the cell, and the draw-wire.
+
+The arm is a set of capsules along its links, the cell a few boxes, spheres and planes: shapes whose distances
+are exact and computed for all postures at once. What such a check does not see, it says (`not_checked`).
+This is a check of a plan, not a safety function.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.kinematics import RobotModel, chain_frames
+from calibration.errors import CalibrationError
+from calibration.geometry import Array, inverse_transform, is_rigid
+from calibration.motion.capsule_distance import Segment, box_distance, plane_distance, segment_distance
+from calibration.motion.motion_check import WirePath
+from calibration.motion.motion_quantities import Excess
+
+Place = tuple[float, float, float]
+
+_LINK_RADIUS_SHARE = 0.05  # of the length of the stretched arm, where nobody said how thick it is
+_SHORTEST_M = 1e-3  # a shorter piece of skeleton is no link
+_ALWAYS = 0.9  # of random postures: a pair that touches so often is touching by construction
+_TRIALS = 400
+_LARGEST_STEP_M = 5e-3  # of any point of the arm, between two looks at a way
+_CHUNK = 8192
+
+
+@dataclass(frozen=True, slots=True)
+class Capsule:
+    """A round bar with round ends on a link: 0 is the base, k moves with joint k, the last is the flange."""
+
+    name: str
+    link: int
+    start_m: Place  # in the frame after placement P_link
+    end_m: Place
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """A ball that stands in the cell."""
+
+    name: str
+    centre_in_base_m: Place
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """A floor, wall or table: everything on the other side of the plane from its normal is solid."""
+
+    name: str
+    point_in_base_m: Place
+    normal_in_base: Place
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box that stands in the cell."""
+
+    name: str
+    base_box: Array  # (4, 4): centre and axes
+    size_m: Place  # whole edges
+
+
+Obstacle = Sphere | Plane | Box
+
+
+@dataclass(frozen=True, eq=False)
+class CellShape:
+    """What is known of the shapes of arm and cell, and the distances to keep."""
+
+    arm: tuple[Capsule, ...]
+    obstacles: tuple[Obstacle, ...] = ()
+    wire: WirePath | None = None
+    margin_m: float = 0.02
+    wire_margin_m: float = 0.05
+    assumed: tuple[str, ...] = ()  # what was assumed when this was made, for people to read
+
+    def __post_init__(self) -> None:
+        sizes = [self.margin_m, self.wire_margin_m]
+        for capsule in self.arm:
+            sizes += [capsule.radius_m, *np.abs([*capsule.start_m, *capsule.end_m])]
+        for item in self.obstacles:
+            sizes += _sizes(item)
+        if not (np.isfinite(sizes).all() and min(sizes) >= 0):
+            raise CalibrationError("shapes of arm and cell need finite places, and sizes not below zero")
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """The narrowest place of one posture; clearance below the margin is a contact."""
+
+    posture: int
+    first: str
+    second: str
+    clearance_m: float
+
+
+def arm_shape(
+    model: RobotModel, *, radius_m: float | None = None, tip_in_flange_m: Place | None = None
+) -> tuple[Capsule, ...]:
+    """Return capsules along the skeleton of an arm: along z, then along x of each Denavit-Hartenberg row.
+
+    Parameters
+    ----------
+    radius_m : float, optional
+        Of every link; 5 % of the length of the stretched arm if nobody knows.
+    tip_in_flange_m : (3,), optional
+        Adds a bar from the flange to the tip, half as thick.
+    """
+    if radius_m is None:
+        radius_m = _LINK_RADIUS_SHARE * float(np.linalg.norm(model.placements[1:, :3, 3], axis=1).sum())
+    capsules = []
+    for link in range(model.axes + 1):
+        end = model.placements[link][:3, 3]
+        corner = np.array([0.0, 0.0, end[2]])
+        back = inverse_transform(model.placements[link])
+        for start, stop in ((np.zeros(3), corner), (corner, end)):
+            if np.linalg.norm(stop - start) >= _SHORTEST_M:
+                ends = [_place(back[:3, :3] @ point + back[:3, 3]) for point in (start, stop)]
+                capsules.append(Capsule(_link_name(model, link), link, ends[0], ends[1], radius_m))
+    if tip_in_flange_m is not None and np.linalg.norm(tip_in_flange_m) >= _SHORTEST_M:
+        capsules.append(Capsule("tool", model.axes, (0.0, 0.0, 0.0), tip_in_flange_m, radius_m / 2))
+    return tuple(capsules)
+
+
+def assumed_shape(
+    model: RobotModel,
+    obstacles: Sequence[Obstacle] = (),
+    *,
+    tip_in_flange_m: Place | None = None,
+    wire: WirePath | None = None,
+) -> CellShape:
+    """Return the shape of a cell of whose arm only the kinematics are known."""
+    arm = arm_shape(model, tip_in_flange_m=tip_in_flange_m)
+    radius = max(capsule.radius_m for capsule in arm)
+    words = (
+        f"links are taken as {radius * 1e3:.0f} mm round about the kinematic skeleton, no real shape is known"
+    )
+    return CellShape(arm, tuple(obstacles), wire, assumed=(words,))
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionCheck:
+    """Checks postures and ways of one arm in one cell."""
+
+    model: RobotModel
+    shape: CellShape
+    touching: frozenset[tuple[int, int]] = field(default_factory=frozenset)  # pairs of links left out
+
+    @classmethod
+    def prepare(cls, model: RobotModel, shape: CellShape, *, seed: int = 1) -> "CollisionCheck":
+        """Find the pairs of links that touch by construction, from random postures, and leave them out."""
+        if any(not 0 <= capsule.link <= model.axes for capsule in shape.arm):
+            raise CalibrationError(f"{model.name} has links 0 to {model.axes}")
+        generator = np.random.default_rng(seed)
+        low, high = np.maximum(model.lower_rad, -np.pi), np.minimum(model.upper_rad, np.pi)
+        segments = _segments(model, shape.arm, generator.uniform(low, high, (_TRIALS, model.axes)))
+        near: dict[tuple[int, int], NDArray[np.bool_]] = {}
+        for i, j in _pairs(shape.arm, frozenset()):
+            links = _links(shape.arm, i, j)
+            close = _bar_clearance(shape.arm, segments, i, j) < shape.margin_m
+            near[links] = near.get(links, np.zeros(_TRIALS, dtype=bool)) | close
+        touching = frozenset(links for links, close in near.items() if close.mean() > _ALWAYS)
+        return cls(model, shape, touching)
+
+    @property
+    def not_checked(self) -> tuple[str, ...]:
+        """What this check does not see, in sentences for the person who approves a move."""
+        words = [*self.shape.assumed]
+        names = {capsule.link: capsule.name for capsule in self.shape.arm}
+        pairs = [f"{names[i]} with {names[j]}" for i, j in sorted(self.touching)]
+        if pairs:
+            words.append(f"touching by construction, so not checked: {', '.join(pairs)}")
+        words.append("links that share a joint are not checked against each other")
+        if not self.shape.obstacles:
+            words.append("no obstacles known: path not checked for collisions with the cell")
+        if self.shape.wire is None:
+            words.append("no draw-wire known")
+        words.append("cables, hoses and people are not known")
+        return tuple(words)
+
+    def free(self, joints_rad: Array) -> NDArray[np.bool_]:
+        """Return (N,): which postures keep every distance. Numbers that are not finite are not free."""
+        return np.asarray(self._excess(joints_rad) >= 0.0)
+
+    def narrowest(self, joints_rad: Array) -> tuple[Contact, ...]:
+        """Return the narrowest place of each posture, measured against the margin that holds there.
+
+        Raises
+        ------
+        CalibrationError
+            Joint angles that are not finite.
+        """
+        joints = np.asarray(joints_rad, dtype=float)
+        best = np.full(len(joints), np.inf)
+        found = [("", "", float("inf"))] * len(joints)
+        for first, second, clearance, margin in self._clearances(joints):
+            closer = clearance - margin < best
+            best = np.where(closer, clearance - margin, best)
+            for i in np.flatnonzero(closer):
+                found[i] = (first, second, float(clearance[i]))
+        return tuple(Contact(i, *item) for i, item in enumerate(found))
+
+    def distances(self, joints_rad: Array) -> Excess:
+        """Return the clearance of every pair of shapes in every posture, against what it must be.
+
+        Raises
+        ------
+        CalibrationError
+            Joint angles that are not finite.
+        """
+        joints = np.asarray(joints_rad, dtype=float)
+        names, margins, columns = [], [], []
+        for first, second, clearance, margin in self._clearances(joints):
+            names.append(f"{first} and {second}")
+            margins.append(margin)
+            columns.append(clearance)
+        found = np.array(columns).T.reshape(len(joints), len(names))
+        limit = np.broadcast_to(np.array(margins), found.shape)
+        return Excess("clearance", found, limit, limit - found, "m", tuple(names))
+
+    def looks(self, start_rad: Array, stop_rad: Array) -> int:
+        """Return into how many pieces a way must be cut for no point of the arm to move more than 5 mm."""
+        turns = np.abs(self.model.joint_coupling @ (stop_rad - start_rad))
+        return int(np.ceil(turns @ self._levers() / _LARGEST_STEP_M)) + 1
+
+    def ways_free(self, waypoints_rad: Array) -> NDArray[np.bool_]:
+        """Return (W - 1,): which joint moves from one waypoint to the next keep every distance on their way.
+
+        No point of the arm moves more than 5 mm between two looks.
+        """
+        waypoints = np.asarray(waypoints_rad, dtype=float)
+        free = np.zeros(max(len(waypoints) - 1, 0), dtype=bool)
+        for i, (start, stop) in enumerate(pairwise(waypoints)):
+            if not np.isfinite([*start, *stop]).all():
+                continue
+            steps = self.looks(start, stop)
+            share = np.linspace(0.0, 1.0, steps + 1)[:, None]
+            free[i] = bool(self.free(start + share * (stop - start)).all())
+        return free
+
+    def _excess(self, joints_rad: Array) -> Array:
+        """Return (N,) the least clearance beyond its margin; minus infinity where joints are not finite."""
+        joints = np.atleast_2d(np.asarray(joints_rad, dtype=float))
+        finite = np.isfinite(joints).all(axis=1)
+        excess = np.full(len(joints), -np.inf)
+        rows = np.flatnonzero(finite)
+        for start in range(0, len(rows), _CHUNK):
+            some = rows[start : start + _CHUNK]
+            least = np.full(len(some), np.inf)
+            for _, _, clearance, margin in self._clearances(joints[some]):
+                np.minimum(least, clearance - margin, out=least)
+            excess[some] = least
+        return excess
+
+    def _clearances(self, joints: Array) -> Iterator[tuple[str, str, Array, float]]:
+        """Yield, for each pair of shapes, its names, clearances (N,) and the margin that it must keep."""
+        shape, arm = self.shape, self.shape.arm
+        segments = _segments(self.model, arm, joints)
+        for i, j in _pairs(arm, self.touching):
+            yield arm[i].name, arm[j].name, _bar_clearance(arm, segments, i, j), shape.margin_m
+        for item in shape.obstacles:
+            for capsule, segment in zip(arm, segments, strict=True):
+                if capsule.link >= 1 and not _stands_on(item, capsule):
+                    clearance = _obstacle_distance(item, segment) - capsule.radius_m
+                    yield capsule.name, item.name, clearance, shape.margin_m
+        if shape.wire is not None:
+            wire = _wire_segment(self.model, shape.wire, joints)
+            for capsule, segment in zip(arm, segments, strict=True):
+                if capsule.link < self.model.axes:
+                    clearance = segment_distance(wire, segment) - capsule.radius_m
+                    yield capsule.name, "draw-wire", clearance, shape.wire_margin_m
+
+    def _levers(self) -> Array:
+        """Return (n,): how far from each joint any point of the arm can be [m]."""
+        lengths = np.linalg.norm(self.model.placements[1:, :3, 3], axis=1)
+        beyond = np.cumsum(lengths[::-1])[::-1]
+        beside = [
+            capsule.radius_m
+            + max(float(np.linalg.norm(end)) for end in (capsule.start_m, capsule.end_m))
+            - (lengths[capsule.link - 1] if 0 < capsule.link < self.model.axes else 0.0)
+            for capsule in self.shape.arm
+        ]
+        thick = max([0.0, *beside])
+        return np.asarray(beyond + thick, dtype=np.float64)
+
+
+def _segments(model: RobotModel, arm: Sequence[Capsule], joints: Array) -> list[Segment]:
+    rotations, origins = chain_frames(model, joints)
+
+    def placed(link: int, point: Place) -> Array:
+        return np.asarray(np.einsum("jin,i->jn", rotations[link], np.array(point)) + origins[link])
+
+    return [(placed(c.link, c.start_m), placed(c.link, c.end_m)) for c in arm]
+
+
+def _wire_segment(model: RobotModel, wire: WirePath, joints: Array) -> Segment:
+    hook = model.tip_positions(joints, np.array(wire.hook_in_flange_m)).T
+    return np.array(wire.anchor_in_base_m)[:, None], hook
+
+
+def _pairs(arm: Sequence[Capsule], touching: frozenset[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """Yield pairs of capsules on links that neither share a joint nor touch by construction."""
+    for j in range(len(arm)):
+        for i in range(j):
+            links = _links(arm, i, j)
+            if links[1] - links[0] > 1 and links not in touching:
+                yield i, j
+
+
+def _links(arm: Sequence[Capsule], i: int, j: int) -> tuple[int, int]:
+    first, second = sorted((arm[i].link, arm[j].link))
+    return first, second
+
+
+def _bar_clearance(arm: Sequence[Capsule], segments: Sequence[Segment], i: int, j: int) -> Array:
+    return segment_distance(segments[i], segments[j]) - (arm[i].radius_m + arm[j].radius_m)
+
+
+def _obstacle_distance(item: Obstacle, segment: Segment) -> Array:
+    if isinstance(item, Sphere):
+        centre = np.array(item.centre_in_base_m)[:, None]
+        return segment_distance(segment, (centre, centre)) - item.radius_m
+    if isinstance(item, Plane):
+        return plane_distance(segment, np.array(item.point_in_base_m), np.array(item.normal_in_base))
+    return box_distance(segment, item.base_box, np.array(item.size_m))
+
+
+def _stands_on(item: Obstacle, capsule: Capsule) -> bool:
+    """Tell whether this is the floor under the first link, which only turns about itself."""
+    return isinstance(item, Plane) and capsule.link == 1
+
+
+def _sizes(item: Obstacle) -> list[float]:
+    """Return the numbers of an obstacle that must be finite and not below zero."""
+    if isinstance(item, Sphere):
+        return [item.radius_m, *np.abs(item.centre_in_base_m)]
+    if isinstance(item, Plane):
+        length = float(np.linalg.norm(item.normal_in_base))
+        return [*np.abs(item.point_in_base_m), length if length > 0 else -1.0]
+    return [*item.size_m, 0.0 if is_rigid(item.base_box) else -1.0]
+
+
+def _link_name(model: RobotModel, link: int) -> str:
+    return "base" if link == 0 else f"link {link}"
+
+
+def _place(point: Array) -> Place:
+    x, y, z = (float(value) for value in point)
+    return x, y, z

@@ -1,0 +1,178 @@
+"""Collision checks with the real shapes of a robot description, by Pinocchio and Coal (the extra ``planning``).
+
+The same verbs as `calibration.motion.collision`, whose capsules need nothing but a model: this one sees shoulders
+beside the skeleton, grippers and meshes, if the description has them.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.urdf import UrdfArm
+from calibration.errors import CalibrationError, CellError
+from calibration.geometry import Array
+from calibration.motion.collision import Box, Obstacle, Plane, Sphere
+
+_ALWAYS = 0.9  # of random postures: a pair that touches so often is touching by construction
+_TRIALS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class DescriptionCheck:
+    """Checks postures of the arm of a description; joints are those of its chain, in order."""
+
+    arm: UrdfArm
+    not_checked: tuple[str, ...]
+    _pinocchio: ModuleType
+    _model: Any
+    _shapes: Any
+    _at: tuple[int, ...]  # place of each joint of the chain in a velocity of the whole description
+    _joint_matrix: Array
+    _margin_m: float
+
+    @classmethod
+    def prepare(
+        cls,
+        arm: UrdfArm,
+        obstacles: Sequence[Obstacle] = (),
+        *,
+        mesh_folders: Sequence[str] = (),
+        joint_matrix: Array | None = None,
+        margin_m: float = 0.02,
+    ) -> "DescriptionCheck":
+        """Load the collision shapes, and leave out pairs that touch by construction.
+
+        Parameters
+        ----------
+        arm : UrdfArm
+            Its root link is the base in which the obstacles stand; joints beside its chain stay at zero.
+        mesh_folders : sequence of str
+            Where ``package://`` starts.
+        joint_matrix : (n, n), optional
+            Turns controller joints into those of the description, for arms that couple joints.
+
+        Raises
+        ------
+        CellError
+            Pinocchio is not installed.
+        CalibrationError
+            No shapes in the description, or a mesh that cannot be found.
+        """
+        pin, coal = _libraries()
+        model = pin.buildModelFromXML(arm.text)
+        try:
+            shapes = pin.buildGeomFromUrdfString(
+                model, arm.text, pin.GeometryType.COLLISION, None, list(mesh_folders)
+            )
+        except ValueError as refused:
+            raise CalibrationError(
+                f"the shapes of the description cannot be loaded: {refused}",
+                remedy="Name the folder in which package:// starts.",
+            ) from refused
+        own = shapes.ngeoms
+        if not own:
+            raise CalibrationError("the description has no collision shapes")
+        for item in obstacles:
+            shape, placement = _coal_shape(pin, coal, item)
+            shapes.addGeometryObject(pin.GeometryObject(item.name, 0, placement, shape))
+        for pair in _worth_checking(pin, model, shapes, own):
+            shapes.addCollisionPair(pair)
+        at = tuple(int(model.idx_vs[model.getJointId(name)]) for name in arm.model.joint_names)
+        matrix = np.eye(len(at)) if joint_matrix is None else np.asarray(joint_matrix, dtype=float)
+        check = cls(arm, (), pin, model, shapes, at, matrix, margin_m)
+        words = [*check._leave_out_what_always_touches(), "links that share a joint are not checked"]
+        if not obstacles:
+            words.append("no obstacles known: path not checked for collisions with the cell")
+        words.append("cables, hoses, people and the draw-wire are not known")
+        return cls(arm, tuple(words), pin, model, shapes, at, matrix, margin_m)
+
+    def free(self, joints_rad: Array) -> NDArray[np.bool_]:
+        """Return (N,): which postures keep the margin. Numbers that are not finite are not free."""
+        joints = np.atleast_2d(np.asarray(joints_rad, dtype=float))
+        free: NDArray[np.bool_] = np.isfinite(joints).all(axis=1)
+        data, seen = self._model.createData(), self._seen()
+        for row in np.flatnonzero(free):
+            posture = self._posture(joints[row])
+            free[row] = not self._pinocchio.computeCollisions(
+                self._model, data, self._shapes, seen, posture, True
+            )
+        return free
+
+    def _posture(self, joints: Array) -> Array:
+        turn = np.zeros(self._model.nv)
+        turn[list(self._at)] = self._joint_matrix @ joints
+        neutral = self._pinocchio.neutral(self._model)
+        return np.asarray(self._pinocchio.integrate(self._model, neutral, turn), dtype=np.float64)
+
+    def _seen(self) -> Any:
+        seen = self._pinocchio.GeometryData(self._shapes)
+        for request in seen.collisionRequests:
+            request.security_margin = self._margin_m
+        return seen
+
+    def _leave_out_what_always_touches(self) -> list[str]:
+        generator = np.random.default_rng(1)
+        low = np.maximum(self.arm.model.lower_rad, -math.pi)
+        high = np.minimum(self.arm.model.upper_rad, math.pi)
+        data, seen, shapes = self._model.createData(), self._seen(), self._shapes
+        touched = np.zeros(len(shapes.collisionPairs))
+        for joints in generator.uniform(low, high, (_TRIALS, len(low))):
+            self._pinocchio.computeCollisions(self._model, data, shapes, seen, self._posture(joints), False)
+            touched += [result.isCollision() for result in seen.collisionResults]
+        always = [
+            pair
+            for pair, often in zip(shapes.collisionPairs, touched, strict=True)
+            if often > _ALWAYS * _TRIALS
+        ]
+        names = [tuple(shapes.geometryObjects[i].name for i in (pair.first, pair.second)) for pair in always]
+        for pair in always:
+            shapes.removeCollisionPair(pair)
+        if not names:
+            return []
+        return [f"touching by construction, so not checked: {', '.join(f'{a} with {b}' for a, b in names)}"]
+
+
+def _worth_checking(pin: ModuleType, model: Any, shapes: Any, own: int) -> list[Any]:
+    """Return the pairs that can collide: not on one link, not on neighbours, not two things that stand still."""
+    joint = [item.parentJoint for item in shapes.geometryObjects]
+    pairs = []
+    for second in range(len(joint)):
+        for first in range(min(second, own)):
+            together = joint[first] == joint[second]
+            neighbours = second < own and (
+                model.parents[joint[first]] == joint[second] or model.parents[joint[second]] == joint[first]
+            )
+            if not together and not neighbours:
+                pairs.append(pin.CollisionPair(first, second))
+    return pairs
+
+
+def _coal_shape(pin: ModuleType, coal: ModuleType, item: Obstacle) -> tuple[Any, Any]:
+    if isinstance(item, Sphere):
+        return coal.Sphere(item.radius_m), pin.SE3(np.eye(3), np.array(item.centre_in_base_m))
+    if isinstance(item, Box):
+        return coal.Box(*item.size_m), pin.SE3(item.base_box[:3, :3], item.base_box[:3, 3])
+    return _half_space(coal, item), pin.SE3.Identity()
+
+
+def _half_space(coal: ModuleType, plane: Plane) -> Any:
+    normal = np.array(plane.normal_in_base) / np.linalg.norm(plane.normal_in_base)
+    return coal.Halfspace(normal, float(normal @ np.array(plane.point_in_base_m)))
+
+
+def _libraries() -> tuple[ModuleType, ModuleType]:
+    try:
+        import coal  # noqa: PLC0415  # optional: the extra "planning"
+        import pinocchio  # noqa: PLC0415  # optional: the extra "planning"
+    except ImportError as missing:
+        raise CellError(
+            "collision shapes of a description need Pinocchio and Coal, which are not installed.",
+            remedy="Install the extra: pip install 'cellcal[planning]'.",
+            code="missing_extra",
+        ) from missing
+    return pinocchio, coal

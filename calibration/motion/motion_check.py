@@ -1,0 +1,312 @@
+"""Whether a list of joint targets may be commanded: limits, speed, workspace, collision, singularity, draw-wire.
+
+This is a check of a plan, not a safety function: stops and space limits are the controller's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.motion.motion_quantities import (
+    Excess,
+    joint_limit_excess,
+    singularity_excess,
+    speed_excess,
+    wire_range_excesses,
+    wire_wrap_excess,
+    workspace_excess,
+)
+
+_HOPELESS_RAD = 1.0  # beyond a joint's limit
+_RATE_SAMPLE_RAD = 0.02  # paths are looked at this densely; more so where collisions are checked
+
+
+class Clearances(Protocol):
+    """What knows the shapes of arm and cell: `calibration.motion.collision.CollisionCheck`."""
+
+    @property
+    def not_checked(self) -> tuple[str, ...]: ...
+    def distances(self, joints_rad: Array) -> Excess:
+        """Return the clearance of every pair of shapes in every posture, against what it must be."""
+        ...
+
+    def looks(self, start_rad: Array, stop_rad: Array) -> int:
+        """Return into how many pieces a way must be cut for no point of the arm to move more than 5 mm."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class WirePath:
+    """A draw-wire from an anchor in the base to a hook on the flange, with the range it may use."""
+
+    anchor_in_base_m: tuple[float, float, float]
+    hook_in_flange_m: tuple[float, float, float]
+    range_m: float
+    zero_m: float = 0.0
+    lowest_fraction: float = 0.03
+    highest_fraction: float = 0.97
+    wrap_rad: float = 4.712389  # 270 deg: how far it may wind about the flange from where a plan begins
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """What a move must keep. ``None`` means that nothing is known, and the verdict says so."""
+
+    joint_margin_rad: float = 0.0523599  # 3 deg
+    mastering_uncertainty_rad: tuple[float, ...] = ()  # per joint, added to the margin
+    joint_speed_rad_s: float = 0.0872665  # 5 deg/s
+    tip_speed_m_s: float = 0.05
+    box_low_m: tuple[float, float, float] | None = None  # the flange, the tip and the wrist stay inside
+    box_high_m: tuple[float, float, float] | None = None
+    smallest_singular_value: float | None = None  # of the Jacobian, in m/rad; for straight moves
+    wire: WirePath | None = None
+    clearances: Clearances | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MotionFinding:
+    """One broken limit; ``target`` counts from 0."""
+
+    target: int
+    check: str
+    found: float
+    limit: float
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class MotionVerdict:
+    """Whether every target and every way between them is allowed, and what was not checked at all."""
+
+    allowed: bool
+    findings: tuple[MotionFinding, ...]
+    not_checked: tuple[str, ...]
+
+
+def check_moves(  # noqa: PLR0913 - one move needs all of it
+    model: RobotModel,
+    start_rad: Array | tuple[float, ...],
+    targets_rad: Array,
+    limits: MotionLimits,
+    *,
+    speed_rad_s: float,
+    tip_in_flange_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    stops: Sequence[bool] | None = None,
+) -> MotionVerdict:
+    """Check joint moves from a start through targets, including the ways between them.
+
+    Parameters
+    ----------
+    model : RobotModel
+        The arm.
+    start_rad : (n,)
+        Where it stands [rad].
+    targets_rad : (N, n)
+        Where it shall go, in order [rad].
+    limits : MotionLimits
+        What to keep.
+    speed_rad_s : float
+        Commanded speed of the fastest joint [rad/s].
+    tip_in_flange_m : (3,)
+        Tool tip [m].
+    stops : (N,), optional
+        At which targets the robot stays; the others are corners of a way. All of them when not said.
+
+    Returns
+    -------
+    MotionVerdict
+        The first finding of each check for each target.
+
+    Raises
+    ------
+    CalibrationError
+        Wrong shapes. Numbers that are not finite are a finding, not an error: nothing else is computed then.
+
+    Notes
+    -----
+    On its way back from beyond a limit a robot may be as far out as where it started, and no further; where
+    it shall stay must keep the limit itself. Joints interpolate linearly; samples are at most 0.02 rad apart,
+    and where shapes are known no point of the arm moves more than 5 mm between two samples. The speeds of tip,
+    flange and every joint's centre (elbow and wrist among them) are held to one cap.
+    """
+    targets, start = np.atleast_2d(np.asarray(targets_rad, dtype=float)), np.asarray(start_rad, dtype=float)
+    if start.shape != (model.axes,) or targets.shape[1] != model.axes:
+        raise CalibrationError(
+            f"{model.name}: a start ({model.axes},) and targets (N, {model.axes}) are needed"
+        )
+    invalid = _not_finite(start, targets, (speed_rad_s, *tip_in_flange_m))
+    if invalid:
+        return MotionVerdict(False, invalid, ())
+    findings = _joint_speed(model, limits, speed_rad_s)
+    findings += _far_outside(model, np.vstack([targets, start]))
+    if any(finding.check == "joint limits" for finding in findings):
+        return MotionVerdict(False, tuple(findings), _not_checked(limits))
+    owner, path, direction = _sample(start, targets, limits.clearances)
+    with_start = np.vstack([start, path])
+    stays = _stays(owner, stops)
+    postures = _posture_excesses(model, with_start, limits, tip_in_flange_m)
+    if limits.wire is not None:
+        wire = limits.wire
+        places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
+        postures.append(wire_wrap_excess(model, with_start, places, wire.wrap_rad))
+    excesses = [excess.forgiving(stays) for excess in postures]
+    rates = speed_rad_s * direction
+    excesses.append(speed_excess(model, path, rates, tip_in_flange_m, limits.tip_speed_m_s))
+    findings += [f for excess in excesses for f in _findings(excess, owner)]
+    findings.sort(key=lambda f: f.target)
+    return MotionVerdict(not findings, tuple(findings), _not_checked(limits))
+
+
+def allowed_postures(
+    model: RobotModel,
+    joints_rad: Array,
+    limits: MotionLimits,
+    tip_in_flange_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> Array:
+    """Return (N,) booleans: which postures keep joint limits, box, singularity and wire range."""
+    joints = np.asarray(joints_rad, dtype=float)
+    finite = np.isfinite(joints).all(axis=1)
+    broken = np.zeros(len(joints), dtype=bool)
+    for excess in _posture_excesses(model, np.where(finite[:, None], joints, 0.0), limits, tip_in_flange_m):
+        broken |= excess.broken()
+    allowed: Array = finite & ~broken
+    return allowed
+
+
+def seem_free(
+    model: RobotModel, start_rad: Array, targets_rad: Array, limits: MotionLimits, *, looks: int = 12
+) -> Array:
+    """Return (N,): to which targets the straight way seems free, looked at in a few places: to choose with.
+
+    What is chosen is checked by ``check_moves``. Targets are finite.
+    """
+    targets = np.asarray(targets_rad, dtype=float)
+    share = np.linspace(0.0, 1.0, looks + 1)[1:, None]
+    ways = np.array([start_rad + share * (target - start_rad) for target in targets])
+    free = np.ones(ways.shape[:2], dtype=bool)
+    for excess in _posture_excesses(model, ways.reshape(-1, model.axes), limits, (0.0, 0.0, 0.0)):
+        free &= ~excess.broken().reshape(free.shape)
+    if limits.wire is not None:
+        wire = limits.wire
+        places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
+        for k, way in enumerate(ways):
+            free[k] &= ~wire_wrap_excess(model, np.vstack([start_rad, way]), places, wire.wrap_rad).broken()[
+                1:
+            ]
+    return np.asarray(free.all(axis=1))
+
+
+def _stays(owner: NDArray[np.int_], stops: Sequence[bool] | None) -> NDArray[np.bool_]:
+    """Return which samples are targets to stay at: the last sample of each such target."""
+    last = np.append(owner[1:] != owner[:-1], True)
+    stays: NDArray[np.bool_] = last if stops is None else last & np.asarray(stops, dtype=bool)[owner]
+    return stays
+
+
+def _not_finite(start: Array, targets: Array, others: tuple[float, ...]) -> tuple[MotionFinding, ...]:
+    bad = np.flatnonzero(~np.isfinite(targets).all(axis=1))
+    if not np.isfinite([*start, *others]).all():
+        bad = np.array([0])
+    nan = float("nan")
+    words = "a number is not finite: nothing may move"
+    return tuple(MotionFinding(int(i), "finite", nan, nan, f"target {i + 1}: {words}") for i in bad)
+
+
+def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
+    """Refuse targets, the last row a start, far beyond the limits: a way there is not worth looking at."""
+    beyond = np.maximum(model.lower_rad - targets, targets - model.upper_rad)
+    findings = []
+    for index in np.flatnonzero((beyond > _HOPELESS_RAD).any(axis=1)):
+        axis = int(np.argmax(beyond[index]))
+        found = float(targets[index, axis])
+        limit = float(model.lower_rad[axis] if found < model.lower_rad[axis] else model.upper_rad[axis])
+        who = f"target {index + 1}" if index < len(targets) - 1 else "the start"
+        words = f"{who}, joint limits: {found:.4g} rad, limit {limit:.4g} rad"
+        findings.append(MotionFinding(int(index), "joint limits", found, limit, words))
+    return findings
+
+
+def _sample(
+    start: Array, targets: Array, clearances: Clearances | None
+) -> tuple[NDArray[np.int_], Array, Array]:
+    """Return which target each sample belongs to, the samples (S, n), and the joints' rates there (S, n).
+
+    Every target is a sample; the fastest joint has the rate 1.
+    """
+    owners, pieces, rates, before = [], [], [], start
+    for index, target in enumerate(targets):
+        way = target - before
+        farthest = float(np.abs(way).max())
+        steps = max(int(np.ceil(farthest / _RATE_SAMPLE_RAD)), 1)
+        if clearances is not None:
+            steps = max(steps, clearances.looks(before, target))
+        share = np.arange(1, steps + 1)[:, None] / steps
+        pieces.append(before + share * way)
+        owners.append(np.full(steps, index))
+        rates.append(np.broadcast_to(way / farthest if farthest > 0 else way, (steps, len(way))))
+        before = target
+    return np.concatenate(owners), np.concatenate(pieces), np.concatenate(rates)
+
+
+def _posture_excesses(
+    model: RobotModel, joints: Array, limits: MotionLimits, tip_in_flange_m: tuple[float, float, float]
+) -> list[Excess]:
+    excesses = [_joint_limits(model, joints, limits)]
+    if limits.box_low_m is not None and limits.box_high_m is not None:
+        box = (limits.box_low_m, limits.box_high_m)
+        excesses.append(workspace_excess(model, joints, box, tip_in_flange_m))
+    if limits.smallest_singular_value is not None:
+        excesses.append(singularity_excess(model, joints, limits.smallest_singular_value))
+    if limits.wire is not None:
+        wire = limits.wire
+        low, high = wire.lowest_fraction * wire.range_m, wire.highest_fraction * wire.range_m
+        places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
+        excesses += wire_range_excesses(model, joints, places, wire.zero_m, (low, high))
+    if limits.clearances is not None:
+        excesses.append(limits.clearances.distances(joints))
+    return excesses
+
+
+def _joint_limits(model: RobotModel, joints: Array, limits: MotionLimits) -> Excess:
+    doubt = np.array(limits.mastering_uncertainty_rad or (0.0,) * model.axes)
+    return joint_limit_excess(model, joints, limits.joint_margin_rad + doubt)
+
+
+def _joint_speed(model: RobotModel, limits: MotionLimits, speed_rad_s: float) -> list[MotionFinding]:
+    limit = min(limits.joint_speed_rad_s, float(np.min(model.max_speed_rad_s)))
+    if 0 < speed_rad_s <= limit:
+        return []
+    words = f"joint speed: {speed_rad_s:.4g} rad/s is not within 0 and {limit:.4g} rad/s"
+    return [MotionFinding(0, "joint speed", speed_rad_s, limit, words)]
+
+
+def _findings(excess: Excess, owner: NDArray[np.int_]) -> list[MotionFinding]:
+    """Report, per target, the sample that breaks this limit most."""
+    findings = []
+    for target in np.unique(owner[excess.broken()]):
+        samples = np.flatnonzero(owner == target)
+        row, column = np.unravel_index(np.argmax(excess.excess[samples]), excess.excess[samples].shape)
+        worst = samples[row]
+        found, limit = float(excess.found[worst, column]), float(excess.limit[worst, column])
+        who = f" of {excess.names[column]}" if excess.names else ""
+        told = f"{found:.4g} {excess.unit}, limit {limit:.4g} {excess.unit}"
+        words = f"target {target + 1}, {excess.check}{who}: {told}"
+        findings.append(MotionFinding(int(target), excess.check, found, limit, words))
+    return findings
+
+
+def _not_checked(limits: MotionLimits) -> tuple[str, ...]:
+    words = [] if limits.clearances is None else list(limits.clearances.not_checked)
+    if limits.clearances is None:
+        words.append("no obstacles known: path not checked for collisions")
+    if limits.box_low_m is None or limits.box_high_m is None:
+        words.append("no workspace box known")
+    if limits.wire is None and "no draw-wire known" not in words:
+        words.append("no draw-wire known")
+    return tuple(words)

@@ -1,0 +1,122 @@
+"""The quantities that a move must keep, for many postures at once, and by how much each breaks its limit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.kinematics import RobotModel, chain_frames
+from calibration.geometry import Array
+
+Triple = tuple[float, float, float]
+
+_SLIGHT_S = 1e-5  # central differences of points along a path: exact to about 1e-10
+_NEAR_AXIS = 0.1  # of the wire's length: nearer to the flange's axis an anchor has no side
+
+
+@dataclass(frozen=True, slots=True)
+class Excess:
+    """Quantities per posture (N, Q) and by how much each breaks its limit (> 0: broken)."""
+
+    check: str
+    found: Array
+    limit: Array
+    excess: Array
+    unit: str
+    names: tuple[str, ...] = ()  # (Q,) of the quantities, where they differ
+
+    def broken(self) -> NDArray[np.bool_]:
+        """Return (N,): which postures break any."""
+        return np.asarray((self.excess > 0).any(axis=1))
+
+    def forgiving(self, stays: NDArray[np.bool_]) -> "Excess":
+        """Drop the start, the first row; forgive each quantity on the way what it breaks there, not at a stay."""
+        forgiven = np.where(stays[:, None], 0.0, np.maximum(self.excess[0], 0.0))
+        limit = np.broadcast_to(self.limit, self.excess.shape)[1:]
+        return Excess(self.check, self.found[1:], limit, self.excess[1:] - forgiven, self.unit, self.names)
+
+
+def joint_limit_excess(model: RobotModel, joints: Array, margin_rad: Array) -> Excess:
+    """Return every joint against its limits less a margin per axis (n,) [rad]."""
+    low, high = model.lower_rad + margin_rad, model.upper_rad - margin_rad
+    below, above = low - joints, joints - high
+    limit = np.where(below > above, low, high)
+    return Excess("joint limits", joints, limit, np.maximum(below, above), "rad")
+
+
+def workspace_excess(model: RobotModel, joints: Array, box_m: tuple[Triple, Triple], tip_m: Triple) -> Excess:
+    """Return the coordinates of tip, flange and every joint's centre from the second on, against a box."""
+    low, high = np.array(box_m[0]), np.array(box_m[1])
+    points = body_points(model, joints, tip_m)
+    below, above = low - points, points - high
+    limit = np.where(below > above, low, high)
+    flat = [part.reshape(len(joints), -1) for part in (points, limit, np.maximum(below, above))]
+    return Excess("workspace box", flat[0], flat[1], flat[2], "m")
+
+
+def singularity_excess(model: RobotModel, joints: Array, limit: float) -> Excess:
+    """Return the smallest singular value of the flange's Jacobian against its limit."""
+    values = np.linalg.svd(model.flange_jacobian(joints)[1], compute_uv=False)
+    return at_least("singularity", np.asarray(values[:, -1], dtype=np.float64), limit, "m/rad")
+
+
+def wire_range_excesses(
+    model: RobotModel,
+    joints: Array,
+    places_m: tuple[Triple, Triple],
+    zero_m: float,
+    reach_m: tuple[float, float],
+) -> list[Excess]:
+    """Return the wire's length against the part of its range that may be used; places: anchor, hook in flange."""
+    anchor, hook = (np.array(place) for place in places_m)
+    lengths = zero_m + np.linalg.norm(model.tip_positions(joints, hook) - anchor, axis=1)
+    low, high = reach_m
+    return [at_least("wire too short", lengths, low, "m"), at_most("wire too long", lengths, high, "m")]
+
+
+def wire_winding(model: RobotModel, path: Array, places_m: tuple[Triple, Triple]) -> Array:
+    """Return (N,) how far the wire has wound about the flange's axis since the first posture of a path [rad].
+
+    The side on which the anchor is, seen from the flange, is followed along the path. While the anchor is
+    nearly on the flange's axis it has no side, and the last one holds.
+    """
+    rotations, origins = chain_frames(model, path)
+    away = np.array(places_m[0])[:, None] - origins[-1]
+    seen = np.einsum("jin,jn->in", rotations[-1], away)
+    beside = np.hypot(seen[0], seen[1]) > _NEAR_AXIS * np.linalg.norm(away, axis=0)
+    side = np.arctan2(seen[1], seen[0])
+    last = np.maximum.accumulate(np.where(beside, np.arange(len(side)), 0))
+    return np.asarray(np.unwrap(side[last]) - side[last[0]], dtype=np.float64)
+
+
+def wire_wrap_excess(
+    model: RobotModel, path: Array, places_m: tuple[Triple, Triple], limit_rad: float
+) -> Excess:
+    """Return how far the wire has wound about the flange's axis since the first posture, against its limit."""
+    return at_most("wire wrap", np.abs(wire_winding(model, path, places_m)), limit_rad, "rad")
+
+
+def speed_excess(model: RobotModel, path: Array, rates: Array, tip_m: Triple, limit_m_s: float) -> Excess:
+    """Return the speed of the fastest of tip, flange and joints' centres, for joint rates (N, n) [rad/s]."""
+    ahead, behind = (body_points(model, path + sign * _SLIGHT_S * rates, tip_m) for sign in (1.0, -1.0))
+    fastest = np.linalg.norm(ahead - behind, axis=2).max(axis=1) / (2.0 * _SLIGHT_S)
+    return at_most("tip speed", fastest, limit_m_s, "m/s")
+
+
+def at_most(check: str, found: Array, limit: float, unit: str) -> Excess:
+    """Return one quantity per posture (N,) that may not be above its limit."""
+    column = found[:, None]
+    return Excess(check, column, np.full(column.shape, limit), column - limit, unit)
+
+
+def at_least(check: str, found: Array, limit: float, unit: str) -> Excess:
+    """Return one quantity per posture (N,) that may not be below its limit."""
+    column = found[:, None]
+    return Excess(check, column, np.full(column.shape, limit), limit - column, unit)
+
+
+def body_points(model: RobotModel, joints: Array, tip_m: Triple) -> Array:
+    """Return (N, n, 3): the centres of the joints from the second on, the flange, and the tip [m]."""
+    rotations, origins = chain_frames(model, joints)
+    tip = np.einsum("ijn,j->in", rotations[-1], np.array(tip_m)) + origins[-1]
+    return np.asarray(np.concatenate([origins[2:], tip[None]]).transpose(2, 0, 1), dtype=np.float64)

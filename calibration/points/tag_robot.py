@@ -1,0 +1,195 @@
+"""A simulated robot made like the real one: zero positions and tool from two paths of the same tags.
+
+The first path is what the robot thinks (its joints at each tag), the second what a device measured there. Where the
+device stands is found, too. F. S. Cheng, Calibration of Robot Reference Frames, 2008, 5.1.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.geometry import Array, Pose, homogeneous
+from calibration.identification.cross_validation import Errors
+from calibration.identification.identify import Identification, identify
+from calibration.identification.observations import PointObservations
+from calibration.identification.parameters import OFFSETS
+from calibration.identification.selection import Options
+from calibration.points.tag_placement import Known, known
+from calibration.points.tag_points import Pairs, refuse_other_size
+from calibration.uncertainty import coverage_factor
+
+LEAST_TAGS = 12
+_SIGMA_M = 3e-4  # weighs the rows alike; the residuals tell the rest
+_TOOL_TELLS = 1.0  # of the spread: a long tool may double how far its tip goes
+_SAME_POSE_M = 0.002  # what a controller's own figures may differ from its nominal model
+
+
+@dataclass(frozen=True, slots=True)
+class FoundValue:
+    """One deviation of the real robot from its model."""
+
+    name: str
+    unit: str
+    value: float
+    standard_uncertainty: float
+    prior: float
+
+
+@dataclass(frozen=True, slots=True)
+class Unknowable:
+    """What the tags cannot tell, what it hides behind, and what would show it."""
+
+    name: str
+    partner: str
+    cure: str
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedRobot:
+    """The model's zero positions and tool as the tags have them."""
+
+    model: str
+    values: tuple[FoundValue, ...]
+    flange_tool: Pose  # the target's place; its attitude is the flange's own
+    tool: Known  # how well its place is known [m]
+    device_base: Pose  # where the device stands: the robot's base seen from it
+    device_moved_m: float | None  # from the start guess; None without one
+    degrees_of_freedom: float
+    before: Errors  # tool and place fitted, the arm as in the simulation; tags that were not fitted
+    after: Errors  # the same with the found zero positions
+    fit_rms_m: float
+    tags: int
+    rejected: tuple[str, ...]
+    unpaired: tuple[str, ...]
+    unknowable: tuple[Unknowable, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def coverage(self) -> float:
+        """The factor from a standard uncertainty to 95 %."""
+        return coverage_factor(max(self.degrees_of_freedom, 1.0))
+
+    @property
+    def better(self) -> bool:
+        """Whether tags that were not fitted are met better than before."""
+        return self.after.rmse_m < self.before.rmse_m
+
+
+def calibrate_simulated_robot(
+    model: RobotModel, pairs: Pairs, *, level: int = OFFSETS, start_guess: Pose | None = None
+) -> tuple[SimulatedRobot, RobotModel]:
+    """Find zero positions, tool and device from the robot's tags and the measured ones.
+
+    Parameters
+    ----------
+    model : RobotModel
+        The simulation's.
+    pairs : Pairs
+        The robot's path, which tells joints, and the measured one [m].
+    level : int
+        1 zero positions, as in the text; 2 the whole geometry.
+    start_guess : Pose, optional
+        device_base as the simulation has it: only compared with, the start is found from the tags.
+
+    Returns
+    -------
+    SimulatedRobot, RobotModel
+        What was found, and the calibrated model.
+
+    Raises
+    ------
+    DegenerateDataError
+        Fewer than `LEAST_TAGS` tags in common.
+    CalibrationError
+        No joints, another number of them, another unit, or joints that do not belong to the controller's poses.
+    """
+    joints = _joints(model, pairs)
+    nominal = model.base_flange(joints)
+    remarks = _against_controller(pairs, nominal)
+    measured = pairs.other.positions()
+    refuse_other_size(
+        nominal[:, :3, 3], measured, (pairs.one.source, pairs.other.source), tolerance=_TOOL_TELLS
+    )
+    found = _identified(model, joints, measured, level)
+    state, fit = found.state, found.robust.fit
+    names = [p.name for p in fit.layout.parameters]
+    tool = [names.index(f"tool {axis}") for axis in "xyz"]
+    spread = np.sqrt(np.diag(fit.covariance)) if len(fit.covariance) else np.zeros(len(names))
+    values = [
+        FoundValue(p.name, p.unit, float(value), float(sigma), p.prior)
+        for p, value, sigma in zip(fit.layout.parameters, fit.deviations, spread, strict=True)
+        if p.role in ("offset", "geometry")
+    ]
+    device_base = Pose.from_matrix(state.devices[0].device_base)
+    freedom = max(found.robust.degrees_of_freedom, 1.0)
+    result = SimulatedRobot(
+        model=model.name,
+        values=tuple(values),
+        flange_tool=Pose.from_matrix(homogeneous(np.eye(3), state.flange_tool[:3, 3])),
+        tool=known(fit.covariance[np.ix_(tool, tool)], freedom),
+        device_base=device_base,
+        device_moved_m=None
+        if start_guess is None
+        else math.dist(start_guess.position_m, device_base.position_m),
+        degrees_of_freedom=freedom,
+        before=found.before,
+        after=found.held_out,
+        fit_rms_m=found.fit.rmse_m,
+        tags=len(pairs.one),
+        rejected=tuple(pairs.one.label(int(row)) for row in found.rejected),
+        unpaired=pairs.unpaired,
+        unknowable=tuple(Unknowable(n.parameter, n.partner, n.cure) for n in found.not_identified),
+        remarks=remarks,
+    )
+    return result, state.arm
+
+
+def _identified(model: RobotModel, joints: Array, measured: Array, level: int) -> Identification:
+    """Identify; a device that was moved during the path is no part of the method, so none is looked for."""
+    rows = PointObservations(
+        joints, measured, np.full(len(joints), _SIGMA_M), np.zeros(len(joints), dtype=np.intp)
+    )
+    return identify(model, rows, options=Options(level=level, find_breaks=False))
+
+
+def _joints(model: RobotModel, pairs: Pairs) -> Array:
+    robot = pairs.one
+    if not robot.joints_rad:
+        raise CalibrationError(
+            f"{robot.source} tells no joints: a pose alone does not tell how the arm stood.",
+            remedy="Export the robot's path with the joint values of each tag.",
+        )
+    joints = np.array(robot.joints_rad)
+    if joints.shape[1] != model.axes:
+        raise CalibrationError(
+            f"{robot.source} has {joints.shape[1]} joints, {model.name} has {model.axes}.",
+            remedy="Name the columns of the joints, or another model.",
+        )
+    if len(joints) < LEAST_TAGS:
+        raise DegenerateDataError(
+            f"{len(joints)} tags are too few to find zero positions and to check them.",
+            remedy=f"Measure {LEAST_TAGS} tags or more, better 30, moving every joint as far as possible.",
+        )
+    return joints
+
+
+def _against_controller(pairs: Pairs, nominal: Array) -> tuple[str, ...]:
+    """Hold the controller's own poses against the model: the same tool point must carry one to the other."""
+    robot = pairs.one
+    if not robot.quaternions:
+        return ()
+    seen = robot.rotations()
+    at = np.einsum("nji,nj->ni", nominal[:, :3, :3], robot.positions() - nominal[:, :3, 3])
+    turn = np.swapaxes(nominal[:, :3, :3], 1, 2) @ seen
+    wander = float(np.linalg.norm(at - np.median(at, axis=0), axis=1).max())
+    turned = float(np.abs(turn - turn[0]).max())
+    if wander > _SAME_POSE_M or turned > 0.01:
+        raise CalibrationError(
+            f"the joints of {robot.source} do not belong to its poses by the model: the tool would wander by "
+            f"{wander * 1e3:.2f} mm.",
+            remedy="Choose the robot's own model; see the units of the joints and how J2 and J3 are coupled.",
+        )
+    return (f"the robot's poses agree with its joints and the model within {wander * 1e3:.3f} mm",)

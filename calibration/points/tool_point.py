@@ -1,0 +1,346 @@
+"""A tool's tip from touches on one pin, and its axes from straight moves: the six-point method."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import stdtrit
+
+from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.geometry import (
+    Array,
+    Pose,
+    homogeneous,
+    log_rotation,
+    nearest_rotation,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+)
+from calibration.points.deleted_residuals import deleted_residuals
+from calibration.uncertainty import coverage_in_space
+
+Triple = tuple[float, float, float]
+MIN_OPENING_RAD = math.radians(15.0)  # between the moves of the two-point method
+
+
+@dataclass(frozen=True, slots=True)
+class ToolPoint:
+    """Where the tip is, and how far the touches agree about it."""
+
+    tip_in_flange_m: Triple
+    pin_in_base_m: Triple
+    rms_m: float  # per coordinate, over all touches
+    max_m: float  # the largest distance between a touch's tip and the pin
+    worst_touch: int  # counted from 0
+    residuals_m: tuple[Triple, ...]  # tip of each touch minus pin, base axes
+    condition: float
+    degrees_of_freedom: int
+    tip_covariance_m2: tuple[Triple, Triple, Triple]
+    tip_u_m: Triple  # expanded, 95 %, per flange axis
+    tip_u_in_space_m: float  # expanded, 95 %: the tip is within this distance, whatever the direction
+    coverage_in_space: float  # of it, over the root of the trace of the covariance
+    leave_one_out_max_m: float | None  # None where a touch cannot be spared
+    leave_one_out_m: tuple[float, ...]  # of each touch; empty where one cannot be spared
+    stray_touch: int  # the touch that the others contradict most, counted from 0 …
+    stray_probability: float  # … and how probable a worse one is among touches that are all alike
+
+
+@dataclass(frozen=True, slots=True)
+class AxesLimits:
+    """What `tool_axes` accepts."""
+
+    min_move_m: float = 0.1  # shortest move
+    turn_rad: float = math.radians(0.1)  # largest turn of the flange between poses
+    squareness_rad: float = math.radians(2.0)  # largest departure of the moves from right angles
+
+
+@dataclass(frozen=True, slots=True)
+class ToolAxes:
+    """The tool's axes seen from the flange, and how square the taught moves were."""
+
+    quaternion: tuple[float, float, float, float]  # flange_tool: w, x, y, z
+    turn_gain_per_m2: tuple[
+        Triple, Triple, Triple
+    ]  # covariance of the axes' turn, for poses good to one metre
+    squareness_rad: float  # largest departure of two taught moves from a right angle
+    turn_rad: float  # largest turn of the flange between the taught poses
+    shortest_move_m: float
+
+
+def locate_tool_point(
+    touches: Sequence[Pose], *, condition_limit: float = 50.0, sigma_m: float | None = None
+) -> ToolPoint:
+    r"""Find the tool tip from flange poses that all put it on one fixed pin.
+
+    Every touch i obeys ``R_i t + p_i = q`` with the same tip t (flange frame) and pin q (base frame);
+    stacking the touches gives a linear least-squares problem in (t, q), 3n equations for 6 unknowns.
+
+    Parameters
+    ----------
+    touches : sequence of Pose, n >= 3
+        base_flange at each touch [m]. Attitudes should differ by 30 degrees or more about two axes.
+    condition_limit : float
+        Largest accepted ratio of singular values [1].
+    sigma_m : float, optional
+        Standard uncertainty of one coordinate of one touch [m]. Without it, the residuals tell.
+
+    Returns
+    -------
+    ToolPoint
+        Tip in the flange frame [m], pin in the base frame [m], residuals, condition [1], uncertainty.
+
+    Raises
+    ------
+    DegenerateDataError
+        Fewer than three touches, or attitudes too alike.
+
+    Notes
+    -----
+    ``leave_one_out_max_m`` is the worst distance between a touch's tip and the pin when both come from the
+    other touches: it shows a bad touch that the fit has bent itself to. With n = 3 there is no touch to
+    spare and three redundant equations are left, so the coverage factor is large (Student, 3.18).
+
+    References
+    ----------
+    Linear form: derived in calibration/README.md, section 4. Deleted residuals: R. D. Cook, S. Weisberg,
+    Residuals and Influence in Regression, 1982, section 2.2.
+    """
+    n = len(touches)
+    if n < 3:
+        raise DegenerateDataError(f"{n} touches cannot locate a tip.", remedy="Teach three or more touches.")
+    design = np.zeros((n, 3, 6))
+    design[:, :, :3] = [touch.rotation() for touch in touches]
+    design[:, :, 3:] = -np.eye(3)
+    positions = np.array([touch.position_m for touch in touches])
+    # Positions relative to their mean keep the digits when the cell is far from the base.
+    centre = positions.mean(axis=0)
+    matrix = design.reshape(3 * n, 6)
+    u, singular, vt = np.linalg.svd(matrix, full_matrices=False)
+    condition = float(singular[0] / max(singular[-1], 1e-300))
+    if not condition <= condition_limit:
+        raise DegenerateDataError(
+            f"the touches' attitudes are too alike (condition {condition:.3g}, limit {condition_limit:g}).",
+            remedy="Turn the tool by 30 degrees or more about two different axes between touches.",
+            condition=condition,
+        )
+    solution = vt.T @ ((u.T @ (centre - positions).ravel()) / singular)
+    residuals = (matrix @ solution - (centre - positions).ravel()).reshape(n, 3)
+    freedom = 3 * n - 6
+    variance = float((residuals**2).sum()) / freedom if sigma_m is None else sigma_m**2
+    gain = (vt.T[:3] / singular**2) @ vt[:, :3]
+    covariance = gain * variance
+    known = freedom if sigma_m is None else math.inf
+    in_space = coverage_in_space(np.linalg.eigvalsh(gain).clip(0.0).tolist(), known)
+    factor = float(stdtrit(freedom, 0.975)) if sigma_m is None else 1.96
+    distances = np.linalg.norm(residuals, axis=1)
+    deleted = deleted_residuals(u.reshape(n, 3, 6), residuals)
+    return ToolPoint(
+        tip_in_flange_m=_triple(solution[:3]),
+        pin_in_base_m=_triple(solution[3:] + centre),
+        rms_m=float(np.sqrt((residuals**2).mean())),
+        max_m=float(distances.max()),
+        worst_touch=int(distances.argmax()),
+        residuals_m=tuple(_triple(r) for r in residuals),
+        condition=condition,
+        degrees_of_freedom=freedom,
+        tip_covariance_m2=(_triple(covariance[0]), _triple(covariance[1]), _triple(covariance[2])),
+        tip_u_m=_triple(factor * np.sqrt(np.diag(covariance))),
+        tip_u_in_space_m=in_space * math.sqrt(float(np.trace(covariance))),
+        coverage_in_space=in_space,
+        leave_one_out_max_m=max(deleted.sizes_m, default=None),
+        leave_one_out_m=deleted.sizes_m,
+        stray_touch=deleted.stray,
+        stray_probability=deleted.probability,
+    )
+
+
+def tool_axes(
+    square: Pose,
+    *,
+    along_x: Pose | None = None,
+    along_y: Pose | None = None,
+    along_z: Pose | None = None,
+    limits: AxesLimits = AxesLimits(),
+) -> ToolAxes:
+    """Find the tool's axes from straight moves along them, two or all three, with the tool held square.
+
+    The technician squares the tool to the base, then moves it along +x, +y, +z of the tool; the flange must
+    not turn. The direction of each move, seen from the flange, is an axis of the tool. The axes returned are
+    the right-handed frame nearest to the directions taught.
+
+    Parameters
+    ----------
+    square : Pose
+        base_flange with the tool square to the base, at the start of every move [m].
+    along_x, along_y, along_z : Pose
+        base_flange after the move along that axis of the tool [m]; at least two of them.
+    limits : AxesLimits
+        What is refused. The textbook asks for moves of a foot: an axis is off by pose error / move.
+
+    Raises
+    ------
+    DegenerateDataError
+        Fewer than two moves, or a move too short.
+    CalibrationError
+        The tool turned during a move, or the moves are not square or not right-handed.
+
+    References
+    ----------
+    F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, 3.2.
+    """
+    taught = {
+        axis: pose for axis, pose in (("x", along_x), ("y", along_y), ("z", along_z)) if pose is not None
+    }
+    if len(taught) < 2:
+        raise DegenerateDataError(
+            "tool axes need two moves.", remedy="Teach moves along two axes of the tool."
+        )
+    moves = {axis: _move(square, pose, axis, limits) for axis, pose in taught.items()}
+    units = {axis: move / np.linalg.norm(move) for axis, move in moves.items()}
+    squareness = max(abs(math.asin(_clip(float(units[a] @ units[b])))) for a in units for b in units if a < b)
+    if squareness > limits.squareness_rad:
+        raise CalibrationError(
+            f"the moves are {math.degrees(squareness):.2f} degrees away from right angles.",
+            remedy="Teach the moves again along the tool's own axes.",
+        )
+    return ToolAxes(
+        quaternion=_quaternion(_nearest_frame(units)),
+        turn_gain_per_m2=_turn_gain(units, moves),
+        squareness_rad=squareness,
+        turn_rad=max(_turn(square, pose) for pose in taught.values()),
+        shortest_move_m=min(float(np.linalg.norm(move)) for move in moves.values()),
+    )
+
+
+def axes_from_plane(
+    origin: Pose, along: Pose, beside: Pose, *, above: Pose | None = None, limits: AxesLimits = AxesLimits()
+) -> ToolAxes:
+    """Find the tool's axes from a straight move along its +x and one to the +y side of its x-y plane.
+
+    The makers' two-point method: x is kept as taught, the second move only tells where the plane is.
+
+    Parameters
+    ----------
+    origin : Pose
+        base_flange at the start of both moves [m].
+    along, beside : Pose
+        base_flange after the move along +x, and after the move towards +y, at any slant to x [m].
+    above : Pose, optional
+        base_flange after a move towards +z: catches a move in the wrong direction.
+    limits : AxesLimits
+        Shortest move and largest turn of the flange; right angles are not asked for.
+
+    Raises
+    ------
+    DegenerateDataError
+        A move too short, or the two nearly on one line.
+    CalibrationError
+        The tool turned during a move, or the check point is on the side of -z.
+    """
+    x, side = _move(origin, along, "x", limits), _move(origin, beside, "x-y", limits)
+    opening = math.atan2(float(np.linalg.norm(np.cross(x, side))), float(x @ side))
+    if not MIN_OPENING_RAD < opening < math.pi - MIN_OPENING_RAD:
+        raise DegenerateDataError(
+            f"the two moves open only {math.degrees(min(opening, math.pi - opening)):.1f} degrees.",
+            remedy=f"Move to the +y side, {math.degrees(MIN_OPENING_RAD):.0f} degrees or more off the x axis.",
+        )
+    z = np.cross(x, side)
+    if above is not None and not _move(origin, above, "z", limits) @ z > 0:
+        raise CalibrationError(
+            "the move towards +z ended on the side of -z: the taught frame is left-handed.",
+            remedy="One move went along the negative axis; teach it again.",
+        )
+    units = {"x": x / np.linalg.norm(x), "z": z / np.linalg.norm(z)}
+    heights = {"x": x, "z": units["z"] * float(np.linalg.norm(side)) * math.sin(opening)}
+    taught = [along, beside, *(() if above is None else (above,))]
+    return ToolAxes(
+        quaternion=_quaternion(_nearest_frame(units)),
+        turn_gain_per_m2=_turn_gain(units, heights),
+        squareness_rad=0.0,
+        turn_rad=max(_turn(origin, pose) for pose in taught),
+        shortest_move_m=min(float(np.linalg.norm(move)) for move in (x, side)),
+    )
+
+
+def axes_from_attitude(base_flange: Pose, base_tool: Pose) -> ToolAxes:
+    """Return the tool's axes from one pose in which the tool is held in a known attitude to the base.
+
+    How well it was held is for the technician to say: nothing here shows it.
+    """
+    rotation = base_flange.rotation().T @ base_tool.rotation()
+    zero = (0.0, 0.0, 0.0)
+    return ToolAxes(_quaternion(rotation), (zero, zero, zero), 0.0, 0.0, 0.0)
+
+
+def tool_pose(tip_in_flange_m: Triple, axes: ToolAxes | None = None) -> Pose:
+    """Return flange_tool: the tip with the given axes, or with the flange's own."""
+    rotation = np.eye(3) if axes is None else rotation_from_quaternion(np.array(axes.quaternion))
+    return Pose.from_matrix(homogeneous(rotation, np.array(tip_in_flange_m)))
+
+
+def _move(square: Pose, pose: Pose, axis: str, limits: AxesLimits) -> Array:
+    move: Array = square.rotation().T @ (np.array(pose.position_m) - np.array(square.position_m))
+    length = float(np.linalg.norm(move))
+    if length < limits.min_move_m:
+        raise DegenerateDataError(
+            f"the move along {axis} is only {length * 1e3:.1f} mm long.",
+            remedy=f"Move at least {limits.min_move_m * 1e3:.0f} mm; a foot is better.",
+        )
+    turn = _turn(square, pose)
+    if turn > limits.turn_rad:
+        raise CalibrationError(
+            f"the tool turned by {math.degrees(turn):.2f} degrees during the move along {axis}.",
+            remedy="Jog in a straight line without changing the attitude, and teach the move again.",
+        )
+    return move
+
+
+def _turn(a: Pose, b: Pose) -> float:
+    return float(np.linalg.norm(log_rotation(a.rotation().T @ b.rotation())))
+
+
+def _nearest_frame(units: dict[str, Array]) -> Array:
+    columns = {"xyz".index(axis): unit for axis, unit in units.items()}
+    matrix = np.zeros((3, 3))
+    for i, unit in columns.items():
+        matrix[:, i] = unit
+    for i in {0, 1, 2} - columns.keys():
+        normal = np.cross(matrix[:, (i + 1) % 3], matrix[:, (i + 2) % 3])
+        matrix[:, i] = normal / np.linalg.norm(normal)
+    if np.linalg.det(matrix) < 0:
+        raise CalibrationError(
+            "the three moves form a left-handed frame.",
+            remedy="One move went along the negative axis; teach it again.",
+        )
+    return nearest_rotation(matrix)
+
+
+def _turn_gain(units: dict[str, Array], moves: dict[str, Array]) -> tuple[Triple, Triple, Triple]:
+    """Return the covariance of the axes' turn, flange axes, for poses whose coordinates are good to one metre.
+
+    A direction tells a turn about what is square to it; both ends of a move have the pose's error.
+    """
+    information = sum(
+        (
+            (np.eye(3) - np.outer(unit, unit)) * float(moves[axis] @ moves[axis]) / 2.0
+            for axis, unit in units.items()
+        ),
+        np.zeros((3, 3)),
+    )
+    gain = np.linalg.inv(information)
+    return (_triple(gain[0]), _triple(gain[1]), _triple(gain[2]))
+
+
+def _quaternion(rotation: Array) -> tuple[float, float, float, float]:
+    w, x, y, z = (float(v) for v in quaternion_from_rotation(rotation))
+    return (w, x, y, z)
+
+
+def _triple(values: Array) -> Triple:
+    x, y, z = (float(v) for v in values)
+    return (x, y, z)
+
+
+def _clip(value: float) -> float:
+    return max(-1.0, min(1.0, value))

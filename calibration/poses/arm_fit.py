@@ -1,0 +1,204 @@
+"""An arm fitted to one device's readings while they are being taken: what is known so far, and how surely."""
+
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.identification.estimator import Fit, Problem, whitened_residuals
+from calibration.identification.free_parameters import StartingPoint, values_of
+from calibration.identification.observations import (
+    Device,
+    LengthObservations,
+    Observations,
+    PointObservations,
+)
+from calibration.identification.parameters import GRAVITY, OFFSETS, ArmState, Priors, nominal_state
+from calibration.identification.robust import RobustFit
+from calibration.identification.selection import fit_level
+from calibration.poses.measurement_poses import (
+    Instrument,
+    Outlook,
+    TestPoses,
+    outlook_after,
+    outlook_on,
+    predict,
+)
+from calibration.registration import best_fit_transform
+
+Triple = tuple[float, float, float]
+
+_STATED_COUNTS_AS = 10.0  # residuals: how firmly the stated sigma is believed against what the residuals show
+_ARM_ROLES = ("offset", "geometry", "gravity")
+_FEWEST_READINGS = 24  # of one coordinate each: below, a fit tells less than its priors
+
+
+@cache
+def _drawing(name: str) -> RobotModel:
+    return load_model(name)
+
+
+def maker_priors() -> Priors:
+    """Return how far an arm may be from its drawing, and a wire from its certificate."""
+    return Priors(length_m=5e-4, angle_rad=5e-4, wire_scale=1e-4)
+
+
+@dataclass(frozen=True, slots=True)
+class ArmTask:
+    """What is fitted: which arm, seen by what, and what is known beforehand."""
+
+    model: str
+    kind: str  # length | point
+    sigma_m: float  # expected of one coordinate of a reading: device and what no parameter describes
+    target_in_flange_m: Triple  # by a ruler
+    anchor_in_base_m: Triple = (0.0, 0.0, 0.0)  # lengths only, by a tape measure
+    level: int = GRAVITY
+    priors: Priors = field(default_factory=maker_priors)
+
+    @property
+    def channels(self) -> int:
+        """How many coordinates a reading has."""
+        return 1 if self.kind == "length" else 3
+
+    def nominal(self) -> RobotModel:
+        """Return the arm as its maker draws it."""
+        return _drawing(self.model)
+
+    def instrument(self) -> Instrument:
+        """Return what the device would say of one posture."""
+        return Instrument(self.kind, self.sigma_m, anchor_in_base_m=self.anchor_in_base_m)
+
+    def observations(self, joints_rad: Array, values_m: Array) -> Observations:
+        """Return readings (N, 1) or (N, 3) [m] at these joints as rows of a fit."""
+        joints, values = np.asarray(joints_rad, dtype=float), np.asarray(values_m, dtype=float)
+        sigma, mounting = np.full(len(joints), self.sigma_m), np.zeros(len(joints), dtype=np.intp)
+        if self.kind == "length":
+            return LengthObservations(joints, values.reshape(-1), sigma, mounting)
+        return PointObservations(joints, values, sigma, mounting)
+
+    def enough_for_a_fit(self, rows: int) -> bool:
+        """Tell whether so many readings tell more than the priors do."""
+        return rows * self.channels >= _FEWEST_READINGS
+
+
+@dataclass(frozen=True, slots=True)
+class FoundParameter:
+    """One deviation from the nominal arm, k = 1."""
+
+    name: str
+    unit: str
+    value: float
+    sigma: float
+    prior: float
+    role: str
+
+    @property
+    def known(self) -> bool:
+        """Whether the readings say more than the prior did."""
+        return self.sigma < 0.5 * self.prior
+
+
+def fit_arm(task: ArmTask, observations: Observations, *, level: int | None = None) -> RobustFit:
+    """Fit an arm robustly; its covariance belongs to the stated sigma, or to that of the residuals if it is larger.
+
+    Few residuals can look small by luck; who stops measuring as soon as it looks good would stop too early.
+
+    Raises
+    ------
+    CalibrationError
+        Readings of another kind than the task's.
+    DegenerateDataError
+        Too few points to place the device.
+    """
+    if observations.kind != task.kind:
+        raise CalibrationError(f"the task is for {task.kind}s, not {observations.kind}s")
+    wanted = task if level is None else replace(task, level=level)
+    model = task.nominal()
+    robust = fit_level(model, observations, _places(task, model, observations), wanted.level, task.priors)
+    covariance = outlook_from(wanted, robust).covariance()
+    return replace(robust, fit=replace(robust.fit, covariance=covariance))
+
+
+def believed_sigma(task: ArmTask, robust: RobustFit) -> float:
+    """Return the standard deviation [m] of one coordinate of a reading: as stated, or as found if that is larger."""
+    shown = float(np.median(robust.problem.observations.sigma_m)) / task.sigma_m
+    freedom = robust.degrees_of_freedom
+    mixed = (_STATED_COUNTS_AS + freedom * shown**2) / (_STATED_COUNTS_AS + freedom)
+    return task.sigma_m * max(1.0, float(np.sqrt(mixed)))
+
+
+def outlook_of(task: ArmTask, joints_rad: Array) -> Outlook:
+    """Return what is known before any fit, once these joints are measured."""
+    nominal = outlook_on(
+        task.nominal(),
+        task.instrument(),
+        tool_in_flange_m=task.target_in_flange_m,
+        level=task.level,
+        priors=task.priors,
+    )
+    joints = np.asarray(joints_rad, dtype=float).reshape(-1, task.nominal().axes)
+    return nominal.with_measured(joints) if len(joints) else nominal
+
+
+def outlook_from(task: ArmTask, robust: RobustFit) -> Outlook:
+    """Return what is known after a fit; further readings are expected to be as good as those before."""
+    expected = replace(task, sigma_m=believed_sigma(task, robust))
+    joints = robust.problem.observations.joints_rad
+    before = replace(
+        outlook_of(task, joints[:0]), state=robust.fit.state, observe=expected.instrument().observe
+    )
+    return before.with_measured(np.delete(joints, robust.rejected, axis=0))
+
+
+def target_u(outlook: Outlook, tests: TestPoses) -> tuple[float, float]:
+    """Return U (k = 2) of the target's place over the test postures: RMS and largest [m]."""
+    found = predict(outlook, tests)
+    return 2.0 * found.tip_rms_m, 2.0 * found.tip_max_m
+
+
+def errors_at(state: ArmState, observations: Observations) -> Array:
+    """Return measured minus predicted (channels, N) [m]."""
+    problem = Problem.of(state, observations)
+    return np.asarray(whitened_residuals(state, problem) * observations.sigma_m)
+
+
+def predicted_sigma(fit: Fit, task: ArmTask, joints_rad: Array) -> Array:
+    """Return the standard uncertainty (N,) [m] with which a fit predicts readings, RMS of their coordinates."""
+    outlook = outlook_after(fit, task.instrument().observe)
+    rows = outlook.rows(np.asarray(joints_rad, dtype=float)) * task.sigma_m
+    scaled = fit.covariance / np.outer(outlook.scales, outlook.scales)
+    variance = np.einsum("pcn,pq,qcn->n", rows, scaled, rows, optimize=True) / task.channels
+    sigma: Array = np.sqrt(np.maximum(variance, 0.0))
+    return sigma
+
+
+def found_parameters(fit: Fit) -> tuple[FoundParameter, ...]:
+    """Return the arm's parameters with their standard uncertainties; places of devices and tools are left out."""
+    values, sigma = values_of(fit.layout, fit.state), np.sqrt(np.diag(fit.covariance))
+    return tuple(
+        FoundParameter(p.name, p.unit, float(values[i]), float(sigma[i]), p.prior, p.role)
+        for i, p in enumerate(fit.layout.parameters)
+        if p.role in _ARM_ROLES
+    )
+
+
+def placed(task: ArmTask, observations: Observations, values: dict[str, float]) -> ArmState:
+    """Return a known arm with device, target, and zero and scale of a wire fitted to readings."""
+    model = task.nominal()
+    start = StartingPoint(values, free=("base", "tool", "wire"))
+    places = _places(task, model, observations)
+    return fit_level(model, observations, places, OFFSETS, task.priors, start).fit.state
+
+
+def _places(task: ArmTask, model: RobotModel, observations: Observations) -> ArmState:
+    """Return the nominal arm with device and target where they roughly are."""
+    tool = np.eye(4)
+    tool[:3, 3] = task.target_in_flange_m
+    if not isinstance(observations, PointObservations):
+        return nominal_state(model, (Device(np.eye(4), np.array(task.anchor_in_base_m)),), tool)
+    in_base = model.tip_positions(observations.joints_rad, np.array(task.target_in_flange_m))
+    seen = best_fit_transform(in_base.tolist(), observations.positions_m.tolist()).target_source
+    return nominal_state(model, (Device(seen.matrix(), np.zeros(3)),), tool)

@@ -1,0 +1,195 @@
+"""How many poses an acceptance needs, known before measuring; or why it cannot be reached, and what would help."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.identification.identifiability import correlations
+from calibration.poses.measurement_poses import (
+    Criterion,
+    Outlook,
+    PosePlan,
+    Prediction,
+    TestPoses,
+    choose_poses,
+    predict,
+)
+
+_ENDLESS = 1e6  # repetitions of every candidate
+
+
+@dataclass(frozen=True, slots=True)
+class Acceptance:
+    """What must be known how well: standard deviations in SI; ``None`` does not matter.
+
+    The margin divides the limits: predictions hold for the sigma that the instrument was said to have, and for
+    an arm that the model can describe.
+    """
+
+    tip_rms_m: float | None = None
+    tip_max_m: float | None = None
+    offset_rad: float | None = None  # every joint offset, those that cannot be known included
+    offsets_of: tuple[str, ...] = ()  # only these offsets, by name; all of them if empty
+    margin: float = 1.2
+
+    def __post_init__(self) -> None:
+        limits = [v for v in (self.tip_rms_m, self.tip_max_m, self.offset_rad) if v is not None]
+        if not limits or not all(np.isfinite(v) and v > 0 for v in limits) or not self.margin >= 1:
+            raise CalibrationError(
+                "an acceptance has at least one finite limit above zero, and a margin >= 1"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """One limit that is not kept: what was predicted, and what is allowed with the margin."""
+
+    what: str
+    unit: str
+    predicted: float
+    allowed: float
+
+
+@dataclass(frozen=True, eq=False)
+class Sufficiency:
+    """The smallest plan that meets an acceptance; or ``plan`` None and the reason."""
+
+    plan: PosePlan | None
+    prediction: Prediction  # of the plan, or of the most that was tried
+    reason: str
+    after: Outlook  # once they are measured
+
+    @property
+    def reachable(self) -> bool:
+        """Whether some choice of poses is enough."""
+        return self.plan is not None
+
+
+def gaps(prediction: Prediction, acceptance: Acceptance) -> tuple[Gap, ...]:
+    """Return every limit that a prediction does not keep, worst first."""
+    found = []
+    for what, value, limit in (
+        ("tool point rms", prediction.tip_rms_m, acceptance.tip_rms_m),
+        ("tool point at the worst test pose", prediction.tip_max_m, acceptance.tip_max_m),
+    ):
+        if limit is not None and value > limit / acceptance.margin:
+            found.append(Gap(what, "m", value, limit / acceptance.margin))
+    if acceptance.offset_rad is not None:
+        allowed = acceptance.offset_rad / acceptance.margin
+        found += [
+            Gap(name, "rad", sigma, allowed)
+            for name, sigma in _offsets(prediction, acceptance)
+            if sigma > allowed
+        ]
+    return tuple(sorted(found, key=lambda gap: -gap.predicted / gap.allowed))
+
+
+def enough_poses(
+    outlook: Outlook,
+    candidates_rad: Array,
+    acceptance: Acceptance,
+    tests: TestPoses,
+    *,
+    most: int = 100,
+    criterion: Criterion | None = None,
+) -> Sufficiency:
+    """Find the smallest number of poses whose best choice is predicted to meet an acceptance.
+
+    Parameters
+    ----------
+    outlook : Outlook
+        From nominal, or from a fit onward: then the poses are those still to be measured, perhaps none.
+    candidates_rad : (C, n)
+        Postures that can be measured [rad].
+    acceptance : Acceptance
+        Limits with their margin.
+    tests : TestPoses
+        Where the tool point counts.
+    most : int
+        Nobody will measure more than these.
+    criterion : Criterion, optional
+        Default: offsets if only they are limited, else the test poses.
+
+    Notes
+    -----
+    The number is found by bisection: a good choice of more poses is not worse.
+    """
+    candidates = np.asarray(candidates_rad, dtype=float)
+    now = predict(outlook, tests)
+    if not gaps(now, acceptance):
+        plan = PosePlan((), candidates[:0], Criterion.TEST_POSES, now, outlook)
+        return Sufficiency(plan, now, "what is known already is enough", outlook)
+    only_offsets = acceptance.tip_rms_m is None and acceptance.tip_max_m is None
+    chosen_by = criterion or (Criterion.OFFSETS if only_offsets else Criterion.TEST_POSES)
+    most = min(most, len(candidates))
+
+    def plan_of(k: int, starts: int = 1) -> PosePlan:
+        return choose_poses(outlook, candidates, k, tests, criterion=chosen_by, starts=starts)
+
+    last = plan_of(most)
+    missing = gaps(last.prediction, acceptance)
+    if missing:
+        words = why_not(missing[0], outlook, candidates, acceptance, tests)
+        return Sufficiency(None, last.prediction, f"not reachable with {most} poses: {words}", last.after)
+    short, enough = 0, most
+    while enough - short > 1:
+        k = (short + enough) // 2
+        plan = plan_of(k)
+        if gaps(plan.prediction, acceptance):
+            short = k
+        else:
+            enough, last = k, plan
+    last = plan_of(enough, starts=3)
+    words = f"{enough} poses are predicted to be enough, with a margin of {acceptance.margin:g}"
+    return Sufficiency(last, last.prediction, words, last.after)
+
+
+def why_not(gap: Gap, outlook: Outlook, candidates: Array, acceptance: Acceptance, tests: TestPoses) -> str:
+    """Say what stands in the way: too few poses, an instrument too coarse, or something that no pose shows."""
+    scale, unit = (1e3, "mm") if gap.unit == "m" else (float(np.rad2deg(1.0)), "deg")
+    words = f"{gap.what} {gap.predicted * scale:.3g} {unit}, allowed {gap.allowed * scale:.3g} {unit}"
+    every = outlook.with_measured(candidates)
+    left = {item.what: item for item in gaps(predict(every, tests), acceptance)}
+    if gap.what not in left:
+        return f"{words}; all candidates together would reach it: measure more poses, or each more than once"
+    endless = outlook.with_measured(candidates, times=_ENDLESS)
+    if gap.what in {item.what for item in gaps(predict(endless, tests), acceptance)}:
+        return f"{words}, because {_hidden(gap.what, endless)}"
+    ratio = left[gap.what].predicted / left[gap.what].allowed
+    return (
+        f"{words}, because the instrument is too coarse or the candidates reach too little: "
+        f"even all {len(candidates)} candidates leave {ratio:.2g} times what is allowed"
+    )
+
+
+def _hidden(what: str, endless: Outlook) -> str:
+    """Say what a quantity hides behind that no number of measurements would bring out."""
+    fit = endless.as_fit()
+    known = next((item for item in endless.not_identified() if item.parameter == what), None)
+    if known is not None:
+        behind = f"hides behind {known.partner}" if known.partner else "does not show"
+        return f"{what} {behind}: {known.cure}"
+    names = [parameter.name for parameter in fit.layout.parameters]
+    if what not in names:
+        return f"parameters that these measurements cannot see move the {what}: use a better instrument"
+    others = np.abs(correlations(fit)[names.index(what)])
+    others[names.index(what)] = 0.0
+    return (
+        f"only what is expected beforehand tells {what} from {names[int(np.argmax(others))]}: "
+        "take the geometry as known, or judge the tool point instead"
+    )
+
+
+def _offsets(prediction: Prediction, acceptance: Acceptance) -> list[tuple[str, float]]:
+    every = zip(prediction.parameters, prediction.sigma, strict=True)
+    offsets = [(name, sigma) for name, sigma in every if name.endswith(" offset")]
+    if not acceptance.offsets_of:
+        return offsets
+    unknown = set(acceptance.offsets_of) - {name for name, _ in offsets}
+    if unknown:
+        raise CalibrationError(
+            f"there is no {sorted(unknown)[0]}.", remedy=f"Offsets are {', '.join(n for n, _ in offsets)}."
+        )
+    return [(name, sigma) for name, sigma in offsets if name in acceptance.offsets_of]

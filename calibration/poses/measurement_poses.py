@@ -1,0 +1,362 @@
+"""Which poses to measure for an identification, and how good it will be, before anything is measured.
+
+An outlook holds what would be measured, what is unknown and what is known already: priors only, or a fit.
+From it follow the rows of any candidate pose, hence the covariance of parameters and tool point after any
+choice of poses. Kinds of observation other than the usual three come in as a function of the joints.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.joint_terms import gravity_terms, term_values
+from calibration.arm.kinematics import RobotModel, chain_frames, placement_columns
+from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.geometry import Array
+from calibration.identification.base_parameters import base_subset
+from calibration.identification.estimator import Fit, Problem, place_columns
+from calibration.identification.identifiability import NotIdentified, not_identified
+from calibration.identification.observations import (
+    Device,
+    LengthObservations,
+    Observations,
+    PointObservations,
+)
+from calibration.identification.observations import pose_from_points as with_attitudes
+from calibration.identification.parameters import (
+    GEOMETRY,
+    GRAVITY,
+    ArmState,
+    Layout,
+    Priors,
+    make_layout,
+    nominal_state,
+)
+from calibration.mastering.pose_design import candidate_joints
+from calibration.motion.motion_check import MotionLimits
+from calibration.poses.optimal_design import Choice, DesignTask, choose_blocks, efficiency
+
+_LARGEST_LENGTH_M = 1e-2  # design scale of a place that is not known beforehand
+_LARGEST_ANGLE_RAD = float(np.deg2rad(0.5))
+_SEEN = 0.5  # of the prior deviation: below, the data speak
+_LEAST_SHARE = 1e-12
+_STRUCTURE_POSTURES = 200
+
+Observe = Callable[[Array], Observations]
+PostureFilter = Callable[[Array], NDArray[np.bool_]]
+Place = tuple[float, float, float]
+
+
+class Criterion(StrEnum):
+    """What the chosen poses shall make small."""
+
+    DETERMINANT = "determinant"  # volume of the uncertainty of all parameters (D)
+    OFFSETS = "offsets"  # mean variance of the joint offsets that can be known (A)
+    TEST_POSES = "test-poses"  # predicted error of the tool point where the user works
+
+
+@dataclass(frozen=True, slots=True)
+class Instrument:
+    """What a measuring device would say of one pose; values are one standard deviation."""
+
+    kind: str  # point | pose | length
+    sigma_m: float
+    sigma_rad: float = 0.0  # of attitudes; poses only
+    anchor_in_base_m: Place = (0.0, 0.0, 0.0)  # lengths only
+
+    def __post_init__(self) -> None:
+        numbers = [self.sigma_m, self.sigma_rad, *self.anchor_in_base_m]
+        valid = bool(np.isfinite(numbers).all()) and self.sigma_m > 0
+        if self.kind not in ("point", "pose", "length") or not valid:
+            raise CalibrationError("an instrument measures point, pose or length, with a sigma above zero")
+        if self.kind == "pose" and not self.sigma_rad > 0:
+            raise CalibrationError("an instrument that measures poses has a sigma of attitudes, too")
+
+    def observe(self, joints_rad: Array) -> Observations:
+        """Return observations at these joints whose sigmas hold and whose values do not matter."""
+        count = len(joints_rad)
+        mounting, sigma = np.zeros(count, dtype=np.intp), np.full(count, self.sigma_m)
+        if self.kind == "length":
+            return LengthObservations(joints_rad, np.zeros(count), sigma, mounting)
+        points = PointObservations(joints_rad, np.zeros((count, 3)), sigma, mounting)
+        if self.kind == "point":
+            return points
+        turns = np.broadcast_to(np.eye(3), (count, 3, 3))
+        return with_attitudes(points, turns, np.full(count, self.sigma_rad))
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """What would be measured, what is unknown, and the information at hand in units of the design scales."""
+
+    layout: Layout
+    state: ArmState
+    observe: Observe
+    scales: Array  # (p,)
+    information: Array  # (p, p)
+
+    def rows(self, joints_rad: Array) -> Array:
+        """Return the whitened rows (p, channels, N) of measurements at these joints, scaled."""
+        problem = Problem.of(self.state, self.observe(joints_rad))
+        return place_columns(self.layout, self.state, problem)[0] * self.scales[:, None, None]
+
+    def with_measured(self, joints_rad: Array, *, times: float = 1.0) -> "Outlook":
+        """Return the outlook once these joints are measured, too, so many times each."""
+        rows = self.rows(joints_rad).reshape(len(self.scales), -1)
+        return replace(self, information=self.information + times * (rows @ rows.T))
+
+    def covariance(self) -> Array:
+        """Return the covariance (p, p) of the parameters, in their own units."""
+        covariance: Array = np.linalg.inv(self.information) * np.outer(self.scales, self.scales)
+        return covariance
+
+    def not_identified(self) -> tuple[NotIdentified, ...]:
+        """Return what stays unknown, with its partner and the cure."""
+        return not_identified(self.as_fit())
+
+    def as_fit(self) -> Fit:
+        """Return a fit with this covariance, for everything that judges fits."""
+        return Fit(self.state, self.layout, self.covariance(), np.zeros(len(self.layout)), 0.0, 0)
+
+
+def outlook_on(
+    model: RobotModel,
+    instrument: Instrument,
+    *,
+    tool_in_flange_m: Place = (0.0, 0.0, 0.0),
+    level: int = GEOMETRY,
+    priors: Priors | None = None,
+    drop_redundant: bool = False,
+) -> Outlook:
+    """Return the outlook on a robot of which nothing is known but its nominal model and the priors.
+
+    From the level of gravity on, the terms of sag are unknown, too; gear ripple is not planned for. Parameters
+    that others can imitate are carried by their priors, and widen those others; or they are dropped, and the
+    offsets are what they stand for together.
+    """
+    terms = gravity_terms(model) if level >= GRAVITY else ()
+    tool = np.eye(4)
+    tool[:3, 3] = tool_in_flange_m
+    device = Device(np.eye(4), np.array(instrument.anchor_in_base_m))
+    state = replace(nominal_state(model, (device,), tool), terms=terms, coefficients=np.zeros(len(terms)))
+    layout = make_layout(model, instrument.kind, 1, level=level, terms=terms, priors=priors)
+    if drop_redundant:
+        postures = candidate_joints(model, MotionLimits(), _STRUCTURE_POSTURES)
+        layout = base_subset(layout, state, instrument.observe(postures))
+    scales = _design_scales(layout)
+    return Outlook(layout, state, instrument.observe, scales, np.diag((scales / layout.prior) ** 2))
+
+
+def outlook_after(fit: Fit, observe: Observe) -> Outlook:
+    """Return the outlook after a fit: what more measurements would add to what it knows."""
+    scales = _design_scales(fit.layout)
+    information = np.linalg.inv(fit.covariance / np.outer(scales, scales))
+    return Outlook(fit.layout, fit.state, observe, scales, (information + information.T) / 2)
+
+
+def measurable_postures(
+    model: RobotModel,
+    limits: MotionLimits,
+    count: int,
+    *,
+    tip_in_flange_m: Place = (0.0, 0.0, 0.0),
+    filters: Sequence[PostureFilter] = (),
+    seed: int = 1,
+) -> Array:
+    """Return up to ``count`` postures (C, n) that keep all limits and pass every filter.
+
+    Raises
+    ------
+    DegenerateDataError
+        Not one posture is left; says which condition left none.
+    """
+    drawn = candidate_joints(model, limits, 2 * count, seed=seed, hook_in_flange_m=tip_in_flange_m)
+    if not len(drawn):
+        raise DegenerateDataError(
+            f"{model.name}: no posture keeps the limits.",
+            remedy="Check joint limits, workspace box and the wire's range against the place of its anchor.",
+        )
+    for allowed in filters:
+        drawn = drawn[allowed(drawn)]
+        if not len(drawn):
+            raise DegenerateDataError(
+                f"{model.name}: no posture is left after a check for collisions or sight.",
+                remedy="Check the places and sizes of obstacles.",
+            )
+    return drawn[:count]
+
+
+@dataclass(frozen=True, eq=False)
+class TestPoses:
+    """Where the accuracy of the tool point counts."""
+
+    __test__ = False  # not a test case
+
+    joints_rad: Array  # (T, n)
+    tip_in_flange_m: Place | None = None  # None: the measured target itself
+
+    def rows(self, outlook: Outlook) -> Array:
+        """Return how the tool point follows each parameter (p, 3, T), scaled.
+
+        With a tracker, in the tracker's frame. Lengths have no frame: what a user frame set at the test poses
+        would take away is taken away, any rigid motion of all of them together.
+        """
+        state, joints = outlook.state, np.asarray(self.joints_rad, dtype=float)
+        mounting = len(state.devices) - 1
+        values = term_values(state.nominal, joints, state.terms)
+        rotations, origins = chain_frames(state.seen_from(mounting), state.moved_joints(joints, values))
+        tip = origins[-1]
+        if self.tip_in_flange_m is not None:
+            offset = np.asarray(self.tip_in_flange_m) - state.flange_tool[:3, 3]
+            across = state.flange_tool[:3, :3].T @ offset
+            tip = tip + np.einsum("jin,i->jn", rotations[-1], across)
+        columns = placement_columns(rotations, origins, tip).reshape(-1, 3, len(joints))
+        moved = [columns[6 * term.joint + 5] * value for term, value in zip(state.terms, values, strict=True)]
+        every = np.concatenate([columns, np.reshape(moved, (-1, 3, len(joints)))])
+        tangent = outlook.layout.tangent(state, mounting)[:, : len(every)]
+        rows = np.einsum("pr,rcn->pcn", tangent, every, optimize=True) * outlook.scales[:, None, None]
+        for row, parameter in enumerate(outlook.layout.parameters):
+            if self.tip_in_flange_m is not None and parameter.role == "tool":
+                rows[row] = 0.0
+        return _without_rigid_motion(rows, tip) if outlook.layout.kind == "length" else rows
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """How well everything will be known; standard deviations in SI."""
+
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    sigma: tuple[float, ...]
+    offsets_rad: tuple[tuple[str, float], ...]  # those that can be known
+    tip_rms_m: float  # over the test poses, of the distance (three coordinates together)
+    tip_max_m: float  # at the worst test pose
+
+
+@dataclass(frozen=True, eq=False)
+class PosePlan:
+    """Chosen poses, most telling first, and what will be known once they are measured."""
+
+    indices: tuple[int, ...]
+    joints_rad: Array  # (k, n)
+    criterion: Criterion
+    prediction: Prediction
+    after: Outlook  # once they are measured
+
+
+def predict(outlook: Outlook, tests: TestPoses) -> Prediction:
+    """Predict parameter and tool point uncertainty from the information of an outlook."""
+    covariance = np.linalg.inv(outlook.information)
+    rows = tests.rows(outlook)
+    variance = np.einsum("pcn,pq,qcn->n", rows, covariance, rows, optimize=True)
+    sigma = np.sqrt(np.diag(covariance)) * outlook.scales
+    parameters = outlook.layout.parameters
+    offsets = tuple(
+        (parameter.name, float(deviation))
+        for parameter, deviation in zip(parameters, sigma, strict=True)
+        if parameter.role == "offset" and deviation < _SEEN * parameter.prior
+    )
+    return Prediction(
+        tuple(parameter.name for parameter in parameters),
+        tuple(parameter.unit for parameter in parameters),
+        tuple(float(deviation) for deviation in sigma),
+        offsets,
+        float(np.sqrt(variance.mean())),
+        float(np.sqrt(variance.max())),
+    )
+
+
+def choose_poses(
+    outlook: Outlook,
+    candidates_rad: Array,
+    k: int,
+    tests: TestPoses,
+    *,
+    criterion: Criterion = Criterion.TEST_POSES,
+    starts: int = 3,
+) -> PosePlan:
+    """Choose the k candidates to measure next.
+
+    Parameters
+    ----------
+    outlook : Outlook
+        From nominal, or from a fit onward.
+    candidates_rad : (C, n)
+        Postures that can be measured [rad].
+    k : int
+        How many.
+    tests : TestPoses
+        Where the predicted error counts.
+    criterion : Criterion
+        ``OFFSETS`` for mastering, ``TEST_POSES`` for accuracy at known work, ``DETERMINANT`` for all round.
+    starts : int
+        Of the search; more find slightly better plans [1].
+    """
+    candidates = np.asarray(candidates_rad, dtype=float)
+    task = design_task(outlook, candidates, criterion, tests)
+    choice = choose_blocks(task, k, starts=starts)
+    indices = list(choice.indices)
+    after = replace(outlook, information=task.information_of(np.array(indices, dtype=np.intp)))
+    return PosePlan(choice.indices, candidates[indices], criterion, predict(after, tests), after)
+
+
+def plan_efficiency(outlook: Outlook, candidates_rad: Array, plan: PosePlan, tests: TestPoses) -> float:
+    """Return how near a plan from these candidates comes to what no choice can exceed, at most 1.
+
+    The bound is that of a relaxation to fractions of poses; with few poses nothing real comes near it.
+    """
+    task = design_task(outlook, np.asarray(candidates_rad, dtype=float), plan.criterion, tests)
+    value = task.value(task.information_of(np.array(plan.indices, dtype=np.intp)))
+    return efficiency(task, Choice(plan.indices, value), rank=_learnable(task))
+
+
+def design_task(
+    outlook: Outlook, candidates_rad: Array, criterion: Criterion, tests: TestPoses
+) -> DesignTask:
+    """Return the rows of all candidates and what to make small, for `optimal_design`."""
+    task = DesignTask(np.ascontiguousarray(outlook.rows(candidates_rad)), outlook.information)
+    if criterion is Criterion.DETERMINANT:
+        return task
+    if criterion is Criterion.TEST_POSES:
+        rows = tests.rows(outlook)
+        square = np.einsum("pcn,qcn->pq", rows, rows, optimize=True) / rows.shape[2]
+        return replace(task, interest=_root(square))
+    every = np.linalg.inv(task.information_of(np.arange(task.count)))
+    seen = np.sqrt(np.diag(every)) * outlook.scales < _SEEN * outlook.layout.prior
+    wanted = [i for i, item in enumerate(outlook.layout.parameters) if item.role == "offset" and seen[i]]
+    if not wanted:
+        raise DegenerateDataError("no candidate tells anything about a joint offset")
+    return replace(task, interest=np.eye(len(outlook.layout))[:, wanted])
+
+
+def _design_scales(layout: Layout) -> Array:
+    largest = {"m": _LARGEST_LENGTH_M, "rad": _LARGEST_ANGLE_RAD}
+    return np.array([min(item.prior, largest.get(item.unit, item.prior)) for item in layout.parameters])
+
+
+def _without_rigid_motion(rows: Array, tip: Array) -> Array:
+    """Take away from (p, 3, T) what one rigid motion of all tips (3, T) explains."""
+    count = tip.shape[1]
+    shifts = np.repeat(np.eye(3)[:, :, None], count, axis=2)
+    turns = np.stack([np.cross(axis, (tip - tip.mean(axis=1, keepdims=True)).T).T for axis in np.eye(3)])
+    left, sizes, _ = np.linalg.svd(np.concatenate([shifts, turns]).reshape(6, -1).T, full_matrices=False)
+    motions = left[:, sizes > 1e-9 * sizes[0]]
+    flat = rows.reshape(len(rows), -1)
+    return np.asarray((flat - (flat @ motions) @ motions.T).reshape(rows.shape), dtype=np.float64)
+
+
+def _root(square: Array) -> Array:
+    """Return (p, r) with ``root @ root.T == square``."""
+    values, vectors = np.linalg.eigh(square)
+    kept = values > _LEAST_SHARE * values[-1]
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]), dtype=np.float64)
+
+
+def _learnable(task: DesignTask) -> int:
+    """Return in how many directions all candidates together say more than what is known."""
+    half = np.linalg.inv(np.linalg.cholesky(task.information))
+    gained = half @ (task.information_of(np.arange(task.count)) - task.information) @ half.T
+    return max(int((np.linalg.eigvalsh(gained) > 1.0).sum()), 1)
