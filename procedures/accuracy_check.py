@@ -21,7 +21,7 @@ from calibration.line_accuracy import LinePose, LineTest, evaluate_lengths
 from calibration.poses.arm_fit import placed
 from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import Instruction
-from procedures.arm_bench import (
+from procedures.arm.arm_bench import (
     READY,
     ArmCapture,
     Bench,
@@ -34,14 +34,14 @@ from procedures.arm_bench import (
     same_robot,
     values_of,
 )
-from procedures.arm_series import Visits
+from procedures.arm.arm_series import Visits
+from procedures.arm.cube_plan import CubePlan, plan_cube
 from procedures.canonical import sha256_of
 from procedures.cell import Cell
-from procedures.cube_plan import CubePlan, plan_cube
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose
 from procedures.limits import POSE, AccuracyClass, PoseLimits, chosen, told
-from procedures.plans import Room
+from procedures.motion.plans import Room
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
 from procedures.verdict import Change, Verdict, judged, stated

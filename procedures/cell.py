@@ -22,11 +22,11 @@ from drivers.interfaces import (
     Tracker,
     UserFrameStore,
 )
-from procedures.surroundings import NOTHING_KNOWN, Surroundings
+from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
 
 
 class MotionLevel(StrEnum):
-    """Who moves a robot. Procedures do not know it; `procedures.motion_gate` does."""
+    """Who moves a robot. Procedures do not know it; `procedures.motion.motion_gate` does."""
 
     OBSERVE = "observe"  # a person with the pendant, to the joints that are shown
     PROGRAM = "program"  # a person lets the pendant run a small program that was written for it

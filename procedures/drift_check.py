@@ -26,7 +26,7 @@ from calibration.drift.causes import (
 )
 from calibration.drift.reference import DriftReference
 from drivers.interfaces import Instruction, Joints
-from procedures.arm_bench import (
+from procedures.arm.arm_bench import (
     READY,
     ArmCapture,
     Bench,
@@ -39,10 +39,10 @@ from procedures.arm_bench import (
     station_of,
     values_of,
 )
-from procedures.arm_series import Visits
+from procedures.arm.arm_series import Visits
+from procedures.arm.drift_plan import REPEAT_M, DriftPlan, DriftRules, plan_check, plan_reference
 from procedures.canonical import sha256_of
 from procedures.cell import Cell
-from procedures.drift_plan import REPEAT_M, DriftPlan, DriftRules, plan_check, plan_reference
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose
 from procedures.run import RefusalError, Run

@@ -33,12 +33,28 @@ from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.mastering import same_epoch
 from procedures.steps.write import read_tool_frame, write_and_read_back
-from procedures.survey import Captures, Goal, Spot, Survey, SurveyPlan, SurveyRules, SurveyState, fit_survey
-from procedures.survey_choice import fixed_plan_captures, order_pools
-from procedures.survey_forecast import lacking, state_before, survey_forecast
-from procedures.survey_motion import Wire, capped_speed, draw_pool, resting_poses, unchecked, way_to_rest
+from procedures.survey.survey import (
+    Captures,
+    Goal,
+    Spot,
+    Survey,
+    SurveyPlan,
+    SurveyRules,
+    SurveyState,
+    fit_survey,
+)
+from procedures.survey.survey_choice import fixed_plan_captures, order_pools
+from procedures.survey.survey_forecast import lacking, state_before, survey_forecast
+from procedures.survey.survey_motion import (
+    Wire,
+    capped_speed,
+    draw_pool,
+    resting_poses,
+    unchecked,
+    way_to_rest,
+)
+from procedures.survey.wire_survey import measure_spots, read_survey_state
 from procedures.verdict import Verdict, held, known_within, stated
-from procedures.wire_survey import measure_spots, read_survey_state
 
 WIRE_STANDS = Instruction(
     "wire_stands",

@@ -29,7 +29,9 @@ from procedures.forecast import Forecast, Knowledge
 from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
 from procedures.limits import FrameLimits
 from procedures.run import RefusalError, Run
-from procedures.shared_fixture import (
+from procedures.steps.ask import accept, ask
+from procedures.steps.mastering import same_epoch
+from procedures.survey.shared_fixture import (
     NOTHING_KNOWN,
     BaseOutlook,
     KnownWire,
@@ -37,9 +39,7 @@ from procedures.shared_fixture import (
     read_known_wire,
     told_by_wire,
 )
-from procedures.steps.ask import accept, ask
-from procedures.steps.mastering import same_epoch
-from procedures.survey import (
+from procedures.survey.survey import (
     Captures,
     Goal,
     Spot,
@@ -50,9 +50,9 @@ from procedures.survey import (
     fit_survey,
     uncertainties,
 )
-from procedures.survey_choice import fixed_plan_captures, order_pools
-from procedures.survey_forecast import lacking, state_before, survey_forecast
-from procedures.survey_motion import (
+from procedures.survey.survey_choice import fixed_plan_captures, order_pools
+from procedures.survey.survey_forecast import lacking, state_before, survey_forecast
+from procedures.survey.survey_motion import (
     Wire,
     capped_speed,
     draw_pool,
@@ -61,8 +61,8 @@ from procedures.survey_motion import (
     unchecked,
     way_to_rest,
 )
+from procedures.survey.wire_survey import measure_spots, read_survey_state
 from procedures.verdict import Characteristic, Verdict, held, known_within, stated
-from procedures.wire_survey import measure_spots, read_survey_state
 
 ALIGNMENT_LIMITS = FrameLimits(0.00015, math.radians(0.02))
 _SHARED_WIRE = (

@@ -14,12 +14,12 @@ from calibration.uncertainty import chi_square_limit
 from calibration.wires.reference import WireReference, fit_wire_reference
 from drivers.interfaces import Instruction, Readiness
 from procedures.canonical import sha256_of
-from procedures.detours import known_way
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
-from procedures.mastering_forecasts import forecast_record
-from procedures.plans import MotionPlan, Room, plan_kit, wire_prior
-from procedures.recovery_kit import KitProspect, KitSpec, kit_phases, predict_kit, recorded_kit
+from procedures.motion.detours import known_way
+from procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
+from procedures.recovery.mastering_forecasts import forecast_record
+from procedures.recovery.recovery_kit import KitProspect, KitSpec, kit_phases, predict_kit, recorded_kit
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.capture import StillCapture, capture

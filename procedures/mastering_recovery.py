@@ -15,17 +15,17 @@ from drivers.interfaces import Instruction, MasteringData
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
-from procedures.mastering_forecasts import forecast_recovery
 from procedures.mastering_record import HOOK_WIRE
-from procedures.place_recovery import recover_by_places
-from procedures.plans import MotionPlan, plan_finals
-from procedures.recovery_campaign import (
+from procedures.motion.plans import MotionPlan, plan_finals
+from procedures.recovery.mastering_forecasts import forecast_recovery
+from procedures.recovery.place_recovery import recover_by_places
+from procedures.recovery.recovery_campaign import (
     Campaign,
     check_the_memory,
     confirm_elsewhere,
     measure_until_decided,
 )
-from procedures.recovery_result import (
+from procedures.recovery.recovery_result import (
     RecoveryResult,
     confirmed,
     controller_was_right,
@@ -33,8 +33,9 @@ from procedures.recovery_result import (
     restored,
     told_correction,
 )
-from procedures.recovery_spec import MasteringRecoverySpec
-from procedures.recovery_verdict import verdict_on_recovery
+from procedures.recovery.recovery_spec import MasteringRecoverySpec
+from procedures.recovery.recovery_verdict import verdict_on_recovery
+from procedures.recovery.waking import wake_encoders
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.capture import capture
@@ -42,7 +43,6 @@ from procedures.steps.mastering import MotorState, read_motors, same_epoch, stor
 from procedures.steps.motion import CountsToJoints, go_to
 from procedures.steps.write import restore_mastering, write_mastering
 from procedures.verdict import Verdict
-from procedures.waking import wake_encoders
 
 __all__ = ["ENTRY", "MasteringRecoverySpec", "mastering_recovery"]
 

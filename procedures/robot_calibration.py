@@ -15,10 +15,10 @@ from pydantic_core import to_jsonable_python
 from calibration.errors import CalibrationError
 from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import Instruction, MasteringData
-from procedures.arm_bench import READY, ArmCapture, Bench, Method, bench_before, read_bench, same_robot
-from procedures.arm_motion import Reach, ordered_ways
-from procedures.arm_series import Visits
-from procedures.calibration_plan import (
+from procedures.arm.arm_bench import READY, ArmCapture, Bench, Method, bench_before, read_bench, same_robot
+from procedures.arm.arm_motion import Reach, ordered_ways
+from procedures.arm.arm_series import Visits
+from procedures.arm.calibration_plan import (
     CalibrationPlan,
     Choice,
     Goal,
@@ -29,7 +29,7 @@ from procedures.calibration_plan import (
     choose_poses,
     plan_series,
 )
-from procedures.calibration_result import Identified, after_mastering, errors_after, identify_arm
+from procedures.arm.calibration_result import Identified, after_mastering, errors_after, identify_arm
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction

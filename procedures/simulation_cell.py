@@ -27,8 +27,8 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
 from procedures.limits import CHECK, FRAME, TOOL, AccuracyClass, CheckLimits, FrameLimits, chosen, told
 from procedures.run import Run
-from procedures.simulation_verdict import placed_verdict, robot_verdict
 from procedures.steps.ask import accept
+from procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
 from procedures.verdict import Verdict
 
 Part = Literal["robot", "base", "workpiece"]

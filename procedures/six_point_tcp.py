@@ -23,9 +23,9 @@ from procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen
 from procedures.run import NeedsUnmetError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.write import write_and_read_back
-from procedures.tcp_methods import Held, Method, Orientation, Way, take_axes
-from procedures.tcp_touches import Touches, TouchRules, take_touches
-from procedures.tcp_verdict import Judging, axes_u, verdict_on_tool
+from procedures.teaching.tcp_methods import Held, Method, Orientation, Way, take_axes
+from procedures.teaching.tcp_touches import Touches, TouchRules, take_touches
+from procedures.teaching.tcp_verdict import Judging, axes_u, verdict_on_tool
 from procedures.verdict import SetAside, Verdict
 
 FOOT_M = 0.3048

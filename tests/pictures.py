@@ -13,8 +13,8 @@ from rich.console import Console
 
 from service.cli.story import Teller
 from service.demo.story import Plot, tell_story
-from service.identify import identify_file
-from service.identify_plots import draw_identification
+from service.identification.identify import identify_file
+from service.identification.identify_plots import draw_identification
 
 PICTURES = Path(__file__).parents[1] / "deploy" / "pictures"
 MEASURED = Path(__file__).parent / "data" / "ipa_ur10" / "series_b_joint_configurations.csv"

@@ -22,9 +22,9 @@ from calibration.arm.kinematics import RobotModel, load_model
 from calibration.geometry import Array
 from drivers.operator.scripted import ScriptedOperator
 from service.cli.runs import tell
-from service.config import read_cell_file
+from service.configuration.cell_file import read_cell_file
 from service.demo.door import Door
-from service.execute import Where, start
+from service.runs.execute import Where, start
 
 TIP_M = (0.03, -0.02, 0.15)
 START_RAD = (0.1, 0.0, -0.6, -1.0, -0.8, 0.8)  # the whole lesson is in reach from here

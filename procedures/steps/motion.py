@@ -1,7 +1,7 @@
 """Steps that move the robot to planned joints. Every joint comes to rest turning in the positive sense.
 
 One side for all captures keeps the gears on one tooth flank, so that backlash does not enter the comparison
-of a record with a recovery. Nothing here commands a robot: `procedures.motion_gate` does, or a person.
+of a record with a recovery. Nothing here commands a robot: `procedures.motion.motion_gate` does, or a person.
 """
 
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ import numpy as np
 
 from calibration.mastering.counts import DriveTrain
 from drivers.interfaces import Counts, Joints
-from procedures import motion_gate
-from procedures.approach import OVERSHOOT_RAD, from_below
 from procedures.cell import Cell
-from procedures.motion_gate import Care, Jog, refuse_off_target
+from procedures.motion import motion_gate
+from procedures.motion.approach import OVERSHOOT_RAD, from_below
+from procedures.motion.motion_gate import Care, Jog, refuse_off_target
 from procedures.steps.mastering import motor_store
 
 AXIS_TOLERANCE_RAD = 2e-3

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drivers.interfaces import ContactEdge, Joints, Robot, TouchProbe
-from procedures import motion_gate
 from procedures.cell import Cell, ProbeSetup
 from procedures.entry import NEEDS
-from procedures.latch import Latched, TimedJoints, latch
-from procedures.motion_gate import Care
-from procedures.probe_line import Place, ProbeLine, probe_line
+from procedures.motion import motion_gate
+from procedures.motion.latch import Latched, TimedJoints, latch
+from procedures.motion.motion_gate import Care
+from procedures.motion.probe_line import Place, ProbeLine, probe_line
 from procedures.run import NeedsUnmetError, ProcedureError
 from procedures.steps.teach import still
 

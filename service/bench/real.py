@@ -16,7 +16,7 @@ from calibration.identification.parameters import FRAMES, make_layout
 from service.bench.contestants import OURS, PEERS, Absent, Answers, BenchError, Contestant, run
 from service.bench.results import Result, Topic, take_turns
 from service.bench.simulated import model_inputs
-from service.measurements import ReadOptions, read_measurements
+from service.measured.measurements import ReadOptions, read_measurements
 
 TRAIN_ROWS = 600
 SHIPPED = {"series B": "series_b.tsv", "series C": "series_c.tsv"}

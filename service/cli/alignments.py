@@ -14,10 +14,10 @@ CellFile = Annotated[Path, Parameter(name="--cell", help="The cell file (TOML)."
 @alignments.command
 def show(*, cell: CellFile) -> int:
     """Print every alignment of the cell's journal, oldest first."""
-    from service.cell import open_journal
     from service.cli.printing import EN_ROUTE
-    from service.config import read_cell_file
-    from service.store import Store
+    from service.configuration.cell_file import read_cell_file
+    from service.runs.cell import open_journal
+    from service.runs.store import Store
 
     with open_journal(read_cell_file(cell)) as journal:
         for one in Store(journal).alignments():
@@ -41,11 +41,11 @@ def export(*, cell: CellFile, out: Path) -> int:
         The file to write (.aln).
     """
     from calibration.points.alignment import alignment_text
-    from service.cell import open_journal
     from service.cli.printing import EN_ROUTE
-    from service.config import read_cell_file
+    from service.configuration.cell_file import read_cell_file
     from service.files import replace_file
-    from service.store import Store
+    from service.runs.cell import open_journal
+    from service.runs.store import Store
 
     with open_journal(read_cell_file(cell)) as journal:
         stored = Store(journal).alignments()

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from service.cell_identify import CellReport
+    from service.identification.cell_identify import CellReport
 
 _MM, _DEG = 1e3, 57.29577951308232
 

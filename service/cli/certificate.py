@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from service.certificate import Issued
-    from service.signing import StationKey
+    from service.certificates.certificate import Issued
+    from service.certificates.signing import StationKey
 
 certificate = App(name="certificate", help="Write the signed certificate of a finished run, or show the key.")
 
@@ -32,9 +32,9 @@ def write(run_id: str, /, *, cell: CellFile, out: Path | None = None, as_json: J
     """
     import sys
 
-    from service.certificate import issue
+    from service.certificates.certificate import issue
     from service.cli.printing import print_json
-    from service.config import read_cell_file
+    from service.configuration.cell_file import read_cell_file
 
     issued = issue(read_cell_file(cell), run_id, out)
     if as_json:
@@ -56,9 +56,9 @@ def key(*, cell: CellFile, out: Path | None = None, as_json: Json = False) -> in
     """
     import sys
 
+    from service.certificates.signing import station_key
     from service.cli.printing import EN_ROUTE, print_json
-    from service.config import read_cell_file
-    from service.signing import station_key
+    from service.configuration.cell_file import read_cell_file
 
     config = read_cell_file(cell)
     found = station_key(config.cell.data_dir)
@@ -94,8 +94,8 @@ def verify(file: Path, /, *, key: str | None = None, as_json: Json = False) -> i
     key
         The public key that must have signed it, from `cellcal certificate key`, or a file that holds it.
     """
+    from service.certificates.signing import Checked, check, read_document, read_public_key
     from service.cli.printing import EN_ROUTE, print_json
-    from service.signing import Checked, check, read_document, read_public_key
 
     expected = None if key is None else read_public_key(key)
     raw = read_document(file)
@@ -116,7 +116,7 @@ _EXITS = {"intact": 0, "tampered": 8, "unknown_key": 4, "unreadable": 2}  # of s
 def issue_after_run(config: Any, run_id: str, *, quiet: bool = False) -> "Issued | None":
     """Write the certificate at the end of a run; that it could not be written changes nothing about the run."""
     from calibration.errors import CellError
-    from service.certificate import issue
+    from service.certificates.certificate import issue
     from service.cli.printing import EN_ROUTE
 
     try:

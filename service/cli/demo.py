@@ -62,7 +62,7 @@ def _certify(folder: Path) -> None:
     """Write the certificate of the recovery, or the record of its refusal, and say how to check it."""
     from service.cli.certificate import issue_after_run
     from service.cli.printing import EN_ROUTE
-    from service.config import read_cell_file
+    from service.configuration.cell_file import read_cell_file
 
     issued = issue_after_run(read_cell_file(folder / "cell.toml"), "last")
     if issued is not None:

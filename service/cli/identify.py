@@ -9,9 +9,9 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 if TYPE_CHECKING:
-    from service.at_points import AtOptions
-    from service.identify import IdentifyReport
-    from service.measurements import ReadOptions
+    from service.identification.at_points import AtOptions
+    from service.identification.identify import IdentifyReport
+    from service.measured.measurements import ReadOptions
 
 _MM = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 _DEG = {"deg": 0.017453292519943295, "mrad": 1e-3, "rad": 1.0}
@@ -130,14 +130,14 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     # Before numpy is imported: on matrices of this size a second BLAS thread only waits for the first.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from calibration.cells.levels import CellOptions
-    from service.at_points import AtOptions
     from service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
-    from service.identify import IdentifyOptions, identify_file
-    from service.identify_start import StartOptions
-    from service.identify_verdicts import Limits
-    from service.measurement_cells import describes_a_cell
-    from service.measurement_layouts import overlaid, read_layout
-    from service.measurements import ReadOptions
+    from service.identification.at_points import AtOptions
+    from service.identification.identify import IdentifyOptions, identify_file
+    from service.identification.identify_start import StartOptions
+    from service.identification.identify_verdicts import Limits
+    from service.measured.cells import describes_a_cell
+    from service.measured.layouts import overlaid, read_layout
+    from service.measured.measurements import ReadOptions
 
     limits = Limits(
         _quantity(limit, "--limit", _MM),
@@ -190,7 +190,7 @@ def _show(report: "IdentifyReport", views: _Views, *, as_json: bool) -> None:
 
     from service.cli.identify_report import print_dh, print_report, print_tips
     from service.cli.printing import EN_ROUTE, print_json
-    from service.identify_at import tips_at, write_tips
+    from service.identification.identify_at import tips_at, write_tips
 
     tips = None if views.at is None else tips_at(views.at, report)
     if tips is not None and views.at_csv is not None:
@@ -213,7 +213,7 @@ def _show(report: "IdentifyReport", views: _Views, *, as_json: bool) -> None:
 
 def _draw(report: "IdentifyReport", folder: Path) -> None:
     from service.cli.printing import EN_ROUTE
-    from service.identify_plots import draw_identification
+    from service.identification.identify_plots import draw_identification
 
     for path in draw_identification(report, folder):
         EN_ROUTE.print(f"wrote {path}")
@@ -230,7 +230,7 @@ def _quantity(text: str, option: str, units: dict[str, float]) -> float | None:
     import math
     import re
 
-    from service.measurement_table import MeasurementError
+    from service.measured.table import MeasurementError
 
     if not text:
         return None
@@ -252,8 +252,8 @@ def _show_layout(measurements: Path, robot: str, read: "ReadOptions", *, as_json
 
     from calibration.arm.kinematics import load_model
     from service.cli.printing import EN_ROUTE, print_json
-    from service.measurement_layouts import layout_document, layout_text
-    from service.measurements import read_measurements
+    from service.measured.layouts import layout_document, layout_text
+    from service.measured.measurements import read_measurements
 
     found = read_measurements(measurements, load_model(robot), read)
     document = layout_document(found, read)
@@ -280,7 +280,7 @@ class _Outputs:
 
     def check(self) -> None:
         """Refuse before the work rather than after it."""
-        from service.measurement_table import MeasurementError
+        from service.measured.table import MeasurementError
 
         if self.save is not None and not (self.serial and self.by):
             raise MeasurementError(
@@ -293,8 +293,8 @@ class _Outputs:
         import datetime
 
         from service.cli.printing import EN_ROUTE
-        from service.identify_outputs import save_identification, write_identified_urdf
-        from service.parameter_files import Who
+        from service.identification.identify_outputs import save_identification, write_identified_urdf
+        from service.parameters.parameter_files import Who
 
         if self.save is not None:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
@@ -307,7 +307,7 @@ class _Outputs:
 
 
 def _pairs(words: tuple[str, ...], option: str) -> dict[str, str]:
-    from service.measurement_table import MeasurementError
+    from service.measured.table import MeasurementError
 
     wrong = [word for word in words if "=" not in word]
     if wrong:

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from calibration.identification.identifiability import NotIdentified
     from calibration.identification.offset_acceptance import OffsetAcceptance
     from calibration.identification.tip_uncertainty import HayatiTable
-    from service.identify import IdentifyReport
-    from service.identify_at import TipsAt
+    from service.identification.identify import IdentifyReport
+    from service.identification.identify_at import TipsAt
 
 MOST_ROWS_SHOWN = 12
 _WIDER = "these postures hardly show them: measure over a wider range of these joints"

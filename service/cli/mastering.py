@@ -22,9 +22,9 @@ def show(*, cell: CellFile, robot: RobotName = None, as_json: Json = False) -> i
     import sys
 
     from service.cli.printing import print_json
-    from service.config import read_cell_file
-    from service.mastering_files import in_force
-    from service.mastering_sheet import as_sheet
+    from service.configuration.cell_file import read_cell_file
+    from service.parameters.mastering_files import in_force
+    from service.parameters.mastering_sheet import as_sheet
 
     config = read_cell_file(cell)
     kept = in_force(config, robot)
@@ -45,8 +45,8 @@ def export(*, cell: CellFile, robot: RobotName = None, out: Path = Path(), as_js
         Folder to write to; this one when not said.
     """
     from service.cli.printing import EN_ROUTE, print_json
-    from service.config import read_cell_file
-    from service.mastering_files import export as write
+    from service.configuration.cell_file import read_cell_file
+    from service.parameters.mastering_files import export as write
 
     signed, sheet = write(read_cell_file(cell), robot, out)
     if as_json:
@@ -73,10 +73,10 @@ def take_in(
     """
     import getpass
 
+    from service.certificates.signing import read_public_key
     from service.cli.printing import EN_ROUTE, print_json
-    from service.config import read_cell_file
-    from service.mastering_files import import_record
-    from service.signing import read_public_key
+    from service.configuration.cell_file import read_cell_file
+    from service.parameters.mastering_files import import_record
 
     config = read_cell_file(cell)
     expected = None if key is None else read_public_key(key)

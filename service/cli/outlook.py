@@ -8,8 +8,8 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from procedures.entry import Phase
     from procedures.forecast import Forecast, Prediction
-    from service.config import CellConfig
-    from service.outline import DryRun
+    from service.configuration.cell_file import CellConfig
+    from service.runs.outline import DryRun
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -31,8 +31,8 @@ def procedures(*, cell: Path | None = None, robot: str | None = None, as_json: J
     from rich.table import Table
 
     from service.cli.printing import print_json
-    from service.config import read_cell_file
-    from service.outline import possible
+    from service.configuration.cell_file import read_cell_file
+    from service.runs.outline import possible
 
     rows = possible(None if cell is None else read_cell_file(cell), robot)
     if as_json:
@@ -59,7 +59,7 @@ def tell_dry_run(
 
     from service.cli.printing import print_json
     from service.exit_codes import ExitCode
-    from service.outline import dry_run
+    from service.runs.outline import dry_run
 
     found = dry_run(config, procedure, settings, robot)
     if as_json:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from service.parameter_sets import Change, ParameterSet, ParameterSets
+    from service.parameters.parameter_sets import Change, ParameterSet, ParameterSets
 
 parameters = App(name="parameters", help="Keep, compare, restore and exchange identified robot parameters.")
 
@@ -130,7 +130,7 @@ def diff(
     from rich.table import Table
 
     from service.cli.printing import print_json
-    from service.parameter_sets import diff as changes_between
+    from service.parameters.parameter_sets import diff as changes_between
 
     sets = _sets(folder)
     new = sets.load(robot_serial, after)
@@ -172,8 +172,8 @@ def keep(
     robot
         Which robot of the cell; the first if not said.
     """
-    from service.calibrated_runs import keep_calibration
-    from service.config import read_cell_file
+    from service.configuration.cell_file import read_cell_file
+    from service.runs.calibrated_runs import keep_calibration
 
     saved = keep_calibration(read_cell_file(cell), robot, _sets(folder), by, _now())
     return _report(saved, (), as_json=as_json)
@@ -236,7 +236,7 @@ def import_(  # noqa: PLR0913  # a command's options are its arguments
         Anything worth keeping.
     """
     from calibration.arm.kinematics import load_model
-    from service.parameter_files import Who, import_file
+    from service.parameters.parameter_files import Who, import_file
 
     _must_exist(file)
     found = import_file(_sets(folder), file, load_model(robot), Who(serial, by, _now(), note))
@@ -277,8 +277,8 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
     """
     from calibration.arm.kinematics import load_model
     from service.cli.printing import EN_ROUTE
-    from service.parameter_files import FileKind, Template, export_set
-    from service.parameter_sets import ParameterSetError
+    from service.parameters.parameter_files import FileKind, Template, export_set
+    from service.parameters.parameter_sets import ParameterSetError
 
     if kind not in list(FileKind):
         raise ParameterSetError(
@@ -307,7 +307,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
 
 
 def _sets(folder: Path) -> "ParameterSets":
-    from service.parameter_sets import ParameterSets
+    from service.parameters.parameter_sets import ParameterSets
 
     return ParameterSets(folder.expanduser())
 
@@ -317,7 +317,7 @@ def _now() -> str:
 
 
 def _must_exist(path: Path) -> None:
-    from service.parameter_sets import ParameterSetError
+    from service.parameters.parameter_sets import ParameterSetError
 
     if not path.is_file():
         raise ParameterSetError(f"there is no file {path}.", remedy="Check the path.", code="usage")

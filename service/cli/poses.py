@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from calibration.poses.enough_poses import Acceptance
     from calibration.poses.measurement_poses import Criterion
-    from service.pose_planning import PlanReport
+    from service.identification.pose_planning import PlanReport
 
 _DEG = 57.29577951308232
 _MOST_SHOWN = 40
@@ -103,7 +103,7 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     from calibration.poses.measurement_poses import Instrument
     from service.cli.printing import EN_ROUTE, print_json
     from service.exit_codes import ExitCode
-    from service.pose_planning import Description, PlanRequest, plan_poses, write_plan
+    from service.identification.pose_planning import Description, PlanRequest, plan_poses, write_plan
 
     acceptance = _acceptance(accept_tip_mm, accept_worst_tip_mm, accept_offset_deg, offsets)
     instrument = Instrument(kind, sigma_mm / 1e3, sigma_deg / _DEG, _metres(anchor_mm))
@@ -145,7 +145,7 @@ def _metres(millimetres: tuple[float, float, float]) -> tuple[float, float, floa
 
 def _criterion(word: str | None) -> "Criterion | None":
     from calibration.poses.measurement_poses import Criterion
-    from service.pose_planning import PlanError
+    from service.identification.pose_planning import PlanError
 
     if word is None:
         return None

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from service.conduct import Outcome
-    from service.config import CellConfig
-    from service.journal import Damage
+    from service.configuration.cell_file import CellConfig
+    from service.runs.conduct import Outcome
+    from service.runs.journal import Damage
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -48,8 +48,8 @@ def run(  # noqa: PLR0913  a command's options are its arguments
         Print one JSON object on standard output.
     """
     from service.cli.outlook import tell_dry_run
-    from service.config import read_cell_file
-    from service.outline import refuse_class_out_of_reach
+    from service.configuration.cell_file import read_cell_file
+    from service.runs.outline import refuse_class_out_of_reach
 
     config, settings = read_cell_file(cell), _settings(setting)
     if dry_run:
@@ -87,7 +87,7 @@ def resume(
     as_json
         Print one JSON object on standard output.
     """
-    from service.config import read_cell_file
+    from service.configuration.cell_file import read_cell_file
 
     config = read_cell_file(cell)
     outcome = asyncio.run(_resume(config, run_id, robot, answers, redo_from))
@@ -145,8 +145,8 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     from rich.table import Table
     from rich.tree import Tree
 
-    from service.check import told_damage
     from service.cli.printing import print_json
+    from service.runs.check import told_damage
 
     with _journal(cell) as (journal, store):
         view = store.run(store.newest(run_id))
@@ -184,9 +184,9 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
 def _tell_damage(damage: "Damage | None") -> int:
     from rich.markup import escape
 
-    from service.check import told_damage
     from service.cli.printing import EN_ROUTE
     from service.exit_codes import ExitCode
+    from service.runs.check import told_damage
 
     if damage is None:
         return ExitCode.PASS
@@ -236,13 +236,13 @@ class _Opened:
     """A cell's journal for reading."""
 
     def __init__(self, cell: Path) -> None:
-        from service.cell import open_journal
-        from service.config import read_cell_file
+        from service.configuration.cell_file import read_cell_file
+        from service.runs.cell import open_journal
 
         self._journal = open_journal(read_cell_file(cell))
 
     def __enter__(self) -> tuple[Any, Any]:
-        from service.store import Store
+        from service.runs.store import Store
 
         return self._journal, Store(self._journal)
 
@@ -258,7 +258,7 @@ async def run_live(
 ) -> "Outcome":
     """Run a procedure with progress on standard error."""
     from service.cli.progress import live_progress
-    from service.execute import Where, start
+    from service.runs.execute import Where, start
 
     with live_progress(procedure) as show_event:
         return await start(Where(config, _operator(answers), robot, show_event), procedure, settings)
@@ -268,7 +268,7 @@ async def _resume(
     config: "CellConfig", run_id: str, robot: str | None, answers: Path | None, redo_from: str | None
 ) -> "Outcome":
     from service.cli.progress import live_progress
-    from service.execute import Where, go_on
+    from service.runs.execute import Where, go_on
 
     with live_progress("resume") as show_event:
         return await go_on(Where(config, _operator(answers), robot, show_event), run_id, redo_from)
@@ -317,8 +317,8 @@ def tell(outcome: "Outcome", config: "CellConfig", *, as_json: bool) -> int:
 
     from service.cli.certificate import issue_after_run
     from service.cli.printing import EN_ROUTE, print_json
-    from service.conduct import Verdict
     from service.exit_codes import exit_code_named, exit_code_of_word
+    from service.runs.conduct import Verdict
 
     passed = outcome.verdict is Verdict.PASSED
     if not as_json:

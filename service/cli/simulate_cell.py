@@ -159,10 +159,10 @@ def export(
     out
         Folder to write to.
     """
-    from service.cell import open_journal
-    from service.config import read_cell_file
-    from service.simulated_cells import result_of_run
-    from service.store import Store
+    from service.configuration.cell_file import read_cell_file
+    from service.parameters.simulated_cells import result_of_run
+    from service.runs.cell import open_journal
+    from service.runs.store import Store
 
     with open_journal(read_cell_file(cell)) as journal:
         store = Store(journal)
@@ -178,7 +178,7 @@ def _calibrated(
     options: tuple[tuple[str, ...], tuple[str, ...]],
 ) -> "tuple[CalibratedPart, SimulationCell]":
     from procedures.simulation_cell import calibrate
-    from service.specs import spec_of
+    from service.runs.specs import spec_of
 
     columns, units = (_pairs(given) for given in options)
     paths = {
@@ -203,8 +203,8 @@ def _save(found: "CalibratedPart", spec: "SimulationCell", folder: Path, who: tu
 
     from calibration.errors import CellError
     from service.cli.printing import EN_ROUTE
-    from service.parameter_files import Who
-    from service.simulated_cells import save_robot
+    from service.parameters.parameter_files import Who
+    from service.parameters.simulated_cells import save_robot
 
     if not all(who):
         raise CellError(
@@ -217,7 +217,7 @@ def _save(found: "CalibratedPart", spec: "SimulationCell", folder: Path, who: tu
 
 def _write(found: "CalibratedPart", folder: Path) -> None:
     from service.cli.printing import EN_ROUTE
-    from service.simulated_cells import write_part
+    from service.parameters.simulated_cells import write_part
 
     for path in write_part(found, folder):
         EN_ROUTE.print(f"wrote {path}", markup=False, soft_wrap=True)
@@ -232,7 +232,7 @@ def _tell(found: "CalibratedPart", spec: "SimulationCell", out: Path | None, *, 
     from service.cli.printing import print_json
     from service.cli.runs import tell_judgement
     from service.exit_codes import exit_code_of_word
-    from service.simulated_cells import placed_text, robot_text
+    from service.parameters.simulated_cells import placed_text, robot_text
 
     if out is not None:
         _write(found, out)

@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from service.config import CellConfig
-    from service.watch import PositionLoss
+    from service.configuration.cell_file import CellConfig
+    from service.watching.watch import PositionLoss
 
 
 def watch(cell: Path, /) -> int:
@@ -21,8 +21,8 @@ def watch(cell: Path, /) -> int:
     import asyncio
 
     from service.cli.printing import EN_ROUTE
-    from service.config import read_cell_file
-    from service.follow import Listener, follow
+    from service.configuration.cell_file import read_cell_file
+    from service.watching.follow import Listener, follow
 
     config = read_cell_file(cell)
 
@@ -36,9 +36,9 @@ def watch(cell: Path, /) -> int:
 
 
 async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:
-    from service.answers_to_loss import journal_detection, prepare_answer
     from service.cli.printing import EN_ROUTE
     from service.cli.runs import run_live, tell
+    from service.watching.answers_to_loss import journal_detection, prepare_answer
 
     entry = journal_detection(config, loss)
     answer = prepare_answer(config, loss)

@@ -13,18 +13,18 @@ from calibration.errors import CellError
 from calibration.mastering.counts import DriveTrain
 from procedures.cell import Cell
 from procedures.progress import Progress, ignore
-from procedures.recovery_result import RecoveryResult
-from service.cell import lend_record, open_cell, open_journal
-from service.check import check_cell
-from service.conduct import Conditions, Outcome, Verdict, run_procedure
-from service.config import CellConfig, read_cell_file
+from procedures.recovery.recovery_result import RecoveryResult
+from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.door import Door
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.demo.report import DemoReport, JointReport, TcpError
 from service.demo.technician import DemoTechnician
-from service.journal import Journal
-from service.specs import build_spec
-from service.watch import LastHealthyCounts, PositionLoss, Watch
+from service.runs.cell import lend_record, open_cell, open_journal
+from service.runs.check import check_cell
+from service.runs.conduct import Conditions, Outcome, Verdict, run_procedure
+from service.runs.journal import Journal
+from service.runs.specs import build_spec
+from service.watching.watch import LastHealthyCounts, PositionLoss, Watch
 
 ROBOT = "fanuc"
 NOTICE_WITHIN_S = 20.0

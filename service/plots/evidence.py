@@ -13,7 +13,7 @@ from calibration.identification.parameters import ArmState
 from calibration.mastering.pose_design import candidate_joints
 from calibration.motion.motion_check import MotionLimits
 from calibration.poses.measurement_poses import Outlook, TestPoses
-from service.identify import IdentifyReport
+from service.identification.identify import IdentifyReport
 
 _REACHABLE = 4000  # postures: enough for a few in every cell of the map
 _BATCH = 500

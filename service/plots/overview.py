@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import FigureBase
 
 from calibration.identification.parameters import LEVEL_NAMES
-from service.identify import IdentifyReport
+from service.identification.identify import IdentifyReport
 from service.plots.distribution import histogram, shares
 from service.plots.evidence import Evidence
 from service.plots.residuals import held_out_by_row

@@ -8,16 +8,16 @@ import numpy as np
 
 from calibration.geometry import Pose, log_transform
 from calibration.points.alignment import read_alignments
-from service.cell import lend_record, open_cell, open_journal
 from service.cli.alignments import export as export_alignments
 from service.cli.alignments import show as show_alignments
-from service.conduct import Outcome, Verdict, run_procedure
-from service.config import CellConfig, read_cell_file
+from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.demo.technician import DemoTechnician
-from service.journal import Journal
-from service.specs import build_spec
-from service.store import Store
+from service.runs.cell import lend_record, open_cell, open_journal
+from service.runs.conduct import Outcome, Verdict, run_procedure
+from service.runs.journal import Journal
+from service.runs.specs import build_spec
+from service.runs.store import Store
 
 POINTS = [[-0.35, -0.45, 0.0], [0.35, -0.45, 0.0], [-0.35, 0.45, 0.0], [0.35, 0.45, 0.25]]
 TARGETS = [[0.0, 0.0, 0.0], [0.16, 0.0, -0.05], [0.0, 0.16, -0.05]]

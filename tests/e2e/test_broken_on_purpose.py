@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from service.cli.app import run_command_line
-from service.config import read_cell_file
+from service.configuration.cell_file import read_cell_file
 from service.demo.door import Door
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.exit_codes import ExitCode, exit_code_named
-from service.journal import Journal
+from service.runs.journal import Journal
 
 ROOT = Path(__file__).parents[2]
 YES = ("wire_is_hooked", "accept_plan", "may_move")

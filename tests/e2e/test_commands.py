@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from service.config import read_cell_file
+from service.configuration.cell_file import read_cell_file
 
 ROOT = Path(__file__).parents[2]
 

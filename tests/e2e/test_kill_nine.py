@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from procedures.past import Kind
-from service.journal import Journal
-from service.store import RunView, Store
+from service.runs.journal import Journal
+from service.runs.store import RunView, Store
 from tests.e2e.kill_nine.world import Served, child, parts_of
 from tests.procedures.cells import Scene, recovering
 from tests.procedures.conclusions import concluded

@@ -8,11 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from service.config import read_cell_file
+from service.configuration.cell_file import read_cell_file
 from service.demo.door import Door
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from service.journal import Journal
-from service.store import Store
+from service.runs.journal import Journal
+from service.runs.store import Store
 
 KEYS = (
     "wire_is_hooked",

@@ -9,7 +9,7 @@ from typing import Any
 
 import apsw
 
-from service.journal import Journal
+from service.runs.journal import Journal
 from tests.e2e.power_cut.disk import Disk, DiskVfs
 
 CUTS = 300

@@ -5,9 +5,9 @@ import os
 import sys
 from pathlib import Path
 
-from service.config import read_cell_file
+from service.configuration.cell_file import read_cell_file
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from service.watch import HealthyCounts, LastHealthyCounts
+from service.watching.watch import HealthyCounts, LastHealthyCounts
 
 PATIENCE_S = 40.0
 

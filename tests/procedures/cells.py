@@ -12,12 +12,12 @@ from calibration.geometry import Pose, homogeneous, quaternion_from_rotation
 from calibration.mastering.counts import MasteringRecord
 from calibration.points.alignment import Alignment
 from procedures.accuracy_check import AccuracyCheck, CheckRules
-from procedures.arm_bench import Method
+from procedures.arm.arm_bench import Method
+from procedures.arm.calibration_plan import SeriesRules
+from procedures.arm.drift_plan import DriftRules
 from procedures.base_to_base import BaseToBaseSpec
-from procedures.calibration_plan import SeriesRules
 from procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits, TrackerSetup
 from procedures.drift_check import DriftCheck, drift_check
-from procedures.drift_plan import DriftRules
 from procedures.end_effector_points import EndEffectorPoints
 from procedures.fixture_alignment import FixtureAlignment
 from procedures.frame_offset import FrameOffset
@@ -28,7 +28,7 @@ from procedures.robot_calibration import RobotCalibration
 from procedures.run import Run
 from procedures.simulation_cell import SimulationCell
 from procedures.six_point_tcp import SixPointTcp
-from procedures.survey import SurveyRules
+from procedures.survey.survey import SurveyRules
 from procedures.three_point_frame import ThreePointFrame
 from tests.procedures.ideal import ZERO, Hands, IdealArm, IdealTracker, IdealWire
 from tests.procedures.ledgers import MemoryLedger

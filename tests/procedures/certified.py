@@ -3,10 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-from service.cell import open_journal
-from service.conduct import Conditions, Outcome, run_procedure
-from service.config import CellConfig, read_cell_file
+from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import write_cell_file
+from service.runs.cell import open_journal
+from service.runs.conduct import Conditions, Outcome, run_procedure
 from tests.procedures.cells import Scene
 
 HOW = Conditions(free_bytes=0, actor="anna")

@@ -13,13 +13,13 @@ from calibration.geometry import Pose
 from procedures.catalogue import CATALOGUE, ENTRIES
 from procedures.forecast import Knowledge
 from procedures.limits import FrameLimits
-from procedures.recovery_verdict import verdict_on_recovery
-from service.cell import open_journal
-from service.certificate import NO_TRACEABILITY, SAFETY, CertificateError, content_of, issue
-from service.conduct import Verdict, forget_from, resume
-from service.config import CellConfig, GaugeCertificate
-from service.signing import Finding, check
-from service.store import Store
+from procedures.recovery.recovery_verdict import verdict_on_recovery
+from service.certificates.certificate import NO_TRACEABILITY, SAFETY, CertificateError, content_of, issue
+from service.certificates.signing import Finding, check
+from service.configuration.cell_file import CellConfig, GaugeCertificate
+from service.runs.cell import open_journal
+from service.runs.conduct import Verdict, forget_from, resume
+from service.runs.store import Store
 from tests.procedures.cells import Scene, pointing, recording, recovering, scene_for, touching
 from tests.procedures.certified import HOW, cell_config, run_in
 

@@ -12,10 +12,10 @@ from procedures.past import Kind
 from procedures.progress import Progress
 from procedures.run import NeedsUnmetError, ReplayMismatchError
 from procedures.three_point_frame import FrameSetup
-from service.conduct import Conditions, Verdict, forget_from, resume, run_procedure
-from service.journal import Journal, StoreError
-from service.lease import LeaseHeldError, lease
-from service.store import Store
+from service.runs.conduct import Conditions, Verdict, forget_from, resume, run_procedure
+from service.runs.journal import Journal, StoreError
+from service.runs.lease import LeaseHeldError, lease
+from service.runs.store import Store
 from tests.procedures.cells import Scene, pointing, recording, recovering, touching
 
 NAME = "three_point_frame"

@@ -8,7 +8,7 @@ import pytest
 from drivers.interfaces import MasteringData
 from procedures.mastering_record import seal
 from procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
-from procedures.recovery_result import RecoveryResult
+from procedures.recovery.recovery_result import RecoveryResult
 from procedures.run import DeclinedError, RefusalError, Run
 from procedures.steps.motion import CountsToJoints
 from tests.procedures.cells import Scene, scene

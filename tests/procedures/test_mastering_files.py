@@ -9,13 +9,13 @@ from pydantic import TypeAdapter
 
 from calibration.mastering.counts import MasteringRecord
 from procedures.mastering_record import seal
-from service.cell import on_paper, open_journal
-from service.config import CellConfig, read_cell_file
+from service.certificates.signing import check, station_key
+from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import write_cell_file
-from service.mastering_files import FORMAT, RecordFileError, export, import_record, in_force
-from service.outline import remembered
-from service.signing import check, station_key
-from service.store import Store
+from service.parameters.mastering_files import FORMAT, RecordFileError, export, import_record, in_force
+from service.runs.cell import on_paper, open_journal
+from service.runs.outline import remembered
+from service.runs.store import Store
 from tests.procedures.cells import record_of, scene
 from tests.procedures.certified import cell_config
 

@@ -15,18 +15,25 @@ from calibration.motion.collision import Plane, Sphere
 from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from drivers.interfaces import Condition, JointReading, Readiness
 from drivers.registry import PROGRAM_WRITERS
-from procedures.approach import OVERSHOOT_RAD
-from procedures.by_hand import NotThereError
 from procedures.cell import MotionLevel
 from procedures.mastering_record import MasteringRecordSpec, mastering_record
-from procedures.motion_gate import Care, Jog, MotionRefusedError, jog_axis, move_along, refuse_off_target
-from procedures.plans import Room
+from procedures.motion.approach import OVERSHOOT_RAD
+from procedures.motion.by_hand import NotThereError
+from procedures.motion.motion_gate import (
+    Care,
+    Jog,
+    MotionRefusedError,
+    jog_axis,
+    move_along,
+    refuse_off_target,
+)
+from procedures.motion.plans import Room
+from procedures.motion.surroundings import Surroundings
 from procedures.run import DeclinedError, Run
 from procedures.steps.mastering import PositionLostAgainError
 from procedures.steps.motion import come_from_below
-from procedures.surroundings import Surroundings
-from service.lease import LeaseLostError, lease
-from service.programs import Programs
+from service.pendant_programs import Programs
+from service.runs.lease import LeaseLostError, lease
 from tests.procedures.cells import Scene, recovering, scene
 from tests.procedures.ideal import IdealArm
 from tests.procedures.ledgers import MemoryLedger
@@ -68,7 +75,7 @@ def test_nobody_goes_around_the_gate() -> None:
         for file in files
         if (found := commands(ast.parse(file.read_text(encoding="utf-8"))))
     }
-    assert callers == {"procedures/motion_gate.py": {"move_joints", "jog_axis"}}
+    assert callers == {"procedures/motion/motion_gate.py": {"move_joints", "jog_axis"}}
 
 
 async def test_a_free_way_is_gone_corner_by_corner() -> None:

@@ -12,8 +12,8 @@ from drivers.interfaces import MasteringData
 from procedures.entry import missing
 from procedures.mastering_record import MasteringRecordSpec, mastering_record, seal, seal_of
 from procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
-from procedures.recovery_kit import KitSpec, predict_kit, recorded_kit
-from procedures.recovery_result import RecoveryResult
+from procedures.recovery.recovery_kit import KitSpec, predict_kit, recorded_kit
+from procedures.recovery.recovery_result import RecoveryResult
 from procedures.run import RefusalError, Run
 from tests.procedures.cells import Scene, recording, scene
 from tests.procedures.ideal import ZERO

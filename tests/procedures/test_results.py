@@ -12,7 +12,7 @@ from procedures.cell import Cell
 from procedures.entry import missing
 from procedures.mastering_record import RecordResult, mastering_record, seal_of
 from procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
-from procedures.recovery_result import RecoveryResult
+from procedures.recovery.recovery_result import RecoveryResult
 from procedures.run import DeclinedError, OutOfToleranceError, RefusalError, Run
 from procedures.six_point_tcp import SixPointTcp, six_point_tcp
 from procedures.steps.capture import NotAtRestError, capture

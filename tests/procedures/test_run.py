@@ -12,8 +12,8 @@ from procedures.past import Kind, Past
 from procedures.progress import Gate, Progress
 from procedures.run import DeclinedError, ReplayMismatchError, Run
 from procedures.steps.ask import ask
-from service.conduct import JournalLedger
-from service.journal import Journal, StoreError
+from service.runs.conduct import JournalLedger
+from service.runs.journal import Journal, StoreError
 from tests.procedures.ideal import Hands, IdealArm
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
 

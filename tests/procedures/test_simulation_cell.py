@@ -10,10 +10,10 @@ from pydantic_core import to_jsonable_python
 from calibration.errors import CalibrationError
 from procedures.simulation_cell import ENTRY, CalibratedPart, CalibratedRobot, SimulationCell, calibrate
 from procedures.verdict import Verdict
-from service.certificate import issue
+from service.certificates.certificate import issue
 from service.cli.app import run_command_line
-from service.conduct import Verdict as End
 from service.exit_codes import ExitCode
+from service.runs.conduct import Verdict as End
 from tests.procedures.cells import Scene, scene
 from tests.procedures.certified import cell_config, run_in
 from tests.unit.helpers.tags import FIXTURE_BASE, robot_tags, two_paths

@@ -16,7 +16,7 @@ from procedures.limits import ToolLimits
 from procedures.run import OutOfToleranceError, RefusalError, Run
 from procedures.six_point_tcp import ENTRY, SixPointTcp, ToolSetup, six_point_tcp
 from procedures.steps.write import same_pose
-from procedures.tcp_verdict import axes_u
+from procedures.teaching.tcp_verdict import axes_u
 from tests.procedures.cells import TIP, Scene, tool_pose, tool_rotation, touching
 from tests.procedures.ledgers import MemoryLedger
 

@@ -20,10 +20,10 @@ from procedures.limits import FrameLimits
 from procedures.run import DeclinedError, RefusalError, Run
 from procedures.steps.length import LengthCapture
 from procedures.steps.write import same_pose
-from procedures.survey import Survey, SurveyRules
-from procedures.survey_choice import Standing, choose_pose
+from procedures.survey.survey import Survey, SurveyRules
+from procedures.survey.survey_choice import Standing, choose_pose
+from procedures.survey.wire_survey import read_survey_state
 from procedures.three_point_frame import three_point_frame
-from procedures.wire_survey import read_survey_state
 from tests.procedures.cells import (
     BASE_FIXTURE,
     FIXTURE_POINTS,

@@ -20,9 +20,9 @@ from calibration.poses.calibrated_arm import CalibratedArm
 from calibration.registration import best_fit_transform
 from fake_devices.cell import FakeCell
 from procedures.cell import Cell
-from service.cell import open_cell
-from service.config import CellConfig, read_cell_file
-from service.specs import build_spec
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.runs.cell import open_cell
+from service.runs.specs import build_spec
 from tests.procedures.ideal import Hands
 
 ANCHOR, HOOK = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12)

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from procedures.arm_bench import Method
+from procedures.arm.arm_bench import Method
 from procedures.drift_check import drift_check
 from procedures.robot_calibration import ENTRY, robot_calibration
 from procedures.run import Run

@@ -11,7 +11,7 @@ from calibration.geometry import Array
 from calibration.motion.collision import Capsule, Sphere
 from drivers.interfaces import Joints
 from procedures.cell import GaugeSetup
-from procedures.surroundings import Surroundings
+from procedures.motion.surroundings import Surroundings
 
 _STEP_RAD = 0.01
 _CONTACT_M = 0.005  # what the gate keeps, less what may happen between two of its looks

@@ -13,8 +13,8 @@ from calibration.geometry import Array, Pose
 from calibration.motion.collision import Plane, Sphere, arm_shape
 from drivers.interfaces import Joints
 from procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits
-from procedures.motion_gate import Care, move_along
-from procedures.surroundings import Block, Surroundings
+from procedures.motion.motion_gate import Care, move_along
+from procedures.motion.surroundings import Block, Surroundings
 from tests.procedures.ideal import Hands, IdealArm, IdealWire
 from tests.soak.figures import Figures
 from tests.soak.gate_oracle import Oracle

@@ -11,7 +11,7 @@ from typing import Any
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Readiness
-from service.config import read_cell_file
+from service.configuration.cell_file import read_cell_file
 from service.demo.door import Door
 from tests.soak.figures import Figures
 from tests.wire.cases import ROBOTS, opened, until, until_ready

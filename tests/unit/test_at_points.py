@@ -7,8 +7,8 @@ from calibration.arm.kinematics import load_model
 from calibration.compensation.pose_gap import Arm
 from calibration.compensation.posture_of_pose import postures_of_poses
 from calibration.orientation import CONVENTIONS, values_from
-from service.at_points import AtOptions, read_points, solved
-from service.measurement_table import MeasurementError
+from service.identification.at_points import AtOptions, read_points, solved
+from service.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import dh_errors, random_joints
 
 MODEL = load_model("fanuc_m6ib")

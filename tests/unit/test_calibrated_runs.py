@@ -10,13 +10,13 @@ from calibration.drift.reference import DriftReference
 from calibration.poses.arm_fit import FoundParameter
 from calibration.poses.calibrated_arm import CalibratedArm
 from procedures.past import Kind
-from service.calibrated_models import calibrated_model
-from service.calibrated_runs import keep_calibration
-from service.cell import open_journal
-from service.config import CellConfig, read_cell_file
-from service.outline import remembered
-from service.parameter_sets import ParameterSetError, ParameterSets
-from service.store import stored_body
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.parameters.calibrated_models import calibrated_model
+from service.parameters.parameter_sets import ParameterSetError, ParameterSets
+from service.runs.calibrated_runs import keep_calibration
+from service.runs.cell import open_journal
+from service.runs.outline import remembered
+from service.runs.store import stored_body
 
 SERIAL = "F-104711"
 CELL = """\

@@ -18,12 +18,12 @@ from calibration.geometry import (
     rotation_from_quaternion,
 )
 from calibration.identification.parameters import OFFSETS
-from service.cell_identify import identify_cell_file
 from service.cli.app import run_command_line
-from service.measurement_cell_rows import read_cell
-from service.measurement_cells import describes_a_cell, read_cell_layout
-from service.measurement_table import MeasurementError
-from service.parameter_sets import ParameterSets
+from service.identification.cell_identify import identify_cell_file
+from service.measured.cell_rows import read_cell
+from service.measured.cells import describes_a_cell, read_cell_layout
+from service.measured.table import MeasurementError
+from service.parameters.parameter_sets import ParameterSets
 from tests.unit.helpers.simulated_cell import REFLECTORS, TOOL, TRACKER, World
 
 LAYOUTS = Path(__file__).resolve().parents[2] / "deploy" / "layouts"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from service.config import ConfigError, read_cell_file
+from service.configuration.cell_file import ConfigError, read_cell_file
 from service.demo.fake_cell import write_cell_file
 
 

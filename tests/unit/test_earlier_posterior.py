@@ -13,9 +13,9 @@ from calibration.identification.identify import identify
 from calibration.identification.parameters import GEOMETRY
 from calibration.identification.selection import Options
 from calibration.identification.tip_uncertainty import predict_tips
-from service.calibrated_models import covariance_of
 from service.cli.app import run_command_line
-from service.parameter_sets import ParameterSetError, ParameterSets, parse, to_text
+from service.parameters.calibrated_models import covariance_of
+from service.parameters.parameter_sets import ParameterSetError, ParameterSets, parse, to_text
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 from tests.unit.test_identify_report import file_of
 

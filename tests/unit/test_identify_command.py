@@ -8,7 +8,7 @@ import pytest
 
 from calibration.arm.kinematics import load_model
 from service.cli.app import run_command_line
-from service.measurements import ReadOptions, read_measurements
+from service.measured.measurements import ReadOptions, read_measurements
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 from tests.unit.test_identify_report import file_of
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.identify import IdentifyOptions, identify_file
-from service.identify_plots import draw_identification
+from service.identification.identify import IdentifyOptions, identify_file
+from service.identification.identify_plots import draw_identification
 from service.plots.correlations import strong_pairs
 from service.plots.evidence import Evidence, places_of, thinned
 from service.plots.residuals import by_joint, held_out_by_row

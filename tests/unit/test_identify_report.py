@@ -7,8 +7,8 @@ import pytest
 
 from calibration.errors import CellError
 from service.cli.app import run_command_line
-from service.identify import IdentifyOptions, identify_file
-from service.measurement_table import MeasurementError
+from service.identification.identify import IdentifyOptions, identify_file
+from service.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from calibration.arm.kinematics import load_model
 from calibration.orientation import values_from
-from service.measurement_table import MeasurementError
-from service.measurements import ReadOptions, read_measurements
+from service.measured.measurements import ReadOptions, read_measurements
+from service.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import tracker_poses, wire_lengths
 
 UR10 = load_model("ur10")

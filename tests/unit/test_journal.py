@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.journal import Journal, NewEvent, StoreError
+from service.runs.journal import Journal, NewEvent, StoreError
 
 
 @pytest.fixture

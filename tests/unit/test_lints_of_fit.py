@@ -9,7 +9,7 @@ from calibration.arm.kinematics import load_model
 from calibration.identification import lints
 from calibration.identification.drift_lint import drift_with, order_drift, temperature_drift
 from calibration.identification.sweep_lint import sweep_lint
-from service.identify import IdentifyOptions, identify_file
+from service.identification.identify import IdentifyOptions, identify_file
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 from tests.unit.test_identify_report import file_of
 

@@ -8,14 +8,14 @@ import pytest
 
 from drivers.interfaces import Alarm, Condition, Readiness
 from procedures.cell import MotionLevel
-from service.answers_to_loss import DETECTION, journal_detection, prepare_answer
-from service.cell import open_journal
-from service.config import CellConfig, read_cell_file
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.configuration.motion_config import RobotMotion
 from service.demo.fake_cell import write_cell_file
-from service.loss_modes import LossMode, battery_warning, suspect, wrong_robot
-from service.motion_config import RobotMotion
-from service.store import Store
-from service.watch import HealthyCounts, PositionLoss
+from service.runs.cell import open_journal
+from service.runs.store import Store
+from service.watching.answers_to_loss import DETECTION, journal_detection, prepare_answer
+from service.watching.loss_modes import LossMode, battery_warning, suspect, wrong_robot
+from service.watching.watch import HealthyCounts, PositionLoss
 
 BATTERY = Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:3)", 2)
 ENCODER = Alarm("SRVO-068", "DTERR alarm (Group:1 Axis:4)", 3)

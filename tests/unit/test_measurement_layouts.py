@@ -12,10 +12,10 @@ from calibration.arm.kinematics import load_model
 from calibration.errors import CellError
 from calibration.orientation import values_from
 from service.cli.app import run_command_line
-from service.measurement_layouts import layout_document, layout_text, overlaid, read_layout
-from service.measurement_table import MeasurementError
-from service.measurements import ReadOptions, read_measurements
-from service.parameter_sets import ParameterSets
+from service.measured.layouts import layout_document, layout_text, overlaid, read_layout
+from service.measured.measurements import ReadOptions, read_measurements
+from service.measured.table import MeasurementError
+from service.parameters.parameter_sets import ParameterSets
 from tests.unit.helpers.simulated_arm import tracker_points, tracker_poses, wire_lengths
 
 LAYOUTS = Path(__file__).resolve().parents[2] / "deploy" / "layouts"

@@ -6,9 +6,9 @@ import pytest
 
 from calibration.arm.kinematics import load_model
 from calibration.orientation import values_from
-from service.measurement_columns import detect_layout
-from service.measurement_table import MeasurementError, read_table
-from service.measurements import ReadOptions, read_measurements
+from service.measured.columns import detect_layout
+from service.measured.measurements import ReadOptions, read_measurements
+from service.measured.table import MeasurementError, read_table
 from tests.unit.helpers.simulated_arm import tracker_poses
 
 JOINTS = (

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from service.cli.app import run_command_line
-from service.config import CellConfig, read_cell_file
+from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import write_cell_file
 from service.exit_codes import ExitCode
-from service.outline import ClassOutOfReachError, dry_run, possible, refuse_class_out_of_reach
+from service.runs.outline import ClassOutOfReachError, dry_run, possible, refuse_class_out_of_reach
 
 POINTER = {"frame_number": 2, "tip_in_flange_m": [0.0, 0.0, 0.1]}
 

@@ -11,8 +11,8 @@ from calibration.arm.ur_factory import factory_model
 from calibration.arm.urdf import bare_urdf, read_urdf
 from calibration.errors import CalibrationError
 from service.cli.parameters import parameters
-from service.parameter_sets import ParameterSets, Value
-from service.ur_files import (
+from service.parameters.parameter_sets import ParameterSets, Value
+from service.parameters.ur_files import (
     RosKinematics,
     UrKinematics,
     model_of_ros,

@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 from calibration.arm.kinematics import load_model
 from calibration.arm.ur_factory import factory_model
-from service.calibrated_models import (
+from service.identification.identify import IdentifiedParameter
+from service.parameters.calibrated_models import (
     calibrated_model,
     nominal_sha256,
     values_of_identification,
     values_of_model,
 )
-from service.identify import IdentifiedParameter
-from service.parameter_sets import (
+from service.parameters.parameter_sets import (
     ParameterSet,
     ParameterSetError,
     ParameterSets,

@@ -11,10 +11,10 @@ from calibration.arm.kinematics import load_model
 from calibration.arm.urdf import bare_urdf
 from calibration.errors import CellError
 from calibration.motion.collision import Box, CollisionCheck, Plane, Sphere
-from service.cell_shapes import CellShapeError, read_cell_shape
 from service.cli.poses import poses
+from service.configuration.cell_shapes import CellShapeError, read_cell_shape
 from service.exit_codes import ExitCode
-from service.pose_planning import read_joints, visiting_order
+from service.identification.pose_planning import read_joints, visiting_order
 
 MODEL = load_model("abb_irb120")
 BASIC = ("--robot", "abb_irb120", "--sigma-mm", "0.1", "--tool-mm", "40", "25", "100", "--candidates", "200")

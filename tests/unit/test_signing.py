@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from procedures.canonical import canonical_json
-from service.signing import (
+from service.certificates.signing import (
     Checked,
     Finding,
     SigningError,

@@ -14,10 +14,10 @@ from calibration.geometry import Pose
 from calibration.points.tag_points import TagPath
 from service.cli.app import run_command_line
 from service.exit_codes import ExitCode
-from service.measurement_table import MeasurementError
-from service.parameter_sets import ParameterSets
-from service.specs import spec_of
-from service.tag_files import TagOptions, read_tags, tags_of_setting
+from service.measured.table import MeasurementError
+from service.measured.tag_files import TagOptions, read_tags, tags_of_setting
+from service.parameters.parameter_sets import ParameterSets
+from service.runs.specs import spec_of
 from tests.unit.helpers.tags import FIXTURE_BASE, OFFSETS_DEG, TIP, robot_tags, two_paths
 
 
@@ -185,7 +185,7 @@ def test_a_description_without_its_flange_is_refused(
 
 
 def test_another_procedures_run_has_no_simulated_cell() -> None:
-    from service.simulated_cells import result_of_run
+    from service.parameters.simulated_cells import result_of_run
 
     with pytest.raises(CalibrationError, match="three_point_frame"):
         result_of_run("three_point_frame", {})

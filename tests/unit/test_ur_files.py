@@ -9,7 +9,7 @@ from calibration.arm.kinematics import DhTable, RobotModel, load_model
 from calibration.arm.standard_dh import standard_dh
 from calibration.arm.ur_factory import factory_model
 from calibration.errors import CalibrationError
-from service.ur_files import (
+from service.parameters.ur_files import (
     RosKinematics,
     UrKinematics,
     belongs_to,

@@ -8,7 +8,7 @@ import pytest
 from calibration.mastering.counts import DriveTrain
 from drivers.errors import UnreachableError
 from drivers.interfaces import Alarm, Condition, MasteringData, Readiness
-from service.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch
+from service.watching.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch
 
 PER_COUNT = 2 * 3.141592653589793 / (524288 * 100)
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from service.config import CellConfig, read_cell_file
+from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.door import Door
 from tests.wire.cases import GAUGES, PROBES, ROBOTS, GaugeCase, ProbeCase, RobotCase, opened, until_open
 from tests.wire.fakes import running

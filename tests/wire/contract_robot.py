@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError, WrongDeviceError
 from drivers.interfaces import Readiness
-from service.config import CellConfig
+from service.configuration.cell_file import CellConfig
 from service.demo.door import Door
 from tests.wire.cases import RobotCase, until, until_ready
 

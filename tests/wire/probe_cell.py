@@ -9,7 +9,7 @@ import numpy as np
 
 from calibration.arm.kinematics import RobotModel
 from procedures.cell import Cell
-from procedures.probe_line import joints_for_tip
+from procedures.motion.probe_line import joints_for_tip
 from procedures.steps.touch import Approach, probe_of
 from service.demo.door import Door
 from tests.wire.fakes import running

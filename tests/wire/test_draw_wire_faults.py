@@ -23,7 +23,7 @@ from drivers.interfaces import Readiness
 from drivers.wire.can_session import BusOptions
 from drivers.wire.canopen import CanopenLink
 from drivers.wire.socketcand import GuardedSocketcandBus
-from service.config import CellConfig
+from service.configuration.cell_file import CellConfig
 from service.demo.door import Door
 from tests.wire.cases import GAUGES, GaugeCase, until, until_ready
 

@@ -20,7 +20,7 @@ from drivers.errors import (
 )
 from drivers.interfaces import Readiness
 from drivers.wire.modbus import ModbusLink
-from service.config import CellConfig, read_cell_file
+from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.door import Door
 from tests.wire.cases import ROBOTS, opened, until, until_ready
 from tests.wire.contract_robot import moving

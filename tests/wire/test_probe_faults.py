@@ -8,7 +8,7 @@ from pymodbus.client import AsyncModbusTcpClient
 
 from drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
 from drivers.interfaces import Readiness
-from service.config import CellConfig
+from service.configuration.cell_file import CellConfig
 from service.demo.door import Door
 from tests.wire.cases import GAUGES, PROBES, Fault, opened, until_open
 

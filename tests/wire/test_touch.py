@@ -15,7 +15,7 @@ from calibration.registration import trilaterate
 from drivers.errors import DeviceError
 from drivers.operator.scripted import ScriptedOperator
 from procedures.cell import Cell
-from procedures.probe_line import probe_line
+from procedures.motion.probe_line import probe_line
 from procedures.steps.touch import (
     AlreadyInContactError,
     Approach,
@@ -27,10 +27,10 @@ from procedures.steps.touch import (
     StuckContactError,
     touch,
 )
-from service.cell import open_cell
-from service.check import check_cell
-from service.config import read_cell_file
+from service.configuration.cell_file import read_cell_file
 from service.demo.door import Door
+from service.runs.cell import open_cell
+from service.runs.check import check_cell
 from tests.wire.probe_cell import (
     BALL_MM,
     HOME_RAD,

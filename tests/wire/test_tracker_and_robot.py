@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from calibration.registration import best_fit_transform
 from drivers.operator.scripted import ScriptedOperator
 from procedures.steps.measure_point import PointCapture, hold_station, measure_point, measure_pose
-from service.cell import open_cell
-from service.check import check_cell
-from service.config import read_cell_file
+from service.configuration.cell_file import read_cell_file
+from service.runs.cell import open_cell
+from service.runs.check import check_cell
 from tests.wire.fakes import running
 
 CELL = """\

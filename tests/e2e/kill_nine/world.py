@@ -11,8 +11,8 @@ from typing import Any
 from calibration.arm.kinematics import load_model
 from procedures.cell import Cell, MotionLevel, MotionLimits
 from procedures.progress import Progress
-from service.conduct import Conditions, resume, run_procedure
-from service.journal import Journal
+from service.runs.conduct import Conditions, resume, run_procedure
+from service.runs.journal import Journal
 from tests.procedures.cells import Scene
 
 Call = tuple[str, str, tuple[Any, ...], dict[str, Any]]

@@ -1,0 +1,277 @@
+"""Which postures a series on one arm may use, and the ways between them, with a wire or a target on the flange.
+
+With a wire the rules are those of a survey (`procedures.survey.survey_motion`); with a target the arm and the
+bar that carries it are kept clear of each other, and nobody knows where the tracker's beam goes.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from calibration.arm.kinematics import load_model
+from calibration.errors import DegenerateDataError
+from calibration.geometry import Array
+from calibration.mastering.pose_design import candidate_joints
+from calibration.motion.collision import CollisionCheck
+from calibration.motion.motion_check import WirePath, check_moves
+from calibration.motion.motion_quantities import wire_winding
+from drivers.interfaces import Joints
+from procedures.arm.arm_bench import Bench, Triple
+from procedures.motion.approach import from_below
+from procedures.motion.plan_ways import WINDING_LOOKS
+from procedures.motion.plans import Room
+from procedures.motion.surroundings import clearances
+from procedures.survey import survey_motion
+
+FEWEST_POSES = 8
+_CORNERS = 80
+_TRIED, _LOOKS = 12, 9  # postures tried as a hub; places looked at on a way
+_WOUND_RAD, _SAME_WINDING_RAD = 3.5, 0.5  # from where the series begins; the gate allows more
+_HUBS, _WORTH_A_HUB = 8, 0.1  # and the share of what is left that a hub must seem to reach
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """What limits the motion of one series; hashable, so that a way is looked at once."""
+
+    model: str
+    target_in_flange_m: Triple
+    wire: survey_motion.Wire | None
+    room: Room
+
+    @classmethod
+    def of(cls, bench: Bench, room: Room) -> "Reach":
+        """Return the reach of a bench."""
+        wire = (bench.anchor_in_base_m, bench.target_in_flange_m, bench.range_m)
+        return cls(bench.model, bench.target_in_flange_m, wire if bench.method == "wire" else None, room)
+
+    def targets_m(self, joints_rad: Array) -> Array:
+        """Return where the target is in these postures (N, 3), by the drawing."""
+        return load_model(self.model).tip_positions(joints_rad, np.array(self.target_in_flange_m))
+
+    def speed(self, poses: tuple[Joints, ...], speed_rad_s: float) -> float:
+        """Return the joint speed at which no tip is faster than its cap, wherever the ways lead."""
+        model, ways = load_model(self.model), np.array(poses)
+        limits = survey_motion.survey_limits(self.wire, self.room, speed_rad_s)
+        tip = self.target_in_flange_m
+        verdict = check_moves(model, ways[0], ways[1:], limits, speed_rad_s=speed_rad_s, tip_in_flange_m=tip)
+        fastest = max((f.found / f.limit for f in verdict.findings if f.check == "tip speed"), default=1.0)
+        return speed_rad_s / (fastest * 1.2) if fastest > 1.0 else speed_rad_s
+
+    def not_checked(self) -> tuple[str, ...]:
+        """Return in sentences what no check of the ways sees."""
+        if self.wire is not None:
+            return survey_motion.unchecked(self.model, self.wire, self.room)
+        words = [*_collisions(self).not_checked, "the tracker's line of sight is not known"]
+        return tuple(words if None not in self.room.box_m() else [*words, "no workspace box known"])
+
+
+@lru_cache(maxsize=32)
+def draw_poses(reach: Reach, count: int, seed: int, mouth_at_m: Triple | None = None) -> tuple[Joints, ...]:
+    """Draw postures evenly between the joint limits; keep those that limits, box and the arm itself allow.
+
+    Raises
+    ------
+    DegenerateDataError
+        Fewer than eight are left.
+    """
+    if reach.wire is not None:
+        wires = (reach.wire,)
+        mouth = mouth_at_m or survey_motion.middle_of_work(reach.model, wires, reach.room, seed)
+        return survey_motion.draw_pool(reach.model, reach.wire, reach.room, mouth, (count, seed))
+    model, limits = load_model(reach.model), survey_motion.survey_limits(None, reach.room, 0.5)
+    drawn = candidate_joints(model, limits, 4 * count, seed=seed, hook_in_flange_m=reach.target_in_flange_m)
+    pool = drawn[_collisions(reach).free(drawn)][:count]
+    if len(pool) < FEWEST_POSES:
+        raise DegenerateDataError(
+            f"only {len(pool)} of the postures tried keep joint limits, box and arm clear of each other",
+            remedy="Widen the workspace box.",
+        )
+    return tuple(tuple(float(q) for q in pose) for pose in pool)
+
+
+@lru_cache(maxsize=32)
+def way_to_rest(reach: Reach, here_rad: Joints, pool: tuple[Joints, ...]) -> tuple[Joints, ...]:
+    """Return the corners of a free way to the posture from which most of the pool can be reached.
+
+    Raises
+    ------
+    DegenerateDataError
+        There is none.
+    """
+    if reach.wire is not None:
+        rests = survey_motion.resting_poses(reach.model, (reach.wire,), reach.room, (pool,))
+    else:
+        shares = [_coarse_share(reach, pose, pool[:_TRIED]) for pose in pool[:_TRIED]]
+        rests = tuple(pool[k] for k in np.argsort(-np.array(shares), kind="stable"))
+    return way_to_one(reach, here_rad, rests, pool)
+
+
+def way_to_one(
+    reach: Reach, here_rad: Joints, rests: tuple[Joints, ...], pool: tuple[Joints, ...]
+) -> tuple[Joints, ...]:
+    """Return the corners of a free way to the first of some postures that has one, through one of a pool if need be.
+
+    Raises
+    ------
+    DegenerateDataError
+        There is none.
+    """
+    near = next((rest for rest in rests if way_is_free(reach, here_rad, rest)), None)
+    if near is not None:
+        return (near,)
+    corners = sorted(pool, key=lambda pose: max(abs(a - b) for a, b in zip(pose, here_rad, strict=True)))
+    for corner in corners[:_CORNERS]:
+        if way_is_free(reach, here_rad, corner):
+            found = next((rest for rest in rests[:_TRIED] if way_is_free(reach, corner, rest)), None)
+            if found is not None:
+                return (corner, found)
+    degrees = ", ".join(f"{np.degrees(q):.0f}" for q in rests[0])
+    raise DegenerateDataError(
+        "no way is free from where the robot stands to where the series begins.",
+        remedy=f"Jog the robot to about {degrees} deg, then start a new run.",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Roadmap:
+    """Postures that can be gone to, with free ways: each hangs on a hub, each hub on an earlier one."""
+
+    hubs_rad: tuple[Joints, ...]  # the first is where the series begins
+    parents: tuple[int, ...]  # of each hub; the first is its own
+    poses_rad: tuple[Joints, ...]
+    hub_of: tuple[int, ...]  # of each posture
+    wound_rad: tuple[
+        float, ...
+    ]  # of each posture, when it is gone to along the hubs: the wire about the flange
+
+    def hub(self, pose_rad: Joints) -> int:
+        """Return the hub on which a posture hangs."""
+        return self.hub_of[self.poses_rad.index(pose_rad)]
+
+    def wound(self, pose_rad: Joints) -> float:
+        """Return how far the wire is wound about the flange at a posture, from where the series begins [rad]."""
+        return self.wound_rad[self.poses_rad.index(pose_rad)]
+
+    def through(self, here_rad: Joints, there_rad: Joints) -> tuple[Joints, ...]:
+        """Return the corners of the way along the hubs, from one posture to another."""
+        up, down = self._line(self.hub(here_rad)), self._line(self.hub(there_rad))
+        while len(up) > 1 and len(down) > 1 and up[-2] == down[-2]:
+            up, down = up[:-1], down[:-1]
+        hubs = [self.hubs_rad[k] for k in (*up, *reversed(down[:-1]))]
+        corners = [hub for hub in hubs if hub not in (here_rad, there_rad)]
+        return (*corners, there_rad)
+
+    def _line(self, hub: int) -> list[int]:
+        line = [hub]
+        while line[-1] != 0:
+            line.append(self.parents[line[-1]])
+        return line
+
+
+@lru_cache(maxsize=16)
+def map_roads(reach: Reach, rest_rad: Joints, pool: tuple[Joints, ...]) -> Roadmap:
+    """Find free ways to as many postures as a few hubs reach; the others are left out.
+
+    Raises
+    ------
+    DegenerateDataError
+        Fewer than eight can be reached.
+    """
+    hubs, parents = [rest_rad], [0]
+    hung: dict[Joints, _Hung] = {rest_rad: _Hung(0, 0.0)}
+    hung |= _hang(reach, rest_rad, _Hung(0, 0.0), pool)
+    while len(hubs) < _HUBS and not set(pool) <= hung.keys():
+        left = tuple(pose for pose in pool if pose not in hung)
+        tried = [pose for pose in hung if pose not in hubs]
+        tried = tried[:: max(1, len(tried) // _TRIED)]
+        shares = [_coarse_share(reach, pose, left[: 2 * _TRIED]) for pose in tried]
+        if not shares or max(shares) < _WORTH_A_HUB:
+            break
+        best = tried[int(np.argmax(shares))]
+        parents.append(hung[best].hub)
+        hubs.append(best)
+        hung |= _hang(reach, best, _Hung(len(hubs) - 1, hung[best].wound_rad), left)
+    if len(hung) < FEWEST_POSES:
+        raise DegenerateDataError(
+            f"only {len(hung)} of {len(pool)} postures have a free way from where the robot would rest",
+            remedy="Widen the workspace box, allow more candidates, or move the wire.",
+        )
+    return Roadmap(
+        hubs_rad=tuple(hubs),
+        parents=tuple(parents),
+        poses_rad=tuple(hung),
+        hub_of=tuple(one.hub for one in hung.values()),
+        wound_rad=tuple(one.wound_rad for one in hung.values()),
+    )
+
+
+def way_between(reach: Reach, roads: Roadmap, here_rad: Joints, there_rad: Joints) -> tuple[Joints, ...]:
+    """Return the corners of a free way from one posture of a roadmap to another: straight, or along its hubs."""
+    winds = roads.wound(there_rad) - roads.wound(here_rad)
+    alike = abs(wound_on_way(reach, here_rad, there_rad) - winds) < _SAME_WINDING_RAD
+    if alike and way_is_free(reach, here_rad, there_rad):
+        return (there_rad,)
+    return roads.through(here_rad, there_rad)
+
+
+def ordered_ways(
+    reach: Reach, roads: Roadmap, here_rad: Joints, poses: tuple[Joints, ...]
+) -> tuple[tuple[Joints, ...], ...]:
+    """Return a way to each of these poses of a roadmap, the nearest next."""
+    left, ways, here = list(poses), [], here_rad
+    while left:
+        left.sort(key=lambda pose: max(abs(a - b) for a, b in zip(pose, here, strict=True)))
+        ways.append(way_between(reach, roads, here, left.pop(0)))
+        here = ways[-1][-1]
+    return tuple(ways)
+
+
+@dataclass(frozen=True, slots=True)
+class _Hung:
+    """On which hub a posture hangs, and how far the wire is wound there."""
+
+    hub: int
+    wound_rad: float
+
+
+def _hang(reach: Reach, hub_rad: Joints, hub: _Hung, poses: tuple[Joints, ...]) -> dict[Joints, _Hung]:
+    """Return the postures with a free way from a hub on which the wire does not wind too far."""
+    wound = {pose: hub.wound_rad + wound_on_way(reach, hub_rad, pose) for pose in poses if pose != hub_rad}
+    near = [pose for pose, angle in wound.items() if abs(angle) <= _WOUND_RAD]
+    return {pose: _Hung(hub.hub, wound[pose]) for pose in near if way_is_free(reach, hub_rad, pose)}
+
+
+def wound_on_way(reach: Reach, here_rad: Joints, there_rad: Joints) -> float:
+    """Return how far a wire winds about the flange on a straight joint move [rad]; 0 without a wire."""
+    if reach.wire is None:
+        return 0.0
+    share = np.linspace(0.0, 1.0, WINDING_LOOKS)[:, None]
+    path = np.array(here_rad) + share * (np.array(there_rad) - np.array(here_rad))
+    return float(wire_winding(load_model(reach.model), path, reach.wire[:2])[-1])
+
+
+@lru_cache(maxsize=8192)
+def way_is_free(reach: Reach, here_rad: Joints, there_rad: Joints) -> bool:
+    """Tell whether a joint move keeps limits and box, and the arm clear of itself and of what hangs on it."""
+    if reach.wire is not None:
+        return survey_motion.way_is_free(reach.model, reach.wire, reach.room, here_rad, there_rad)
+    model, limits = load_model(reach.model), survey_motion.survey_limits(None, reach.room, 0.5)
+    ends = np.array([here_rad, *from_below(here_rad, there_rad)])
+    if not check_moves(model, ends[0], ends[1:], limits, speed_rad_s=1e-4).allowed:
+        return False
+    return bool(_collisions(reach).ways_free(ends).all())
+
+
+def _coarse_share(reach: Reach, rest_rad: Joints, pool: tuple[Joints, ...]) -> float:
+    """Return which share of the poses seems to have a free way from the rest, looked at in a few places."""
+    share = np.linspace(0.0, 1.0, _LOOKS)[:, None, None]
+    rest, ends = np.array(rest_rad), np.array(pool)
+    free = _collisions(reach).free((rest + share * (ends - rest)).reshape(-1, len(rest)))
+    return float(free.reshape(_LOOKS, -1).all(axis=0).mean())
+
+
+def _collisions(reach: Reach) -> CollisionCheck:
+    wire = None if reach.wire is None else WirePath(*reach.wire)
+    return clearances(reach.model, reach.room.surroundings, wire, reach.target_in_flange_m)

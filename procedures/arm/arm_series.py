@@ -1,0 +1,95 @@
+"""Going to poses and measuring there, one after the other: what every series on one arm does between two looks."""
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from calibration.geometry import Array
+from drivers.interfaces import Joints
+from procedures.arm.arm_bench import ArmCapture, Bench, agree, capture_arm
+from procedures.cell import Cell
+from procedures.run import Run
+from procedures.steps.motion import follow
+from procedures.verdict import SetAside
+
+ON_THE_WAY_RAD = 0.02  # an approach from below leaves the way by one degree
+
+
+@dataclass(slots=True)
+class Visits:
+    """Where a series stands between steps; everything in it comes from findings."""
+
+    run: Run
+    bench: Bench
+    speed_rad_s: float
+    samples: int
+    here_rad: Joints
+    taken: list[ArmCapture] = field(default_factory=list)
+    sources: list[str] = field(default_factory=list)  # the step of each capture in force
+    retaken: list[int] = field(default_factory=list)
+    set_aside: list[SetAside] = field(default_factory=list)
+    count: int = 0
+
+    def captures(self) -> tuple[ArmCapture, ...]:
+        """Return the captures in force."""
+        return tuple(self.taken)
+
+    async def rest(self, way_rad: tuple[Joints, ...]) -> None:
+        """Go where every pose has a free way to."""
+        await self._go("go to rest", way_rad)
+
+    async def visit(self, way_rad: tuple[Joints, ...], again: int = -1) -> None:
+        """Go along a way and measure at its end; ``again`` is the capture that is doubted, -1 for none."""
+        self.count += 1
+        source = f"capture {self.count}"
+        found = await self._measure(f"go to pose {self.count}", source, f"pose {self.count}", way_rad)
+        if again < 0:
+            self.taken.append(found)
+            self.sources.append(source)
+            return
+        self.retaken.append(again)
+        if not agree(self.taken[again], found, self.bench.sigma_m):
+            self.set_aside.append(SetAside(self.sources[again], "contradicted by the others; measured again"))
+            self.taken[again], self.sources[again] = found, source
+        else:
+            self.set_aside.append(SetAside(source, "measured again, and the same as before"))
+
+    async def check(self, kind: str, number: int, way_rad: tuple[Joints, ...]) -> ArmCapture:
+        """Go along a way and measure at its end for a check; the capture takes part in no fit."""
+        label = f"{kind} {number}"
+        return await self._measure(f"go to {label}", f"capture {label}", label, way_rad)
+
+    async def _measure(self, move: str, step: str, label: str, way_rad: tuple[Joints, ...]) -> ArmCapture:
+        await self._go(move, way_rad)
+        return await self.run.step(step, capture_arm, label, self.samples, self.bench.method)
+
+    async def _go(self, move: str, way_rad: tuple[Joints, ...]) -> None:
+        planned = (self.here_rad, *way_rad)
+        await self.run.move(move, go_on, planned, self.speed_rad_s, wired=self.bench.method == "wire")
+        self.here_rad = way_rad[-1]
+
+
+async def go_on(cell: Cell, planned_rad: tuple[Joints, ...], speed_rad_s: float, *, wired: bool) -> Joints:
+    """Go along a planned way from the posture it begins at; one that was begun is gone on with where the arm stands.
+
+    Back to its beginning, or straight to a corner that lies behind, no way was checked.
+    """
+    here = (await cell.robot.joints()).joints_rad
+    return await follow(cell, left_of(planned_rad, here), speed_rad_s, wired=wired)
+
+
+def left_of(planned_rad: tuple[Joints, ...], here_rad: Joints) -> tuple[Joints, ...]:
+    """Return the corners that are left of a way for an arm that stands on it; all of them if it stands elsewhere."""
+    legs = pairwise(np.array(planned_rad))
+    gaps = [_gap(start, end, np.array(here_rad)) for start, end in legs]
+    on = [k for k, gap in enumerate(gaps) if gap <= ON_THE_WAY_RAD]
+    return planned_rad[1 + (max(on) if on else 0) :]
+
+
+def _gap(start_rad: Array, end_rad: Array, here_rad: Array) -> float:
+    """Return how far a posture is from a straight joint move, in the joint that is off most [rad]."""
+    way = end_rad - start_rad
+    length = float(way @ way)
+    share = min(max(float((here_rad - start_rad) @ way) / length, 0.0), 1.0) if length > 0 else 0.0
+    return float(np.abs(start_rad + share * way - here_rad).max())

@@ -1,0 +1,293 @@
+"""The plan of a robot calibration, and the choice of its next poses. Pure functions of what was measured."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from calibration.geometry import Array
+from calibration.identification.parameters import GEOMETRY, GRAVITY, OFFSETS
+from calibration.identification.robust import RobustFit
+from calibration.poses.arm_fit import ArmTask, fit_arm, outlook_from, outlook_of, target_u
+from calibration.poses.enough_poses import Acceptance, gaps
+from calibration.poses.measurement_poses import Criterion, Outlook, TestPoses, predict
+from calibration.poses.next_pose import best_in_turn, drawn_need, spread_order
+from calibration.poses.shortfall import shortfall
+from drivers.interfaces import Joints
+from procedures.arm.arm_bench import ARM_SIGMA_M, ArmCapture, Bench, Triple, observed
+from procedures.arm.arm_motion import Reach, Roadmap, draw_poses, map_roads, way_between, way_to_rest
+from procedures.motion.plans import Room
+
+ModelName = Literal["offsets", "geometry", "sag"]
+LEVEL: dict[str, int] = {"offsets": OFFSETS, "geometry": GEOMETRY, "sag": GRAVITY}
+_SAME_POSE_RAD = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class SeriesRules:
+    """How many poses, how carefully, and what motion must keep to."""
+
+    first: Annotated[int, Field(ge=1, le=100)] = 12  # before the first look at the readings
+    batch: Annotated[int, Field(ge=1, le=50)] = 4  # between two looks
+    min_captures: Annotated[int, Field(ge=4, le=200)] = 16
+    max_captures: Annotated[int, Field(ge=4, le=400)] = 90
+    checks: Annotated[int, Field(ge=8, le=100)] = 8  # poses that are never fitted, at least
+    check_share: Annotated[float, Field(ge=0.3, le=1.0)] = 0.3  # of the captures that are fitted
+    candidates: Annotated[int, Field(ge=32, le=4000)] = 600
+    tests: Annotated[int, Field(ge=8, le=500)] = 80  # postures that stand for the whole work
+    samples: Annotated[int, Field(ge=1, le=1000)] = 5
+    retakes: Annotated[int, Field(ge=0, le=50)] = 5  # of readings that the others contradict
+    arm_sigma_m: Annotated[float, Field(gt=0, le=0.005)] = ARM_SIGMA_M
+    seed: Annotated[int, Field(ge=0)] = 1
+    mouth_at_m: Triple | None = None  # where the wire's mouth looks; None: the middle of the work
+    room: Room = field(default_factory=Room)
+
+    def checks_for(self, captures: int) -> int:
+        """Return how many poses verify a fit of so many captures."""
+        return max(self.checks, math.ceil(self.check_share * captures))
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """What must be known how well before a series ends. ``None`` does not matter."""
+
+    tip_u_m: float | None  # U (k = 2) of the target over the work, RMS
+    offset_sigma_rad: float | None  # acceptance angular standard deviation
+    offsets_of: tuple[str, ...]
+    model: ModelName
+
+    def acceptance(self) -> Acceptance:
+        """Return the goal in standard deviations."""
+        tip = None if self.tip_u_m is None else self.tip_u_m / 2.0
+        return Acceptance(
+            tip_rms_m=tip, offset_rad=self.offset_sigma_rad, offsets_of=self.offsets_of, margin=1.0
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationPlan:
+    """Poses to choose from and to verify with, and what is expected of them."""
+
+    goal: Goal
+    roads: Roadmap
+    pool: tuple[Joints, ...]
+    tests: tuple[Joints, ...]
+    reserved: tuple[Joints, ...]  # for verification; never fitted; spread over the work
+    way_to_rest_rad: tuple[Joints, ...]
+    speed_rad_s: float
+    expected_captures: int
+    tip_u_m: float  # expected after them, k = 2
+    tip_u_max_m: float
+    best: tuple[int, ...]  # of the pool, in the order in which they are expected to tell most
+    shortfall: str  # why the goal is not reachable, empty if it is
+    not_checked: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A series from its beginning: robot and device as found, plan, rules. Everything is decided from it."""
+
+    bench: Bench
+    plan: CalibrationPlan
+    rules: SeriesRules
+
+    def task(self) -> ArmTask:
+        """Return what its fits are about."""
+        return task_of(self.bench, self.plan.goal, self.rules)
+
+    def test_poses(self) -> TestPoses:
+        """Return the postures that stand for the work."""
+        return TestPoses(np.array(self.plan.tests))
+
+    def reach(self) -> Reach:
+        """Return what limits its motion."""
+        return Reach.of(self.bench, self.rules.room)
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What was captured, which captures were taken again, and where the robot is."""
+
+    captures: tuple[ArmCapture, ...]
+    retaken: tuple[int, ...]
+    here_rad: Joints
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The next ways, each to a new pose or again to that of a capture; or why there is none."""
+
+    ways_rad: tuple[tuple[Joints, ...], ...]
+    again: tuple[int, ...]  # of each way: the capture that is doubted, -1 for a new pose
+    enough: bool
+    tip_u_m: float
+    tip_u_max_m: float
+    why_not: str = ""
+
+
+def task_of(bench: Bench, goal: Goal, rules: SeriesRules) -> ArmTask:
+    """Return what the fits of such a series are about."""
+    return bench.task(LEVEL[goal.model], arm_sigma_m=rules.arm_sigma_m)
+
+
+def plan_series(bench: Bench, goal: Goal, rules: SeriesRules) -> CalibrationPlan:
+    """Draw poses, put some aside for verification, and foresee how many of the others will do."""
+    reach = Reach.of(bench, rules.room)
+    postures = draw_poses(reach, rules.candidates, rules.seed, rules.mouth_at_m)
+    to_rest = way_to_rest(reach, bench.joints_rad, postures)
+    roads = map_roads(reach, to_rest[-1], postures)
+    drawn, work = roads.poses_rad[1:], np.array(postures)  # the first is where the series begins
+    every = np.array(drawn)
+    most_checks = min(rules.checks_for(rules.max_captures), len(drawn) // 3)
+    reserved = spread_order(every, reach.targets_m(every), most_checks)
+    pool = np.delete(every, list(reserved), axis=0)
+    tests = TestPoses(work[:: max(1, len(work) // rules.tests)][: rules.tests])
+    before = outlook_of(task_of(bench, goal, rules), np.empty((0, every.shape[1])))
+    turn = best_in_turn(before, pool, tests, _stop(goal, rules, tests), most=rules.max_captures)
+    order, after = turn.order, turn.after
+    u_m, u_max_m = target_u(after, tests)
+    found = shortfall(before, pool, goal.acceptance(), tests)
+    return CalibrationPlan(
+        goal=goal,
+        roads=roads,
+        pool=_poses(pool),
+        tests=_poses(tests.joints_rad),
+        reserved=tuple(drawn[k] for k in reserved),
+        way_to_rest_rad=to_rest,
+        speed_rad_s=reach.speed(drawn, bench.limits.speed_rad_s),
+        expected_captures=len(order),
+        tip_u_m=u_m,
+        tip_u_max_m=u_max_m,
+        best=order,
+        shortfall="" if found is None else found.sentence,
+        not_checked=reach.not_checked(),
+    )
+
+
+def choose_poses(series: Series, standing: Standing) -> Choice:
+    """Choose what to measure next: doubted captures again, else the poses that tell most; or end the series."""
+    plan, rules, taken = series.plan, series.rules, len(standing.captures)
+    now = _known(series, standing.captures)
+    u_m, u_max_m = target_u(now, series.test_poses())
+    enough = taken >= rules.min_captures and not gaps(
+        predict(now, series.test_poses()), plan.goal.acceptance()
+    )
+    done = Choice((), (), enough, u_m, u_max_m)
+    doubted = _doubted(series, standing)
+    if doubted:
+        poses = tuple(_nearest(plan.pool, standing.captures[k]) for k in doubted)
+        return replace(done, ways_rad=_through(series, standing.here_rad, poses), again=doubted, enough=False)
+    if enough or taken >= rules.max_captures:
+        return done if enough else _ended(done, f"{taken} captures were allowed (max_captures)")
+    found = shortfall(now, np.array(plan.pool), plan.goal.acceptance(), series.test_poses())
+    if found is not None and taken >= rules.min_captures:
+        return _ended(done, found.sentence)
+    wanted = min(rules.first if taken == 0 else rules.batch, rules.max_captures - taken)
+    choice = _next_ways(series, standing, now, wanted, done)
+    return choice if choice.ways_rad else _ended(done, "every pose that can be reached was measured")
+
+
+def _next_ways(series: Series, standing: Standing, now: Outlook, wanted: int, done: Choice) -> Choice:
+    """Choose poses one after the other, as if those before were measured."""
+    left, tests = _unseen(series.plan.pool, standing.captures), series.test_poses()
+    if not len(left):
+        return done
+    turn = best_in_turn(now, left, tests, lambda *_: False, most=wanted, criterion=_criterion(now, series))
+    poses = tuple(tuple(float(q) for q in left[k]) for k in turn.order)
+    ways = _through(series, standing.here_rad, poses)
+    return Choice(ways, (-1,) * len(ways), False, done.tip_u_m, done.tip_u_max_m)
+
+
+def fixed_plan_captures(series: Series, captures: tuple[ArmCapture, ...], tip_u_m: float) -> int | None:
+    """Return how many evenly drawn poses would be needed for the same U, median of a few draws; None if too many."""
+    tests, base = series.test_poses(), _sigma_found(series, captures)
+    return drawn_need(base, np.array(series.plan.pool), lambda known: target_u(known, tests)[0] <= tip_u_m)
+
+
+@lru_cache(maxsize=16)
+def fitted(task: ArmTask, captures: tuple[ArmCapture, ...], level: int | None = None) -> RobustFit:
+    """Return the fit of captures; the same question is asked several times between two captures."""
+    return fit_arm(task, observed(task, captures), level=level)
+
+
+def _stop(goal: Goal, rules: SeriesRules, tests: TestPoses) -> Callable[[int, Outlook], bool]:
+    """Return whether so many captures are expected to be enough."""
+    acceptance = goal.acceptance()
+
+    def enough(count: int, known: Outlook) -> bool:
+        return count >= rules.min_captures and not gaps(predict(known, tests), acceptance)
+
+    return enough
+
+
+def _known(series: Series, captures: tuple[ArmCapture, ...]) -> Outlook:
+    """Return what is known: from a fit as soon as that tells more than the priors."""
+    task = series.task()
+    if task.enough_for_a_fit(len(captures)):
+        return outlook_from(task, fitted(task, captures))
+    return outlook_of(task, np.array([c.joints_rad for c in captures]))
+
+
+def _sigma_found(series: Series, captures: tuple[ArmCapture, ...]) -> Outlook:
+    """Return what was known before any capture, for readings as good as they turned out to be."""
+    task = series.task()
+    now = outlook_from(task, fitted(task, captures)) if task.enough_for_a_fit(len(captures)) else None
+    before = outlook_of(task, np.empty((0, len(series.bench.joints_rad))))
+    return (
+        before
+        if now is None
+        else Outlook(before.layout, before.state, now.observe, before.scales, before.information)
+    )
+
+
+def _criterion(now: Outlook, series: Series) -> Criterion:
+    missing = gaps(predict(now, series.test_poses()), series.plan.goal.acceptance())
+    only_offsets = missing and all(gap.unit == "rad" for gap in missing)
+    return Criterion.OFFSETS if only_offsets else Criterion.TEST_POSES
+
+
+def _doubted(series: Series, standing: Standing) -> tuple[int, ...]:
+    """Return captures that the others contradict and that were not taken again yet."""
+    task = series.task()
+    if not task.enough_for_a_fit(len(standing.captures)):
+        return ()
+    rejected = fitted(task, standing.captures).rejected
+    left = series.rules.retakes - len(standing.retaken)
+    return tuple(int(k) for k in rejected if int(k) not in standing.retaken)[: max(left, 0)]
+
+
+def _through(series: Series, here_rad: Joints, poses: tuple[Joints, ...]) -> tuple[tuple[Joints, ...], ...]:
+    """Return ways to poses in this order."""
+    ways, reach = [], series.reach()
+    for pose in poses:
+        ways.append(way_between(reach, series.plan.roads, here_rad, pose))
+        here_rad = pose
+    return tuple(ways)
+
+
+def _nearest(pool: tuple[Joints, ...], capture: ArmCapture) -> Joints:
+    """Return the planned pose at which a capture was taken: where the robot stands is a little beside it."""
+    apart = np.abs(np.array(pool) - np.array(capture.joints_rad)).max(axis=1)
+    return pool[int(np.argmin(apart))]
+
+
+def _ended(done: Choice, why: str) -> Choice:
+    return Choice((), (), False, done.tip_u_m, done.tip_u_max_m, why)
+
+
+def _unseen(pool: tuple[Joints, ...], captures: tuple[ArmCapture, ...]) -> Array:
+    poses = np.array(pool)
+    if not captures:
+        return poses
+    seen = np.array([capture.joints_rad for capture in captures])
+    apart = np.abs(poses[:, None, :] - seen[None]).max(axis=2).min(axis=1)
+    unseen: Array = poses[apart > _SAME_POSE_RAD]
+    return unseen
+
+
+def _poses(joints_rad: Array) -> tuple[Joints, ...]:
+    return tuple(tuple(float(q) for q in pose) for pose in joints_rad)

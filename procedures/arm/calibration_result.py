@@ -1,0 +1,222 @@
+"""What a robot calibration found, and how it stands at poses that were never fitted."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.arm.kinematics import load_model
+from calibration.geometry import Array
+from calibration.identification.estimator import Fit
+from calibration.identification.identifiability import not_identified
+from calibration.identification.offset_acceptance import accept_offsets
+from calibration.identification.parameters import OFFSETS
+from calibration.identification.tip_uncertainty import offset_slopes
+from calibration.mastering.counts import DriveTrain
+from calibration.poses.arm_fit import (
+    ArmTask,
+    believed_sigma,
+    errors_at,
+    found_parameters,
+    outlook_from,
+    placed,
+    predicted_sigma,
+    target_u,
+)
+from calibration.poses.calibrated_arm import CalibratedArm
+from calibration.uncertainty import chi_square_limit
+from drivers.interfaces import Counts
+from procedures.arm.arm_bench import ArmCapture, joints_of, observed, values_of
+from procedures.arm.calibration_plan import Series, fitted, fixed_plan_captures
+
+OFFSETS_EXPLAIN = (
+    1.15  # of the whole model's RMS at the check poses: above, zeros alone are not the whole story
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FoundOffset:
+    """One joint's zero as a table of four numbers a joint has it: true minus shown, U with k = 2."""
+
+    name: str
+    value_rad: float
+    u_rad: float
+    known: bool  # false: the readings say no more than was expected beforehand
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """What these readings cannot tell."""
+
+    parameter: str
+    partner: str
+    cure: str
+
+
+@dataclass(frozen=True, slots=True)
+class HoldOut:
+    """Errors of readings at poses that took no part in the fit, a coordinate [m]."""
+
+    captures: int
+    before_rms_m: float  # the nominal arm; device and target placed by the same readings as after
+    before_max_m: float
+    after_rms_m: float
+    after_max_m: float
+    offsets_only_rms_m: float  # with joint zeros as the only errors
+    chi_square: float  # of the errors after, against what was predicted
+    degrees_of_freedom: int
+
+    @property
+    def as_predicted(self) -> bool:
+        """Whether the errors are no larger than the stated uncertainty allows, at 99.9 %."""
+        return self.chi_square <= chi_square_limit(self.degrees_of_freedom)
+
+    @property
+    def offsets_explain(self) -> bool:
+        """Whether joint zeros alone predict the check poses as well as the whole model."""
+        return self.offsets_only_rms_m <= OFFSETS_EXPLAIN * self.after_rms_m
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """The arm as found, with all that may be believed of it."""
+
+    arm: CalibratedArm
+    offsets: tuple[FoundOffset, ...]
+    offsets_accepted: (
+        str  # pass | fail | undecided against the acceptance angular standard deviation; "" if not asked
+    )
+    hidden: tuple[Hidden, ...]
+    tip_u_m: float  # k = 2, over the work: RMS …
+    tip_u_max_m: float  # … and at the worst posture
+    residual_rms_m: float
+    rejected: tuple[int, ...]  # captures, from 0
+    hold_out: HoldOut
+    captures: int
+    fixed_plan_captures: int | None  # evenly drawn poses for the same U; None: more than were drawn
+    mastering: Counts  # counts at zero that would take the joint zeros away; empty if that cannot be said
+    written_offsets_rad: tuple[float, ...]  # joint by joint, what those counts change
+
+    @property
+    def saving(self) -> str:
+        """What choosing the poses saved, in words."""
+        if self.fixed_plan_captures is None:
+            return f"{self.captures} captures; evenly drawn poses do not reach this U at all"
+        share = 1.0 - self.captures / self.fixed_plan_captures
+        return (
+            f"{self.captures} captures; a fixed plan of evenly drawn poses needs {self.fixed_plan_captures} for the "
+            f"same U: {share:.0%} saved"
+        )
+
+
+def identify_arm(
+    series: Series, captures: tuple[ArmCapture, ...], checks: tuple[ArmCapture, ...]
+) -> Identified:
+    """Fit the arm to the captures, and see what that is worth at the check poses."""
+    task, plan = series.task(), series.plan
+    robust = fitted(task, captures)
+    u_m, u_max_m = target_u(outlook_from(task, robust), series.test_poses())
+    state, goal = robust.fit.state, plan.goal
+    kept = np.delete(errors_at(state, observed(task, captures)), robust.rejected, axis=1)
+    accepted = ""
+    if goal.offset_sigma_rad is not None:
+        accepted = accept_offsets(robust, goal.offset_sigma_rad, goal.offsets_of).verdict.value
+    zero, turned = _mastering(series, captures)
+    x, y, z = (float(v) for v in state.flange_tool[:3, 3])
+    arm = CalibratedArm(
+        robot_serial=series.bench.serial,
+        model=series.bench.model,
+        counts_at_zero=series.bench.counts_at_zero,
+        device=series.bench.method,
+        parameters=found_parameters(robust.fit),
+        target_in_flange_m=(x, y, z),
+        fitted_joints_rad=tuple(capture.joints_rad for capture in captures),
+    )
+    return Identified(
+        arm=arm,
+        offsets=_offsets(robust.fit),
+        offsets_accepted=accepted,
+        hidden=tuple(Hidden(h.parameter, h.partner, h.cure) for h in not_identified(robust.fit)),
+        tip_u_m=u_m,
+        tip_u_max_m=u_max_m,
+        residual_rms_m=_rms(kept),
+        rejected=tuple(int(k) for k in robust.rejected),
+        hold_out=_hold_out(task, captures, checks),
+        captures=len(captures),
+        fixed_plan_captures=fixed_plan_captures(series, captures, u_m),
+        mastering=zero,
+        written_offsets_rad=turned,
+    )
+
+
+def after_mastering(
+    arm: CalibratedArm, written_rad: tuple[float, ...], counts_at_zero: Counts
+) -> CalibratedArm:
+    """Return the parameters as they are once some of the zeros were written into the robot."""
+    coupled = load_model(arm.model).joint_coupling @ np.array(written_rad)
+    taken = {f"J{k + 1} offset": float(angle) for k, angle in enumerate(coupled)}
+    moved = tuple(replace(p, value=p.value - taken.get(p.name, 0.0)) for p in arm.parameters)
+    return replace(arm, parameters=moved, counts_at_zero=counts_at_zero)
+
+
+def errors_after(
+    series: Series,
+    captures: tuple[ArmCapture, ...],
+    written_rad: tuple[float, ...],
+    finals: tuple[ArmCapture, ...],
+) -> float:
+    """Return the RMS error [m] of readings after the zeros were written, against what the fit says of them."""
+    task, joints = series.task(), joints_of(finals, len(written_rad))
+    as_before = task.observations(joints - np.array(written_rad), values_of(finals))
+    return _rms(errors_at(fitted(task, captures).fit.state, as_before))
+
+
+def _hold_out(task: ArmTask, captures: tuple[ArmCapture, ...], checks: tuple[ArmCapture, ...]) -> HoldOut:
+    seen, robust = observed(task, checks), fitted(task, captures)
+    nominal = placed(task, observed(task, captures), {})
+    before, after = errors_at(nominal, seen), errors_at(robust.fit.state, seen)
+    zeros = errors_at(fitted(task, captures, OFFSETS).fit.state, seen)
+    sigma = np.hypot(predicted_sigma(robust.fit, task, seen.joints_rad), believed_sigma(task, robust))
+    return HoldOut(
+        captures=len(checks),
+        before_rms_m=_rms(before),
+        before_max_m=float(np.linalg.norm(before, axis=0).max()),
+        after_rms_m=_rms(after),
+        after_max_m=float(np.linalg.norm(after, axis=0).max()),
+        offsets_only_rms_m=_rms(zeros),
+        chi_square=float(((after / sigma) ** 2).sum()),
+        degrees_of_freedom=int(after.size),
+    )
+
+
+def _offsets(fit: Fit) -> tuple[FoundOffset, ...]:
+    parameters = {p.name: p for p in found_parameters(fit)}
+    found = []
+    for name, slope in offset_slopes(fit).items():
+        sigma = math.sqrt(max(float(slope @ fit.covariance @ slope), 0.0))
+        known = sigma < 0.5 * parameters[name].prior
+        found.append(FoundOffset(name, parameters[name].value, 2.0 * sigma, known))
+    return tuple(found)
+
+
+def _mastering(series: Series, captures: tuple[ArmCapture, ...]) -> tuple[Counts, tuple[float, ...]]:
+    """Return counts at zero without the joint zeros that are known, and by how much that turns each joint."""
+    drive, zero = series.bench.drive, series.bench.counts_at_zero
+    if drive is None or not zero:
+        return (), ()
+    fit = fitted(series.task(), captures, OFFSETS).fit
+    known = {p.name: p.value for p in found_parameters(fit) if p.role == "offset" and p.known}
+    model = load_model(series.bench.model)
+    coupled = np.array([known.get(f"J{k + 1} offset", 0.0) for k in range(model.axes)])
+    return _written(drive, zero, np.linalg.solve(model.joint_coupling, coupled))
+
+
+def _written(drive: DriveTrain, zero: Counts, turned_rad: Array) -> tuple[Counts, tuple[float, ...]]:
+    per_count = np.array(drive.radians_per_count)
+    change = np.rint(np.linalg.solve(per_count, turned_rad))
+    counts = tuple(int(before - by) for before, by in zip(zero, change, strict=True))
+    return counts, tuple(float(angle) for angle in per_count @ change)
+
+
+def _rms(errors_m: Array) -> float:
+    return float(np.sqrt(np.mean(errors_m**2)))

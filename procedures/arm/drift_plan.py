@@ -1,0 +1,78 @@
+"""Where a drift check measures: where the causes of a change look most different, reached the same way every time."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from calibration.drift.causes import telling_order
+from calibration.drift.reference import DriftReference
+from drivers.interfaces import Joints
+from procedures.arm.arm_bench import Bench
+from procedures.arm.arm_motion import Reach, draw_poses, map_roads, way_is_free, way_to_one, way_to_rest
+from procedures.motion.plans import Room
+from procedures.run import RefusalError
+
+REPEAT_M = 3e-5  # how well an arm of this class comes back to a pose from the same side, one coordinate
+
+
+@dataclass(frozen=True, slots=True)
+class DriftRules:
+    """How many poses, how carefully, and what motion must keep to."""
+
+    poses: Annotated[int, Field(ge=4, le=12)] = 6  # of the reference
+    first: Annotated[int, Field(ge=4, le=12)] = (
+        4  # that every check measures; the others only where they decide
+    )
+    candidates: Annotated[int, Field(ge=32, le=500)] = 100
+    samples: Annotated[int, Field(ge=1, le=1000)] = 5
+    probability: Annotated[float, Field(ge=0.5, lt=1)] = 0.9  # from which a cause is named
+    seed: Annotated[int, Field(ge=0)] = 1
+    room: Room = field(default_factory=Room)
+
+
+@dataclass(frozen=True, slots=True)
+class DriftPlan:
+    """Poses in the order in which they are gone to, each with a free way from the one before."""
+
+    ways_rad: tuple[tuple[Joints, ...], ...]
+    way_to_rest_rad: tuple[Joints, ...]
+    speed_rad_s: float
+    not_checked: tuple[str, ...]
+
+
+def plan_reference(bench: Bench, rules: DriftRules) -> DriftPlan:
+    """Plan the poses at which the causes of a change look most different; each with a free way from the rest."""
+    reach = Reach.of(bench, rules.room)
+    drawn = draw_poses(reach, rules.candidates, rules.seed)
+    to_rest = way_to_rest(reach, bench.joints_rad, drawn)
+    roads = map_roads(reach, to_rest[-1], drawn)
+    near = tuple(pose for pose, hub in zip(roads.poses_rad[1:], roads.hub_of[1:], strict=True) if hub == 0)
+    sigma_m = math.sqrt(2.0) * math.hypot(bench.sigma_m / 2.0, REPEAT_M)
+    order = telling_order(bench.task(), np.array(near), sigma_m, rules.poses)
+    return _planned(bench, reach, to_rest, tuple(near[k] for k in order))
+
+
+def plan_check(bench: Bench, reference: DriftReference, rules: DriftRules) -> DriftPlan:
+    """Plan the way to the poses of a reference."""
+    reach = Reach.of(bench, rules.room)
+    drawn = draw_poses(reach, rules.candidates, rules.seed)
+    rest = reference.rest_rad
+    to_rest = way_to_one(reach, bench.joints_rad, (rest,), drawn)
+    lost = sum(not way_is_free(reach, rest, pose) for pose in reference.poses_rad)
+    if lost:
+        raise RefusalError(
+            f"{lost} poses of the reference have no free way from where the robot would rest",
+            code="procedure.unreachable",
+            remedy="Give the workspace and wire that the reference was taken with, or take a new one (renew).",
+        )
+    return _planned(bench, reach, to_rest, reference.poses_rad)
+
+
+def _planned(bench: Bench, reach: Reach, to_rest: tuple[Joints, ...], poses: tuple[Joints, ...]) -> DriftPlan:
+    rest = to_rest[-1]
+    ways = tuple((rest, pose) for pose in poses)  # always by way of the rest: the same approach every time
+    speed = reach.speed((rest, *poses), bench.limits.speed_rad_s)
+    return DriftPlan(ways, to_rest, speed, reach.not_checked())

@@ -1,0 +1,278 @@
+"""The one door to motion: nothing else in the product tells a robot to move (a test reads the source for it).
+
+Plans are checked before a person approves them. Here, right before each command, it is checked again from where
+the arm really stands: that the numbers are numbers, the state is fresh, the robot ready, its encoders and tool
+those of before, our right to command it unbroken, and the way free. The cell file says who then moves: this
+software, a program that a person starts, or a person with the pendant. This is no safety function.
+"""
+
+import asyncio
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
+from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
+from drivers.interfaces import Instruction, JointReading, Joints, Readiness
+from procedures.cell import Cell, MotionLevel
+from procedures.motion.by_hand import jog_by_hand, move_by_hand
+from procedures.motion.surroundings import clearances
+from procedures.run import NeedsUnmetError, ProcedureError
+from procedures.steps.ask import ask
+from procedures.steps.mastering import PositionLostAgainError, axis_jog
+
+MARGIN_RAD = 0.034907  # 2 deg from a joint's limit: plans keep 3, and stops from below overshoot by 1
+HAND_TOLERANCE_RAD = 0.0087266  # 0.5 deg: what a person sets on a pendant
+SLACK_SHARE = 0.5  # of the distances that plans keep: an arm comes to rest beside its target by up to 0.1 deg
+WRAP_RAD = 9.424778  # 540 deg: a plan winds the wire by up to 270 to either side of where it began
+STALE_S = 1.0
+SLOWEST_RAD_S = 1e-5
+_STRAIGHT = 0.01  # smallest singular value of the Jacobian on a straight move; about 5 deg at a wrist
+
+
+class MotionRefusedError(ProcedureError):
+    """A move was not commanded. Nothing has moved."""
+
+    code = "procedure.motion_refused"
+
+
+class OffTargetError(ProcedureError):
+    """A move ended somewhere else than planned."""
+
+    code = "procedure.off_target"
+
+
+class Care(Enum):
+    """What a way has to keep, besides limits and the arm's distance from itself."""
+
+    FREE = "free"  # distances to what stands in the cell
+    WIRED = "wired"  # and the draw-wire, hung where the cell file says
+    TOUCHING = "touching"  # a straight way to a surface that shall be touched: no distances to the cell
+
+
+@dataclass(frozen=True, slots=True)
+class Jog:
+    """A turn of one joint alone. ``here_rad``: where the arm most likely stands; None while nobody knows."""
+
+    axis: int
+    delta_rad: float
+    speed_rad_s: float
+    here_rad: Joints | None = None
+
+
+async def move_along(
+    cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float, *, care: Care = Care.FREE
+) -> None:
+    """Bring the arm along corners to the last one, by whoever moves this robot.
+
+    Raises
+    ------
+    MotionRefusedError
+        The way may not be gone, or the numbers are none; nothing has moved.
+    DeviceError
+        The robot is not ready, or not heard.
+    PositionLostAgainError
+        The encoders are not those that this run began with.
+    """
+    here = await _ready(cell, Readiness.READY)
+    speed = _capped(cell, care, here.joints_rad, way_rad, speed_rad_s)
+    if cell.level is not MotionLevel.COMMANDED:
+        await move_by_hand(cell, way_rad, speed, HAND_TOLERANCE_RAD)
+        return
+    await _approved(cell, here.joints_rad, way_rad, speed)
+    for corner in way_rad:
+        await _still_ours(cell)
+        await cell.robot.move_joints(tuple(corner), speed_rad_s=speed)
+
+
+async def jog_axis(cell: Cell, jog: Jog) -> None:
+    """Turn one joint, also of a robot that does not know where it is; raises as ``move_along``."""
+    await _ready(cell, Readiness.READY, Readiness.POSITION_LOST)
+    speed = min(jog.speed_rad_s, cell.limits.jog_speed_rad_s)
+    _refuse_no_number((float(jog.axis), jog.delta_rad, speed))
+    if jog.here_rad is not None:
+        target = tuple(q + jog.delta_rad * (k == jog.axis) for k, q in enumerate(jog.here_rad))
+        speed = _capped(cell, Care.WIRED, jog.here_rad, [target], speed, stops=False)
+    if cell.level is not MotionLevel.COMMANDED:
+        await jog_by_hand(cell, jog.axis, jog.delta_rad, speed, HAND_TOLERANCE_RAD)
+        return
+    await _approved(cell, None, (), speed)
+    await _still_ours(cell)
+    await axis_jog(cell).jog_axis(jog.axis, jog.delta_rad, speed_rad_s=speed)
+
+
+def tolerance_rad(cell: Cell, commanded_rad: float) -> float:
+    """Return how far from its target an arm may come to rest: a person with a pendant is less exact."""
+    return commanded_rad if cell.level is MotionLevel.COMMANDED else max(commanded_rad, HAND_TOLERANCE_RAD)
+
+
+def refuse_off_target(found: Joints, target: Joints, tolerance_rad: float) -> None:
+    """Raise OffTargetError where an arm did not come to rest where it should."""
+    errors = [abs(f - t) for f, t in zip(found, target, strict=True)]
+    worst = max(range(len(errors)), key=errors.__getitem__)
+    if not errors[worst] <= tolerance_rad:
+        raise OffTargetError(
+            f"axis {worst + 1} ended {math.degrees(errors[worst]):.3f} deg from its target",
+            remedy="Look whether something blocks the arm, then resume.",
+        )
+
+
+def check_way(
+    cell: Cell,
+    care: Care,
+    here_rad: Joints,
+    way_rad: Sequence[Joints],
+    speed_rad_s: float,
+    *,
+    stops: bool = True,
+) -> MotionVerdict:
+    """Check a way from where the arm stands. The last corner has to keep every limit if the arm ``stops`` there."""
+    model = _model(cell)
+    limits = _limits(cell, care)
+    at = [False] * (len(way_rad) - 1) + [stops]
+    tip = cell.surroundings.tip_in_flange_m or (0.0, 0.0, 0.0)
+    if limits.wire is not None:
+        tip = limits.wire.hook_in_flange_m
+    ways = np.array(way_rad, dtype=float)
+    return check_moves(model, here_rad, ways, limits, speed_rad_s=speed_rad_s, tip_in_flange_m=tip, stops=at)
+
+
+def _limits(cell: Cell, care: Care) -> MotionLimits:
+    known, model = cell.surroundings, _model(cell)
+    wire = _wire(cell) if care is Care.WIRED else None
+    shapes = replace(
+        known, margin_m=SLACK_SHARE * known.margin_m, wire_margin_m=SLACK_SHARE * known.wire_margin_m
+    )
+    if care is Care.TOUCHING:
+        shapes = replace(shapes, blocks=(), balls=(), planes=())
+    return MotionLimits(
+        joint_margin_rad=MARGIN_RAD,
+        joint_speed_rad_s=cell.limits.speed_rad_s,
+        tip_speed_m_s=cell.limits.tip_speed_m_s * known.speed_share,
+        box_low_m=known.box_low_m,
+        box_high_m=known.box_high_m,
+        smallest_singular_value=_STRAIGHT if care is Care.TOUCHING else None,
+        wire=wire,
+        clearances=clearances(model.name, shapes, wire),
+    )
+
+
+def _wire(cell: Cell) -> WirePath | None:
+    if cell.gauge is None or cell.gauge_setup is None:
+        return None
+    at, range_m = cell.gauge_setup, cell.gauge.capabilities.range_m
+    return WirePath(at.anchor_in_base_m, at.hook_in_flange_m, range_m, wrap_rad=WRAP_RAD)
+
+
+def _capped(
+    cell: Cell,
+    care: Care,
+    here_rad: Joints,
+    way_rad: Sequence[Joints],
+    speed_rad_s: float,
+    *,
+    stops: bool = True,
+) -> float:
+    """Refuse a way that is not free; return the speed at which no part of the arm is faster than its cap."""
+    _refuse_no_number((speed_rad_s, *here_rad, *(q for corner in way_rad for q in corner)))
+    model = _model(cell)
+    fastest_joint = min(cell.limits.speed_rad_s, float(np.min(model.max_speed_rad_s)))
+    speed = min(speed_rad_s, fastest_joint)
+    verdict = check_way(cell, care, here_rad, way_rad, speed, stops=stops)
+    broken = [finding for finding in verdict.findings if finding.check != "tip speed"]
+    if broken:
+        raise MotionRefusedError(
+            f"the way is not free: {broken[0].sentence}",
+            remedy="Nothing has moved. Look whether the robot stands where it should, then start a new run.",
+        )
+    fastest = max((finding.found / finding.limit for finding in verdict.findings), default=1.0)
+    return max(speed / (fastest * 1.01), SLOWEST_RAD_S) if fastest > 1.0 else speed
+
+
+def _refuse_no_number(numbers: Sequence[float]) -> None:
+    if not all(math.isfinite(number) for number in numbers):
+        raise MotionRefusedError(
+            "a target or a speed is not a finite number", remedy="Nothing has moved. Report this run."
+        )
+
+
+async def _ready(cell: Cell, *allowed: Readiness) -> JointReading:
+    """Return a fresh reading of a robot that may be moved; a lost robot's joints mean nothing."""
+    _hold(cell)
+    condition = await cell.robot.condition()
+    if condition.readiness not in allowed:
+        name, words, remedy = cell.robot.name, condition.message, condition.remedy
+        if condition.readiness is Readiness.UNREACHABLE:
+            raise UnreachableError(name, words, remedy=remedy)
+        if condition.readiness is Readiness.STOPPED:
+            raise MotionStoppedError(name, words, remedy=remedy)
+        raise RefusedError(name, words or "the robot is not ready to move", remedy=remedy)
+    await _same_encoders(cell)
+    if Readiness.POSITION_LOST in allowed:
+        return JointReading((), moving=False, taken_at_s=_now())
+    reading = await cell.robot.joints()
+    if reading.moving or _now() - reading.taken_at_s > STALE_S:
+        what = "moves already" if reading.moving else "shows a state that is too old"
+        raise MotionRefusedError(
+            f"the robot {what}: no move is commanded on top of it",
+            remedy="Look at the robot and find out who moves it, then resume.",
+        )
+    return reading
+
+
+async def _still_ours(cell: Cell) -> None:
+    """Look right before a command at what may have changed while a person was asked or a corner was gone."""
+    _hold(cell)
+    await _same_encoders(cell)
+
+
+async def _same_encoders(cell: Cell) -> None:
+    if cell.mastering is None:
+        return
+    epoch, memory = await cell.mastering.encoder_epoch(), cell.motion
+    if memory.epoch is None:
+        memory.epoch = epoch
+    elif epoch != memory.epoch:
+        raise PositionLostAgainError(
+            f"the robot lost its position during this run (encoder epoch {memory.epoch}, now {epoch})",
+            remedy="Start the recovery anew; the points measured before cannot be combined with later ones.",
+        )
+
+
+def _hold(cell: Cell) -> None:
+    if cell.permit is not None:
+        cell.permit.hold()
+
+
+async def _approved(
+    cell: Cell, here_rad: Joints | None, way_rad: Sequence[Joints], speed_rad_s: float
+) -> None:
+    """Have a person agree to each single move, unless a plan was approved or the shapes of the cell are known."""
+    if cell.surroundings.known or cell.motion.approved:
+        return
+    deltas = "" if here_rad is None else _turns(here_rad, way_rad[-1])
+    text = (
+        "No obstacles known: the path was not checked against what stands in the cell. The robot will turn"
+        f"{deltas} at up to {math.degrees(speed_rad_s):.1f} deg/s. Look at its way. May it move?"
+    )
+    await ask(cell, Instruction("approve_move", text))
+
+
+def _turns(here_rad: Joints, there_rad: Joints) -> str:
+    turns = [math.degrees(b - a) for a, b in zip(here_rad, there_rad, strict=True)]
+    told = ", ".join(f"J{k} {turn:+.1f}" for k, turn in enumerate(turns, 1) if abs(turn) >= 0.05)
+    return f" {told or 'by less than 0.05'} deg"
+
+
+def _model(cell: Cell) -> RobotModel:
+    if cell.model is None:
+        raise NeedsUnmetError("no kinematic model of the robot is known", missing=("model",))
+    return cell.model
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()  # the clock of the readings

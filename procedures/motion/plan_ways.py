@@ -1,0 +1,103 @@
+"""Ways between planned poses: their corners, whether they may be gone, and in which order. Pure functions."""
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import DegenerateDataError
+from calibration.geometry import Array
+from calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves
+from calibration.motion.motion_quantities import wire_winding
+from drivers.interfaces import Joints
+from procedures.motion.approach import axis_by_axis, from_below
+
+WINDING_LOOKS = 40  # along a joint move, of at most one turn of a joint
+_SPARE_WINDING_RAD = 0.2  # detours and stops from below wind it a little differently
+
+
+def travel_order(
+    model: RobotModel, start_rad: Joints, poses: Array, limits: MotionLimits, *, one_by_one: bool = False
+) -> list[Array]:
+    """Order poses by nearest neighbour along allowed ways; poses that cannot be reached are left out."""
+    here, left, ordered = np.array(start_rad), list(poses), []
+    while left:
+        left.sort(key=lambda pose: travel_rad(here, pose, one_by_one))
+        reachable = (
+            k for k, pose in enumerate(left) if way_allowed(model, here, pose, limits, one_by_one=one_by_one)
+        )
+        nearest = next(reachable, None)
+        if nearest is None:
+            break
+        here = left.pop(nearest)
+        ordered.append(here)
+    return ordered
+
+
+def travel_rad(here: Array, there: Array, one_by_one: bool) -> float:
+    """Return how far joints turn on a way: added over the axes, or the farthest one."""
+    apart = np.abs(there - here)
+    return float(apart.sum() if one_by_one else apart.max())
+
+
+def corners_of(here: Array, there: Array, one_by_one: bool) -> Array:
+    """Return the corners of the way: all joints at once, or one after the other; both end turning upwards."""
+    return (
+        axis_by_axis(here, there) if one_by_one else np.array(from_below(as_joints(here), as_joints(there)))
+    )
+
+
+def arrive(model: RobotModel, limits: MotionLimits, here: Array, there: Array, wound: float) -> float | None:
+    """Return how far the wire is wound after a free joint move; None where the move is not free."""
+    way = np.vstack([corners_of(here, there, False), here])  # and straight back, as a later detour may go
+    stops = [False] * (len(way) - 2) + [True, False]
+    if (
+        limits.wire is None
+        or not check_moves(model, here, way, limits, speed_rad_s=1e-3, stops=stops).allowed
+    ):
+        return None
+    places = (limits.wire.anchor_in_base_m, limits.wire.hook_in_flange_m)
+    path = here + np.linspace(0.0, 1.0, WINDING_LOOKS)[:, None] * (there - here)
+    total = wound + wire_winding(model, path, places)
+    return float(total[-1]) if np.abs(total).max() <= limits.wire.wrap_rad - _SPARE_WINDING_RAD else None
+
+
+def walk_allowed(model: RobotModel, here: Array, walk: list[Array], limits: MotionLimits) -> bool:
+    """Tell whether a walk from pose to pose keeps every limit as a whole: a wire winds up over many legs."""
+    corners, stops, at = [], [], here
+    for there in walk:
+        leg = corners_of(at, there, True)
+        corners.append(leg)
+        stops += [*(False for _ in leg[1:]), True]
+        at = there
+    return check_moves(model, here, np.concatenate(corners), limits, speed_rad_s=1e-3, stops=stops).allowed
+
+
+def way_allowed(
+    model: RobotModel, here: Array | Joints, there: Array, limits: MotionLimits, *, one_by_one: bool
+) -> bool:
+    """Tell whether a way keeps every limit; speeds are lowered later."""
+    start = np.array(here)
+    ways = corners_of(start, there, one_by_one)
+    stops = [False] * (len(ways) - 1) + [True]
+    return check_moves(model, start, ways, limits, speed_rad_s=1e-3, stops=stops).allowed
+
+
+def refuse_broken(verdict: MotionVerdict) -> None:
+    """Refuse a plan that breaks a limit as a whole; a speed above its cap is lowered instead."""
+    broken = [
+        finding.sentence for finding in verdict.findings if finding.check not in ("tip speed", "joint speed")
+    ]
+    if broken:
+        raise DegenerateDataError(
+            f"the plan would break {len(broken)} limits, first: {broken[0]}",
+            remedy="Jog the robot towards the middle of its range, then start again.",
+        )
+
+
+def as_joints(pose: Array) -> Joints:
+    """Return a posture as plain numbers."""
+    return tuple(float(v) for v in pose)
+
+
+def as_way(corners: list[Array]) -> tuple[Joints, ...]:
+    """Return corners as plain numbers."""
+    return tuple(as_joints(corner) for corner in corners)

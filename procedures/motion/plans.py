@@ -1,0 +1,339 @@
+"""Plans of motion as pure functions: which poses, in which order, how fast. Plans are shown, then obeyed."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.errors import DegenerateDataError
+from calibration.geometry import Array
+from calibration.mastering.counts import DriveTrain, MasteringRecord
+from calibration.mastering.pose_design import candidate_joints, kit_poses, next_poses
+from calibration.mastering.recovery_walk import Pace, WalkPlanner, nearby_joints
+from calibration.mastering.turn_recovery import verification_power
+from calibration.motion.motion_check import (
+    MotionLimits,
+    WirePath,
+    allowed_postures,
+    check_moves,
+    seem_free,
+)
+from calibration.wires.model import WirePrior
+from drivers.interfaces import Joints
+from procedures.motion.detours import ways_through
+from procedures.motion.plan_ways import (
+    arrive,
+    as_way,
+    corners_of,
+    refuse_broken,
+    travel_order,
+    walk_allowed,
+    way_allowed,
+)
+from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings, clearances
+from procedures.steps.mastering import MotorState
+
+Triple = tuple[float, float, float]
+VERIFICATION_SIGMAS = 6.0
+SAME_POSE_RAD = 0.02
+SPARE_CANDIDATES = 60
+NEARBY_CANDIDATES = 300
+QUICK_EFOLD_S, THOROUGH_EFOLD_S = 200.0, 800.0  # of robot time for one e-fold of one motor's certainty
+QUICK_CAPTURES = 16  # who is not sure after these looks for better poses, also far away
+FINER_GAIN = 0.15  # e-folds of all motors together: below this another capture is not worth its time
+_WALKS_TRIED, _CHOICES_TRIED = 3, 8
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """What motion must keep to, and how far a lost robot may be from where it seems to be."""
+
+    lost_turns: Annotated[int, Field(ge=0, le=50)] = 2
+    tip_speed_m_s: Annotated[float, Field(gt=0, le=0.25)] = 0.05  # no faster than a robot is taught by hand
+    wire_low: Annotated[float, Field(ge=0, lt=1)] = 0.08  # of the range; a lost robot needs more room
+    wire_high: Annotated[float, Field(gt=0, le=1)] = 0.92
+    box_low_m: Triple | None = None
+    box_high_m: Triple | None = None
+    surroundings: Surroundings = NOTHING_KNOWN  # of the cell file
+
+    @property
+    def capped_tip_speed_m_s(self) -> float:
+        """The cap that holds here: half of it while nobody knows what stands in the cell."""
+        return self.tip_speed_m_s * self.surroundings.speed_share
+
+    def box_m(self) -> tuple[Triple | None, Triple | None]:
+        """Return the corners of the workspace: of the run, or else of the cell file."""
+        known = self.surroundings
+        return (self.box_low_m or known.box_low_m, self.box_high_m or known.box_high_m)
+
+
+@dataclass(frozen=True, slots=True)
+class MotionPlan:
+    """Poses in the order of travel, the speed that keeps every cap, and what nobody checked."""
+
+    poses_rad: tuple[Joints, ...]
+    speed_rad_s: float
+    travel_rad: float  # of the slowest axis, added over all moves
+    not_checked: tuple[str, ...]
+    ways_rad: tuple[
+        tuple[Joints, ...], ...
+    ] = ()  # to each pose, with the corners in between; empty: straight
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What a recovery knows when it plans its checks."""
+
+    here_rad: Joints
+    visited: tuple[Joints, ...]
+    checked: tuple[Joints, ...]
+    offset_covariance: tuple[tuple[float, ...], ...]  # turns^2
+
+
+def wire_prior(state: MotorState) -> WirePrior:
+    """Return what the cell file says about the wire."""
+    at = state.gauge_setup
+    return WirePrior(
+        anchor_in_base_m=at.anchor_in_base_m,
+        hook_in_flange_m=at.hook_in_flange_m,
+        sigma_anchor_m=at.sigma_anchor_m,
+        sigma_hook_m=at.sigma_hook_m,
+    )
+
+
+def motion_limits(state: MotorState, drive: DriveTrain, room: Room) -> MotionLimits:
+    """Return the limits of motion while up to ``room.lost_turns`` turns of every motor are unknown."""
+    doubt = room.lost_turns * np.abs(drive.radians_per_turn()).sum(axis=1)
+    at = state.gauge_setup
+    wire = WirePath(
+        at.anchor_in_base_m,
+        at.hook_in_flange_m,
+        state.gauge_range_m,
+        lowest_fraction=room.wire_low,
+        highest_fraction=room.wire_high,
+    )
+    low, high = room.box_m()
+    return MotionLimits(
+        mastering_uncertainty_rad=tuple(float(v) for v in doubt),
+        joint_speed_rad_s=state.limits.speed_rad_s,
+        tip_speed_m_s=room.capped_tip_speed_m_s,
+        box_low_m=low,
+        box_high_m=high,
+        wire=wire,
+        clearances=clearances(state.model, room.surroundings, wire),
+    )
+
+
+def plan_kit(state: MotorState, room: Room, poses: int, seed: int) -> MotionPlan:
+    """Plan the captures of a mastering record from where the robot stands."""
+    model, limits = load_model(state.model), motion_limits(state, state.drive, room)
+    here = np.array(state.joints_rad)
+    kit = kit_poses(
+        model,
+        state.drive,
+        wire_prior(state),
+        limits,
+        poses,
+        seed=seed,
+        usable=lambda drawn: seem_free(model, here, drawn, limits),
+    )
+    ways = ways_through(state.joints_rad, kit, partial(arrive, model, limits))
+    if len(ways) < min(poses, model.axes + 6):
+        raise DegenerateDataError(
+            f"only {len(ways)} of {poses} planned poses can be reached without breaking a limit",
+            remedy="Move the robot nearer to the middle of its range, or move the wire's anchor.",
+        )
+    before, gone = here, []
+    for way in ways:
+        before = way[-2] if len(way) > 1 else before
+        gone.append(np.array([*way[:-1], *corners_of(before, way[-1], False)]))
+        before = way[-1]
+    plan = _checked(model, state.joints_rad, gone, limits, state.limits.speed_rad_s)
+    return replace(plan, ways_rad=tuple(map(as_way, ways)))
+
+
+def plan_first(
+    record: MasteringRecord, state: MotorState, room: Room, here_rad: Joints, poses: int
+) -> MotionPlan:
+    """Plan the first captures after a loss: a short walk that tells every motor's turns."""
+    model, limits = load_model(record.model), motion_limits(state, record.drive, room)
+    planner = _walks(model, record, limits, state)
+    here = np.array(here_rad)
+    for seed in range(_WALKS_TRIED):
+        walk = list(planner.plan(here, poses, seed=seed))
+        if walk_allowed(model, here, walk, limits):
+            break
+    else:  # hard by a limit: the record's own poses, as many as can be reached
+        kit = record.capture_joints_rad()
+        order = next_poses(model, record, np.empty((0, model.axes)), kit, min(poses, len(kit)))
+        walk = travel_order(model, here_rad, kit[list(order)], limits, one_by_one=True)
+    if not walk:
+        raise _unreachable()
+    return _timed(model, here_rad, walk, limits, state.limits.jog_speed_rad_s, one_by_one=True)
+
+
+def plan_next(
+    record: MasteringRecord, state: MotorState, room: Room, here_rad: Joints, measured: tuple[Joints, ...]
+) -> MotionPlan:
+    """Plan one more capture: the reachable pose that tells most for the time it takes, given what is measured."""
+    search = _NextPose(record, state, room, here_rad, measured)
+    plan = search.best(QUICK_EFOLD_S if len(measured) < QUICK_CAPTURES else THOROUGH_EFOLD_S)
+    if plan is None:
+        raise _unreachable()
+    return plan
+
+
+def plan_finer(
+    record: MasteringRecord, state: MotorState, room: Room, here_rad: Joints, measured: tuple[Joints, ...]
+) -> MotionPlan | None:
+    """Plan one more capture for offsets that are no whole turns, or none where no pose makes them much surer."""
+    return _NextPose(record, state, room, here_rad, measured).best(THOROUGH_EFOLD_S, least_gain=FINER_GAIN)
+
+
+@dataclass(frozen=True)
+class _NextPose:
+    """The search for one more pose."""
+
+    record: MasteringRecord
+    state: MotorState
+    room: Room
+    here_rad: Joints
+    measured: tuple[Joints, ...]
+
+    def best(self, efold_s: float, *, least_gain: float = 0.0) -> MotionPlan | None:
+        """Return a plan of the best pose that is worth it and can be reached."""
+        record, speed = self.record, self.state.limits.jog_speed_rad_s
+        model, limits = load_model(record.model), motion_limits(self.state, record.drive, self.room)
+        here = np.array(self.here_rad)
+        known = np.array(self.measured).reshape(-1, model.axes)
+        candidates = _unmeasured(_candidates(model, record, limits, here), self.measured)
+        walks = _walks(model, record, limits, self.state)
+        worth, gain = walks.worth(here, known, candidates, efold_s=efold_s)
+        for index in np.argsort(-worth):
+            if gain[index] >= least_gain and way_allowed(
+                model, here, candidates[index], limits, one_by_one=True
+            ):
+                return _timed(model, self.here_rad, [candidates[index]], limits, speed, one_by_one=True)
+        return None
+
+
+def plan_checks(
+    record: MasteringRecord,
+    state: MotorState,
+    room: Room,
+    known: Known,
+    poses: int,
+    sigmas: float = VERIFICATION_SIGMAS,
+) -> MotionPlan:
+    """Plan check captures at poses not fitted, which together see a wrong turn of every one and two motors.
+
+    ``sigmas`` are the deviations at which a wrong turn shall show.
+    """
+    model, limits = load_model(record.model), motion_limits(state, record.drive, room)
+    here = np.array(known.here_rad)
+    candidates = _unmeasured(_candidates(model, record, limits, here), known.visited)
+    both = np.vstack([np.array(known.checked).reshape(-1, model.axes), candidates])
+    power = verification_power(model, record, both, known.offset_covariance) / sigmas
+    shown, power = power[: len(known.checked)].max(axis=0, initial=0.0), power[len(known.checked) :]
+    walks = _walks(model, record, limits, state)
+    ordered: list[Array] = []
+    for _ in range(_CHOICES_TRIED):  # the best that can be reached, where some of the best cannot
+        chosen = walks.quick_checks(here, candidates, power, shown, poses)
+        ordered = travel_order(model, known.here_rad, candidates[chosen], limits, one_by_one=True)
+        if len(ordered) == len(chosen):
+            break
+        out_of_reach = [k for k in chosen if not any(np.array_equal(candidates[k], pose) for pose in ordered)]
+        candidates, power = (
+            np.delete(candidates, out_of_reach, axis=0),
+            np.delete(power, out_of_reach, axis=0),
+        )
+    if not ordered:
+        raise _unreachable()
+    return _timed(model, known.here_rad, ordered, limits, state.limits.jog_speed_rad_s, one_by_one=True)
+
+
+def plan_finals(
+    record: MasteringRecord, state: MotorState, room: Room, checks: tuple[Joints, ...], poses: int
+) -> MotionPlan:
+    """Plan joint moves from the last check pose to earlier ones; where none is reachable, look from there."""
+    model, limits = load_model(record.model), motion_limits(state, record.drive, room)
+    here = checks[-1]
+    ordered = travel_order(model, here, np.array(checks[:-1]).reshape(-1, model.axes), limits)[:poses]
+    return _timed(model, here, ordered or [np.array(here)], limits, state.limits.jog_speed_rad_s)
+
+
+def index_travel(record: MasteringRecord, here_rad: Joints, turns: float) -> Joints:
+    """Return by how much to turn each joint so that its motor passes its index, towards mid-range."""
+    model = load_model(record.model)
+    middle = (model.lower_rad + model.upper_rad) / 2.0
+    per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
+    signs = np.where(np.array(here_rad) > middle, -1.0, 1.0)
+    return tuple(float(v) for v in signs * per_turn * turns)
+
+
+def _walks(
+    model: RobotModel, record: MasteringRecord, limits: MotionLimits, state: MotorState
+) -> WalkPlanner:
+    hook = record.prior.hook_in_flange_m
+    pace = Pace(speed_rad_s=state.limits.jog_speed_rad_s, settle_s=state.limits.settle_s)
+    return WalkPlanner(model, record, lambda joints: allowed_postures(model, joints, limits, hook), pace)
+
+
+def _candidates(model: RobotModel, record: MasteringRecord, limits: MotionLimits, here: Array) -> Array:
+    hook = record.prior.hook_in_flange_m
+    near = nearby_joints(here, NEARBY_CANDIDATES, seed=3)
+    near = near[allowed_postures(model, near, limits, hook)]
+    spread = candidate_joints(model, limits, SPARE_CANDIDATES, seed=2, hook_in_flange_m=hook)
+    return np.vstack([near, record.capture_joints_rad(), spread])
+
+
+def _unmeasured(candidates: Array, measured: tuple[Joints, ...]) -> Array:
+    if not measured:
+        return candidates
+    apart = np.abs(candidates[:, None, :] - np.array(measured)[None]).max(axis=2).min(axis=1)
+    unmeasured: Array = candidates[apart > SAME_POSE_RAD]
+    return unmeasured
+
+
+def _timed(
+    model: RobotModel,
+    start_rad: Joints,
+    poses: list[Array],
+    limits: MotionLimits,
+    speed_rad_s: float,
+    *,
+    one_by_one: bool = False,
+) -> MotionPlan:
+    ways, here = [], np.array(start_rad)
+    for pose in poses:
+        ways.append(corners_of(here, pose, one_by_one))
+        here = pose
+    return _checked(model, start_rad, ways, limits, speed_rad_s)
+
+
+def _checked(
+    model: RobotModel, start_rad: Joints, ways: list[Array], limits: MotionLimits, speed_rad_s: float
+) -> MotionPlan:
+    """Return the plan of ways that are gone one after the other, as slow as its caps ask; refuse a broken one."""
+    corners = np.concatenate(ways)
+    stops = [last for way in ways for last in [*([False] * (len(way) - 1)), True]]
+    verdict = check_moves(model, start_rad, corners, limits, speed_rad_s=speed_rad_s, stops=stops)
+    fastest = max((f.found / f.limit for f in verdict.findings if f.check == "tip speed"), default=1.0)
+    refuse_broken(verdict)
+    steps = np.abs(np.diff(np.vstack([np.array(start_rad), corners]), axis=0)).max(axis=1)
+    return MotionPlan(
+        poses_rad=as_way([way[-1] for way in ways]),
+        speed_rad_s=speed_rad_s / (fastest * 1.01) if fastest > 1.0 else speed_rad_s,
+        travel_rad=float(steps.sum()),
+        not_checked=verdict.not_checked,
+    )
+
+
+def _unreachable() -> DegenerateDataError:
+    return DegenerateDataError(
+        "none of the poses still needed can be reached from here without breaking a limit",
+        remedy="Jog the robot towards the middle of its range, then resume.",
+    )

@@ -1,0 +1,177 @@
+"""Dry runs of the mastering procedures: the plans they would make, from what is known without a device."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
+from calibration.mastering.pose_design import predict
+from calibration.wires.reference import fit_wire_reference
+from drivers.interfaces import Condition, Counts, Identity, Joints, MasteringData, Readiness
+from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
+from procedures.limits import MASTERING
+from procedures.motion.approach import OVERSHOOT_RAD
+from procedures.motion.plans import MotionPlan, Room, index_travel, plan_first, plan_kit, wire_prior
+from procedures.recovery.waking import INDEX_TURNS
+from procedures.steps.mastering import MotorState
+
+ASSUMED_RATIO, ASSUMED_COUNTS = 100.0, 2**19  # where no record tells the gears
+POWER_CYCLE_S = 120.0
+
+
+def forecast_record(known: Knowledge, room: Room, poses: int, samples: int, seed: int) -> Forecast:
+    """Plan the captures of a record as the procedure would, from where the robot is assumed to stand."""
+    assumed = _assumed(known)
+    state = _state_of(known)
+    if state is None:
+        return Forecast(0.0, assumed=assumed)
+    plan = plan_kit(state, room, poses, seed)
+    moves_s = (plan.travel_rad + len(plan.poses_rad) * OVERSHOOT_RAD) / plan.speed_rad_s
+    capture_s = len(plan.poses_rad) * (3.0 * known.limits.settle_s + samples * SAMPLE_S)
+    return Forecast(
+        duration_s=2.0 * ANSWER_S + moves_s + capture_s,
+        poses=_labelled(plan, "pose"),
+        speed_rad_s=plan.speed_rad_s,
+        predictions=(_turns(_rehearsed(state, plan), np.array(plan.poses_rad)),),
+        assumed=assumed,
+        not_checked=plan.not_checked,
+    )
+
+
+def forecast_recovery(
+    known: Knowledge, room: Room, captures: tuple[int, int, int], samples: int, index_speed_rad_s: float
+) -> Forecast:
+    """Plan the first captures after a loss; checks and final checks are counted at the same pace.
+
+    ``captures`` are the first ones, those at check poses, and the final ones.
+    """
+    record = known.record
+    state = _state_of(known)
+    if record is None or state is None:
+        return Forecast(0.0, assumed=_assumed(known))
+    first, checks, finals = captures
+    here = _here(record, known.last_counts)
+    plan = plan_first(record, state, room, here, first)
+    share = (first + checks + finals) / max(len(plan.poses_rad), 1)
+    backwards_s = (
+        len(plan.poses_rad) * len(here) * OVERSHOOT_RAD / plan.speed_rad_s
+    )  # every second axis, twice
+    capture_s = (len(here) + 1) * known.limits.settle_s + samples * SAMPLE_S
+    walk_s = share * (plan.travel_rad / plan.speed_rad_s + backwards_s + len(plan.poses_rad) * capture_s)
+    speed = min(index_speed_rad_s, known.limits.jog_speed_rad_s)
+    waking_s = POWER_CYCLE_S + 2.0 * sum(map(abs, index_travel(record, here, INDEX_TURNS))) / speed
+    joints = np.array(plan.poses_rad)
+    return Forecast(
+        duration_s=waking_s + walk_s + 4.0 * ANSWER_S,
+        poses=_labelled(plan, "capture"),
+        speed_rad_s=plan.speed_rad_s,
+        predictions=(_turns(record, joints), _offsets(record, joints)),
+        assumed=(*_assumed(known), "the battery is exchanged and the power cycled within two minutes"),
+        not_checked=(*plan.not_checked, "check poses are chosen when the turns are known"),
+    )
+
+
+def _turns(record: MasteringRecord, joints: np.ndarray) -> Prediction:
+    probability, sigmas = predict(load_model(record.model), record, joints)
+    words = f"the chance that all lost turns are found right with these poses is {probability:.6f}"
+    return Prediction("turns of the least known motor", 2.0 * float(max(sigmas)), "turn", sentence=words)
+
+
+def _offsets(record: MasteringRecord, joints: np.ndarray) -> Prediction:
+    _, sigmas = predict(load_model(record.model), record, joints)
+    per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
+    return Prediction(
+        "new zero of the least known axis, were its motor exchanged",
+        2.0 * float(np.max(sigmas * per_turn)),
+        "rad",
+        {name: limit.axis_rad for name, limit in MASTERING.items()},
+    )
+
+
+def _rehearsed(state: MotorState, plan: MotionPlan) -> MasteringRecord:
+    """Return the record that a robot without any error would give at the planned poses."""
+    model, prior, zero = load_model(state.model), wire_prior(state), state.mastering.counts_at_zero
+    joints = np.array(plan.poses_rad)
+    tips = model.tip_positions(joints, np.array(prior.hook_in_flange_m))
+    lengths = np.linalg.norm(tips - np.array(prior.anchor_in_base_m), axis=1) + prior.zero_m
+    sigmas = np.full(len(lengths), state.gauge_sigma_m)
+    counts = state.drive.counts(joints, np.array(zero))
+    captures = tuple(
+        WireCapture(tuple(int(c) for c in row), float(length), state.gauge_sigma_m)
+        for row, length in zip(counts, lengths, strict=True)
+    )
+    wire = fit_wire_reference(model, joints, lengths, sigmas, prior)
+    return MasteringRecord(
+        robot_serial="",
+        model=state.model,
+        epoch=0,
+        drive=state.drive,
+        counts_at_zero=zero,
+        reference_joints_rad=state.joints_rad,
+        reference_counts=state.counts,
+        captures=captures,
+        wire=wire,
+        prior=prior,
+        taken_by="rehearsal",
+        sha256="",
+    )
+
+
+def _labelled(plan: MotionPlan, what: str) -> tuple[PlannedPose, ...]:
+    return tuple(PlannedPose(f"{what} {k}", pose) for k, pose in enumerate(plan.poses_rad, 1))
+
+
+def _here(record: MasteringRecord, last_counts: Counts | None) -> Joints:
+    if last_counts is None or len(last_counts) != len(record.counts_at_zero):
+        return record.reference_joints_rad
+    joints = record.drive.joints(np.array(last_counts), np.array(record.counts_at_zero))
+    return tuple(float(q) for q in joints)
+
+
+def _assumed(known: Knowledge) -> tuple[str, ...]:
+    lines = [f"a reading of the gauge takes {SAMPLE_S:g} s, an answer {ANSWER_S:g} s"]
+    if known.record is None:
+        lines.append(f"gears of {ASSUMED_RATIO:g}:1: the true ones are read from the controller")
+        lines.append("the robot stands with every joint at zero, or as near as its limits allow")
+    elif known.last_counts is None:
+        lines.append("the robot stands where its record was taken")
+    else:
+        lines.append("the robot stands where it was last seen healthy")
+    return tuple(lines)
+
+
+def _state_of(known: Knowledge) -> MotorState | None:
+    """Return what reading the motors would say, as far as it is known; None where too little is."""
+    model, setup, gauge, record = known.model, known.gauge_setup, known.gauge, known.record
+    if model is None or setup is None or gauge is None:
+        return None
+    drive = _drive(model) if record is None else record.drive
+    zero = (0,) * model.axes if record is None else record.counts_at_zero
+    here = _middle(model) if record is None else _here(record, known.last_counts)
+    return MotorState(
+        identity=Identity("", model.name, "", ""),
+        condition=Condition(Readiness.READY),
+        model=model.name,
+        counts=tuple(int(c) for c in drive.counts(np.array(here), np.array(zero))),
+        joints_rad=here,
+        mastering=MasteringData(zero, mastered=True),
+        drive=drive,
+        epoch=0,
+        gauge_setup=setup,
+        gauge_range_m=gauge.range_m,
+        gauge_sigma_m=gauge.sigma_m,
+        limits=replace(known.limits),
+    )
+
+
+def _drive(model: RobotModel) -> DriveTrain:
+    per_count = 2.0 * math.pi / ASSUMED_RATIO / ASSUMED_COUNTS
+    rows = np.eye(model.axes) * per_count
+    return DriveTrain(tuple(tuple(float(v) for v in row) for row in rows), (ASSUMED_COUNTS,) * model.axes)
+
+
+def _middle(model: RobotModel) -> Joints:
+    margin = 0.1
+    return tuple(float(v) for v in np.clip(0.0, model.lower_rad + margin, model.upper_rad - margin))

@@ -1,0 +1,180 @@
+"""A recovery without a draw-wire: places of the record's kit, found again by hand, tell the lost turns.
+
+A person moves the arm, one axis at a time and at creep speed; this procedure asks, reads and judges, by the same
+gate as with the wire.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit, provisional_turns
+from calibration.mastering.place_recovery import places_to_fit, recover_from_places, verify_at_places
+from calibration.mastering.turn_recovery import TurnRecovery
+from drivers.interfaces import Counts, Instruction
+from procedures.canonical import sha256_of
+from procedures.recovery.recovery_result import Effort, RecoveryResult, refused, restored, told_correction
+from procedures.recovery.recovery_spec import MasteringRecoverySpec
+from procedures.run import RefusalError, Run
+from procedures.steps.ask import accept
+from procedures.steps.mastering import Motors, read_motors_alone, same_epoch
+from procedures.steps.place import PlaceKind, visit_place
+from procedures.steps.write import restore_mastering, write_mastering
+
+SAME_JOINT_RAD = 1e-4
+
+
+@dataclass
+class _Visits:
+    """What was found so far; rebuilt from the findings on every entry."""
+
+    run: Run
+    spec: MasteringRecoverySpec
+    record: MasteringRecord
+    kit: RecoveryKit
+    nests: list[PlaceCapture] = field(default_factory=list)
+    kept: list[PlaceCapture] = field(default_factory=list)
+    checks: list[PlaceCapture] = field(default_factory=list)
+    again: int = 0
+    set_aside: list[str] = field(default_factory=list)
+
+    async def visit(self, number: int, step: str) -> PlaceCapture:
+        known = next(place for place in self.kit.places if place.place == number)
+        what: tuple[PlaceKind, int, str] = (_kind(known), number, step)
+        sigmas = (known.sigma_m, known.sigma_rad)
+        return await self.run.step(step, visit_place, what, *sigmas, self.spec.tolerance_counts)
+
+    def refusal(self, recovery: TurnRecovery, reason: str, remedy: str, code: str) -> RefusalError:
+        evidence = refused(self.record, recovery, self.effort(), reason)
+        return RefusalError(f"nothing was written: {reason}", remedy=remedy, code=code, evidence=evidence)
+
+    def effort(self) -> Effort:
+        return Effort(len(self.kept) + self.again, len(self.checks), self.again, 0.0, tuple(self.set_aside))
+
+
+async def recover_by_places(
+    run: Run, spec: MasteringRecoverySpec, record: MasteringRecord, last_counts: Counts
+) -> RecoveryResult:
+    """Visit the places that tell most, judge, check at the others, write, and look at one again.
+
+    Raises
+    ------
+    RefusalError
+        The record has no kit; the gate does not hold; the places do not confirm it.
+    """
+    kit = record.kit
+    if kit is None:
+        raise RefusalError(
+            "the record holds no recovery kit: no touched points, no keyed seat, no targets",
+            code="procedure.no_kit",
+            remedy="Recover with the draw-wire; then take a new record with a kit.",
+        )
+    motors = await run.step("read the motors alone", read_motors_alone)
+    await run.ensure("the encoders kept their position", same_epoch, motors.epoch)
+    visits = _Visits(run, spec, record, kit)
+    fitted = await run.solve("choose the places", places_to_fit, record)
+    guess = provisional_turns(record.drive, last_counts, motors.counts)
+    recovery = await _visit_until_decided(visits, fitted, guess)
+    recovery = await _check(visits, fitted, recovery)
+    await run.step("accept the correction", accept, *_question(recovery))
+    written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
+    await _look_again(visits, recovery, motors)
+    return restored(record, recovery, visits.effort(), written, motors.epoch)
+
+
+def judge_places(
+    record: MasteringRecord,
+    visited: tuple[PlaceCapture, ...],
+    guess: tuple[int, ...],
+    known_new: tuple[int, ...],
+) -> TurnRecovery:
+    """Find the lost turns from places visited again, or say what is missing."""
+    if record.kit is None:
+        raise CalibrationError("the record holds no recovery kit")
+    return recover_from_places(record, record.kit, visited, provisional_turns=guess, replaced_axes=known_new)
+
+
+def confirm_places(
+    record: MasteringRecord, recovery: TurnRecovery, checks: tuple[PlaceCapture, ...]
+) -> TurnRecovery:
+    """Judge a recovery at places that were not fitted."""
+    if record.kit is None:
+        raise CalibrationError("the record holds no recovery kit")
+    return verify_at_places(record, record.kit, recovery, checks)
+
+
+async def _visit_until_decided(
+    visits: _Visits, fitted: tuple[int, ...], guess: tuple[int, ...]
+) -> TurnRecovery:
+    run, spec = visits.run, visits.spec
+    for number in _nests(visits.kit):
+        visits.nests.append(await visits.visit(number, f"nest {number + 1}"))
+    for k, number in enumerate(fitted, 1):
+        visits.kept.append(await visits.visit(number, f"place {k}"))
+    known_new = tuple(axis - 1 for axis in spec.exchanged_axes)
+    while True:
+        name = f"judge the places {visits.again + 1}"
+        recovery = await run.solve(
+            name, judge_places, visits.record, (*visits.nests, *visits.kept), guess, known_new
+        )
+        if recovery.accepted:
+            return recovery
+        suspect = recovery.suspect_capture
+        if suspect is None or visits.again >= spec.visits_again:
+            remedy = "Look at tip, places and instrument: nothing may have moved. Else use the draw-wire."
+            code = "procedure.geometry_changed" if recovery.mode == "geometry" else "procedure.undecided"
+            raise visits.refusal(recovery, recovery.reason, remedy, code)
+        visits.again += 1
+        doubtful = visits.kept[suspect]
+        visits.set_aside.append(doubtful.label)
+        visits.kept[suspect] = await visits.visit(doubtful.place, f"place again {visits.again}")
+
+
+async def _check(visits: _Visits, fitted: tuple[int, ...], recovery: TurnRecovery) -> TurnRecovery:
+    """Visit the places that were not fitted: a wrong turn of any motor would show there."""
+    rest = [place.place for place in visits.kit.places if place.kind != "nest" and place.place not in fitted]
+    for k, number in enumerate(rest, 1):
+        visits.checks.append(await visits.visit(number, f"check place {k}"))
+    if not rest:
+        remedy = "Take a new record with at least two places more than are fitted; until then use the marks."
+        raise visits.refusal(recovery, "no place is left for checking", remedy, "procedure.not_confirmed")
+    checks = (*visits.nests, *visits.checks)
+    verified = await visits.run.solve(
+        "confirm at the places", confirm_places, visits.record, recovery, checks
+    )
+    if not verified.accepted:
+        remedy = "Look at tip and places, then start the recovery again."
+        raise visits.refusal(verified, verified.reason, remedy, "procedure.not_confirmed")
+    return verified
+
+
+async def _look_again(visits: _Visits, recovery: TurnRecovery, motors: Motors) -> None:
+    """Visit one place with the written mastering: the controller must show the joints that the record has there."""
+    run, last = visits.run, visits.checks[-1]
+    again = await visits.visit(last.place, "final place")
+    shown = await run.step("read the motors after writing", read_motors_alone)
+    final = await run.solve(
+        "confirm the written mastering", confirm_places, visits.record, recovery, (*visits.nests, again)
+    )
+    drive, zero = visits.record.drive, recovery.counts_at_zero
+    apart = abs(drive.joints(np.array(shown.counts), np.array(zero)) - np.array(shown.joints_rad)).max()
+    agrees = all(check.passed for check in final.gate if check.name == "verification")
+    if not agrees or apart > SAME_JOINT_RAD:
+        await run.write("put the old mastering back", restore_mastering, motors.mastering)
+        reason = "with the new mastering the place is not where it was; the old data were put back"
+        remedy = "The robot is not mastered, as before. Start the recovery again."
+        raise visits.refusal(final, reason, remedy, "procedure.not_confirmed")
+
+
+def _question(recovery: TurnRecovery) -> tuple[Instruction, str]:
+    return told_correction(recovery), sha256_of(list(recovery.counts_at_zero))
+
+
+def _nests(kit: RecoveryKit) -> tuple[int, ...]:
+    return tuple(place.place for place in kit.places if place.kind == "nest")
+
+
+def _kind(place: PlaceCapture) -> PlaceKind:
+    kinds: dict[str, PlaceKind] = {"point": "point", "seat": "seat", "target": "target", "nest": "nest"}
+    return kinds[place.kind]

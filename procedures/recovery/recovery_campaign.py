@@ -1,0 +1,208 @@
+"""The measuring of a recovery by draw-wire: capture until the gate decides, then look where nothing was fitted."""
+
+from dataclasses import dataclass, field
+
+from pydantic_core import to_jsonable_python
+
+from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.turn_recovery import TurnRecovery
+from drivers.interfaces import Joints
+from procedures.canonical import sha256_of
+from procedures.mastering_record import shown
+from procedures.motion.plans import Known, MotionPlan, plan_checks, plan_finer, plan_first, plan_next
+from procedures.recovery.recovery_result import (
+    MEMORY_POWER,
+    Effort,
+    confirmed,
+    confirmed_memory,
+    judge,
+    lacks_only_power,
+    nothing_lost,
+    refused,
+    widest_u_rad,
+)
+from procedures.recovery.recovery_spec import MasteringRecoverySpec
+from procedures.run import RefusalError, Run
+from procedures.steps.ask import accept
+from procedures.steps.capture import StillCapture, capture
+from procedures.steps.mastering import MotorState
+from procedures.steps.motion import CountsToJoints, jog_to
+
+FULL_CALIBRATION = "Have the robot inspected; a full calibration is advised before it works again."
+DOUBT_SIGMAS = 2.0  # a motor this far from a whole turn may be a new one: worth a finer look
+
+
+@dataclass
+class Campaign:
+    """What is known so far; rebuilt from the findings on every entry."""
+
+    run: Run
+    spec: MasteringRecoverySpec
+    record: MasteringRecord
+    state: MotorState
+    mapping: CountsToJoints
+    here: Joints
+    kept: list[WireCapture] = field(default_factory=list)
+    checks: list[WireCapture] = field(default_factory=list)
+    visited: list[Joints] = field(default_factory=list)
+    taken: int = 0
+    again: int = 0
+    set_aside: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    async def jog_and_capture(self, pose: Joints, plan: MotionPlan, what: str, k: int) -> WireCapture:
+        speed = plan.speed_rad_s
+        self.seconds += sum(abs(a - b) for a, b in zip(pose, self.here, strict=True)) / speed
+        await self.run.move(f"go to {what} {k}", jog_to, pose, self.mapping, speed)
+        spec = self.spec
+        still = await self.run.step(
+            f"{what} {k}", capture, f"{what} {k}", spec.samples, spec.tolerance_counts
+        )
+        return self.arrived(still)
+
+    def arrived(self, still: StillCapture) -> WireCapture:
+        self.here = self.mapping.joints(still.wire.counts)
+        self.visited.append(self.here)
+        return still.wire
+
+    def effort(self) -> Effort:
+        return Effort(self.taken, len(self.checks), self.again, self.seconds, tuple(self.set_aside))
+
+    def refusal(self, recovery: TurnRecovery, reason: str, remedy: str, code: str) -> RefusalError:
+        evidence = refused(self.record, recovery, self.effort(), reason)
+        return RefusalError(f"nothing was written: {reason}", remedy=remedy, code=code, evidence=evidence)
+
+
+async def check_the_memory(campaign: Campaign) -> TurnRecovery | None:
+    """Look whether only the controller's memory was lost: the record's zero must hold at check poses.
+
+    None where it does not hold, or where the poses in reach cannot tell; the captures then serve the search for
+    turns.
+    """
+    run, spec, record = campaign.run, campaign.spec, campaign.record
+    mapping, recovery = campaign.mapping, nothing_lost(record)
+    campaign.mapping = CountsToJoints(record.drive, record.counts_at_zero, recovery.turns)
+    campaign.here = campaign.mapping.joints(campaign.state.counts)
+    looks: list[WireCapture] = []
+    while len(looks) < spec.max_check_captures:
+        looked = tuple(campaign.mapping.joints(look.counts) for look in looks)
+        known = Known(campaign.here, tuple(campaign.visited), looked, recovery.offset_covariance)
+        name, count = f"plan the memory checks from {len(looks) + 1}", 2 if looks else spec.check_captures
+        plan = await run.solve(
+            name, plan_checks, record, campaign.state, spec.room, known, count, MEMORY_POWER
+        )
+        if not looks:
+            await run.step(
+                "accept the memory checks", accept, shown(plan), sha256_of(to_jsonable_python(plan))
+            )
+        for pose in plan.poses_rad:
+            looks.append(await campaign.jog_and_capture(pose, plan, "memory check", len(looks) + 1))
+        held = await run.solve(
+            f"confirm the memory with {len(looks)}", confirmed_memory, record, recovery, tuple(looks)
+        )
+        if held.accepted:
+            campaign.checks = looks
+            return held
+        if not lacks_only_power(held):
+            break
+    campaign.kept, campaign.mapping = looks, mapping
+    campaign.here = mapping.joints(looks[-1].counts)
+    campaign.visited = [mapping.joints(look.counts) for look in looks]
+    return None
+
+
+async def measure_until_decided(campaign: Campaign, guess: tuple[int, ...]) -> TurnRecovery:
+    """Walk, capture and judge until the gate holds; refuse with the evidence where it cannot.
+
+    Raises
+    ------
+    RefusalError
+        The geometry changed, or all captures allowed did not decide.
+    """
+    run, spec = campaign.run, campaign.spec
+    known = (campaign.record, campaign.state, spec.room)
+    plan = await run.solve("plan the first poses", plan_first, *known, campaign.here, spec.first_captures)
+    await run.step("accept the plan", accept, shown(plan), sha256_of(to_jsonable_python(plan)))
+    for pose in plan.poses_rad:
+        await _one_more(campaign, pose, plan)
+
+    changed = False
+    while True:
+        captures = tuple(campaign.kept)
+        name, known_new = f"judge after {campaign.taken}", tuple(axis - 1 for axis in spec.exchanged_axes)
+        recovery = await run.solve(name, judge, campaign.record, captures, guess, known_new)
+        exhausted = campaign.taken >= spec.max_captures
+        if recovery.accepted:
+            if exhausted or not await _measure_finer(campaign, recovery):
+                return recovery
+            continue
+        if (
+            recovery.mode == "geometry" and changed
+        ):  # two judgements in a row, the second with one capture more
+            raise campaign.refusal(recovery, recovery.reason, FULL_CALIBRATION, "procedure.geometry_changed")
+        if exhausted:
+            reason = f"not decidable after {campaign.taken} captures: {recovery.reason}"
+            remedy = "Check the wire's places and the hook, then start again or master by the marks."
+            raise campaign.refusal(recovery, reason, remedy, "procedure.undecided")
+        changed = recovery.mode == "geometry"
+        await _measure_next(campaign, recovery)
+
+
+async def _measure_finer(campaign: Campaign, recovery: TurnRecovery) -> bool:
+    """Measure once more where offsets are no whole turns and not sure enough, or whole turns fit badly.
+
+    A new motor that stands near a whole turn looks like lost turns; the doubt it leaves is what betrays it.
+    """
+    sure = widest_u_rad(recovery) <= campaign.spec.wanted_u_rad
+    if sure and recovery.doubt_sigmas <= DOUBT_SIGMAS:
+        return False
+    known = (campaign.record, campaign.state, campaign.spec.room)
+    name = f"plan after {campaign.taken}"
+    plan = await campaign.run.solve(name, plan_finer, *known, campaign.here, tuple(campaign.visited))
+    if plan is None:
+        return False
+    await _one_more(campaign, plan.poses_rad[0], plan)
+    return True
+
+
+async def _measure_next(campaign: Campaign, recovery: TurnRecovery) -> None:
+    """Measure a suspect capture again, once; otherwise the pose that tells most."""
+    suspect = recovery.suspect_capture
+    known = (campaign.record, campaign.state, campaign.spec.room)
+    name = f"plan after {campaign.taken}"
+    plan = await campaign.run.solve(name, plan_next, *known, campaign.here, tuple(campaign.visited))
+    target = plan.poses_rad[0]
+    if suspect is not None:
+        doubtful = campaign.kept.pop(suspect)
+        campaign.set_aside.append(doubtful.label)
+        target = campaign.mapping.joints(doubtful.counts)
+        campaign.again += 1
+    await _one_more(campaign, target, plan)
+
+
+async def _one_more(campaign: Campaign, pose: Joints, plan: MotionPlan) -> None:
+    campaign.taken += 1
+    campaign.kept.append(await campaign.jog_and_capture(pose, plan, "capture", campaign.taken))
+
+
+async def confirm_elsewhere(campaign: Campaign, recovery: TurnRecovery) -> TurnRecovery:
+    """Measure at poses that were not fitted, until a wrong turn of any motor would show."""
+    run, spec, record = campaign.run, campaign.spec, campaign.record
+    campaign.mapping = CountsToJoints(record.drive, recovery.counts_at_zero, (0,) * len(recovery.turns))
+    count = spec.check_captures
+    while True:
+        checked = tuple(campaign.mapping.joints(check.counts) for check in campaign.checks)
+        known = Known(campaign.here, tuple(campaign.visited), checked, recovery.offset_covariance)
+        name = f"plan the checks from {len(campaign.checks) + 1}"
+        plan = await run.solve(name, plan_checks, record, campaign.state, spec.room, known, count)
+        for pose in plan.poses_rad:
+            k = len(campaign.checks) + 1
+            campaign.checks.append(await campaign.jog_and_capture(pose, plan, "check", k))
+        checks = tuple(campaign.checks)
+        verified = await run.solve(f"confirm with {len(checks)}", confirmed, record, recovery, checks)
+        if verified.accepted:
+            return verified
+        if not lacks_only_power(verified) or len(checks) >= spec.max_check_captures:
+            remedy = "Check the wire, then start the recovery again."
+            raise campaign.refusal(verified, verified.reason, remedy, "procedure.not_confirmed")
+        count = 2

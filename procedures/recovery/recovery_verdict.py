@@ -1,0 +1,66 @@
+"""What a mastering recovery may claim, joint by joint, and what it leaves to people."""
+
+from procedures.limits import MASTERING, AccuracyClass, MasteringLimits, chosen, told
+from procedures.recovery.recovery_result import JointRecovery, RecoveryResult
+from procedures.verdict import Change, Characteristic, SetAside, Verdict, held, known_within
+
+RE_VERIFY = (
+    "Safety functions that depend on the robot's position (for example FANUC DCS, KUKA SafeOperation mastering "
+    "test, ABB SafeMove) were re-verified by the responsible person."
+)
+NO_EXCHANGE = "Whole turns are exact provided that no motor, encoder, belt or gear was exchanged."
+
+
+def verdict_on_recovery(
+    accuracy_class: AccuracyClass, own: MasteringLimits | None, result: RecoveryResult
+) -> Verdict:
+    """Say joint by joint what was restored, and repeat the gate that let it pass."""
+    limits = chosen(MASTERING, accuracy_class, own)
+    joints = [_joint(joint, limits.axis_rad) for joint in result.joints]
+    checks = [
+        held(f"gate: {check.name}", check.passed, check.sentence, found=check.found, limit=check.limit)
+        for check in result.gate
+    ]
+    moved = ", ".join(
+        f"{joint.name} {joint.turns_restored:+d}"
+        for joint in result.joints
+        if joint.exact and joint.turns_restored
+    )
+    real = ", ".join(joint.name for joint in result.joints if not joint.exact)
+    remarks = [f"Turn counters corrected: {moved or 'none'}."]
+    remarks.append(f"New zero of {real}." if real else "Zero offsets unchanged; this is no calibration.")
+    return Verdict(
+        (*joints, *checks),
+        limits_from=told(accuracy_class, own) if real else "whole turns: exact or refused",
+        not_verified=(
+            "No production point was touched; the witness marks were not compared.",
+            "The accuracy of the robot beyond its old mastering was not measured.",
+        ),
+        remarks=(*remarks, NO_EXCHANGE),
+        changes=_changes(result),
+        set_aside=tuple(
+            SetAside(step, "did not fit the others; measured again") for step in result.set_aside
+        ),
+        to_sign=(RE_VERIFY,),
+    )
+
+
+def _joint(joint: JointRecovery, limit_rad: float) -> Characteristic:
+    if joint.exact:
+        rule = "exact or refused: the gate below decides"
+        return held(
+            f"{joint.name}: turns restored", True, rule, found=float(joint.turns_restored), unit="turn"
+        )
+    return known_within(f"{joint.name}: new zero", "rad", u=joint.offset_u_rad / 2.0, limit=limit_rad)
+
+
+def _changes(result: RecoveryResult) -> tuple[Change, ...]:
+    zeros = zip(result.joints, result.counts_at_zero_before, result.counts_at_zero, strict=True)
+    offsets = [
+        Change(f"{joint.name}: error of its zero", joint.offset_rad, 0.0 if joint.exact else None, "rad")
+        for joint in result.joints
+    ]
+    counts = [
+        Change(f"{joint.name}: counts at zero", float(old), float(new), "count") for joint, old, new in zeros
+    ]
+    return (*offsets, *counts)

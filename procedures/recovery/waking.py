@@ -1,0 +1,99 @@
+"""The first part of a recovery: from position alarms to encoders whose readings within a turn are known."""
+
+from dataclasses import dataclass
+
+from calibration.mastering.counts import MasteringRecord
+from drivers.interfaces import Condition, Counts, Instruction
+from procedures.cell import Cell
+from procedures.motion.plans import index_travel
+from procedures.run import ProcedureError, Run
+from procedures.steps.ask import ask, let_move
+from procedures.steps.mastering import look_at_alarms, reset_alarms, wait_for_the_robot
+from procedures.steps.motion import CountsToJoints, pass_index
+
+NEW_BATTERY = Instruction("new_battery", "Exchange the encoder batteries. Leave the brakes closed.")
+POWER_CYCLE = Instruction("power_cycle", "Switch the controller off, wait ten seconds, switch it on again.")
+SLOW_MOTION = Instruction(
+    "may_move",
+    "The robot does not know where it is. It will turn one joint after the other, slowly, by one motor turn "
+    "each. Look at the robot: is there room, and is the draw-wire free? May it move?",
+)
+ROUNDS = 5
+INDEX_TURNS = 1.1
+
+
+class StillAlarmedError(ProcedureError):
+    """The position alarms do not go away."""
+
+    code = "procedure.still_alarmed"
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmCodes:
+    """The maker's names of alarms that a recovery knows how to answer."""
+
+    battery: tuple[str, ...] = ("SRVO-062",)
+    power_cycle: tuple[str, ...] = ("SRVO-038",)
+    index: tuple[str, ...] = ("SRVO-075",)
+
+
+async def wake_encoders(
+    run: Run, record: MasteringRecord, last_counts: Counts, codes: AlarmCodes, speed_rad_s: float
+) -> bool:
+    """Clear the position alarms: battery, power cycle, one turn of every motor past its index.
+
+    Returns whether there were any: encoders that report nothing may have kept their position.
+
+    Raises
+    ------
+    StillAlarmedError
+        An alarm stays that this procedure cannot answer.
+    """
+    lost = False
+    for k in range(1, ROUNDS + 1):
+        condition = await run.step(f"look at the alarms {k}", look_at_alarms)
+        active = {alarm.code for alarm in condition.alarms}
+        lost = lost or bool(active & {*codes.battery, *codes.power_cycle, *codes.index})
+        if active & {*codes.battery, *codes.power_cycle}:
+            if active & {*codes.battery}:
+                await run.step(f"new battery {k}", ask, NEW_BATTERY)
+            await run.write(f"acknowledge the lost position {k}", reset_alarms)
+            await run.step(f"power cycle {k}", ask, POWER_CYCLE)
+            gone = (*codes.battery, *codes.power_cycle)
+            await run.step(f"wait for the robot {k}", wait_for_the_robot, gone)
+        elif active & {*codes.index}:
+            await _pass_indices(run, record, last_counts, (k, speed_rad_s))
+        elif active:
+            await run.write(f"reset the alarms {k}", reset_alarms)
+        else:
+            break
+    await run.ensure("no alarm is left", no_alarm)
+    return lost
+
+
+async def no_alarm(cell: Cell) -> Condition:
+    """Refuse while an alarm stands; asked again on every entry, since a person may have cleared it meanwhile."""
+    condition = await look_at_alarms(cell)
+    if condition.alarms:
+        raise StillAlarmedError(
+            f"the robot still reports {', '.join(sorted({alarm.code for alarm in condition.alarms}))}",
+            remedy="Clear the alarm by the controller's manual, then resume.",
+        )
+    return condition
+
+
+async def _pass_indices(
+    run: Run, record: MasteringRecord, last_counts: Counts, how: tuple[int, float]
+) -> None:
+    """Turn every motor past its index: a controller names its newest alarms only, so all axes are suspect.
+
+    J1 first: a wrist motor turns the joints after it too.
+    """
+    k, speed_rad_s = how
+    healthy = CountsToJoints(record.drive, record.counts_at_zero, (0,) * len(last_counts))
+    last_joints = healthy.joints(last_counts)
+    travel = index_travel(record, last_joints, INDEX_TURNS)
+    await run.step(f"slow motion {k}", let_move, SLOW_MOTION)
+    for axis in range(len(last_counts)):
+        await run.move(f"pass the index of J{axis + 1}, {k}", pass_index, axis, travel[axis], speed_rad_s)
+    await run.write(f"clear the alarms {k}", reset_alarms)

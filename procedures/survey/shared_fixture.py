@@ -1,0 +1,73 @@
+"""What a fixture alignment shares with those of other robots: the wire, the fixture, and the base seen through it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.points.alignment import Alignment, WirePoints
+from calibration.points.fixture import Covariance6, Triple, base_through_fixture
+from calibration.points.joint_bases import bases_together
+from calibration.wires.network import WireNetwork
+from procedures.cell import Cell
+from procedures.steps.mastering import length_gauge
+from procedures.survey.survey import Survey
+
+
+@dataclass(frozen=True, slots=True)
+class KnownWire:
+    """Which wire measures, and the newest alignment of every other robot with the fixture."""
+
+    wire: str
+    others: tuple[Alignment, ...]
+
+    def worst(self, points_in_fixture_m: tuple[Triple, ...]) -> Covariance6:
+        """Return the covariance of the least sure alignment with these points; empty where there is none."""
+        found = [a for a in self.others if a.points_in_fixture_m == points_in_fixture_m]
+        return max(found, key=lambda a: a.origin_u_m).covariance if found else ()
+
+
+NOTHING_KNOWN = KnownWire("", ())
+
+
+@dataclass(frozen=True, slots=True)
+class BaseOutlook:
+    """How well another robot's base will be known through the fixture; k = 2."""
+
+    seen: str  # the other robot; empty: none is aligned yet, it is expected to become as good
+    origin_u_m: float
+    angle_u_rad: float
+
+
+async def read_known_wire(cell: Cell, fixture: str) -> KnownWire:
+    """Return which wire this is, and how other robots are aligned with the fixture."""
+    wire, robot = await length_gauge(cell).identify(), (await cell.robot.identify()).serial
+    others = {a.robot_serial: a for a in cell.alignments if a.fixture == fixture and a.robot_serial != robot}
+    return KnownWire(f"{wire.vendor} {wire.model} {wire.serial}", tuple(others.values()))
+
+
+def told_by_wire(survey: Survey, network: WireNetwork, wire: str) -> WirePoints:
+    """Return all that a fit with other robots' alignments needs of what the wire told here."""
+    belief, spots, rules = survey.belief(), survey.places(), survey.rules
+    covariance = network.exit_and_wire_covariance(spots)
+    return WirePoints(
+        wire=wire,
+        found_m=tuple(network.exits_m[k] for k in spots),
+        of_wire=(network.scale, network.exit_radius_m, *network.slow_m),
+        covariance=tuple(tuple(float(v) for v in row) for row in covariance),
+        believed=belief.wire_values(),
+        sigma=belief.wire_sigmas(),
+        sigma_seat_m=rules.seat_sigma_m,
+        sigma_drawing_m=rules.drawing_sigma_m,
+    )
+
+
+def base_outlook(alignment: Alignment, known: KnownWire) -> BaseOutlook:
+    """Return the worst of the bases through the fixture; where no other robot is aligned, one as good as this one."""
+    others = [a for a in known.others if a.points_in_fixture_m == alignment.points_in_fixture_m]
+    if not others:
+        twin = np.array(alignment.covariance)
+        base = base_through_fixture(alignment.base_fixture, twin, alignment.base_fixture, twin)
+        return BaseOutlook("", base.origin_u_m, base.angle_u_rad)
+    seen = [(other, bases_together([other, alignment]).bases[0]) for other in others]
+    other, worst = max(seen, key=lambda pair: pair[1].origin_u_m)
+    return BaseOutlook(other.robot_serial, worst.origin_u_m, worst.angle_u_rad)

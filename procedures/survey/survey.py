@@ -1,0 +1,226 @@
+"""What a survey with one draw-wire is: its rules, the robot before it, its plan, and what its lengths mean."""
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.geometry import Array, Pose, adjoint
+from calibration.mastering.counts import MasteringRecord
+from calibration.points.fixture import Triple, placing_covariance, u_of
+from calibration.wires.design import with_poses
+from calibration.wires.model import WirePrior
+from calibration.wires.network import Mounting, Place, WireBelief, WireNetwork, fit_network
+from drivers.interfaces import Instruction, Joints
+from procedures.cell import GaugeSetup, MotionLimits
+from procedures.motion.plans import Room
+from procedures.steps.length import LengthCapture
+from procedures.survey.survey_motion import Wire
+
+Captures = tuple[tuple[LengthCapture, ...], ...]  # of every spot
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyRules:
+    """How many poses at each spot, how carefully, and what motion must keep to."""
+
+    min_captures: Annotated[int, Field(ge=4, le=100)] = 6
+    max_captures: Annotated[int, Field(ge=4, le=200)] = 40
+    candidates: Annotated[int, Field(ge=8, le=2000)] = 90
+    samples: Annotated[int, Field(ge=1, le=1000)] = 5
+    retakes: Annotated[int, Field(ge=0, le=20)] = 2  # of lengths that the others contradict, at each spot
+    scale_sigma: Annotated[float, Field(gt=0, le=0.01)] = 1e-4  # of the wire, from its certificate
+    seat_sigma_m: Annotated[float, Field(gt=0, le=0.005)] = (
+        2e-5  # of the adaptor on a point, each time, each axis
+    )
+    drawing_sigma_m: Annotated[float, Field(ge=0, le=0.005)] = (
+        0.0  # of a point's place on the drawing, each axis
+    )
+    seed: Annotated[int, Field(ge=0)] = 1
+    room: Room = field(default_factory=Room)
+
+    @property
+    def point_sigma_m(self) -> float:
+        """Standard uncertainty of one coordinate of a point, drawing and seat [m]."""
+        return math.hypot(self.seat_sigma_m, self.drawing_sigma_m)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedWire:
+    """The wire lengths of the mastering record: they tell the arm's errors, the wire's zero and its home."""
+
+    joints_rad: tuple[Joints, ...]
+    lengths_m: tuple[float, ...]
+    sigma_m: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyState:
+    """The robot and its wire before a survey."""
+
+    serial: str
+    model: str
+    joints_rad: Joints
+    counts_at_zero: tuple[int, ...]  # empty where the robot keeps none
+    epoch: int | None
+    gauge_setup: GaugeSetup
+    gauge_range_m: float
+    gauge_sigma_m: float
+    limits: MotionLimits
+    recorded: RecordedWire | None  # None where there is no record of this very mastering
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """One place of the wire: which exit and which hook, which of both is sought, and how to get it there."""
+
+    exit: int
+    hook: int
+    seeks_exit: bool
+    instruction: Instruction
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """The frame that the spots' places stand for, roughly, and how well it must be known.
+
+    With ``through``, the goal is another robot's base seen through that frame: the covariance of the other's
+    alignment, or none yet, which is then expected to be as good as this one.
+    """
+
+    outer_inner: Pose
+    points_in_inner_m: tuple[Triple, ...]
+    origin_u_m: float
+    angle_u_rad: float
+    through: tuple[tuple[float, ...], ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyPlan:
+    """All a survey may do: spots, the poses it may choose from, and what nobody checked."""
+
+    goal: Goal
+    exits: tuple[Place, ...]  # the wire's home comes first …
+    hooks: tuple[Place, ...]  # … and so does its first hook
+    spots: tuple[Spot, ...]
+    mouth_at_m: Triple | None  # where the wire's mouth is turned to at every spot; None where it stays
+    way_to_rest_rad: tuple[Joints, ...]  # at the beginning; its end is the rest
+    pools: tuple[tuple[Joints, ...], ...]  # of each spot, as drawn
+    best: tuple[tuple[int, ...], ...]  # of each pool, those that tell most
+    speed_rad_s: float
+    not_checked: tuple[str, ...]
+
+    @property
+    def rest_rad(self) -> Joints:
+        """Where the robot stands while the wire is moved, and through which detours lead."""
+        return self.way_to_rest_rad[-1]
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """A survey from its beginning: the robot and wire as found, the plan, the rules."""
+
+    state: SurveyState
+    plan: SurveyPlan
+    rules: SurveyRules
+
+    def model(self) -> RobotModel:
+        """Return the robot's nominal model."""
+        return _model(self.state.model)
+
+    def belief(self) -> WireBelief:
+        """Return what is known of places, wire and arm before anything is measured."""
+        at = self.state.gauge_setup
+        wire = WirePrior(at.anchor_in_base_m, at.hook_in_flange_m)
+        tight = WireBelief.tight(wire, self.plan.exits, self.plan.hooks, self.rules.scale_sigma)
+        return replace(tight, range_m=self.state.gauge_range_m)
+
+    def place(self, spot: int) -> int:
+        """Return which place a spot seeks: exits from 0, then hooks."""
+        at = self.plan.spots[spot]
+        return at.exit if at.seeks_exit else len(self.plan.exits) + at.hook
+
+    def places(self) -> tuple[int, ...]:
+        """Return which places the spots seek."""
+        return tuple(self.place(spot) for spot in range(len(self.plan.spots)))
+
+    def wire(self, spot: int) -> Wire:
+        """Return where the wire runs at a spot, as far as is known before measuring."""
+        at = self.plan.spots[spot]
+        return (self.plan.exits[at.exit].at_m, self.plan.hooks[at.hook].at_m, self.state.gauge_range_m)
+
+    def stations(self, spot: int, joints_rad: Array) -> Array:
+        """Return from where a spot's place is seen, (N, 3): hooks in the base, or the exit in the flange [m]."""
+        exit_m, hook_m, _ = self.wire(spot)
+        if self.plan.spots[spot].seeks_exit:
+            return np.asarray(self.model().tip_positions(joints_rad, np.array(hook_m)))
+        flanges = self.model().base_flange(joints_rad)
+        away = np.array(exit_m) - flanges[:, :3, 3]
+        return np.asarray(np.einsum("nji,nj->ni", flanges[:, :3, :3], away))
+
+    def mountings(self, captures: Captures) -> list[Mounting]:
+        """Return the record's lengths, then those of every spot that has some."""
+        mountings = []
+        if self.state.recorded is not None:
+            wire, mouth = self.state.recorded, self.state.gauge_setup.mouth_at_m
+            mountings.append(
+                Mounting(0, 0, wire.joints_rad, wire.lengths_m, wire.sigma_m, mouth, another_day=True)
+            )
+        for spot, taken in zip(self.plan.spots, captures, strict=True):
+            if taken:
+                joints = tuple(capture.joints_rad for capture in taken)
+                lengths = tuple(capture.length_m for capture in taken)
+                sigmas = tuple(capture.sigma_m for capture in taken)
+                mountings.append(
+                    Mounting(spot.exit, spot.hook, joints, lengths, sigmas, self.plan.mouth_at_m)
+                )
+        return mountings
+
+    def planned(self, spot: int, poses: Array) -> Mounting:
+        """Return captures that could be taken at a spot."""
+        at = self.plan.spots[spot]
+        sigma_m = self.state.gauge_sigma_m / 2.0 / self.rules.samples**0.5
+        return with_poses(Mounting(at.exit, at.hook, (), (), (), self.plan.mouth_at_m), poses, sigma_m)
+
+    def best_poses(self, spot: int, count: int) -> Array:
+        """Return the poses of a spot's pool that tell most, taken alone."""
+        pool = self.plan.pools[spot]
+        return np.array([pool[i] for i in self.plan.best[spot][:count]])
+
+    def none_taken(self) -> Captures:
+        """Return captures of a survey that has not begun."""
+        return ((),) * len(self.plan.spots)
+
+
+def recorded_wire(record: MasteringRecord) -> RecordedWire:
+    """Return the wire lengths of a mastering record."""
+    return RecordedWire(record.wire.joints_rad, record.wire.lengths_m, record.wire.sigma_m)
+
+
+def uncertainties(goal: Goal, covariance_m2: Array, seat_sigma_m: float) -> tuple[float, float]:
+    """Return U (k = 2) of the goal's origin [m] and angle [rad]; with one point, its own and none of the angle.
+
+    Two alignments of a base goal are taken as independent; `calibration.points.joint_bases` knows what they share.
+    """
+    if len(goal.points_in_inner_m) == 1:
+        return u_of(covariance_m2 + seat_sigma_m**2 * np.eye(3)), 0.0
+    covariance = placing_covariance(goal.outer_inner, goal.points_in_inner_m, covariance_m2, seat_sigma_m)
+    if goal.through is not None:
+        other = np.array(goal.through) if goal.through else covariance
+        carry = adjoint(goal.outer_inner.matrix())
+        covariance = carry @ (covariance + other) @ carry.T
+    return u_of(covariance[:3, :3]), u_of(covariance[3:, 3:])
+
+
+def fit_survey(survey: Survey, captures: Captures) -> WireNetwork:
+    """Fit all lengths taken so far, the record's included."""
+    return fit_network(survey.model(), survey.belief(), survey.mountings(captures))
+
+
+@cache
+def _model(name: str) -> RobotModel:
+    return load_model(name)

@@ -1,0 +1,163 @@
+"""Which pose of a survey comes next, and whether it is enough. Pure functions of what was measured."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.geometry import Array
+from calibration.points.fixture import Mirror, mirror_image, telling_gaps
+from calibration.wires.design import best_order, expected_covariance, look_ahead
+from calibration.wires.network import Mounting
+from drivers.interfaces import Joints
+from procedures.steps.length import LengthCapture
+from procedures.survey.survey import Captures, Survey, SurveyPlan, uncertainties
+from procedures.survey.survey_motion import way_between
+
+SAME_POSE_RAD = 0.02
+LENGTH_SIGMA_M = 3e-4  # of one length with all that blurs it, where two places are told apart
+CURE_SIGMAS = 6.0
+FEWEST_LENGTHS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Where a survey stands: what was captured, at which spot and posture, and how large disturbances are."""
+
+    captures: Captures
+    spot: int
+    here_rad: Joints
+    disturbance_factor: float
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The next pose at a spot, or why there is none; and how well the goal would be known in the end."""
+
+    way_rad: tuple[Joints, ...]  # corners of the way to it; empty when there is none
+    enough: bool
+    origin_u_m: float  # expected once every other spot has as many captures
+    angle_u_rad: float
+    unreachable: bool = False  # too few lengths, and no pose that could be gone to
+    ambiguous: str = ""  # two places fit, and no pose in reach tells them apart
+
+
+def choose_pose(survey: Survey, standing: Standing) -> Choice:
+    """Choose the pose of the spot's pool that tells most and can be reached, unless all is known well enough."""
+    origin_u_m, angle_u_rad = _expected(survey, standing)
+    goal, rules, spot = survey.plan.goal, survey.rules, standing.spot
+    taken = standing.captures[spot]
+    reached = origin_u_m <= goal.origin_u_m and angle_u_rad <= goal.angle_u_rad
+    found = Choice((), reached and len(taken) >= rules.min_captures, origin_u_m, angle_u_rad)
+    unseen = _unseen(survey.plan.pools[spot], taken)
+    if len(unseen) and (len(taken) < rules.min_captures or not (reached or len(taken) >= rules.max_captures)):
+        candidates, known = survey.planned(spot, unseen), survey.mountings(standing.captures)
+        place, factor = survey.place(spot), standing.disturbance_factor
+        gains = look_ahead(survey.model(), survey.belief(), known, candidates, place, factor).gains
+        way = _first_reachable(survey, standing, unseen[np.argsort(-gains)])
+        if way:
+            return replace(found, way_rad=way)
+        if len(taken) < FEWEST_LENGTHS:
+            return replace(found, way_rad=(), unreachable=True)
+    return _told_apart(survey, standing, unseen, found)
+
+
+def order_pools(survey: Survey) -> SurveyPlan:
+    """Return the plan with the poses of each pool put in the order in which they tell most, spot after spot."""
+    known: list[Mounting] = survey.mountings(survey.none_taken())
+    best: list[tuple[int, ...]] = []
+    for spot, pool in enumerate(survey.plan.pools):
+        candidates, poses = survey.planned(spot, np.array(pool)), np.array(pool)
+        order = best_order(survey.model(), survey.belief(), known, candidates, survey.rules.max_captures)
+        best.append(order)
+        known.append(survey.planned(spot, poses[list(order[: survey.rules.min_captures])]))
+    return replace(survey.plan, best=tuple(best))
+
+
+def expected_at_least(survey: Survey, count: int) -> tuple[float, float]:
+    """Return the goal's U (k = 2) [m, rad] after so many of the best poses at every spot, before any is taken."""
+    poses = [survey.best_poses(spot, count) for spot in range(len(survey.plan.spots))]
+    return _with_planned(survey, poses, 1.0)
+
+
+def fixed_plan_captures(survey: Survey, factor: float, reached: tuple[float, float]) -> int | None:
+    """Return how many captures evenly drawn poses would need for the same U; None if more than there are."""
+    counts = list(range(4, min(len(pool) for pool in survey.plan.pools) + 1))
+    if not _drawn_reach(survey, counts[-1], factor, reached):
+        return None
+    while len(counts) > 1:  # more captures never tell less: halve until one is left
+        middle = (len(counts) - 1) // 2
+        good = _drawn_reach(survey, counts[middle], factor, reached)
+        counts = counts[: middle + 1] if good else counts[middle + 1 :]
+    return counts[0] * len(survey.plan.spots)
+
+
+def _drawn_reach(survey: Survey, count: int, factor: float, reached: tuple[float, float]) -> bool:
+    found = _with_planned(survey, [np.array(pool[:count]) for pool in survey.plan.pools], factor)
+    return found[0] <= reached[0] and found[1] <= reached[1]
+
+
+def _with_planned(survey: Survey, poses: list[Array], factor: float) -> tuple[float, float]:
+    mountings = survey.mountings(survey.none_taken())
+    mountings += [survey.planned(spot, drawn) for spot, drawn in enumerate(poses)]
+    covariance = expected_covariance(survey.model(), survey.belief(), mountings, survey.places(), factor)
+    return uncertainties(survey.plan.goal, covariance, survey.rules.point_sigma_m)
+
+
+def _expected(survey: Survey, standing: Standing) -> tuple[float, float]:
+    """Return the goal's U if the spots still to come get as many captures as this one has."""
+    mountings, taken = survey.mountings(standing.captures), len(standing.captures[standing.spot])
+    count = max(taken, survey.rules.min_captures)
+    for spot in range(standing.spot if taken == 0 else standing.spot + 1, len(survey.plan.spots)):
+        mountings.append(survey.planned(spot, survey.best_poses(spot, count)))
+    covariance = expected_covariance(
+        survey.model(), survey.belief(), mountings, survey.places(), standing.disturbance_factor
+    )
+    return uncertainties(survey.plan.goal, covariance, survey.rules.point_sigma_m)
+
+
+def _told_apart(survey: Survey, standing: Standing, unseen: Array, found: Choice) -> Choice:
+    """Hold that the lengths allow one place only; else choose the pose that tells, or say that there is none."""
+    spot = standing.spot
+    joints = np.array([capture.joints_rad for capture in standing.captures[spot]])
+    wire = survey.wire(spot)
+    place_m = wire[0] if survey.plan.spots[spot].seeks_exit else wire[1]
+    mirror = mirror_image(survey.stations(spot, joints), place_m, LENGTH_SIGMA_M)
+    if mirror.excluded:
+        return found
+    gaps_m = telling_gaps(survey.stations(spot, unseen), place_m, mirror)
+    order = np.argsort(-gaps_m)
+    way = _first_reachable(survey, standing, unseen[order[gaps_m[order] > CURE_SIGMAS * LENGTH_SIGMA_M]])
+    if way:
+        return replace(found, way_rad=way, enough=False)
+    gap_m = float(gaps_m.max()) if len(gaps_m) else 0.0
+    return replace(found, enough=False, ambiguous=_two_places(spot, mirror, gap_m))
+
+
+def _two_places(spot: int, mirror: Mirror, gap_m: float) -> str:
+    x, y, z = (value * 1e3 for value in mirror.at_m)
+    return (
+        f"the poses at spot {spot + 1} lie nearly in one plane: the point may as well be at x {x:.0f}, y {y:.0f}, "
+        f"z {z:.0f} mm, and the pose that tells most changes the length by {gap_m * 1e3:.2f} mm; "
+        "a pose well off that plane, and a way to it, would tell"
+    )
+
+
+def _unseen(pool: tuple[Joints, ...], taken: tuple[LengthCapture, ...]) -> Array:
+    poses = np.array(pool)
+    if not taken:
+        return poses
+    seen = np.array([capture.joints_rad for capture in taken])
+    apart = np.abs(poses[:, None, :] - seen[None]).max(axis=2).min(axis=1)
+    unseen: Array = poses[apart > SAME_POSE_RAD]
+    return unseen
+
+
+def _first_reachable(survey: Survey, standing: Standing, poses: Array) -> tuple[Joints, ...]:
+    """Return the way to the first of these poses that has one, and a way back."""
+    wire, room, plan = survey.wire(standing.spot), survey.rules.room, survey.plan
+    for pose in poses:
+        ends = (standing.here_rad, tuple(float(q) for q in pose))
+        way = way_between(survey.state.model, wire, room, plan.rest_rad, ends)
+        if way:
+            return way
+    return ()

@@ -1,0 +1,85 @@
+"""What a survey with the draw-wire would need and reach, before a device is touched."""
+
+import math
+
+from procedures.forecast import PERSON_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
+from procedures.limits import FRAME
+from procedures.survey.survey import Survey, SurveyState, recorded_wire
+from procedures.survey.survey_choice import expected_at_least
+
+MEAN_TRAVEL_RAD = 1.5  # of the slowest joint, from one pose to the next
+
+
+def lacking(known: Knowledge) -> tuple[str, ...]:
+    """Return what must be known of a cell before a survey can be foretold."""
+    needed = (
+        ("a kinematic model", known.model),
+        ("a gauge", known.gauge),
+        ("where the wire is", known.gauge_setup),
+    )
+    return tuple(name for name, found in needed if found is None)
+
+
+def state_before(known: Knowledge) -> SurveyState:
+    """Return the robot as it is imagined before anybody asked it.
+
+    Raises
+    ------
+    ValueError
+        Something of ``lacking`` is not known.
+    """
+    if known.model is None or known.gauge is None or known.gauge_setup is None:
+        raise ValueError(f"not known: {', '.join(lacking(known))}")
+    zero = () if known.record is None else known.record.counts_at_zero
+    return SurveyState(
+        serial="" if known.record is None else known.record.robot_serial,
+        model=known.model.name,
+        joints_rad=(0.0,) * known.model.axes,
+        counts_at_zero=zero,
+        epoch=None,
+        gauge_setup=known.gauge_setup,
+        gauge_range_m=known.gauge.range_m,
+        gauge_sigma_m=known.gauge.sigma_m,
+        limits=known.limits,
+        recorded=None if known.record is None else recorded_wire(known.record),
+    )
+
+
+def survey_forecast(survey: Survey, what: str, known: Knowledge) -> Forecast:
+    """Return how many captures a survey expects, how long they take and what they will tell."""
+    rules, goal, plan = survey.rules, survey.plan.goal, survey.plan
+    low, high = rules.min_captures, min(rules.max_captures, *(len(pool) for pool in plan.pools))
+    while low < high:  # more captures never tell less
+        middle = (low + high) // 2
+        origin_u_m, angle_u_rad = expected_at_least(survey, middle)
+        enough = origin_u_m <= goal.origin_u_m and angle_u_rad <= goal.angle_u_rad
+        low, high = (low, middle) if enough else (middle + 1, high)
+    origin_u_m, angle_u_rad = expected_at_least(survey, low)
+    captures = low * len(plan.spots)
+    each_s = MEAN_TRAVEL_RAD / plan.speed_rad_s + known.limits.settle_s + rules.samples * SAMPLE_S
+    predictions = [
+        Prediction(
+            f"{what} origin", origin_u_m, "m", {name: limits.origin_m for name, limits in FRAME.items()},
+            f"after {captures} captures",
+        )
+    ]  # fmt: skip
+    if len(goal.points_in_inner_m) > 1:
+        angles = {name: limits.angle_rad for name, limits in FRAME.items()}
+        predictions.append(
+            Prediction(f"{what} angle", angle_u_rad, "rad", angles, f"after {captures} captures")
+        )
+    poses = tuple(
+        PlannedPose(f"spot {spot + 1}, pose {k + 1}", plan.pools[spot][index])
+        for spot in range(len(plan.spots))
+        for k, index in enumerate(plan.best[spot][:low])
+    )
+    return Forecast(
+        duration_s=math.ceil(captures * each_s + len(plan.spots) * PERSON_S),
+        poses=poses,
+        speed_rad_s=plan.speed_rad_s,
+        predictions=tuple(predictions),
+        assumed=()
+        if survey.state.recorded
+        else ("no mastering record: the arm's errors are taken from the maker's",),
+        not_checked=plan.not_checked,
+    )

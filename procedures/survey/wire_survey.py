@@ -1,0 +1,182 @@
+"""A survey with one draw-wire: it is moved from spot to spot by hand, and the robot to poses chosen one by one.
+
+Shared by the fixture alignment (the wire's exit moves) and the end-effector's points (its hook moves). After each
+capture the survey knows how well the frame sought would be known; it goes on while that is not enough.
+"""
+
+from calibration.wires.network import WireNetwork
+from drivers.interfaces import Joints, Readiness
+from procedures.cell import Cell
+from procedures.run import NeedsUnmetError, RefusalError, Run
+from procedures.steps.ask import ask
+from procedures.steps.length import LengthCapture, capture_length
+from procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
+from procedures.steps.motion import follow
+from procedures.survey.survey import (
+    Captures,
+    RecordedWire,
+    Survey,
+    SurveyPlan,
+    SurveyState,
+    fit_survey,
+    recorded_wire,
+)
+from procedures.survey.survey_choice import Choice, Standing, choose_pose
+
+
+async def read_survey_state(cell: Cell) -> SurveyState:
+    """Read who the robot is, where it stands and what its record says about the wire; refuse a sick robot."""
+    gauge, model = length_gauge(cell), nominal_model(cell)
+    if cell.gauge_setup is None:
+        raise NeedsUnmetError("the cell file does not say where the wire is fixed", missing=("gauge_setup",))
+    condition, identity = await cell.robot.condition(), await cell.robot.identify()
+    mastering = None if cell.mastering is None else await cell.mastering.mastering()
+    if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
+        raise RefusalError(
+            f"the robot is not ready or not mastered: {condition.message or 'mastering data invalid'}",
+            code="procedure.not_healthy",
+            remedy="Clear what is wrong, then start a new run.",
+        )
+    joints_rad = (await cell.robot.joints()).joints_rad
+    error_m = model_error_m(model, joints_rad, await cell.robot.flange_pose())
+    if error_m > MODEL_TOLERANCE_M:
+        raise RefusalError(
+            f"the controller says its flange is {error_m * 1e3:.0f} mm from where a {model.name} has it",
+            code="procedure.wrong_model",
+            remedy="Correct the robot's model in the cell file, then start a new run.",
+        )
+    counts_at_zero = () if mastering is None else mastering.counts_at_zero
+    return SurveyState(
+        serial=identity.serial,
+        model=model.name,
+        joints_rad=joints_rad,
+        counts_at_zero=counts_at_zero,
+        epoch=None if cell.mastering is None else await cell.mastering.encoder_epoch(),
+        gauge_setup=cell.gauge_setup,
+        gauge_range_m=gauge.capabilities.range_m,
+        gauge_sigma_m=gauge.capabilities.sigma_m,
+        limits=cell.limits,
+        recorded=_recorded(cell, identity.serial, counts_at_zero),
+    )
+
+
+def _recorded(cell: Cell, serial: str, counts_at_zero: tuple[int, ...]) -> RecordedWire | None:
+    record = cell.record
+    if record is None or (record.robot_serial, record.counts_at_zero) != (serial, counts_at_zero):
+        return None
+    return recorded_wire(record)
+
+
+async def measure_spots(run: Run, survey: Survey) -> Captures:
+    """Have the wire moved to every spot, and measure there until the goal is in reach; return all captures."""
+    walk = _Walk(run, survey)
+    for spot, place in enumerate(survey.plan.spots):
+        await walk.rest(spot)
+        await run.step(f"move the wire {spot + 1}", ask, place.instruction)
+        await walk.measure(spot)
+    return walk.captures()
+
+
+class _Walk:
+    """Where a survey stands between steps; everything in it comes from findings."""
+
+    def __init__(self, run: Run, survey: Survey) -> None:
+        self._run, self._survey = run, survey
+        self._taken: list[list[LengthCapture]] = [[] for _ in survey.plan.spots]
+        self._here_rad, self._factor = survey.state.joints_rad, 1.0
+        self._choices = self._poses = self._looks = 0
+
+    def captures(self) -> Captures:
+        return tuple(tuple(spot) for spot in self._taken)
+
+    async def rest(self, spot: int) -> None:
+        """Bring the robot where the wire can be moved: every pose gone to has a free way there."""
+        plan = self._survey.plan
+        way_rad = plan.way_to_rest_rad if spot == 0 else (plan.rest_rad,)
+        await self._run.move(f"go to rest {spot + 1}", follow, way_rad, plan.speed_rad_s)
+        self._here_rad = plan.rest_rad
+
+    async def measure(self, spot: int) -> None:
+        """Capture at one spot until more is not needed, or not allowed."""
+        looked = False
+        while True:
+            choice = await self._choose(spot)
+            if choice.way_rad:
+                self._taken[spot].append(await self._visit(spot, choice.way_rad))
+                looked = False
+            elif not looked:
+                await self._look(spot)
+                looked = True
+            else:
+                return
+
+    async def _choose(self, spot: int) -> Choice:
+        self._choices += 1
+        standing = Standing(self.captures(), spot, self._here_rad, self._factor)
+        choice = await self._run.solve(f"choose a pose {self._choices}", choose_pose, self._survey, standing)
+        if choice.ambiguous or choice.unreachable:
+            raise _no_pose(spot, choice)
+        return choice
+
+    async def _visit(self, spot: int, way_rad: tuple[Joints, ...]) -> LengthCapture:
+        self._poses += 1
+        number, speed = self._poses, self._survey.plan.speed_rad_s
+        await self._run.move(f"go to pose {number}", follow, way_rad, speed)
+        self._here_rad = way_rad[-1]
+        label = f"spot {spot + 1}, pose {number}"
+        return await self._run.step(f"capture {number}", capture_length, label, self._survey.rules.samples)
+
+    async def _look(self, spot: int) -> None:
+        """Fit what is there; take again the length that the others contradict; refuse what stays contradictory."""
+        for retake in range(self._survey.rules.retakes + 1):
+            self._looks += 1
+            name = f"look at the lengths {self._looks}"
+            network = await self._run.solve(name, fit_survey, self._survey, self.captures())
+            self._factor = network.disturbance_factor
+            if network.consistent():
+                return
+            at = network.worst_mounting - (self._survey.state.recorded is not None)
+            if at != spot or retake == self._survey.rules.retakes:
+                raise _contradiction(self._survey.plan, network, at, self._taken)
+            worst = self._taken[spot][network.worst_capture]
+            self._taken[spot][network.worst_capture] = await self._visit(
+                spot, (self._survey.plan.rest_rad, worst.joints_rad)
+            )
+
+
+def _no_pose(spot: int, choice: Choice) -> RefusalError:
+    if choice.ambiguous:
+        return RefusalError(
+            choice.ambiguous,
+            code="procedure.ambiguous",
+            remedy="Widen the workspace box, or put the wire where the robot reaches well to both sides of it; then "
+            "start a new run.",
+            evidence=choice,
+        )
+    return RefusalError(
+        f"no further pose at spot {spot + 1} can be reached with the wire clear of the arm",
+        code="procedure.unreachable",
+        remedy="Widen the workspace box, allow more candidates, or move fixture or wire; then start a new run.",
+        evidence=choice,
+    )
+
+
+def _contradiction(
+    plan: SurveyPlan, network: WireNetwork, spot: int, taken: list[list[LengthCapture]]
+) -> RefusalError:
+    if spot < 0:
+        return RefusalError(
+            "the lengths contradict those of the mastering record: arm, wire or hook have changed since",
+            code="procedure.record_outdated",
+            remedy="Take a new mastering record, then start a new run.",
+            evidence=network,
+        )
+    label = taken[spot][network.worst_capture].label
+    return RefusalError(
+        f"the lengths contradict each other: {label} stands out by {network.worst_deviation:.1f} deviations, "
+        f"residual {network.residual_rms_m * 1e3:.2f} mm RMS",
+        code="procedure.lengths_inconsistent",
+        remedy=f"See that the wire is where '{plan.spots[spot].instruction.text}' says, hangs free and is not "
+        "touched; then start a new run.",
+        evidence=network,
+    )

@@ -1,0 +1,179 @@
+"""What a taught tool frame may claim: its tip and axes with their uncertainty, and what nobody looked at."""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from calibration.geometry import Array, Pose
+from calibration.points.tool_point import ToolAxes, ToolPoint
+from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
+from procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen, told
+from procedures.teaching.tcp_methods import Way
+from procedures.verdict import (
+    PASS,
+    UNDECIDED,
+    Change,
+    Characteristic,
+    Contribution,
+    SetAside,
+    Verdict,
+    enough,
+    held,
+)
+
+
+class Tool(Protocol):
+    """A tool frame as found and written."""
+
+    @property
+    def tool_number(self) -> int: ...
+    @property
+    def tip(self) -> ToolPoint: ...
+    @property
+    def axes(self) -> ToolAxes | None: ...
+    @property
+    def touches(self) -> int: ...
+    @property
+    def fixed_plan_touches(self) -> int | None: ...
+    @property
+    def set_aside(self) -> tuple[SetAside, ...]: ...
+    @property
+    def before(self) -> Pose: ...
+    @property
+    def read_back(self) -> Pose: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Judging:
+    """How the tool was taught, and what it is judged by."""
+
+    way: Way
+    square_sigma_rad: float
+    accuracy_class: AccuracyClass
+    limits: ToolLimits | None
+
+
+def verdict_on_tool(judging: Judging, found: Tool) -> Verdict:
+    """Return the verdict on a taught tool frame."""
+    limits = chosen(TOOL, judging.accuracy_class, judging.limits)
+    tip = found.tip
+    return Verdict(
+        (
+            _tip(tip, limits.tip_m),
+            *(() if found.axes is None else (_axes(judging, found.axes, tip, limits.orientation_rad),)),
+            held(
+                "largest distance of a touch from the pin",
+                tip.max_m <= limits.residual_m,
+                "PASS if at most L; a residual is no accuracy",
+                found=tip.max_m,
+                limit=limits.residual_m,
+                unit="m",
+            ),
+            *_spared(tip, limits.residual_m),
+            *_handed(judging.way),
+        ),
+        limits_from=told(judging.accuracy_class, judging.limits),
+        not_verified=_not_verified(judging.way),
+        remarks=(_saving(found),),
+        changes=_changes(found),
+        set_aside=found.set_aside,
+    )
+
+
+def axes_u(way: Way, sigma_m: float, square_sigma_rad: float) -> float:
+    """Return U (95 %) of the axes' turn that poses of this quality would give [rad]."""
+    ways = {0: (0.0, 0.0, 0.0), 2: (2.0, 1.0, 2.0)}  # two moves leave each other's axis to one of them
+    shares = ways.get(len(way.moves), (1.0, 1.0, 1.0))
+    variances = [share * (sigma_m / way.min_move_m) ** 2 + square_sigma_rad**2 for share in shares]
+    return coverage_in_space(variances) * math.sqrt(sum(variances)) if sum(variances) else 0.0
+
+
+def _tip(tip: ToolPoint, limit: float) -> Characteristic:
+    u = tip.tip_u_in_space_m / tip.coverage_in_space
+    rule = (
+        f"PASS if U (k = {tip.coverage_in_space:.2f}, 95 %, {tip.degrees_of_freedom} degrees of freedom, in space) "
+        "<= L, else UNDECIDED: measure more"
+    )
+    word = PASS if tip.tip_u_in_space_m <= limit else UNDECIDED
+    figure = Characteristic(
+        "position of the tool's tip", tip.tip_u_in_space_m, "m", u, tip.coverage_in_space, limit, word, rule
+    )
+    return figure.with_budget(Contribution("scatter of the touches, through the fit", u, "measured"))
+
+
+def _axes(judging: Judging, axes: ToolAxes, tip: ToolPoint, limit: float) -> Characteristic:
+    """Judge the turn of the axes: scatter over the moves, their angles, how squarely the tool was held."""
+    freedom = float(tip.degrees_of_freedom)
+    touch_m2 = tip.rms_m**2 * (freedom + 6.0) / freedom  # the scatter, freed of the fitted unknowns
+    by_touch: Array = np.array(axes.turn_gain_per_m2) * touch_m2
+    by_square, by_hand = axes.squareness_rad / 2.0, judging.square_sigma_rad
+    covariance = by_touch + (by_square**2 / 3.0 + by_hand**2) * np.eye(3)
+    measured, estimated = math.sqrt(float(np.trace(by_touch))), math.sqrt(3.0) * by_hand
+    dof = effective_degrees_of_freedom([(measured, freedom), (by_square, math.inf), (estimated, math.inf)])
+    u = math.sqrt(float(np.trace(covariance)))
+    k = coverage_in_space(np.linalg.eigvalsh(covariance).clip(0.0).tolist(), dof) if u else 2.0
+    rule = f"PASS if U (k = {k:.2f}, 95 %, about any axis) <= L, else UNDECIDED: measure more"
+    word = PASS if k * u <= limit else UNDECIDED
+    figure = Characteristic("turn of the tool's axes", k * u, "rad", u, k, limit, word, rule)
+    return figure.with_budget(
+        Contribution("scatter of the touches over the moves", measured, "measured"),
+        Contribution("moves not at right angles", by_square, "measured"),
+        Contribution("how squarely the tool was held, square_sigma_rad", estimated, "estimated"),
+    )
+
+
+def _spared(tip: ToolPoint, limit: float) -> tuple[Characteristic, ...]:
+    if tip.leave_one_out_max_m is None:
+        return ()
+    worst = int(np.argmax(tip.leave_one_out_m)) + 1
+    rule = f"a touch as the others foretell it, worst touch {worst}: PASS if at most 2 L, else UNDECIDED"
+    return (
+        enough(
+            "largest distance of a touch from where the others have it",
+            tip.leave_one_out_max_m <= 2.0 * limit,
+            rule,
+            found=tip.leave_one_out_max_m,
+            limit=2.0 * limit,
+            unit="m",
+        ),
+    )
+
+
+def _handed(way: Way) -> tuple[Characteristic, ...]:
+    if len(way.moves) < 3:
+        return ()
+    return (held("handedness: the three moves form a right-handed frame", True, "refused where they do not"),)
+
+
+def _not_verified(way: Way) -> tuple[str, ...]:
+    unseen = "The tip was not checked in an attitude that was not fitted."
+    forms = (
+        "The forms of pin and tip, and the robot's own errors between attitudes, count only as they scatter."
+    )
+    if way.method == "four_point":
+        return unseen, forms, "The axes were not taught: they stay as the controller held them."
+    if way.by_attitude:
+        return (
+            unseen,
+            forms,
+            "How squarely the tool was held is as stated (square_sigma_rad): nothing shows it.",
+        )
+    if len(way.moves) < 3:
+        return unseen, forms, "A move in the wrong direction leaves no trace: no third move was taught."
+    return unseen, forms, "Two moves both taken in the wrong direction leave no trace."
+
+
+def _saving(found: Tool) -> str:
+    fixed = found.fixed_plan_touches
+    plan = "more than 60" if fixed is None else str(fixed)
+    return (
+        f"{found.touches} touches, each where it tells most; a plan fixed beforehand at 30 degrees would "
+        f"take {plan} for the U of the limits"
+    )
+
+
+def _changes(found: Tool) -> tuple[Change, ...]:
+    pairs = zip("xyz", found.before.position_m, found.read_back.position_m, strict=True)
+    return tuple(Change(f"tool {found.tool_number}: {axis}", old, new, "m") for axis, old, new in pairs)

@@ -1,0 +1,202 @@
+"""The certificate of a finished run: everything it claims and what it does not, signed by the cell.
+
+A run that was refused gets a refusal record instead: what was measured, why nothing is claimed, what to do next.
+
+The content is a function of the journal and of the cell file of that run, so that the same run gives the same
+bytes whenever it is asked for.
+"""
+
+import json
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from calibration.errors import CellError
+from procedures.catalogue import entry_named
+from procedures.entry import Entry
+from procedures.past import Kind
+from service.certificates.points import airs, answers, raw_data_sha256, readings
+from service.certificates.signing import Finding, StationKey, check, station_key
+from service.certificates.text import as_text
+from service.configuration.cell_file import CellConfig, GaugeCertificate
+from service.files import replace_file
+from service.runs.cell import open_journal
+from service.runs.conduct import Verdict
+from service.runs.journal import Event, Journal
+from service.runs.store import RunView, Store
+
+FORMAT, REFUSAL_FORMAT = "cellcal certificate 1", "cellcal refusal record 1"
+NO_TRACEABILITY = "No metrological traceability is claimed."
+SAFETY = (
+    "This software performs no safety function. Emergency stop, protective stop, enabling device, speed and space "
+    "monitoring are functions of the robot controller and the cell. Do not rely on this screen to stop the robot."
+)
+STATUS = "Signed by the key of the cell; not issued by an accredited laboratory."
+REFUSED = frozenset({Verdict.REFUSED, Verdict.OUT_OF_TOLERANCE})
+_NOTHING_CLAIMED: dict[str, Any] = {
+    "word": "refused",
+    "characteristics": [],
+    "not_verified": [
+        "Nothing is claimed of this run. What was measured stands below, for whoever looks for the cause."
+    ],
+}
+_NO_VERDICT: dict[str, Any] = {
+    "word": "undecided",
+    "characteristics": [],
+    "remarks": ["This procedure states no verdict."],
+}
+
+
+class CertificateError(CellError):
+    """A run cannot be certified, or a certificate cannot be kept."""
+
+    code = "certificate"
+
+
+@dataclass(frozen=True, slots=True)
+class Issued:
+    """A certificate or a refusal record on disk."""
+
+    run_id: str
+    word: str  # pass, fail, undecided; refused
+    json_path: Path
+    text_path: Path
+    sha256: str
+    key: StationKey
+
+
+def certificates_folder(config: CellConfig) -> Path:
+    """Return where certificates are kept."""
+    return config.cell.data_dir / "certificates"
+
+
+def issue(config: CellConfig, run_id: str, out: Path | None = None) -> Issued:
+    """Write the certificate of a finished run (``last`` is the newest), or of a refusal its record; as JSON and text.
+
+    Raises
+    ------
+    CertificateError
+        The run was neither finished nor refused, or the folder cannot be written.
+    StoreError
+        There is no such run, or the journal is damaged.
+    """
+    with open_journal(config) as journal:
+        content = content_of(config, journal, Store(journal).newest(run_id))
+    key = station_key(config.cell.data_dir)
+    refused = "refusal" in content
+    signed = key.sign(REFUSAL_FORMAT if refused else FORMAT, content)
+    sha256 = check(signed.encode()).sha256
+    folder = out or certificates_folder(config)
+    name = content["run"]["run_id"]
+    file = f"{name}-refused" if refused else name  # the run may be resumed, and end well
+    paths = folder / f"{file}.json", folder / f"{file}.txt"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        kept = _keep(paths[0], signed, sha256)
+        replace_file(paths[1], as_text(content, sha256, kept))
+    except OSError as error:
+        raise CertificateError(
+            f"the certificate cannot be written to {folder}: {error.strerror}.",
+            remedy=f"See that the folder may be written, then `cellcal certificate {name} --cell {config.path}`.",
+        ) from error
+    return Issued(name, content["verdict"]["word"], *paths, sha256, key)
+
+
+def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, Any]:
+    """Return what is certified of a finished run, or recorded of a refused one."""
+    damage = journal.verify()
+    if damage is not None:
+        raise CertificateError(
+            f"the journal is damaged after event {damage.after_seq}: {damage.reason}. Nothing is certified from it.",
+            remedy="Restore a backup of data_dir.",
+            code="store.damaged",
+        )
+    view, events = Store(journal).run(run_id), journal.events(run_id)
+    refused = view.state in REFUSED
+    if view.state != Verdict.PASSED and not refused:
+        raise CertificateError(
+            f"run {run_id} has no result to certify ({view.state.replace('_', ' ')}). {view.reason}".strip(),
+            remedy=f"`cellcal show {run_id} --cell {config.path}` tells what it found; `resume` goes on with it.",
+        )
+    entry = entry_named(view.procedure)
+    verdict: dict[str, Any] = _NOTHING_CLAIMED if refused else view.judgement or _NO_VERDICT
+    set_aside = {told["step"]: told["reason"] for told in verdict.get("set_aside", [])}
+    points = readings(events, set_aside)
+    content = {
+        "status": STATUS,
+        "run": _run_of(view, entry, events),
+        "cell": {"name": view.cell["cell"], "config_sha256": view.cell["config_sha256"]},
+        "devices": view.cell["devices"],
+        "encoder_epoch_at_start": view.cell["encoder_epoch"],
+        "settings": view.spec,
+        "environment": airs(points),
+        "points": points,
+        "raw_data_sha256": raw_data_sha256(events),
+        "result": view.result,
+        "verdict": verdict,
+        "people": answers(events),
+        "traceability": _traceability(config, view, entry, _ended(events)),
+        "safety": SAFETY,
+    }
+    return content | {"refusal": _refusal(events)} if refused else content
+
+
+def _refusal(events: list[Event]) -> dict[str, str]:
+    """Return why a run was refused and what to do next, as its end was journalled."""
+    body = json.loads(_ended(events).body)
+    return {key: str(body[key]) for key in ("code", "reason", "remedy")}
+
+
+def _run_of(view: RunView, entry: Entry, events: list[Event]) -> dict[str, Any]:
+    end = _ended(events)
+    return {
+        "run_id": view.run_id,
+        "procedure": view.procedure,
+        "title": entry.title,
+        "procedure_version": view.version,
+        "made_with": view.software,
+        "started_utc": view.started_utc,
+        "ended_utc": end.wall_utc,
+        "actor": end.actor,
+        "journal_head_sha256": end.hash.hex(),
+    }
+
+
+def _ended(events: list[Event]) -> Event:
+    return next(event for event in reversed(events) if event.kind == Kind.ENDED)
+
+
+def _traceability(config: CellConfig, view: RunView, entry: Entry, end: Event) -> str:
+    """Return what may be said of the gauge's own calibration on the day of the run."""
+    if "gauge" not in entry.needs:
+        return NO_TRACEABILITY
+    if view.cell["config_sha256"] != config.sha256:
+        return f"{NO_TRACEABILITY} The cell file has been edited since the run."
+    serial = view.cell["devices"][0]["identity"]["serial"]
+    robot = next((robot.name for robot in config.robots if robot.serial == serial), "")
+    gauge = config.gauge_for(robot)
+    held = None if gauge is None else gauge.setup.certificate
+    return NO_TRACEABILITY if held is None else _claim(held, date.fromisoformat(end.wall_utc[:10]))
+
+
+def _claim(held: GaugeCertificate, day: date) -> str:
+    if not held.issued <= day <= held.due:
+        return (
+            f"{NO_TRACEABILITY} The gauge's certificate {held.number} was not valid on {day}: due {held.due}."
+        )
+    accredited = f", {held.accreditation}" if held.accreditation else ""
+    return (
+        f"Lengths refer to certificate {held.number} of {held.laboratory}{accredited}, issued {held.issued}, due "
+        f"{held.due}, U = {held.expanded_uncertainty_mm:g} mm. Nothing else is claimed to be traceable."
+    )
+
+
+def _keep(path: Path, signed: str, sha256: str) -> str:
+    """Leave an intact certificate of the same content alone, also one of an earlier key; return its public key."""
+    if path.exists():
+        found = check(path.read_bytes())
+        if found.finding is Finding.INTACT and found.sha256 == sha256:
+            return found.public_key
+    replace_file(path, signed)
+    return check(signed.encode()).public_key

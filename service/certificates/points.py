@@ -1,0 +1,128 @@
+"""What a run measured, read from its journal: every reading, and why some of them were not used."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from procedures.canonical import canonical_json, sha256_of
+from procedures.past import Effect, Kind
+from procedures.run import DeclinedError
+from service.runs.journal import Event
+
+_LARGEST_VALUE = 20_000  # characters; what is longer, such as a stored record, is named by its hash
+
+
+@dataclass(slots=True)
+class _Taken:
+    """One finding, and what became of it."""
+
+    step: str
+    at_utc: str
+    body: Mapping[str, Any]
+    reason: str = ""  # why it was not used
+
+
+def readings(events: Sequence[Event], set_aside: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Return the readings of a run in the order they were taken; those not used carry the reason.
+
+    ``set_aside`` are the steps that the procedure itself did not use, with the reason.
+    """
+    told = [_told(taken, set_aside) for taken in _findings(events) if _is_reading(taken.body)]
+    return sorted(told + _failures(events), key=lambda reading: str(reading["at_utc"]))
+
+
+def raw_data_sha256(events: Sequence[Event]) -> str:
+    """Return the hash over every finding of the run, discarded ones too, as the journal has them."""
+    found = [[taken.step, taken.body["inputs"], taken.body["value"]] for taken in _findings(events)]
+    return sha256_of(found)
+
+
+def answers(events: Iterable[Event]) -> list[dict[str, str]]:
+    """Return who said yes to what, and when."""
+    told = []
+    for event in events:
+        body = json.loads(event.body)
+        who = _who(event.kind, body)
+        if who:
+            step = str(body.get("step", body.get("before", "")))
+            told.append({"who": who, "step": step, "at_utc": event.wall_utc})
+    return told
+
+
+def airs(taken: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return the air as instruments reported it with their readings, each different state once."""
+    found = {canonical_json(air): air for reading in taken for air in _airs_in(reading.get("value"))}
+    return list(found.values())
+
+
+def _findings(events: Iterable[Event]) -> list[_Taken]:
+    """Return all findings ever made; those a redo has discarded say so."""
+    counted: list[_Taken] = []
+    everything: list[_Taken] = []
+    for event in events:
+        body = json.loads(event.body)
+        if event.kind == Kind.FINDING:
+            counted.append(_Taken(body["step"], event.wall_utc, body))
+            everything.append(counted[-1])
+        elif event.kind == Kind.FORGOTTEN:
+            for taken in counted[body["keep"] :]:
+                taken.reason = f"discarded by {event.actor}: done again from {body['step']!r}"
+            del counted[body["keep"] :]
+    return everything
+
+
+def _is_reading(body: Mapping[str, Any]) -> bool:
+    """Tell whether a step looked at the world: it neither acted, nor calculated, nor asked a person."""
+    value = body["value"]
+    asked = isinstance(value, dict) and value.keys() == {"who", "value"}
+    calculated = isinstance(body["inputs"], dict)
+    return bool(body["effect"] == Effect.NONE and not calculated and not asked)
+
+
+def _told(taken: _Taken, set_aside: Mapping[str, str]) -> dict[str, Any]:
+    reason = taken.reason or set_aside.get(taken.step, "")
+    told = {"step": taken.step, "at_utc": taken.at_utc, "used": not reason, "reason": reason}
+    value = taken.body["value"]
+    if len(canonical_json(value)) > _LARGEST_VALUE:
+        return told | {"value_sha256": sha256_of(value)}
+    return told | {"value": value}
+
+
+def _failures(events: Iterable[Event]) -> list[dict[str, Any]]:
+    """Return the attempts to read that gave nothing; a person's no and a calculation's refusal are none."""
+    calculated: set[str] = set()
+    failed = []
+    for event in events:
+        body = json.loads(event.body)
+        if event.kind == Kind.ENTERED and isinstance(body["inputs"], dict):
+            calculated.add(body["step"])
+        if event.kind != Kind.FAILED or body["effect"] != Effect.NONE:
+            continue
+        if body["step"] not in calculated and body["code"] != DeclinedError.code:
+            failed.append(
+                {"step": body["step"], "at_utc": event.wall_utc, "used": False, "reason": _why(body)}
+            )
+    return failed
+
+
+def _why(body: Mapping[str, Any]) -> str:
+    return f"no reading: {body['message'] or body['error']}"
+
+
+def _who(kind: str, body: Mapping[str, Any]) -> str:
+    if kind == Kind.APPROVAL:
+        return str(body["who"])
+    value = body.get("value")
+    if kind in (Kind.FINDING, Kind.CONDITION) and isinstance(value, dict):
+        return str(value.get("who", ""))
+    return ""
+
+
+def _airs_in(value: Any) -> list[dict[str, Any]]:
+    if isinstance(value, list):
+        return [air for part in value for air in _airs_in(part)]
+    if not isinstance(value, dict):
+        return []
+    own = [value["air"]] if isinstance(value.get("air"), dict) else []
+    return own + [air for key, part in value.items() if key != "air" for air in _airs_in(part)]

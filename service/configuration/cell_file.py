@@ -1,0 +1,394 @@
+"""cell.toml, read once into frozen models. Nothing else in the product reads configuration.
+
+Millimetres and degrees appear in the file only, spelled ``_mm`` and ``_deg``; the models give SI.
+Every fault of a file is reported at once, each with its key path and, for an unknown key, the nearest
+valid one.
+"""
+
+import difflib
+import hashlib
+import math
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
+
+from calibration.arm.robot_models import model_names
+from calibration.errors import CellError
+from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
+from service.configuration.motion_config import MOTION_KEYS, RobotMotion, read_motion
+
+Triple = tuple[float, float, float]
+
+
+class ConfigError(CellError):
+    """The cell file is wrong; ``faults`` are (key path, sentence), all of them at once."""
+
+    code = "config"
+
+    def __init__(self, path: Path, faults: list[tuple[str, str]]) -> None:
+        lines = "\n".join(f"  {key}: {sentence}" for key, sentence in faults)
+        super().__init__(f"{path} cannot be used:\n{lines}", remedy="\nCorrect the file and try again.")
+        self.path = path
+        self.faults = faults
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class CellTable(_Table):
+    """[cell]: who we are and where our data live; a relative folder is meant from the cell file's own."""
+
+    name: str = Field(min_length=1, max_length=64)
+    data_dir: Path
+
+    @field_validator("data_dir")
+    @classmethod
+    def _expand(cls, path: Path) -> Path:
+        return path.expanduser()
+
+
+class GaugeCertificate(_Table):
+    """Who calibrated a gauge, and until when that holds. Without it no traceability is claimed."""
+
+    number: str = Field(min_length=1, max_length=64)
+    laboratory: str = Field(min_length=1, max_length=120)
+    accreditation: str = Field(default="", max_length=120)
+    issued: date
+    due: date
+    expanded_uncertainty_mm: float = Field(gt=0)
+
+
+class GaugeSetup(_Table):
+    """Where a length gauge stands, as far as a tape measure tells. The truth is fitted."""
+
+    robot: str
+    anchor_in_base_mm: Triple
+    hook_in_flange_mm: Triple
+    anchor_sigma_mm: float = Field(default=10.0, gt=0)
+    hook_sigma_mm: float = Field(default=2.0, gt=0)
+    mouth_at_mm: Triple | None = None  # a place straight in front of the wire's exit, in the base
+    certificate: GaugeCertificate | None = None
+
+    @property
+    def anchor_in_base_m(self) -> Triple:
+        """Exit point of the wire in the robot's base frame [m]."""
+        return _metres(self.anchor_in_base_mm)
+
+    @property
+    def hook_in_flange_m(self) -> Triple:
+        """Hook of the wire in the robot's flange frame [m]."""
+        return _metres(self.hook_in_flange_mm)
+
+
+class WatchTable(_Table):
+    """[watch]: how the service follows the devices, and what it may start by itself."""
+
+    period_s: float = Field(default=0.5, gt=0, le=60)
+    recover_alone: bool = False  # only where an admin has decided so, and the robot's motion is "commanded"
+    cell_closed: bool = False  # an admin vouches that nobody can be in the cell while the watch runs
+
+
+@dataclass(frozen=True)
+class GaugeEntry:
+    """One length gauge: how to reach it, and where it stands."""
+
+    device: GaugeConfig
+    setup: GaugeSetup
+
+
+class TrackerSetup(_Table):
+    """Where a tracker's target sits on a flange, as far as a ruler tells. Where the tracker stands is fitted."""
+
+    robot: str
+    target_in_flange_mm: Triple
+    target_sigma_mm: float = Field(default=2.0, gt=0)
+
+    @property
+    def target_in_flange_m(self) -> Triple:
+        """Centre of the reflector in the robot's flange frame [m]."""
+        return _metres(self.target_in_flange_mm)
+
+
+@dataclass(frozen=True)
+class TrackerEntry:
+    """One tracker: how to reach it, and what it looks at."""
+
+    device: TrackerConfig
+    setup: TrackerSetup
+
+
+class ProbeSetup(_Table):
+    """Where a probe's tip sits on a flange, as far as a ruler tells, and which way it points."""
+
+    robot: str
+    tip_in_flange_mm: Triple
+    tip_sigma_mm: float = Field(default=1.0, gt=0)
+    axis_in_flange: Triple = (0.0, 0.0, 1.0)  # from the flange to the tip; of a dial gauge, along its plunger
+
+    @field_validator("axis_in_flange")
+    @classmethod
+    def _is_a_direction(cls, axis: Triple) -> Triple:
+        if abs(math.hypot(*axis) - 1.0) > 1e-3:
+            raise ValueError("must have the length 1")
+        return axis
+
+
+@dataclass(frozen=True)
+class ProbeEntry:
+    """One touch probe or dial gauge: how to reach it, and where its tip is."""
+
+    device: ProbeConfig
+    setup: ProbeSetup
+
+
+@dataclass(frozen=True)
+class CellConfig:
+    """A whole cell file."""
+
+    path: Path
+    text: str
+    cell: CellTable
+    robots: tuple[RobotConfig, ...]
+    gauges: tuple[GaugeEntry, ...]
+    watch: WatchTable
+    fake: Mapping[str, Any]
+    trackers: tuple[TrackerEntry, ...] = ()
+    probes: tuple[ProbeEntry, ...] = ()
+    motions: Mapping[str, RobotMotion] = field(default_factory=dict)  # by the robot's name
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the file's text; stored with every run."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def robot(self, name: str | None = None) -> RobotConfig:
+        """Return the robot of that name; the only or first one when no name is given."""
+        for robot in self.robots:
+            if name in (None, robot.name):
+                return robot
+        names = ", ".join(robot.name for robot in self.robots)
+        raise ConfigError(self.path, [("robot", f"there is no robot {name!r}; this cell has {names}")])
+
+    def motion_of(self, robot: str) -> RobotMotion:
+        """Return who moves that robot; a person, where the file does not say."""
+        return self.motions.get(robot, RobotMotion())
+
+    def gauge_for(self, robot: str) -> GaugeEntry | None:
+        """Return the gauge that is hooked to that robot, if any."""
+        return next((entry for entry in self.gauges if entry.setup.robot == robot), None)
+
+    def tracker_for(self, robot: str) -> TrackerEntry | None:
+        """Return the tracker whose target that robot carries, if any."""
+        return next((entry for entry in self.trackers if entry.setup.robot == robot), None)
+
+    def probes_for(self, robot: str) -> tuple[ProbeEntry, ...]:
+        """Return the touch probe and the dial gauge that the robot carries, as far as there are any."""
+        return tuple(entry for entry in self.probes if entry.setup.robot == robot)
+
+
+def read_cell_file(path: str | os.PathLike[str]) -> CellConfig:
+    """Read and validate a cell file; raise ConfigError with every fault at once."""
+    path = Path(path)
+    text = _text_of(path)
+    try:
+        document = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigError(path, [("file", f"is not valid TOML: {error}")]) from error
+    return _Reader(path, text).read(document)
+
+
+def _text_of(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            raw = file.read(_MOST_BYTES + 1)
+        if len(raw) > _MOST_BYTES:
+            raise ConfigError(path, [("file", f"is larger than {_MOST_BYTES // 1000} kB: no cell file is")])
+        return raw.decode("utf-8")
+    except FileNotFoundError:
+        raise ConfigError(path, [("file", "there is no such file")]) from None
+    except IsADirectoryError:
+        raise ConfigError(path, [("file", "is a folder; name the cell file in it")]) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(
+            path, [("file", f"cannot be read: it is not text in UTF-8 (byte {error.start})")]
+        ) from error
+    except (OSError, ValueError) as error:
+        raise ConfigError(path, [("file", f"cannot be read: {error}")]) from error
+
+
+_NAME = re.compile(r"\w[\w .-]*")
+_MOST_BYTES = 1_000_000
+_TABLES = ("cell", "robot", "gauge", "tracker", "probe", "watch", "fake")
+
+
+class _Reader:
+    """Collects every fault before it gives up."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path, self.text = path, text
+        self.faults: list[tuple[str, str]] = []
+
+    def read(self, document: dict[str, Any]) -> CellConfig:
+        for key in document:
+            if key not in _TABLES:
+                self.faults.append((key, f"unknown table; {_nearest(key, _TABLES)}"))
+        cell = self._model(CellTable, document.get("cell", {}), "cell")
+        tables = self._tables(document, "robot")
+        robots = [self._robot(table, f"robot[{i}]") for i, table in enumerate(tables)]
+        motions = {
+            str(table.get("name")): read_motion(table, f"robot[{i}]", self.faults)
+            for i, table in enumerate(tables)
+        }
+        gauges = self._placed(document, "gauge", GaugeConfig, GaugeEntry, GaugeSetup)
+        trackers = self._placed(document, "tracker", TrackerConfig, TrackerEntry, TrackerSetup)
+        probes = self._placed(document, "probe", ProbeConfig, ProbeEntry, ProbeSetup)
+        watch = self._model(WatchTable, document.get("watch", {}), "watch")
+        self._models(robots)
+        if not robots and "robot" not in dict(self.faults):
+            self.faults.append(("robot", "a cell needs at least one [[robot]]"))
+        if not self.faults:
+            entries = [
+                (kind, entry)
+                for kind, found in (("gauge", gauges), ("tracker", trackers), ("probe", probes))
+                for entry in found
+            ]
+            names = [r.name for r in robots] + [entry.device.name for _, entry in entries]
+            self._names(names, entries, {r.name for r in robots})
+        if self.faults:
+            raise ConfigError(self.path, self.faults)
+        cell = cell.model_copy(update={"data_dir": self.path.parent / cell.data_dir})
+        return CellConfig(
+            self.path,
+            self.text,
+            cell,
+            tuple(robots),
+            tuple(gauges),
+            watch,
+            document.get("fake", {}),
+            tuple(trackers),
+            tuple(probes),
+            motions,
+        )
+
+    def _robot(self, table: dict[str, Any], where: str) -> Any:
+        device = {key: value for key, value in table.items() if key not in MOTION_KEYS}
+        return self._device(RobotConfig, device, where, MOTION_KEYS)
+
+    def _models(self, robots: list[Any]) -> None:
+        for i, robot in enumerate(robots):
+            if robot is not None and robot.model not in model_names():
+                sentence = f"there is no robot model {robot.model!r}; {_nearest(robot.model, model_names())}"
+                self.faults.append((f"robot[{i}].model", sentence))
+
+    def _tables(self, document: dict[str, Any], key: str) -> list[Any]:
+        tables = document.get(key, [])
+        if isinstance(tables, list) and all(isinstance(table, dict) for table in tables):
+            return tables
+        self.faults.append((key, f"is written as [[{key}]], once for each"))
+        return []
+
+    def _placed(
+        self, document: dict[str, Any], key: str, union: Any, entry: type[Any], setup: type[Any]
+    ) -> list[Any]:
+        """Read tables that hold a device and where it stands: the keys tell which is which."""
+        found = []
+        for i, table in enumerate(self._tables(document, key)):
+            where, placing = f"{key}[{i}]", tuple(setup.model_fields)
+            device = {name: value for name, value in table.items() if name not in placing}
+            place = {name: value for name, value in table.items() if name in placing}
+            found.append(entry(self._device(union, device, where, placing), self._model(setup, place, where)))
+        return found
+
+    def _names(self, names: list[str], entries: list[tuple[str, Any]], robots: set[str]) -> None:
+        for name in names:
+            if not _NAME.fullmatch(name):  # it becomes part of file names
+                self.faults.append(("name", f"{name!r} is no name; letters, digits, '-', '_', '.', ' '"))
+        for name in sorted({name for name in names if names.count(name) > 1}):
+            self.faults.append(("name", f"two devices are called {name!r}"))
+        worn = [(entry.setup.robot, entry.device.driver) for kind, entry in entries if kind == "probe"]
+        for robot, driver in sorted({pair for pair in worn if worn.count(pair) > 1}):
+            self.faults.append(("probe", f"two probes with the driver {driver} on the robot {robot!r}"))
+        for kind, entry in entries:
+            if entry.setup.robot not in robots:
+                sentence = f"names the robot {entry.setup.robot!r}, which is not in this file"
+                self.faults.append((f"{kind} {entry.device.name}", sentence))
+
+    def _model(self, model: type[Any], table: Any, where: str) -> Any:
+        return self._validate(lambda: model.model_validate(table), where, tuple(model.model_fields))
+
+    def _device(self, union: Any, table: dict[str, Any], where: str, placing: tuple[str, ...] = ()) -> Any:
+        build = TypeAdapter(union).validate_python
+        tags = tuple(table.get(key) for key in _CHOICES)
+        return self._validate(lambda: build(table), where, (*_keys_of(union, table), *placing), tags, union)
+
+    def _validate(
+        self, build: Any, where: str, valid: tuple[str, ...], tags: tuple[Any, ...] = (), union: Any = None
+    ) -> Any:
+        try:
+            return build()
+        except ValidationError as error:
+            for fault in error.errors():
+                path = ".".join(str(part) for part in fault["loc"] if part not in tags)
+                key = str(fault["loc"][-1]) if fault["loc"] else ""
+                sentence = fault["msg"]
+                if fault["type"] == "extra_forbidden":
+                    sentence = f"unknown key; {_nearest(key, valid)}"
+                elif fault["type"].startswith("union_tag"):
+                    sentence = _wrong_choice(union, fault["ctx"])
+                self.faults.append((f"{where}.{path}" if path else where, sentence))
+            return None
+
+
+_CHOICES = ("driver", "interface")  # keys that choose among device models
+
+
+def _wrong_choice(union: Any, context: Mapping[str, Any]) -> str:
+    key = str(context["discriminator"]).strip("'")
+    told = f"there is no {key} {context['tag']!r}" if "tag" in context else f"names no {key}"
+    return f"{told}; there are {', '.join(_literals(union, key))}"
+
+
+def _literals(union: Any, key: str) -> tuple[str, ...]:
+    """Return what may stand behind a key that chooses."""
+    found = [str(name) for model in _device_models(union) for name in _literal(model, key)]
+    return tuple(dict.fromkeys(found))
+
+
+def _keys_of(union: Any, table: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the valid keys of the device model that a table chooses."""
+    choices = [(key, table[key]) for key in _CHOICES if key in table]
+    for model in _device_models(union):
+        if choices and all(value in _literal(model, key) for key, value in choices):
+            return tuple(model.model_fields)
+    return ("driver",)
+
+
+def _literal(model: Any, key: str) -> tuple[Any, ...]:
+    field = model.model_fields.get(key)
+    return () if field is None else getattr(field.annotation, "__args__", ())
+
+
+def _device_models(union: Any) -> list[Any]:
+    """Return the models of a union, which may hold unions."""
+    bare = getattr(union, "__origin__", union)
+    if hasattr(bare, "model_fields"):
+        return [bare]
+    return [model for part in bare.__args__ for model in _device_models(part)]
+
+
+def _nearest(key: str, valid: tuple[str, ...]) -> str:
+    close = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
+    return f"did you mean {close[0]!r}?" if close else f"valid here: {', '.join(sorted(valid))}"
+
+
+def _metres(millimetres: Triple) -> Triple:
+    x, y, z = millimetres
+    return (x * 1e-3, y * 1e-3, z * 1e-3)

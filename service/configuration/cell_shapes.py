@@ -1,0 +1,171 @@
+"""The shapes of arm and cell from a TOML file, in millimetres and degrees as people measure them."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.arm.robot_models import model_names
+from calibration.errors import CalibrationError, CellError
+from calibration.geometry import Pose, homogeneous
+from calibration.motion.collision import Capsule, CellShape, Plane, Sphere
+from calibration.motion.motion_check import WirePath
+from calibration.orientation import rotation_from
+from procedures.motion.surroundings import Block, Surroundings, cell_shape, clearances
+
+Place = tuple[float, float, float]
+_TABLES = ("capsule", "box", "sphere", "plane")
+_LENGTHS = ("link_radius_mm", "margin_mm", "wire_margin_mm")
+_PLACES = ("tip_in_flange_mm", "box_low_mm", "box_high_mm")
+_SINGLE = (*_LENGTHS, *_PLACES)
+
+
+class CellShapeError(CellError):
+    """The file of shapes cannot be understood; the user can mend it."""
+
+    code = "usage"
+
+
+def read_cell_shape(
+    path: Path,
+    model: RobotModel,
+    *,
+    tip_in_flange_m: Place | None = None,
+    wire: WirePath | None = None,
+) -> CellShape:
+    """Read obstacles, margins and, where somebody measured them, the shapes of the links.
+
+    ::
+
+        link_radius_mm = 80                       # of every link, if no [[capsule]] tells better
+        margin_mm = 20
+        tip_in_flange_mm = [0, 0, 180]            # of the tool; adds a bar half as thick
+        box_low_mm = [-900, -1200, 0]             # with box_high_mm: the workspace that arm and tool keep to
+        [[box]]
+        name = "table"
+        centre_in_base_mm = [600, 0, -50]
+        size_mm = [800, 1200, 40]
+        rpy_deg = [0, 0, 15]                      # optional
+        [[sphere]]                                # name, centre_in_base_mm, radius_mm
+        [[plane]]                                 # name, point_in_base_mm, normal_in_base: solid behind
+        [[capsule]]                               # name, link, start_mm, end_mm, radius_mm: frame of that link
+
+    Raises
+    ------
+    CellShapeError
+        Not such a file; a key that is missing, unknown, or of the wrong kind.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as broken:
+        raise CellShapeError(f"{path} cannot be read: {broken}") from broken
+    try:
+        return cell_shape(model, surroundings_of(data, str(path)), wire, tip_in_flange_m)
+    except CalibrationError as refused:
+        raise CellShapeError(f"{path}: {refused.message}") from refused
+
+
+def surroundings_of(data: dict[str, Any], where: str) -> Surroundings:
+    """Read the same keys from a table, ``[robot.space]`` of a cell file; ``where`` names it in errors.
+
+    Raises
+    ------
+    CellShapeError
+        A key that is missing, unknown, or of the wrong kind.
+    """
+    unknown = data.keys() - {*_TABLES, *_SINGLE}
+    if unknown:
+        raise CellShapeError(
+            f"{where}: unknown {sorted(unknown)}.", remedy=f"Known: {', '.join((*_SINGLE, *_TABLES))}."
+        )
+    lengths = {
+        f"{key.removesuffix('_mm')}_m": _number(data, key, where) / 1e3 for key in _LENGTHS if key in data
+    }
+    places = {f"{key.removesuffix('_mm')}_m": _place(data, key, where) for key in _PLACES if key in data}
+    if ("box_low_m" in places) != ("box_high_m" in places):
+        raise CellShapeError(f"{where}: box_low_mm and box_high_mm are given together")
+    known: dict[str, Any] = {**lengths, **places}
+    return Surroundings(
+        blocks=tuple(_box(table, where) for table in _list(data, "box", where)),
+        balls=tuple(_sphere(table, where) for table in _list(data, "sphere", where)),
+        planes=tuple(_plane(table, where) for table in _list(data, "plane", where)),
+        capsules=tuple(_capsule(table, where) for table in _list(data, "capsule", where)),
+        **known,
+    )
+
+
+def check_shapes(model_name: str, surroundings: Surroundings) -> None:
+    """Raise CalibrationError where shapes do not fit the arm; an unknown model is somebody else's fault."""
+    if model_name in model_names():
+        clearances(model_name, surroundings)
+
+
+def _capsule(table: dict[str, Any], where: str) -> Capsule:
+    _keys(table, {"name", "link", "start_mm", "end_mm", "radius_mm"}, set(), where)
+    if type(table["link"]) is not int:
+        raise CellShapeError(f"{where}: link is a whole number, 0 for the base")
+    start, end = (_place(table, key, where) for key in ("start_mm", "end_mm"))
+    return Capsule(str(table["name"]), table["link"], start, end, _number(table, "radius_mm", where) / 1e3)
+
+
+def _box(table: dict[str, Any], where: str) -> Block:
+    _keys(table, {"name", "centre_in_base_mm", "size_mm"}, {"rpy_deg"}, where)
+    angles = np.deg2rad(_three(table, "rpy_deg", where)) if "rpy_deg" in table else np.zeros(3)
+    centre = np.array(_place(table, "centre_in_base_mm", where))
+    size = _place(table, "size_mm", where)
+    base_box = Pose.from_matrix(homogeneous(rotation_from("ros_rpy", angles), centre))
+    return Block(str(table["name"]), base_box, size)
+
+
+def _sphere(table: dict[str, Any], where: str) -> Sphere:
+    _keys(table, {"name", "centre_in_base_mm", "radius_mm"}, set(), where)
+    return Sphere(
+        str(table["name"]),
+        _place(table, "centre_in_base_mm", where),
+        _number(table, "radius_mm", where) / 1e3,
+    )
+
+
+def _plane(table: dict[str, Any], where: str) -> Plane:
+    _keys(table, {"name", "point_in_base_mm", "normal_in_base"}, set(), where)
+    x, y, z = _three(table, "normal_in_base", where)
+    return Plane(str(table["name"]), _place(table, "point_in_base_mm", where), (x, y, z))
+
+
+def _list(data: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+    tables = data.get(key, [])
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise CellShapeError(f"{where}: {key} is written as [[{key}]]")
+    return tables
+
+
+def _keys(table: dict[str, Any], wanted: set[str], optional: set[str], where: str) -> None:
+    missing, unknown = wanted - table.keys(), table.keys() - wanted - optional
+    if missing or unknown:
+        raise CellShapeError(
+            f"{where}: {table.get('name', 'a table')} lacks {sorted(missing)}, does not know {sorted(unknown)}"
+        )
+
+
+def _place(table: dict[str, Any], key: str, where: str) -> Place:
+    x, y, z = (value / 1e3 for value in _three(table, key, where))
+    return x, y, z
+
+
+def _three(table: dict[str, Any], key: str, where: str) -> list[float]:
+    values = table[key]
+    if not isinstance(values, list) or len(values) != 3 or not all(_is_number(v) for v in values):
+        raise CellShapeError(f"{where}: {key} is three finite numbers")
+    return [float(v) for v in values]
+
+
+def _number(table: dict[str, Any], key: str, where: str) -> float:
+    if not _is_number(table[key]):
+        raise CellShapeError(f"{where}: {key} is a finite number")
+    return float(table[key])
+
+
+def _is_number(value: object) -> bool:
+    return type(value) in (int, float) and bool(np.isfinite(value))  # type: ignore[call-overload]  # type() checked

@@ -1,0 +1,337 @@
+"""Measurements from a file, in SI: joints, what the device read, and every guess that was made on the way."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError
+from calibration.geometry import Array, log_rotation, mean_rotation
+from calibration.identification.first_guess import first_guess
+from calibration.identification.observations import (
+    LengthObservations,
+    Observations,
+    PointObservations,
+    Rows,
+    pose_from_points,
+)
+from calibration.identification.unrounding import resolution
+from calibration.orientation import CONVENTIONS, rotation_from
+from service.measured.columns import Layout, detect_layout
+from service.measured.table import MeasurementError, Table, read_table
+
+_LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 25.4e-3, "um": 1e-6}
+_ANGLE_UNITS = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
+_MOST_RADIANS = 8.2  # a turn and a third: beyond, angles are degrees
+_LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
+_SIGMA_RAD = 2e-3
+_CONSISTENT_RAD = float(np.deg2rad(2.0))
+_LIKELY = ("ur_rotation_vector", "ros_rpy", "instrument_xyz")  # of equal formulas, the first is named
+_ROUNDED = 0.01
+_ENOUGH_ROWS = 20_000  # to tell a unit by
+_UNBELIEVABLE = 1e9  # in any unit that instruments write
+_EQUAL = 1.001
+_DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedRow:
+    """A data row, counted from 0, that takes no part, and why."""
+
+    row: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """What the user knows better than any guess."""
+
+    columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)  # joints, position, length, controller, rotation
+    convention: str = ""  # of the measured attitude; "none" leaves it out
+    sheet: str | None = None
+    joint_coupling: str = ""  # "controller", or "geometric": every angle is turned against the link before
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Usable rows of a file; ``rows`` are their numbers in the file, data rows counted from 0."""
+
+    observations: Observations
+    rows: Rows
+    read: int
+    rejected: tuple[RejectedRow, ...]
+    joint_step_rad: Array  # (n,)
+    controller_m: Array | None  # (N, 3)
+    controller_step_m: float
+    value_step_m: float  # resolution of what was measured
+    temperature: Array | None
+    groups: Rows | None
+    guesses: tuple[str, ...]
+    layout: Layout
+    units: Mapping[str, str]  # meaning -> unit, stated or guessed
+    convention: str  # of the attitude; empty if none is used
+
+
+def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None = None) -> Measurements:
+    """Read a file of measurements of this robot.
+
+    Raises
+    ------
+    MeasurementError
+        The file, its columns or its numbers cannot be understood; the remedy names the option that helps.
+    """
+    options = options or ReadOptions()
+    table = read_table(path, sheet=options.sheet)
+    layout = detect_layout(table.names, model.joint_names, options.columns)
+    names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
+    numbers = {name: table.column(name) for name in (*names, *layout.spread, *layout.controller)}
+    good, rejected = _usable(table, names, numbers)
+    if not good.any():
+        first = f"row {rejected[0].row}: {rejected[0].reason}" if rejected else "it has no rows"
+        raise MeasurementError(f"{path} has no usable row; {first}.", remedy="Name columns with `--columns`.")
+    _refuse_mostly_text(path, rejected, len(table))
+    numbers = {name: values[good] for name, values in numbers.items()}
+    guesses = [table.dialect] if table.dialect else []
+    units = _Units({**layout.units, **options.units}, guesses)
+    raw = np.column_stack([numbers[name] for name in layout.joints])
+    unit = units.angle("joints", layout.joints, raw)
+    source = _Source(layout, numbers, model, options, units, _of_controller(raw * unit, model, options))
+    controller, controller_step = source.controller()
+    observations, value_step = source.observations()
+    rows = np.flatnonzero(good)
+    return Measurements(
+        observations=observations,
+        rows=rows,
+        read=len(table),
+        rejected=rejected,
+        joint_step_rad=np.array([resolution(column) for column in raw.T]) * unit,
+        controller_m=controller,
+        controller_step_m=controller_step,
+        value_step_m=value_step,
+        temperature=table.column(layout.temperature)[rows] if layout.temperature else None,
+        groups=_groups(table, layout.group, rows),
+        guesses=tuple(guesses),
+        layout=layout,
+        units={key: unit for key, unit in units.used.items() if key != "convention"},
+        convention=units.used.get("convention", ""),
+    )
+
+
+def _of_controller(angles_rad: Array, model: RobotModel, options: ReadOptions) -> Array:
+    """Return joints as the controller counts them, from geometric ones if the user says so."""
+    known = ("", "controller", "geometric")
+    if options.joint_coupling not in known:
+        raise MeasurementError(
+            f"joints cannot be {options.joint_coupling!r}.",
+            remedy="joint_coupling is controller (as on the pendant) or geometric.",
+        )
+    if options.joint_coupling != "geometric":
+        return angles_rad
+    signed: Array = angles_rad * np.sign(np.diag(model.joint_coupling))
+    return np.asarray(np.linalg.solve(model.joint_coupling, signed.T).T, dtype=np.float64)
+
+
+def _usable(
+    table: Table, names: Sequence[str], numbers: Mapping[str, Array]
+) -> tuple[np.typing.NDArray[np.bool_], tuple[RejectedRow, ...]]:
+    wanted = np.column_stack([numbers[name] for name in names])
+    missing = ~(np.abs(wanted) < _UNBELIEVABLE)  # and what is no number at all
+    good: np.typing.NDArray[np.bool_] = np.logical_not(missing.any(axis=1))
+    rejected = []
+    for row in np.flatnonzero(~good).tolist():
+        name = names[int(np.argmax(missing[row]))]
+        cell = table.texts.get((row, table.names.index(name)), "")
+        what = f"holds {cell!r}, which is no number" if cell else "is empty"
+        if not np.isnan(numbers[name][row]):
+            what = f"holds {numbers[name][row]:g}, which nobody measured"
+        rejected.append(RejectedRow(row, f"line {table.lines[row]}: column {name!r} {what}"))
+    return good, tuple(rejected)
+
+
+def _refuse_mostly_text(path: Path, rejected: tuple[RejectedRow, ...], rows: int) -> None:
+    """Refuse a file that is half words where numbers should be; a device that lost its target leaves cells empty."""
+    words = [row for row in rejected if not row.reason.endswith("is empty")]
+    if 2 * len(words) > rows:
+        raise MeasurementError(
+            f"{len(words)} of {rows} rows of {path} cannot be read; {words[0].reason}.",
+            remedy="Write numbers with a decimal point and no thousands marks, or name other `--columns`.",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """The usable numbers of a file with what is known about them."""
+
+    layout: Layout
+    numbers: Mapping[str, Array]
+    model: RobotModel
+    options: ReadOptions
+    units: "_Units"
+    joints_rad: Array
+
+    def columns(self, names: Sequence[str]) -> Array:
+        """Return some columns side by side (N, k)."""
+        return np.column_stack([self.numbers[name] for name in names])
+
+    def spread_m(self) -> float:
+        """Return how far the nominal flange moved about its mean (RMS) [m]."""
+        some = self.joints_rad[:: 1 + len(self.joints_rad) // _ENOUGH_ROWS]
+        reach = self.model.tip_positions(some, np.zeros(3))
+        return float(np.sqrt(((reach - reach.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+    def controller(self) -> tuple[Array | None, float]:
+        """Return the controller's own positions and their resolution [m]."""
+        if not self.layout.controller:
+            return None, 0.0
+        raw = self.columns(self.layout.controller)
+        if not np.isfinite(raw).all():
+            return None, 0.0
+        unit = self.units.length("controller", self.layout.controller, raw, self.spread_m())
+        return raw * unit, max(resolution(column) for column in raw.T) * unit
+
+    def observations(self) -> tuple[Observations, float]:
+        """Return what the device read, and its resolution [m]."""
+        layout, count = self.layout, len(self.joints_rad)
+        once = np.zeros(count, dtype=np.intp)
+        if layout.length:
+            raw = self.numbers[layout.length]
+            unit = self.units.length("length", (layout.length,), raw[:, None], 0.0)
+            sigma = self._sigma(unit)
+            return LengthObservations(self.joints_rad, raw * unit, sigma, once), resolution(raw) * unit
+        raw = self.columns(layout.position)
+        unit = self.units.length("position", layout.position, raw, self.spread_m())
+        points = PointObservations(self.joints_rad, raw * unit, self._sigma(unit), once)
+        step = max(resolution(column) for column in raw.T) * unit
+        if not layout.turn or self.options.convention == "none":
+            return points, step
+        return self._with_attitudes(points), step
+
+    def _sigma(self, unit: float) -> Array:
+        """Return one sigma a row [m]: the instrument's own, and what any arm adds to it."""
+        count = len(self.joints_rad)
+        names = self.layout.spread
+        own = np.nan_to_num(self.columns(names)) ** 2 if names else np.zeros((count, 1))
+        sigma: Array = np.sqrt(_LEAST_SIGMA_M**2 + own.mean(axis=1) * unit**2)
+        return sigma
+
+    def _with_attitudes(self, points: PointObservations) -> Observations:
+        """Add attitudes if one convention makes the tool sit still in the flange; else leave them out."""
+        written = ", ".join(self.layout.turn)
+        turns, names = self._turns()
+        try:
+            expected = _expected_attitudes(self.model, points)
+            wobble = {name: _wobble_rad(expected, rotation_from(name, turns)) for name in names}
+        except CalibrationError as error:
+            self.units.guesses.append(f"attitudes ({written}) left out: {error.message}")
+            return points
+        best = min(wobble, key=lambda name: wobble[name])
+        rivals = [value for value in wobble.values() if value > wobble[best] * _EQUAL]
+        if wobble[best] > _CONSISTENT_RAD or (rivals and wobble[best] > _DISTINCT * min(rivals)):
+            angle = np.rad2deg(wobble[best])
+            self.units.guesses.append(
+                f"no orientation convention fits {written} (best {best}, {angle:.2f} deg): "
+                "attitudes left out; `--convention` names it"
+            )
+            return points
+        self.units.used["convention"] = best
+        self.units.guesses.append(f"attitude ({written}) read as {best}: {CONVENTIONS[best].formula}")
+        return pose_from_points(points, rotation_from(best, turns), np.full(len(points), _SIGMA_RAD))
+
+    def _turns(self) -> tuple[Array, list[str]]:
+        """Return the numbers of the attitudes and the conventions that they may be written in."""
+        turns, fields, wanted = (
+            self.columns(self.layout.turn),
+            self.layout.turn_fields,
+            self.options.convention,
+        )
+        if wanted and wanted not in CONVENTIONS:
+            raise MeasurementError(
+                f"no orientation is called {wanted!r}.",
+                remedy=f"--convention takes none, {', '.join(CONVENTIONS)}.",
+            )
+        if len(fields) == 4:
+            # Numbered quaternions, such as q1 to q4, begin with the scalar.
+            order = ("qw", "qx", "qy", "qz") if "qw" in fields else tuple(sorted(fields))
+            if wanted == "ros_quaternion" and "qw" not in fields:
+                order = (order[3], *order[:3])
+            turns = turns[:, [fields.index(f) for f in order]]
+            # Printed quaternions are rounded; anything further from unit length is refused later.
+            length = np.linalg.norm(turns, axis=1, keepdims=True)
+            return np.where(np.abs(length - 1.0) < _ROUNDED, turns / length, turns), ["abb_quaternion"]
+        turns = turns * self.units.angle("rotation", self.layout.turn, turns)
+        others = (n for n, c in CONVENTIONS.items() if len(c.fields) == 3 and n not in _LIKELY)
+        return turns, [wanted] if wanted else [*_LIKELY, *others]
+
+
+def _groups(table: Table, name: str, rows: Rows) -> Rows | None:
+    if not name:
+        return None
+    cells = table.words(name)
+    codes = np.unique([cells[row] for row in rows], return_inverse=True)[1].reshape(-1)
+    count = int(codes.max()) + 1
+    return codes if 2 < count <= len(rows) // 2 else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Units:
+    """Units that names or the user state, and guesses from magnitudes for the rest, written down."""
+
+    known: Mapping[str, str]
+    guesses: list[str]
+    used: dict[str, str] = field(default_factory=dict)
+
+    def angle(self, meaning: str, columns: Sequence[str], values: Array) -> float:
+        """Return rad per unit: degrees if any angle is beyond a turn and a third."""
+        if meaning in self.known:
+            return self._stated(meaning, _ANGLE_UNITS)
+        name = "deg" if float(np.abs(values).max()) > _MOST_RADIANS else "rad"
+        self._note(meaning, columns, name)
+        return _ANGLE_UNITS[name]
+
+    def length(self, meaning: str, columns: Sequence[str], values: Array, spread_m: float) -> float:
+        """Return m per unit: in which the values spread as wide as the arm moved, if that is known."""
+        if meaning in self.known:
+            return self._stated(meaning, _LENGTH_UNITS)
+        if spread_m > 0:
+            spread = float(np.sqrt(((values - values.mean(axis=0)) ** 2).sum(axis=1).mean()))
+            misfits = {
+                n: abs(np.log(max(spread * _LENGTH_UNITS[n], 1e-12) / spread_m)) for n in ("m", "mm", "cm")
+            }
+            name = min(misfits, key=lambda n: misfits[n])
+        else:
+            name = "mm" if float(np.median(np.abs(values))) > 20.0 else "m"
+        self._note(meaning, columns, name)
+        return _LENGTH_UNITS[name]
+
+    def _stated(self, meaning: str, table: Mapping[str, float]) -> float:
+        unit = self.known[meaning]
+        if unit not in table:
+            raise MeasurementError(
+                f"{meaning} cannot be in {unit!r}.",
+                remedy=f"`--units {meaning}=UNIT` takes {', '.join(table)}.",
+            )
+        self.used[meaning] = unit
+        return table[unit]
+
+    def _note(self, meaning: str, columns: Sequence[str], unit: str) -> None:
+        self.used[meaning] = unit
+        self.guesses.append(f"{meaning} ({', '.join(columns)}) taken as {unit}")
+
+
+def _expected_attitudes(model: RobotModel, points: PointObservations) -> Array:
+    start = first_guess(model, points)[0]
+    expected: Array = start.devices[0].device_base[:3, :3] @ model.base_flange(points.joints_rad)[:, :3, :3]
+    return expected
+
+
+def _wobble_rad(expected: Array, measured: Array) -> float:
+    """Return how much the tool turns in the flange, median over the rows [rad]."""
+    relative = np.swapaxes(expected, 1, 2) @ measured
+    try:
+        mean = mean_rotation(relative)
+    except CalibrationError:
+        return float(np.pi)
+    return float(np.median(np.linalg.norm(log_rotation(mean.T @ relative), axis=1)))

@@ -1,0 +1,234 @@
+"""Tag points from files as simulations, controllers and instruments export them: CSV or Excel, columns found out."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Array, quaternion_from_rotation
+from calibration.orientation import CONVENTIONS, rotation_from
+from calibration.points.tag_points import TagPath
+from service.measured.columns import Layout, detect_layout
+from service.measured.table import MeasurementError, Table, read_table
+
+_LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 25.4e-3, "um": 1e-6}
+_ANGLES = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
+_NAMES = ("name", "tag", "tag_name", "tagname", "point", "point_name", "label", "id", "target")
+_MOST_METRES = 20.0  # from a cell's frames; beyond, coordinates are millimetres
+_MOST_RADIANS = 8.2  # a turn and a third; beyond, angles are degrees
+_MOST_AXES = 7
+_FEWEST_AXES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class TagOptions:
+    """What the user knows better than any guess."""
+
+    columns: Mapping[str, str] = field(default_factory=dict)  # joints, position, rotation, name: with commas
+    units: Mapping[str, str] = field(default_factory=dict)  # position, joints, rotation
+    convention: str = ""  # of the attitude; without it only quaternions are read
+    sheet: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ReadTags:
+    """A path, and what was guessed about its file."""
+
+    path: TagPath
+    guesses: tuple[str, ...]
+
+
+def tags_of_setting(value: Any, what: str) -> TagPath:
+    """Return the path that a setting names: a file, or ``{"file": …, "units": {…}, "columns": {…}, …}``.
+
+    Raises
+    ------
+    MeasurementError
+        The setting names no file, or the file cannot be understood.
+    """
+    given: dict[str, Any] = {"file": value} if isinstance(value, str) else {}
+    if isinstance(value, dict):
+        given = dict(value)
+    known = {"file", "columns", "units", "convention", "sheet"}
+    if not isinstance(given.get("file"), str) or given.keys() - known:
+        raise MeasurementError(
+            f"{what} names no file of tags: {json.dumps(value, default=str)[:80]}.",
+            remedy=f'Write {what}=tags.csv, or {what}={{"file": "tags.csv", "units": {{"position": "mm"}}}}.',
+        )
+    path = Path(given.pop("file"))
+    return read_tags(path, TagOptions(**given)).path
+
+
+def read_tags(path: Path, options: TagOptions | None = None) -> ReadTags:
+    """Read one path of tags.
+
+    Raises
+    ------
+    MeasurementError
+        The file, its columns or its numbers cannot be understood; the remedy names what helps.
+    CalibrationError
+        Two tags of one name, or numbers that are not finite.
+    """
+    options = options or TagOptions()
+    table = read_table(path, sheet=options.sheet)
+    guesses = [table.dialect] if table.dialect else []
+    name = options.columns.get("name") or _name_column(table)
+    layout = _layout(table, options, name)
+    numbers = {c: table.column(c) for c in (*layout.joints, *layout.position, *layout.turn)}
+    _refuse_gaps(path, table, numbers)
+    units = {**layout.units, **options.units}
+    joints = _scaled(layout.joints, numbers, _unit("joints", units, _ANGLES, _MOST_RADIANS, guesses))
+    positions = _scaled(layout.position, numbers, _unit("position", units, _LENGTHS, _MOST_METRES, guesses))
+    return ReadTags(
+        TagPath(
+            source=path.name,
+            positions_m=_rows(positions) if positions.shape[1] else ((0.0, 0.0, 0.0),) * len(table),
+            names=tuple(table.words(name)) if name else (),
+            quaternions=_attitudes(layout, numbers, units, options, guesses),
+            joints_rad=_rows(joints) if joints.shape[1] else (),
+        ),
+        tuple(guesses),
+    )
+
+
+def _name_column(table: Table) -> str:
+    plain = {name.strip().lower().replace(" ", "_"): name for name in table.names}
+    found = next((plain[word] for word in _NAMES if word in plain), "")
+    if found:
+        return found
+    first = table.names[0]
+    texts = [(row, 0) in table.texts for row in range(len(table))]
+    return first if texts and all(texts) else ""
+
+
+def _layout(table: Table, options: TagOptions, name: str) -> Layout:
+    """Find joints where there are any, and places; a robot's path may have joints alone."""
+    names = [column for column in table.names if column != name]
+    given = {key: tuple(text.split(",")) for key, text in options.columns.items() if key != "name"}
+    joints = given.pop("joints", ()) or _joint_columns(names, given)
+    missing = [column for column in joints if column not in names]
+    if missing:
+        raise MeasurementError(
+            f"there is no column {missing[0]!r}.", remedy=f"Columns are: {', '.join(names)}."
+        )
+    rest = [column for column in names if column not in joints]
+    try:
+        found = detect_layout(rest, (), given)
+    except MeasurementError:
+        if not joints or given:
+            raise
+        return Layout(joints=joints, units=_joint_unit(names, joints))
+    return Layout(
+        joints=joints,
+        position=found.position,
+        turn=found.turn,
+        turn_fields=found.turn_fields,
+        units={**_joint_unit(names, joints), **found.units},
+    )
+
+
+def _joint_columns(names: list[str], given: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    for count in range(_MOST_AXES, _FEWEST_AXES - 1, -1):
+        try:
+            return detect_layout([*names, "x", "y", "z"], [f"j{k + 1}" for k in range(count)]).joints
+        except MeasurementError:
+            continue
+    del given
+    return ()
+
+
+def _joint_unit(names: list[str], joints: tuple[str, ...]) -> dict[str, str]:
+    if not joints:
+        return {}
+    found = detect_layout(
+        [*names, "x", "y", "z"], [f"j{k + 1}" for k in range(len(joints))], {"joints": joints}
+    )
+    return {"joints": found.units["joints"]} if "joints" in found.units else {}
+
+
+def _refuse_gaps(path: Path, table: Table, numbers: Mapping[str, Array]) -> None:
+    for column, values in numbers.items():
+        gaps = np.flatnonzero(~np.isfinite(values))
+        if len(gaps):
+            row = int(gaps[0])
+            cell = table.texts.get((row, table.names.index(column)), "")
+            raise MeasurementError(
+                f"{path.name}, line {table.lines[row]}: column {column!r} holds {cell!r}, which is no number.",
+                remedy="Remove that tag from the file, or name the right columns.",
+            )
+
+
+def _scaled(columns: tuple[str, ...], numbers: Mapping[str, Array], unit: Any) -> Array:
+    if not columns:
+        return np.empty((0, 0))
+    values = np.column_stack([numbers[column] for column in columns])
+    scaled: Array = values * unit(values)
+    return scaled
+
+
+def _unit(
+    meaning: str, units: Mapping[str, str], table: Mapping[str, float], most: float, guesses: list[str]
+) -> Any:
+    def factor(values: Array) -> float:
+        unit = units.get(meaning, "")
+        if unit and unit not in table:
+            raise MeasurementError(f"{meaning} cannot be in {unit!r}.", remedy=f"Units: {', '.join(table)}.")
+        if not unit:
+            small, large = ("m", "mm") if "mm" in table else ("rad", "deg")
+            unit = large if float(np.abs(values).max()) > most else small
+            guesses.append(f"{meaning} taken as {unit}")
+        return table[unit]
+
+    return factor
+
+
+def _attitudes(
+    layout: Layout,
+    numbers: Mapping[str, Array],
+    units: Mapping[str, str],
+    options: TagOptions,
+    guesses: list[str],
+) -> tuple[tuple[float, float, float, float], ...]:
+    if not layout.turn:
+        return ()
+    four = len(layout.turn) == 4
+    convention = options.convention or ("abb_quaternion" if four else "")
+    if not convention:
+        guesses.append(f"attitudes ({', '.join(layout.turn)}) left out: no convention was named")
+        return ()
+    if convention not in CONVENTIONS or len(CONVENTIONS[convention].fields) != len(layout.turn):
+        raise MeasurementError(
+            f"{', '.join(layout.turn)} cannot be {convention!r}.", remedy=f"Known: {', '.join(CONVENTIONS)}."
+        )
+    if four:
+        turns = np.column_stack([numbers[c] for c in layout.turn])
+        length = np.linalg.norm(turns, axis=1, keepdims=True)
+        turns = np.where(np.abs(length - 1.0) < 0.01, turns / length, turns)
+    else:
+        turns = _scaled(layout.turn, numbers, _unit("rotation", units, _ANGLES, _MOST_RADIANS, guesses))
+    quaternions = [quaternion_from_rotation(rotation) for rotation in rotation_from(convention, turns)]
+    return tuple((float(w), float(x), float(y), float(z)) for w, x, y, z in quaternions)
+
+
+def _rows(values: Array) -> Any:
+    return tuple(tuple(float(v) for v in row) for row in values)
+
+
+def read_description(path: Path) -> str:
+    """Return the text of a URDF.
+
+    Raises
+    ------
+    CalibrationError
+        No such file, or one that is no text.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as broken:
+        raise CalibrationError(
+            f"the description {path} cannot be read: {broken}", remedy="Name a URDF file with xacro expanded."
+        ) from broken

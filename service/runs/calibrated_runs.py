@@ -1,0 +1,53 @@
+"""From a kept robot calibration to a version of the robot's parameter set, for `cellcal parameters keep`."""
+
+from calibration.arm.kinematics import load_model
+from calibration.poses.calibrated_arm import CalibratedArm
+from service.configuration.cell_file import CellConfig
+from service.parameters.calibrated_models import nominal_sha256, values_of_identification
+from service.parameters.parameter_files import Who
+from service.parameters.parameter_sets import ParameterSet, ParameterSetError, ParameterSets
+from service.runs.cell import open_journal
+from service.runs.store import Store
+
+
+def keep_calibration(
+    config: CellConfig, robot: str | None, sets: ParameterSets, who: str, made_at: str
+) -> ParameterSet:
+    """Save what the robot's newest calibration found as its next version.
+
+    Raises
+    ------
+    ParameterSetError
+        No calibration of this robot was kept, or the newest is saved already.
+    """
+    serial = config.robot(robot).serial
+    with open_journal(config) as journal:
+        arm = Store(journal).calibrated_arm(serial)
+    if arm is None:
+        raise ParameterSetError(
+            f"no calibration of robot {serial} was kept.",
+            remedy="Run `cellcal run robot_calibration` first.",
+            code="usage",
+        )
+    draft = draft_of(arm, Who(serial, who, made_at))
+    if serial in sets.robots() and sets.load(serial).source == draft.source:
+        raise ParameterSetError(
+            f"the newest calibration of robot {serial} is version {sets.load(serial).version} already.",
+            code="usage",
+        )
+    return sets.save(draft)
+
+
+def draft_of(arm: CalibratedArm, who: Who) -> ParameterSet:
+    """Return a kept calibration as a parameter set that has no version yet."""
+    nominal = load_model(arm.model)
+    return ParameterSet(
+        robot_serial=who.robot_serial,
+        model=arm.model,
+        nominal_sha256=nominal_sha256(nominal),
+        made_at=who.made_at,
+        made_by=who.made_by,
+        source=f"robot_calibration with {arm.device}, sha256 {arm.sha256}",
+        values=values_of_identification(arm.parameters),
+        note="for the mastering that the robot had then" if arm.counts_at_zero else "",
+    )

@@ -1,0 +1,347 @@
+"""Run one procedure: take the lease, open the run, replay what is known, finish, say how it ended."""
+
+import asyncio
+import logging
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import to_jsonable_python
+
+from calibration.errors import CalibrationError, CellError
+from drivers.interfaces import Answer, Instruction, Operator, Question
+from procedures.canonical import alike
+from procedures.catalogue import entry_named
+from procedures.cell import Cell, Fingerprint, MotionMemory, fingerprint
+from procedures.entry import Entry, refuse_unmet
+from procedures.past import Kind, Past
+from procedures.progress import Gate, Progress, ignore
+from procedures.run import (
+    DeclinedError,
+    NeedsUnmetError,
+    OutOfToleranceError,
+    RefusalError,
+    ReplayMismatchError,
+    Run,
+)
+from service.runs.definition import software
+from service.runs.journal import Journal, NewEvent, StoreError
+from service.runs.lease import Lease, lease
+from service.runs.store import RunView, Store, stored_body
+
+_log = logging.getLogger(__name__)
+FREE_BYTES = 200_000_000
+OnEvent = Callable[[Progress], None]
+
+
+class Verdict(StrEnum):
+    """How a run ended."""
+
+    PASSED = "passed"
+    OUT_OF_TOLERANCE = "out_of_tolerance"
+    REFUSED = "refused"
+    CELL_FAILED = "cell_failed"
+    CANCELLED = "cancelled"
+    DECLINED = "declined"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The end of a run. ``result`` is the procedure's result, or the evidence of a refusal."""
+
+    run_id: str
+    procedure: str
+    verdict: Verdict
+    result: Any = None
+    reason: str = ""
+    remedy: str = ""
+    code: str = ""
+    judgement: Any = None  # what a finished procedure claims (procedures/verdict.py), as JSON values
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """How a run is watched and who answers for it."""
+
+    on_event: OnEvent = ignore
+    gate: Gate | None = None
+    actor: str = "service"
+    free_bytes: int = FREE_BYTES
+
+
+class JournalLedger:
+    """A run's end of the journal."""
+
+    def __init__(self, journal: Journal, run_id: str, actor: str) -> None:
+        self._journal, self._run_id, self._actor = journal, run_id, actor
+
+    def record(self, kind: Kind, body: Mapping[str, Any], *, key: str = "") -> None:
+        """Store one fact durably."""
+        self._journal.append(self._run_id, kind, body, key=key, actor=self._actor)
+
+
+async def run_procedure(
+    cell: Cell,
+    name: str,
+    spec: Any,
+    journal: Journal,
+    on_event: OnEvent = ignore,
+    *,
+    how: Conditions | None = None,
+) -> Outcome:
+    """Run a procedure of the catalogue from its beginning.
+
+    A cancelled run is journalled as such and the cancellation goes on. How anything else ended is the
+    outcome's verdict.
+
+    Raises
+    ------
+    NeedsUnmetError
+        The cell lacks something; nothing was started.
+    LeaseHeldError
+        Another run has this robot.
+    StoreError
+        The journal is damaged, or the disk has no room for a run.
+    """
+    how = how or Conditions(on_event)
+    entry = entry_named(name)
+    refuse_unmet(entry, cell)
+    _refuse_small_disk(journal.path, how.free_bytes)
+    run_id = f"{name}-{uuid4().hex[:12]}"
+    serial = (await cell.robot.identify()).serial
+    with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
+        cell = permitted(cell, held)
+        header = {
+            "procedure": entry.name,
+            "version": entry.version,
+            "spec": to_jsonable_python(spec),
+            "cell": to_jsonable_python(await fingerprint(cell)),
+            **software(),
+        }
+        journal.append(run_id, Kind.STARTED, header, key="started", actor=how.actor)
+        return await _Conductor(cell, entry, journal, run_id, how).conduct(spec, Past())
+
+
+async def resume(
+    cell: Cell, run_id: str, journal: Journal, on_event: OnEvent = ignore, *, how: Conditions | None = None
+) -> Outcome:
+    """Go on with an interrupted run: findings are believed, positions never are.
+
+    Raises
+    ------
+    ReplayMismatchError
+        The cell, its settings or the procedure are not those the run began with; the message says which.
+    """
+    how = how or Conditions(on_event)
+    view = Store(journal).run(run_id)
+    entry = entry_named(view.procedure)
+    if view.state == Verdict.PASSED:
+        return _stored_outcome(view, entry)
+    refuse_unmet(entry, cell)
+    _refuse_small_disk(journal.path, how.free_bytes)
+    now = await fingerprint(cell)
+    _refuse_difference(view, entry, now)
+    spec = _spec_of(view, entry)
+    serial = (await cell.robot.identify()).serial
+    with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
+        cell = permitted(cell, held)
+        view = Store(journal).run(run_id)  # its holder may have gone on until the lease was ours
+        body = {"cell": to_jsonable_python(now), **software()}
+        journal.append(run_id, Kind.RESUMED, body, actor=how.actor)
+        return await _Conductor(cell, entry, journal, run_id, how).conduct(spec, view.past)
+
+
+def forget_from(journal: Journal, run_id: str, step: str, *, actor: str = "service") -> None:
+    """Redo: findings from ``step`` on no longer count when the run is resumed. Nothing is deleted.
+
+    Raises
+    ------
+    StoreError
+        The run has no finding of that name.
+    """
+    names = [finding.step for finding in Store(journal).run(run_id).past.findings]
+    if step not in names:
+        raise StoreError(
+            f"run {run_id} has no finding {step!r}",
+            code="store.no_such_step",
+            remedy=f"It has: {', '.join(names) or 'none'}.",
+        )
+    journal.append(run_id, Kind.FORGOTTEN, {"keep": names.index(step), "step": step}, actor=actor)
+
+
+def permitted(cell: Cell, held: Lease) -> Cell:
+    """Return the cell for one entry into a run: motion needs the lease, and nothing was approved or seen yet."""
+    return replace(cell, permit=held, motion=MotionMemory())
+
+
+class _Conductor:
+    """One entry into one run."""
+
+    def __init__(self, cell: Cell, entry: Entry, journal: Journal, run_id: str, how: Conditions) -> None:
+        self._entry, self._journal, self._run_id, self._how = entry, journal, run_id, how
+        self._cell = replace(cell, operator=_AnnouncingOperator(cell.operator, self._announce))
+        self._place = Progress("started", "", 0, 0)
+
+    async def conduct(self, spec: Any, past: Past) -> Outcome:
+        ledger = JournalLedger(self._journal, self._run_id, self._how.actor)
+        expected = self._entry.expected_steps(spec)
+        run = Run(self._cell, ledger, past, expected=expected, announce=self._announce, gate=self._how.gate)
+        try:
+            result = await self._entry.procedure(run, spec)
+        except CellError as error:
+            return self._end(_failed(self._run_id, self._entry.name, error))
+        except asyncio.CancelledError:
+            self._end(Outcome(self._run_id, self._entry.name, Verdict.CANCELLED, reason="cancelled"))
+            raise
+        judgement = self._judged(spec, result)
+        passed = Outcome(self._run_id, self._entry.name, Verdict.PASSED, result, judgement=judgement)
+        return self._end(passed, spec)
+
+    def _judged(self, spec: Any, result: Any) -> Any:
+        if self._entry.verdict is None:
+            return None
+        try:
+            return self._entry.verdict(spec, result).as_object()
+        except Exception:  # noqa: BLE001  a result that was written to a robot is journalled, judged or not
+            _log.exception("the verdict of run %s could not be given", self._run_id)
+            return None
+
+    def _end(self, outcome: Outcome, spec: Any = None) -> Outcome:
+        passed = outcome.verdict is Verdict.PASSED
+        value = self._entry.result_codec().dump_python(outcome.result, mode="json") if passed else None
+        if not passed:
+            value = to_jsonable_python(outcome.result)
+        body = {
+            "verdict": outcome.verdict.value,
+            "result": value,
+            "reason": outcome.reason,
+            "remedy": outcome.remedy,
+            "code": outcome.code,
+            "judgement": outcome.judgement,
+        }
+        facts = [*self._kept(spec, outcome.result, passed), NewEvent(Kind.ENDED, body)]
+        try:
+            self._journal.append_all(self._run_id, facts, actor=self._how.actor)
+        except StoreError as error:
+            if passed:
+                return _failed(self._run_id, self._entry.name, error)
+            _log.warning("the end of run %s could not be journalled: %s", self._run_id, error)
+        self._announce(
+            replace(self._place, kind="ended", step="", message=outcome.verdict.value, value=value)
+        )
+        return outcome
+
+    def _kept(self, spec: Any, result: Any, passed: bool) -> list[NewEvent]:
+        keepsake = self._entry.keeps(spec, result) if passed else None
+        if keepsake is None:
+            return []
+        value = to_jsonable_python(keepsake.value)
+        serial = self._robot_serial()
+        body = stored_body(keepsake.what, keepsake.subject, serial, value)
+        return [NewEvent(Kind.STORED, body, f"stored {keepsake.what}")]
+
+    def _robot_serial(self) -> str:
+        header = Store(self._journal).run(self._run_id).cell
+        return str(header["devices"][0]["identity"]["serial"])
+
+    def _announce(self, progress: Progress) -> None:
+        if progress.step:
+            self._place = progress
+        else:
+            progress = replace(progress, step=self._place.step)
+            progress = replace(progress, index=self._place.index, expected=self._place.expected)
+        try:
+            self._how.on_event(progress)
+        except Exception:  # noqa: BLE001  a screen that fails must not stop a robot in mid-procedure
+            _log.exception("a listener failed and missed %s", progress.kind)
+
+
+class _AnnouncingOperator:
+    """Shows what is asked and answered."""
+
+    def __init__(self, operator: Operator, announce: OnEvent) -> None:
+        self._operator, self._show = operator, announce
+
+    async def confirm(self, instruction: Instruction) -> Answer:
+        self._show(Progress("asked", "", 0, 0, instruction.text, {"key": instruction.key}))
+        answer = await self._operator.confirm(instruction)
+        self._show(Progress("answered", "", 0, 0, answer.value, {"key": instruction.key, "who": answer.who}))
+        return answer
+
+    async def enter(self, question: Question) -> Answer:
+        self._show(Progress("asked", "", 0, 0, question.text, {"key": question.key, "unit": question.unit}))
+        answer = await self._operator.enter(question)
+        self._show(Progress("answered", "", 0, 0, answer.value, {"key": question.key, "who": answer.who}))
+        return answer
+
+
+def _failed(run_id: str, procedure: str, error: CellError) -> Outcome:
+    evidence = error.evidence if isinstance(error, RefusalError) else None
+    return Outcome(run_id, procedure, _verdict_of(error), evidence, error.message, error.remedy, error.code)
+
+
+def _verdict_of(error: CellError) -> Verdict:
+    if isinstance(error, DeclinedError):
+        return Verdict.DECLINED
+    if isinstance(error, OutOfToleranceError):
+        return Verdict.OUT_OF_TOLERANCE
+    if isinstance(error, RefusalError | ReplayMismatchError | NeedsUnmetError | CalibrationError):
+        return Verdict.REFUSED
+    return Verdict.CELL_FAILED
+
+
+def _stored_outcome(view: RunView, entry: Entry) -> Outcome:
+    result = entry.result_codec().validate_python(view.result)
+    state = Verdict(view.state)
+    return Outcome(view.run_id, view.procedure, state, result, view.reason, judgement=view.judgement)
+
+
+def _spec_of(view: RunView, entry: Entry) -> Any:
+    try:
+        return TypeAdapter(entry.spec_type).validate_python(view.spec)
+    except ValidationError as error:
+        raise ReplayMismatchError(
+            f"the specification of run {view.run_id} is not one of this version: {error}",
+            remedy="Start a new run.",
+        ) from error
+
+
+def _refuse_difference(view: RunView, entry: Entry, now: Fingerprint) -> None:
+    differences = []
+    if view.version != entry.version:
+        differences.append(f"procedure version {view.version}, here {entry.version}")
+    was, present = dict(view.cell), to_jsonable_python(now)
+    if entry.epoch_may_change:
+        was, present = was | {"encoder_epoch": None}, present | {"encoder_epoch": None}
+    changed = [key for key in present if not alike(was.get(key), present[key])]
+    differences += [_difference(key, was.get(key), present[key]) for key in changed]
+    if differences:
+        raise ReplayMismatchError(
+            f"run {view.run_id} cannot be continued: {'; '.join(differences)}",
+            remedy="Restore what was changed, or start a new run; the stored points stay readable.",
+        )
+
+
+def _difference(key: str, was: object, present: object) -> str:
+    if key == "config_sha256":
+        return "the cell file has been edited since"
+    return f"{key} was {was}, is {present}"
+
+
+def _refuse_small_disk(path: Path, needed: int) -> None:
+    free = shutil.disk_usage(path.parent).free
+    if free < needed:
+        raise StoreError(
+            f"only {free // 1_000_000} MB are free for the journal; a run needs {needed // 1_000_000} MB",
+            code="store.full",
+            remedy="Free disk space, then start again.",
+        )
+
+
+def _leases(journal: Journal) -> Path:
+    return journal.path.parent / "leases"

@@ -1,0 +1,66 @@
+"""A run on a cell from its file: journal, devices, spec, and what the service must remember afterwards."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.interfaces import Operator
+from procedures.cell import Cell
+from procedures.progress import ignore
+from service.configuration.cell_file import CellConfig
+from service.runs.cell import lend_record, open_cell, open_journal
+from service.runs.conduct import OnEvent, Outcome, Verdict, resume, run_procedure
+from service.runs.redo import discard_from
+from service.runs.specs import build_spec
+from service.runs.store import Store
+from service.watching.watch import LastHealthyCounts, remember_healthy
+
+_LEAVES_HEALTHY = ("mastering_record", "mastering_recovery")
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """One robot of one cell, and who answers and listens."""
+
+    config: CellConfig
+    operator: Operator
+    robot: str | None = None
+    on_event: OnEvent = ignore
+
+
+async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outcome:
+    """Run a procedure from its beginning."""
+    with open_journal(where.config) as journal:
+        async with open_cell(where.config, where.operator, where.robot) as cell:
+            spec = build_spec(where.config, cell.robot.name, procedure, settings)
+            lent = await lend_record(cell, journal)
+            outcome = await run_procedure(lent, procedure, spec, journal, where.on_event)
+            await _remember(where.config, cell, outcome)
+            return outcome
+
+
+async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outcome:
+    """Resume a run; ``last`` is the newest. ``redo_from`` is a step whose finding and all after it are done again.
+
+    Raises
+    ------
+    DeclinedError
+        The person did not agree to what would be discarded; nothing was.
+    """
+    with open_journal(where.config) as journal:
+        async with open_cell(where.config, where.operator, where.robot) as cell:
+            lent = await lend_record(cell, journal)
+            run_id = Store(journal).newest(run_id)
+            if redo_from is not None:
+                await discard_from(where.operator, journal, run_id, redo_from)
+            outcome = await resume(lent, run_id, journal, where.on_event)
+            await _remember(where.config, cell, outcome)
+            return outcome
+
+
+async def _remember(config: CellConfig, cell: Cell, outcome: Outcome) -> None:
+    if (
+        outcome.verdict is Verdict.PASSED
+        and outcome.procedure in _LEAVES_HEALTHY
+        and cell.mastering is not None
+    ):
+        await remember_healthy(cell.robot.name, cell.mastering, LastHealthyCounts(config.cell.data_dir))

@@ -1,0 +1,143 @@
+"""What a run would do and reach, from the cell file and the journal alone: no device is touched."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic_core import to_jsonable_python
+
+from calibration.errors import CalibrationError, CellError
+from procedures.catalogue import ENTRIES, entry_named
+from procedures.cell import Cell
+from procedures.entry import Entry, Phase, lacking
+from procedures.forecast import Forecast, Knowledge
+from service.configuration.cell_file import CellConfig
+from service.quantities import quantity
+from service.runs.cell import journal_path, on_paper, open_journal
+from service.runs.specs import build_spec
+from service.runs.store import Store
+from service.watching.watch import LastHealthyCounts
+
+
+class ClassOutOfReachError(CellError):
+    """A class of limits was chosen that the planned measurement cannot prove."""
+
+    code = "procedure.class_out_of_reach"
+
+
+@dataclass(frozen=True, slots=True)
+class DryRun:
+    """A procedure on a cell, before anything happens. ``problem`` says why there is no forecast."""
+
+    procedure: str
+    title: str
+    version: int
+    robot: str
+    serial: str
+    settings: Any
+    lacks: tuple[str, ...]
+    phases: tuple[Phase, ...]
+    expected_steps: int
+    forecast: Forecast | None
+    problem: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Possible:
+    """One procedure of the catalogue, and what this cell lacks for it."""
+
+    name: str
+    title: str
+    version: int
+    lacks: tuple[str, ...] | None  # None where no cell was asked about
+
+
+def dry_run(config: CellConfig, procedure: str, settings: dict[str, Any], robot: str | None = None) -> DryRun:
+    """Foretell a run.
+
+    Raises
+    ------
+    CellError
+        There is no such procedure, robot or setting.
+    """
+    entry, cell = entry_named(procedure), remembered(config, robot)
+    spec = build_spec(config, cell.robot.name, procedure, settings)
+    lacks = lacking(entry, cell)
+    forecast, problem = (None, "") if lacks else _forecast(entry, spec, cell, config)
+    return DryRun(
+        procedure=entry.name,
+        title=entry.title,
+        version=entry.version,
+        robot=cell.robot.name,
+        serial=config.robot(robot).serial,
+        settings=to_jsonable_python(spec),
+        lacks=(*lacks, *(forecast.lacks if forecast else ())),
+        phases=entry.outline(spec),
+        expected_steps=entry.expected_steps(spec),
+        forecast=forecast,
+        problem=problem,
+    )
+
+
+def possible(config: CellConfig | None, robot: str | None = None) -> list[Possible]:
+    """Return the whole catalogue, with what a cell lacks for each procedure."""
+    cell = None if config is None else remembered(config, robot)
+    return [
+        Possible(entry.name, entry.title, entry.version, None if cell is None else lacking(entry, cell))
+        for entry in ENTRIES
+    ]
+
+
+def remembered(config: CellConfig, robot: str | None = None) -> Cell:
+    """Return the cell on paper, with what its journal holds of this robot."""
+    cell, serial = on_paper(config, robot), config.robot(robot).serial
+    if not journal_path(config).exists():
+        return cell
+    with open_journal(config) as journal:
+        return Store(journal).lend(cell, serial)
+
+
+def refuse_class_out_of_reach(
+    config: CellConfig, procedure: str, settings: dict[str, Any], robot: str | None = None
+) -> None:
+    """Refuse a class of limits that somebody chose and that the predicted uncertainty cannot prove.
+
+    A class may be chosen only where the predicted U is at most a third of its limit.
+
+    Raises
+    ------
+    ClassOutOfReachError
+        The message names the prediction and the classes within reach.
+    """
+    chosen = settings.get("accuracy_class")
+    if chosen is None or settings.get("limits") is not None:
+        return
+    found = dry_run(config, procedure, settings, robot)
+    for prediction in found.forecast.predictions if found.forecast else ():
+        reach = prediction.classes_in_reach()
+        if prediction.limits and chosen not in reach:
+            told = quantity(prediction.expanded, prediction.unit)
+            raise ClassOutOfReachError(
+                f"class {chosen} cannot be proved: {prediction.name} would be known to {told}, more than a third of "
+                f"its limit. In reach: {', '.join(reach) or 'none'}.",
+                remedy="Measure more or better (see --dry-run), choose another class, or set limits of your own.",
+            )
+
+
+def _forecast(entry: Entry, spec: Any, cell: Cell, config: CellConfig) -> tuple[Forecast | None, str]:
+    if entry.forecast is None:
+        return None, "this procedure foretells nothing but its steps"
+    healthy = LastHealthyCounts(config.cell.data_dir).load(cell.robot.name)
+    known = Knowledge(
+        model=cell.model,
+        gauge_setup=cell.gauge_setup,
+        gauge=None if cell.gauge is None else cell.gauge.capabilities,
+        record=cell.record,
+        last_counts=None if healthy is None else healthy.counts,
+        limits=cell.limits,
+        tracker_setup=cell.tracker_setup,
+        tracker=None if cell.tracker is None else cell.tracker.capabilities,
+    )
+    try:
+        return entry.forecast(spec, known), ""
+    except CalibrationError as error:
+        return None, str(error)

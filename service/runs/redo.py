@@ -1,0 +1,72 @@
+"""Doing a run again from one of its steps: what is discarded is asked first, and stays in the journal."""
+
+import json
+from difflib import get_close_matches
+
+from drivers.errors import RefusedError
+from drivers.interfaces import Instruction, Operator
+from procedures.past import Effect, Kind
+from procedures.run import DeclinedError
+from service.runs.conduct import Verdict, forget_from
+from service.runs.journal import Journal, StoreError
+from service.runs.store import Store
+
+DISCARD = "discard_findings"
+_MOST_NAMED = 6
+
+
+async def discard_from(operator: Operator, journal: Journal, run_id: str, step: str) -> None:
+    """Let findings from ``step`` on no longer count, once a person has agreed to exactly that.
+
+    Raises
+    ------
+    StoreError
+        The run is finished, or has no such step; the remedy names the nearest.
+    DeclinedError
+        The person said no; nothing was discarded.
+    """
+    view = Store(journal).run(run_id)
+    names = [finding.step for finding in view.past.findings]
+    if view.state == Verdict.PASSED:
+        raise StoreError(
+            f"run {run_id} is finished: its result is stored, and a certificate may be out",
+            code="store.finished",
+            remedy=f"Start a new one: `cellcal run {view.procedure}`.",
+        )
+    if step not in names:
+        near = get_close_matches(step, names, n=3, cutoff=0.4) or names[:3]
+        raise StoreError(
+            f"run {run_id} has no step {step!r} with a finding.",
+            code="store.no_such_step",
+            remedy=f"Did you mean {', '.join(map(repr, near))}? `cellcal show {run_id}` lists all."
+            if near
+            else "Nothing was found yet: resume it without --from.",
+        )
+    question = Instruction(DISCARD, _question(names[names.index(step) :], _written(journal, run_id)))
+    try:
+        answer = await operator.confirm(question)
+    except RefusedError as error:
+        raise DeclinedError(
+            "the answer was no: nothing was discarded.", remedy="Resume without --from to keep all findings."
+        ) from error
+    forget_from(journal, run_id, step, actor=answer.who)
+
+
+def _question(discarded: list[str], written: frozenset[str]) -> str:
+    named = (
+        discarded if len(discarded) <= _MOST_NAMED else [*discarded[: _MOST_NAMED - 1], "…", discarded[-1]]
+    )
+    text = (
+        f"{len(discarded)} findings of this run will no longer count and will be done again: {', '.join(named)}. "
+        "The journal keeps them. The robot stands where the run left it, not where that step began: the way from "
+        "here was not checked. Bring it near the place where that step begins. "
+    )
+    touched = [step for step in discarded if step in written]
+    if touched:
+        text += f"What {', '.join(touched)} wrote to the controller stays until it is written again. "
+    return f"{text}Discard them?"
+
+
+def _written(journal: Journal, run_id: str) -> frozenset[str]:
+    bodies = [json.loads(event.body) for event in journal.events(run_id) if event.kind == Kind.INTENT]
+    return frozenset(body["step"] for body in bodies if body["effect"] == Effect.WRITE)

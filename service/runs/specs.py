@@ -1,0 +1,90 @@
+"""A procedure's settings as the service completes them: what was typed, and what only it remembers."""
+
+import math
+from dataclasses import asdict, fields, is_dataclass, replace
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from calibration.errors import CellError
+from procedures.catalogue import entry_named
+from procedures.motion.plans import Room
+from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
+from service.configuration.cell_file import CellConfig
+from service.parameters.simulated_cells import with_files
+from service.watching.watch import LastHealthyCounts
+
+
+def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[str, Any]) -> Any:
+    """Return the procedure's spec.
+
+    Raises
+    ------
+    CellError
+        A setting is unknown or out of its type; every fault is named.
+    """
+    valid = _settings_of(procedure, settings)
+    if "last_counts" in valid and "last_counts" not in settings:
+        healthy = LastHealthyCounts(config.cell.data_dir).load(robot)
+        settings = settings | {"last_counts": None if healthy is None else healthy.counts}
+    return _in_the_cell(spec_of(procedure, settings), config.motion_of(robot).surroundings)
+
+
+def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
+    """Return a procedure's spec from settings alone; those that name files are read.
+
+    Raises
+    ------
+    CellError
+        A setting is unknown or out of its type, or a file cannot be read.
+    """
+    kind = entry_named(procedure).spec_type
+    _settings_of(procedure, settings)
+    settings = with_files(kind, settings)
+    try:
+        spec: Any = TypeAdapter(kind).validate_python(settings)
+    except ValidationError as error:
+        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        raise _wrong(procedure, faults) from error
+    endless = [key for key, value in asdict(spec).items() if not _is_finite(value)]
+    if endless:
+        raise _wrong(procedure, f"{', '.join(endless)}: not a finite number")
+    return spec
+
+
+def _settings_of(procedure: str, settings: dict[str, Any]) -> set[str]:
+    """Return the settings that a procedure has; refuse others."""
+    valid = {field.name for field in fields(entry_named(procedure).spec_type)}
+    unknown = sorted(set(settings) - valid)
+    if unknown:
+        raise CellError(
+            f"{procedure} has no setting {', '.join(unknown)}.",
+            remedy=f"It has: {', '.join(sorted(valid)) or 'none'}.",
+            code="usage",
+        )
+    return valid
+
+
+def _in_the_cell(spec: Any, surroundings: Surroundings) -> Any:
+    """Return the spec with every room in it knowing what stands in the cell, unless it was told otherwise."""
+    changed: dict[str, Any] = {}
+    for entry in fields(spec):
+        value = getattr(spec, entry.name)
+        if isinstance(value, Room):
+            if value.surroundings == NOTHING_KNOWN:
+                changed[entry.name] = replace(value, surroundings=surroundings)
+        elif is_dataclass(value):
+            changed[entry.name] = _in_the_cell(value, surroundings)
+    return replace(spec, **changed) if changed else spec
+
+
+def _wrong(procedure: str, faults: str) -> CellError:
+    return CellError(f"{procedure} cannot be run so: {faults}.", remedy="Correct --set.", code="usage")
+
+
+def _is_finite(value: Any) -> bool:
+    if isinstance(value, dict):
+        return all(_is_finite(part) for part in value.values())
+    if isinstance(value, list | tuple):
+        return all(_is_finite(part) for part in value)
+    return not isinstance(value, float) or math.isfinite(value)

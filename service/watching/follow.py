@@ -1,0 +1,68 @@
+"""The watch over a whole cell: every robot that keeps mastering data, until somebody ends it."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any
+
+from drivers.errors import DeviceError, WrongDeviceError
+from service.configuration.cell_file import CellConfig
+from service.runs.cell import leases
+from service.runs.lease import DEVICES, is_held
+from service.watching.loss_modes import wrong_robot
+from service.watching.watch import LastHealthyCounts, PositionLoss, Watch
+
+_RETRY_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class Listener:
+    """Who hears what the watch has to say."""
+
+    say: Callable[[str], None]
+    on_loss: Callable[[PositionLoss], Awaitable[None]]
+
+
+async def follow(config: CellConfig, listener: Listener) -> None:
+    """Watch all robots of a cell until cancelled; an unreachable one is looked for again and again."""
+    async with asyncio.TaskGroup() as tasks:
+        for robot in config.robots:
+            tasks.create_task(_follow_robot(config, robot, listener))
+
+
+async def _follow_robot(config: CellConfig, entry: Any, listener: Listener) -> None:
+    told = ""
+    while True:
+        if is_held(leases(config), entry.serial, DEVICES):  # connecting could take the link away from a run
+            await asyncio.sleep(_RETRY_S)
+            continue
+        try:
+            async with entry.open() as robot:
+                if not robot.capabilities.writes_mastering:
+                    listener.say(f"{robot.name} keeps its position without a battery: it is not watched.")
+                    return
+                listener.say(f"{robot.name}: watched every {config.watch.period_s:g} s.")
+                told = ""
+                await _look_again_and_again(config, entry, robot, listener)
+        except WrongDeviceError as error:
+            if error.message != told:
+                told = error.message
+                await listener.on_loss(PositionLoss(entry.name, error.message, (), None, wrong_robot()))
+        except DeviceError as error:
+            if error.message != told:
+                listener.say(f"{error}")
+                told = error.message
+        await asyncio.sleep(_RETRY_S)
+
+
+async def _look_again_and_again(config: CellConfig, entry: Any, robot: Any, listener: Listener) -> None:
+    memory = LastHealthyCounts(config.cell.data_dir)
+    watch = Watch(robot, memory, listener.on_loss, period_s=config.watch.period_s, warn=listener.say)
+    while True:
+        if is_held(
+            leases(config), entry.serial, DEVICES
+        ):  # a run has the robot; its own steps guard the encoders
+            watch.forget_motion()
+        else:
+            await watch.look()
+        await asyncio.sleep(config.watch.period_s)

@@ -1,0 +1,204 @@
+"""Follows the robots and sees an encoder loss by itself.
+
+Three independent witnesses, each enough: the controller's own alarms, the encoder epoch, and counts that jump
+further between two looks than the arm could have moved. A battery that is low is told before it is empty.
+The last healthy counts are kept on disk: after a
+loss they tell to within a few turns where each motor stood.
+"""
+
+import asyncio
+import json
+import logging
+import os
+import time
+from collections.abc import Awaitable, Callable
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from calibration.mastering.counts import DriveTrain
+from drivers.errors import DeviceError
+from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
+from service.watching.loss_modes import Suspicion, battery_warning, crashed, suspect
+
+_LOG = logging.getLogger(__name__)
+_JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
+
+
+class WatchedRobot(Robot, MasteringStore, Protocol):
+    """An arm whose encoders can be lost and whose mastering can be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class HealthyCounts:
+    """Where the motors stood when all was well."""
+
+    robot: str
+    counts: Counts
+    epoch: int
+    seen_utc: str
+
+
+@dataclass(frozen=True, slots=True)
+class PositionLoss:
+    """What the watch saw, in words for the technician, and what it knew before."""
+
+    robot: str
+    detected_by: str
+    alarms: tuple[Alarm, ...]
+    last_healthy: HealthyCounts | None
+    suspicion: Suspicion = field(default_factory=lambda: suspect(()))
+
+
+class LastHealthyCounts:
+    """One small file per robot, replaced atomically: an observation, not a record."""
+
+    def __init__(self, data_dir: Path) -> None:
+        self._dir = data_dir
+
+    def load(self, robot: str) -> HealthyCounts | None:
+        """Return what was seen last, or None where nothing (readable) is stored."""
+        try:
+            document = json.loads(self._path(robot).read_text(encoding="utf-8"))
+            counts = tuple(int(count) for count in document["counts"])
+            return HealthyCounts(
+                str(document["robot"]), counts, int(document["epoch"]), str(document["seen_utc"])
+            )
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            _LOG.warning("the last healthy counts of %s cannot be read and are ignored: %s", robot, error)
+            return None
+
+    def save(self, seen: HealthyCounts) -> None:
+        """Replace the file so that a crash leaves the old or the new one, never half of it."""
+        self._dir.mkdir(parents=True, exist_ok=True)
+        path = self._path(seen.robot)
+        draft = path.with_suffix(".draft")
+        with draft.open("w", encoding="utf-8") as file:
+            json.dump(asdict(seen), file)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.replace(path)
+
+    def _path(self, robot: str) -> Path:
+        return self._dir / f"last_healthy_{robot}.json"
+
+
+async def remember_healthy(robot: str, encoders: MasteringStore, memory: LastHealthyCounts) -> HealthyCounts:
+    """Keep the present counts as healthy: after a record was taken, or a recovery has passed."""
+    counts, epoch = await encoders.encoder_counts(), await encoders.encoder_epoch()
+    seen = HealthyCounts(robot, counts, epoch, datetime.now(UTC).isoformat())
+    memory.save(seen)
+    return seen
+
+
+class Watch:
+    """Looks at one robot again and again; calls ``on_loss`` once for each loss it sees."""
+
+    def __init__(
+        self,
+        robot: WatchedRobot,
+        memory: LastHealthyCounts,
+        on_loss: Callable[[PositionLoss], Awaitable[None]],
+        *,
+        period_s: float,
+        warn: Callable[[str], None] = _LOG.warning,
+    ) -> None:
+        self._robot, self._memory, self._on_loss, self._period_s = robot, memory, on_loss, period_s
+        self._warn, self._warned = warn, ""
+        self._seen: tuple[float, Counts] | None = None
+        self._saved: HealthyCounts | None = memory.load(robot.name)
+        self._drive: DriveTrain | None = None
+        self._reported = False
+
+    async def run(self) -> None:
+        """Watch until cancelled. An unreachable robot is no loss: it is looked for again."""
+        while True:
+            try:
+                await self.look()
+            except DeviceError as error:
+                self._seen = None
+                _LOG.info("watch: %s", error)
+            await asyncio.sleep(self._period_s)
+
+    async def look(self) -> PositionLoss | None:
+        """Look once; return the loss if this look found a new one."""
+        self._saved = self._memory.load(self._robot.name) or self._saved  # a run may have renewed it
+        condition = await self._robot.condition()
+        if condition.readiness is Readiness.UNREACHABLE:
+            self._seen = None
+            return None
+        self._warn_once(battery_warning(condition))
+        found = None
+        if condition.readiness is Readiness.POSITION_LOST or crashed(condition):
+            found = f"the controller reports: {condition.message}"
+        else:
+            found = await self._compare()
+        if found is None:
+            self._reported = False
+            return None
+        if self._reported:
+            return None
+        self._reported = True
+        loss = PositionLoss(self._robot.name, found, condition.alarms, self._saved, _suspected(condition))
+        await self._on_loss(loss)
+        return loss
+
+    def _warn_once(self, words: str) -> None:
+        if words and words != self._warned:
+            self._warn(f"{self._robot.name}: {words}")
+        self._warned = words
+
+    async def acknowledge(self) -> None:
+        """Take the present counts for healthy."""
+        self._saved = await remember_healthy(self._robot.name, self._robot, self._memory)
+        self._seen, self._reported = None, False
+
+    def forget_motion(self) -> None:
+        """Do not compare the next look with the last: the robot may have been moved on command meanwhile."""
+        self._seen = None
+
+    async def _compare(self) -> str | None:
+        """Compare with what was seen before; remember this look when all is well."""
+        counts, epoch, now_s = (
+            await self._robot.encoder_counts(),
+            await self._robot.encoder_epoch(),
+            time.monotonic(),
+        )
+        if self._saved is not None and epoch != self._saved.epoch:
+            return "the encoder epoch changed: the controller started after a lost position"
+        if self._seen is not None:
+            then_s, before = self._seen
+            reach_rad = _JUMP_SPEED_RAD_S * (now_s - then_s + 0.2)
+            moved_rad = np.abs((await self._drive_train()).joints(np.array(counts), np.array(before)))
+            if float(moved_rad.max()) > reach_rad:
+                axis = int(moved_rad.argmax())
+                jump_deg = np.rad2deg(moved_rad[axis])
+                return f"the count of axis {axis + 1} jumped by {jump_deg:.1f} deg without motion"
+        self._seen = (now_s, counts)
+        self._remember(counts, epoch)
+        return None
+
+    def _remember(self, counts: Counts, epoch: int) -> None:
+        moved = self._saved is None or self._saved.counts != counts or self._saved.epoch != epoch
+        if moved:
+            self._saved = HealthyCounts(self._robot.name, counts, epoch, datetime.now(UTC).isoformat())
+            self._memory.save(self._saved)
+
+    async def _drive_train(self) -> DriveTrain:
+        if self._drive is None:
+            self._drive = await self._robot.drive_train()
+        return self._drive
+
+
+def _suspected(condition: Condition) -> Suspicion:
+    """Return what the alarms suggest; a jump or a new epoch without any is a loss of turns."""
+    if condition.readiness is Readiness.POSITION_LOST:
+        return suspect(condition.alarms)
+    if crashed(condition):
+        return suspect(condition.alarms, position_lost=False)
+    return suspect((Alarm("SRVO-038", "a count changed while nobody looked"),))
