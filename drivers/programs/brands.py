@@ -1,0 +1,44 @@
+"""What a brand gives to everything that reads its programs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Array
+from drivers.programs.positions import ProgramFile
+
+
+class ConfigurationRule(Protocol):
+    """How a maker tells apart the postures that reach one pose: flags and turn numbers."""
+
+    def agrees(
+        self, model: RobotModel, joints: Array, texts: Sequence[str], *, turns: bool = True
+    ) -> NDArray[np.bool_]:
+        """Return (N,): whether postures (N, n) [rad] are what the texts say; ``turns=False`` looks at flags only.
+
+        A text without a statement agrees with every posture.
+        """
+        ...
+
+    def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
+        """Return the texts that say these postures (N, n), in the spelling of the N old texts."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramBrand:
+    """One brand's program files."""
+
+    brand: str
+    suffixes: tuple[str, ...]  # lower case, with the dot: (".ls",)
+    read: Callable[[str, bytes], ProgramFile]  # the file's name for messages, its bytes; ProgramFileError
+    configurations: (
+        ConfigurationRule | None
+    )  # None: joints are stored beside the pose, or poses name no posture
+    writes_program: Callable[[bytes], bool] = lambda _: (
+        True
+    )  # a suffix shared with other files: is it a program?

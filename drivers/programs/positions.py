@@ -1,0 +1,122 @@
+"""Positions of a robot program, in columns: what every brand's reader gives and takes back.
+
+A program's positions are read into arrays, because a line has a million of them; names and frames stay as the
+maker writes them, because people look for them on the pendant.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Array, Pose
+
+Kind = str
+CARTESIAN, JOINTS, UNTAUGHT = "cartesian", "joints", "untaught"
+
+
+@dataclass(frozen=True, slots=True)
+class Positions:
+    """N recorded positions in the order of the file.
+
+    ``frame_tip`` is NaN where a position is not Cartesian, ``joints`` where it holds none; a UR waypoint holds both.
+    Joints are what the controller shows, in its own coupling [rad, or m for a linear axis].
+    """
+
+    names: tuple[str, ...]  # "P[3]", "XP1", "p10"; unique within a group
+    kinds: tuple[Kind, ...]  # CARTESIAN, JOINTS or UNTAUGHT
+    lines: NDArray[np.int64]  # (N,) where it stands in the file, from 1
+    groups: NDArray[np.int64]  # (N,) motion group, 1 where the maker has none
+    frame_tip: Array  # (N, 4, 4) the tool tip in the user frame [m]
+    joints: Array  # (N, n) with n the most joints that a position of this file holds
+    external: Array  # (N, k) external axes [rad or m], NaN where there is none
+    user_frames: tuple[
+        str | None, ...
+    ]  # as the file names it ("1", "wobj_left"); None: the file does not say
+    tools: tuple[str | None, ...]
+    configurations: tuple[str, ...]  # the maker's spelling with turn numbers, "" where there is none
+    resolution_m: Array  # (N,) one unit of the last decimal of a length as written
+    resolution_rad: Array  # (N,)
+
+    def __len__(self) -> int:
+        """Return N."""
+        return len(self.names)
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """Something in a program that a person must know before its positions are changed."""
+
+    line: int  # from 1; 0 for the whole file
+    code: str  # "position_register", "offset", "indirect", "relative", "computed", "vision", "foreign"
+    text: str  # what it is and what it means here, as a sentence
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """New coordinates for some positions of a program; everything else keeps every byte.
+
+    ``rows`` index `Positions`. What is None, and every row of NaN, stays as written. A configuration is the whole
+    text as the maker spells it.
+    """
+
+    rows: NDArray[np.int64]  # (K,)
+    frame_tip: Array | None = None  # (K, 4, 4) [m]
+    joints: Array | None = None  # (K, n) [rad or m]
+    configurations: Sequence[str] | None = None
+    user_frames: Sequence[str] | None = None  # only makers that write a frame's number at a position
+
+
+class ProgramFile(Protocol):
+    """One file of one brand, read without losing a byte."""
+
+    @property
+    def brand(self) -> str:
+        """Return the brand's package name: ``fanuc``, ``kuka``, ``abb``, ``universal_robots``, ``yaskawa``."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """Return the program's own name, as on the pendant."""
+        ...
+
+    @property
+    def positions(self) -> Positions:
+        """Return every recorded position."""
+        ...
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """Return what else in this program carries or changes positions."""
+        ...
+
+    @property
+    def frames(self) -> "Frames":
+        """Return the tools, user frames and kinematics that this file itself holds."""
+        ...
+
+    def to_bytes(self) -> bytes:
+        """Return the file; unchanged it is the bytes that were read."""
+        ...
+
+    def changed(self, change: Change) -> Self:
+        """Return the file with new coordinates in the number format of the old ones.
+
+        Raises
+        ------
+        ProgramFileError
+            A number that does not fit the format, a position that cannot take what is given, or is not finite.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """Tools and user frames by the name that positions use for them."""
+
+    base_frame: Mapping[str, Pose] = field(default_factory=dict)
+    flange_tip: Mapping[str, Pose] = field(default_factory=dict)
+    kinematics: RobotModel | None = None  # of the robot this file was taught on, where it says so (UR)
