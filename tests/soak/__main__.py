@@ -13,6 +13,7 @@ from tests.soak import (
     losses,
     motion_gate,
     outliers,
+    programs,
     stories,
     tcp,
     ur_fence,
@@ -43,6 +44,8 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "coverage": (coverage.coverage, 2000),
     "gate": (motion_gate.gate, 100_000),
     "cramer_rao": (cramer_rao.cramer_rao, 1000),
+    "programs_roundtrip": (programs.programs_roundtrip, 10_000),
+    "programs_mutated": (programs.programs_mutated, 100_000),
 }
 
 

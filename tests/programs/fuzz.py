@@ -1,0 +1,291 @@
+"""What every brand's reader must stand: its own files back byte by byte, points changed and nothing else, damage.
+
+A brand brings ``tests/programs/generate_<brand>.py`` (and, for a second kind of file, ``generate_<brand>_<kind>.py``)
+with ``generate(seed) -> bytes`` and ``SUFFIX``. A packed format also gives ``unpacked(data)`` and ``packed(text)``.
+
+The proof of "only coordinates changed" does not use the reader's spans: both files are cut into numbers and what is
+between them. Between them nothing may differ; numbers may differ on the lines of changed positions only, and not
+more of them than such a position has coordinates.
+"""
+
+import importlib
+import pkgutil
+import re
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from types import ModuleType
+
+import numpy as np
+
+import tests.programs
+from calibration.geometry import Array, exp_rotation, homogeneous
+from drivers.program_registry import BRANDS
+from drivers.programs.brands import ProgramBrand
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Change, Positions, ProgramFile
+from tests.programs.damage import mutate
+
+_NUMBER = re.compile(rb"[ \t]*[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_FLOOR_RAD = 3e-8  # what a rotation matrix of doubles can tell of an angle
+
+
+@dataclass
+class Tally:
+    """What a campaign saw."""
+
+    files: int = 0
+    positions: int = 0
+    refused: int = 0
+    located: int = 0  # refused with a line
+    changed: int = 0  # files that were read, changed and proved
+    slowest_s: float = 0.0
+    slowest_seed: int = -1
+    failures: list[str] = field(default_factory=list)
+
+    def took(self, seconds: float, seed: int) -> None:
+        if seconds > self.slowest_s:
+            self.slowest_s, self.slowest_seed = seconds, seed
+
+
+def same(data: bytes) -> bytes:
+    return data
+
+
+@dataclass(frozen=True)
+class Source:
+    """One generator of one brand's files."""
+
+    brand: ProgramBrand
+    name: str
+    generate: Callable[[int], bytes]
+    suffix: str
+    unpacked: Callable[[bytes], bytes] = same
+    packed: Callable[[bytes], bytes] = same
+
+
+def sources() -> list[Source]:
+    """Return every generator of every registered brand; a brand without one is an error."""
+    modules = [name for _, name, _ in pkgutil.iter_modules(tests.programs.__path__)]
+    found = []
+    for brand in BRANDS:
+        own = [
+            n for n in modules if n == f"generate_{brand.brand}" or n.startswith(f"generate_{brand.brand}_")
+        ]
+        if not own:
+            raise LookupError(
+                f"{brand.brand} is registered, but tests/programs/generate_{brand.brand}.py is not there"
+            )
+        found += [_source(brand, importlib.import_module(f"tests.programs.{name}")) for name in own]
+    return found
+
+
+def _source(brand: ProgramBrand, module: ModuleType) -> Source:
+    parts = vars(module)
+    return Source(
+        brand,
+        module.__name__.rpartition("generate_")[2],
+        parts["generate"],
+        parts["SUFFIX"],
+        parts.get("unpacked", same),
+        parts.get("packed", same),
+    )
+
+
+def roundtrip(
+    brand: ProgramBrand, generate: Callable[[int], bytes], seeds: Iterable[int], *, suffix: str = ""
+) -> Tally:
+    """Parse and print; the bytes and what the positions declare are checked."""
+    tally = Tally()
+    name = f"generated{suffix or brand.suffixes[0]}"
+    for seed in seeds:
+        data = generate(seed)
+        start = time.perf_counter()
+        try:
+            file = brand.read(name, data)
+            if file.to_bytes() != data:
+                tally.failures.append(f"seed {seed}: printed is not what was read")
+            check_positions(file.positions)
+            tally.positions += len(file.positions)
+        except Exception as error:
+            tally.failures.append(f"seed {seed}: {type(error).__name__}: {error}")
+        tally.took(time.perf_counter() - start, seed)
+        tally.files += 1
+    return tally
+
+
+def check_positions(positions: Positions) -> None:
+    """Assert that a reader's positions are what `Positions` declares."""
+    count = len(positions)
+    for values in (positions.kinds, positions.lines, positions.groups, positions.frame_tip, positions.joints):
+        assert len(values) == count
+    for values in (positions.user_frames, positions.tools, positions.configurations, positions.external):
+        assert len(values) == count
+    assert len(set(zip(positions.names, positions.groups.tolist(), strict=True))) == count, "a name twice"
+    assert positions.frame_tip.shape == (count, 4, 4)
+    assert (positions.lines >= 1).all()
+    kinds = np.array(positions.kinds, dtype=object)
+    assert set(positions.kinds) <= {CARTESIAN, JOINTS, UNTAUGHT}
+    finite = np.isfinite(positions.frame_tip).all(axis=(1, 2))
+    assert (finite == (kinds == CARTESIAN)).all(), "a pose where there is none, or none where there is one"
+    assert np.isnan(positions.frame_tip[~finite]).all()
+    assert np.isfinite(positions.joints[kinds == JOINTS]).any(axis=1).all()
+    assert not np.isinf(positions.joints).any()
+    assert not np.isinf(positions.external).any()
+    assert (positions.resolution_m > 0).all()
+    assert (positions.resolution_rad > 0).all()
+    rotation = positions.frame_tip[finite, :3, :3]
+    assert np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(initial=0.0) < 1e-9
+
+
+def token_invariant(
+    brand: ProgramBrand,
+    data: bytes,
+    seed: int,
+    *,
+    suffix: str = "",
+    unpacked: Callable[[bytes], bytes] = same,
+) -> bool:
+    """Change some positions and prove that nothing else changed; False where there is nothing to change.
+
+    Raises
+    ------
+    AssertionError
+        Something else changed, or the new file does not say what was asked.
+    ProgramFileError
+        The reader refused the file or the change.
+    """
+    name = f"generated{suffix or brand.suffixes[0]}"
+    file = brand.read(name, data)
+    change = some_change(file.positions, np.random.default_rng(seed))
+    if change is None:
+        return False
+    printed = file.changed(change).to_bytes()
+    assert file.to_bytes() == data, "changing a file changed the original"
+    only_coordinates_differ(unpacked(data), unpacked(printed), file.positions, change)
+    says_what_was_asked(file, brand.read(name, printed), change)
+    return True
+
+
+def some_change(positions: Positions, rng: np.random.Generator) -> Change | None:
+    """Return a rigid shift of some Cartesian positions and a shift of some joint positions."""
+    movable = np.flatnonzero(np.array([kind != UNTAUGHT for kind in positions.kinds], dtype=bool))
+    if not len(movable):
+        return None
+    rows = np.sort(rng.choice(movable, size=int(rng.integers(1, len(movable) + 1)), replace=False))
+    far, turn = ((0.005, 0.02), (0.5, 2.0), (1e-5, 0.0))[int(rng.integers(3))]
+    shift = homogeneous(exp_rotation(rng.normal(size=3) * turn), rng.normal(size=3) * far)
+    joints = positions.joints[rows]
+    return Change(
+        rows=rows,
+        frame_tip=shift @ positions.frame_tip[rows],  # NaN stays NaN
+        joints=joints + rng.normal(size=joints.shape) * turn if joints.size else None,
+    )
+
+
+def only_coordinates_differ(before: bytes, after: bytes, positions: Positions, change: Change) -> None:
+    """Assert that two files differ in coordinates of the changed positions only, by their tokens."""
+    assert _NUMBER.sub(b"\0", before) == _NUMBER.sub(b"\0", after), "something between the numbers changed"
+    differing = [
+        before.count(b"\n", 0, old.start(0) + len(old[0]) - len(old[0].lstrip())) + 1
+        for old, new in zip(_NUMBER.finditer(before), _NUMBER.finditer(after), strict=True)
+        if old[0] != new[0]
+    ]
+    order = np.argsort(positions.lines, kind="stable")
+    starts = positions.lines[order]
+    allowed: dict[int, int] = {}
+    per_position = 9 + positions.joints.shape[1]
+    for row in change.rows:
+        line = int(positions.lines[row])
+        allowed[line] = allowed.get(line, 0) + per_position
+    for line in differing:
+        place = int(np.searchsorted(starts, line, side="right")) - 1
+        start = int(starts[place]) if place >= 0 else 0
+        assert allowed.get(start, 0) > 0, f"a number on line {line} changed, which no changed position holds"
+        allowed[start] -= 1
+
+
+def says_what_was_asked(before: ProgramFile, after: ProgramFile, change: Change) -> None:
+    """Assert that changed positions read as asked, within the resolution, and all others as before."""
+    old, new = before.positions, after.positions
+    for this, that in (
+        (old.names, new.names),
+        (old.kinds, new.kinds),
+        (old.user_frames, new.user_frames),
+        (old.tools, new.tools),
+        (old.configurations, new.configurations),
+        (before.remarks, after.remarks),
+        (before.name, after.name),
+    ):
+        assert this == that
+    assert np.array_equal(old.lines, new.lines)
+    assert np.array_equal(old.groups, new.groups)
+    assert np.array_equal(old.external, new.external, equal_nan=True)
+    rest = np.setdiff1d(np.arange(len(old)), change.rows)
+    assert np.array_equal(old.frame_tip[rest], new.frame_tip[rest], equal_nan=True), (
+        "an untouched pose changed"
+    )
+    assert np.array_equal(old.joints[rest], new.joints[rest], equal_nan=True), "untouched joints changed"
+    if change.frame_tip is not None:
+        _poses_agree(new.frame_tip[change.rows], change.frame_tip, old, change)
+    if change.joints is not None:
+        step = np.maximum(old.resolution_rad, old.resolution_m)[change.rows, None]
+        far = np.abs(new.joints[change.rows] - change.joints)
+        assert np.array_equal(np.isnan(new.joints[change.rows]), np.isnan(change.joints))
+        slack = 1e-12 * np.maximum(1.0, np.abs(change.joints))
+        assert not (far > 0.5 * step * (1 + 1e-6) + slack).any(), "joints are not what was asked"
+
+
+def _poses_agree(said: Array, asked: Array, old: Positions, change: Change) -> None:
+    assert np.array_equal(np.isnan(said), np.isnan(asked))
+    off = np.abs(said[:, :3, 3] - asked[:, :3, 3])
+    size = np.maximum(1.0, np.linalg.norm(asked[:, :3, 3], axis=1))
+    allowed = 0.5 * old.resolution_m[change.rows] * (1 + 1e-6) + 1e-12 * size
+    assert not (off > allowed[:, None]).any(), "a position is not where it was asked to be"
+    chord = np.linalg.norm((said - asked)[:, :3, :3].reshape(-1, 9), axis=1) / np.sqrt(2.0)
+    assert not (chord > 1.5 * old.resolution_rad[change.rows] + _FLOOR_RAD).any(), (
+        "an orientation is not as asked"
+    )
+
+
+def mutated(
+    brand: ProgramBrand,
+    generate: Callable[[int], bytes],
+    seeds: Iterable[int],
+    *,
+    suffix: str = "",
+    unpacked: Callable[[bytes], bytes] = same,
+    packed: Callable[[bytes], bytes] = same,
+) -> Tally:
+    """Damage files: each is refused with a sentence, or read with every byte and every point kept."""
+    tally = Tally()
+    name = f"generated{suffix or brand.suffixes[0]}"
+    for seed in seeds:
+        inside = unpacked is not same and seed % 2 == 0
+        whole = generate(seed // 4)
+        data = packed(mutate(unpacked(whole), seed)) if inside else mutate(whole, seed)
+        start = time.perf_counter()
+        try:
+            file = brand.read(name, data)
+            tally.took(time.perf_counter() - start, seed)
+            assert file.to_bytes() == data, "printed is not what was read"
+            check_positions(file.positions)
+            tally.positions += len(file.positions)
+            tally.changed += token_invariant(brand, data, seed, suffix=suffix, unpacked=unpacked)
+        except ProgramFileError as error:
+            tally.refused += 1
+            tally.located += error.line > 0
+            if error.file != name or not str(error).startswith(name) or error.line < 0:
+                tally.failures.append(f"seed {seed}: the error does not say where: {error}")
+        except Exception as error:
+            tally.failures.append(f"seed {seed}: {type(error).__name__}: {error}")
+        tally.took(time.perf_counter() - start, seed)
+        tally.files += 1
+    return tally
+
+
+def blocks(count: int, size: int) -> Iterator[range]:
+    """Yield ``range(count)`` in pieces, for progress."""
+    edges = [*range(0, count, size), count]
+    yield from (range(first, last) for first, last in pairwise(edges))

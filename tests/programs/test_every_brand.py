@@ -1,0 +1,40 @@
+"""A slice of the campaigns of ``make soak``, for every brand that is registered."""
+
+import pytest
+
+from tests.programs.fuzz import Source, mutated, roundtrip, sources, token_invariant
+
+_SOURCES = sources()
+
+
+@pytest.mark.parametrize("source", _SOURCES, ids=lambda source: source.name)
+def test_a_file_is_printed_as_it_was_read(source: Source):
+    tally = roundtrip(source.brand, source.generate, range(150), suffix=source.suffix)
+    assert not tally.failures
+    assert tally.positions > 150
+
+
+@pytest.mark.parametrize("source", _SOURCES, ids=lambda source: source.name)
+def test_a_changed_position_changes_its_coordinates_and_nothing_else(source: Source):
+    proved = [
+        token_invariant(
+            source.brand, source.generate(seed), seed, suffix=source.suffix, unpacked=source.unpacked
+        )
+        for seed in range(100)
+    ]
+    assert sum(proved) >= 50
+
+
+@pytest.mark.parametrize("source", _SOURCES, ids=lambda source: source.name)
+def test_a_damaged_file_is_refused_or_kept_to_the_last_byte(source: Source):
+    tally = mutated(
+        source.brand,
+        source.generate,
+        range(600),
+        suffix=source.suffix,
+        unpacked=source.unpacked,
+        packed=source.packed,
+    )
+    assert not tally.failures
+    assert tally.refused > 30
+    assert tally.changed > 30

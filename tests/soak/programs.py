@@ -1,0 +1,83 @@
+"""Program files by the ten thousand: printed as read, and damaged in every way, for every brand."""
+
+import sys
+import time
+
+from tests.programs.fuzz import Source, Tally, blocks, mutated, roundtrip, sources, token_invariant
+from tests.soak.figures import Figures
+
+_BLOCK = 2000
+_SLOWEST_S = 1.0
+
+
+def programs_roundtrip(count: int) -> Figures:
+    """Parse and print ``count`` generated files a generator; every tenth is also changed and compared."""
+    words, reached = [], True
+    for source in sources():
+        tally = roundtrip(source.brand, source.generate, range(count), suffix=source.suffix)
+        proved, wrong = _changed(source, count // 10)
+        reached &= not tally.failures and not wrong
+        words.append(
+            f"{source.name} {tally.files - len(tally.failures)} of {tally.files} files byte-identical "
+            f"({tally.positions} positions), {proved} changed in coordinates only, {len(wrong)} otherwise"
+        )
+        _tell(tally.failures + wrong)
+    return Figures("programs_roundtrip: " + "; ".join(words), reached)
+
+
+def _changed(source: Source, count: int) -> tuple[int, list[str]]:
+    proved, wrong = 0, []
+    for seed in range(count):
+        try:
+            data = source.generate(seed)
+            proved += token_invariant(
+                source.brand, data, seed, suffix=source.suffix, unpacked=source.unpacked
+            )
+        except Exception as error:
+            wrong.append(f"{source.name} seed {seed}: {type(error).__name__}: {error}")
+    return proved, wrong
+
+
+def programs_mutated(count: int) -> Figures:
+    """Read ``count`` damaged files a generator: refused, or kept with every byte and every point."""
+    words, reached = [], True
+    for source in sources():
+        total = Tally()
+        for seeds in blocks(count, _BLOCK):
+            _add(total, _mutants(source, seeds))
+            sys.stderr.write(f"{time.strftime('%H:%M:%S')} {source.name} {seeds.stop} of {count}\n")
+        reached &= not total.failures and total.slowest_s < _SLOWEST_S
+        words.append(
+            f"{source.name} {total.files} damaged files: {len(total.failures)} crashes or changed points, "
+            f"{total.refused} refused ({total.located} with a line), "
+            f"{total.changed} read and changed in coordinates only, "
+            f"slowest {total.slowest_s:.2f} s (seed {total.slowest_seed})"
+        )
+        _tell(total.failures)
+    return Figures("programs_mutated: " + "; ".join(words), reached)
+
+
+def _mutants(source: Source, seeds: range) -> Tally:
+    return mutated(
+        source.brand,
+        source.generate,
+        seeds,
+        suffix=source.suffix,
+        unpacked=source.unpacked,
+        packed=source.packed,
+    )
+
+
+def _add(total: Tally, part: Tally) -> None:
+    total.files += part.files
+    total.positions += part.positions
+    total.refused += part.refused
+    total.located += part.located
+    total.changed += part.changed
+    total.failures += part.failures
+    total.took(part.slowest_s, part.slowest_seed)
+
+
+def _tell(failures: list[str]) -> None:
+    for failure in failures[:20]:
+        sys.stderr.write(f"  {failure[:300]}\n")
