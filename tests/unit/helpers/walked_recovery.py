@@ -8,7 +8,7 @@ import numpy as np
 from calibration.mastering.recovery_walk import WalkPlanner, nearby_joints
 from calibration.mastering.turn_recovery import TurnRecovery, verification_power, verify_recovery
 from calibration.motion.motion_check import allowed_postures
-from tests.unit.helpers.recovery_cases import LIMITS, MODEL, PRIOR, Loss, healthy_record, kit, lose
+from tests.unit.helpers.recovery_cases import DRIVE, LIMITS, MODEL, PRIOR, Loss, healthy_record, kit, lose
 from tests.unit.helpers.wire_world import WireWorld
 
 FIRST, MOST, CHECKS, MOST_CHECKS = 12, 30, 4, 8  # as a MasteringRecoverySpec has them
@@ -107,6 +107,7 @@ def _candidates(here):
 def _checked(loss, found, poses):
     if not found.accepted:
         return found
+    poses, back = _corrected(loss, found, poses)
     candidates = _candidates(poses[-1])
     apart = np.abs(candidates[:, None] - np.array(poses)[None]).max(axis=2).min(axis=1)
     candidates = candidates[apart > 0.02]
@@ -114,10 +115,16 @@ def _checked(loss, found, poses):
     shown, checks, here, count = np.zeros(power.shape[1]), [], poses[-1], CHECKS
     while True:  # checks that are added look for what the earlier ones could not show
         chosen = planner(loss.record).quick_checks(here, candidates, power, shown, count)
-        checks += loss.capture(candidates[chosen])
+        checks += loss.capture(candidates[chosen] - back)
         shown, here, count = np.maximum(shown, power[chosen].max(axis=0)), candidates[chosen[-1]], 2
         verified = verify_recovery(MODEL, loss.record, found, checks)
         failed = {check.name for check in verified.gate if not check.passed}
         if failed != {"verification power"} or len(checks) >= MOST_CHECKS:
             return verified
         candidates, power = np.delete(candidates, chosen, axis=0), np.delete(power, chosen, axis=0)
+
+
+def _corrected(loss, found, poses):
+    """Return the poses by the recovered zero, and how far they were off: checks are gone to by that zero."""
+    back = DRIVE.radians_per_turn() @ (np.array(found.offset_turns) - loss.provisional)
+    return [*(np.array(poses) + back)], back
