@@ -7,8 +7,10 @@ is left, seen by forward kinematics at the very joints that are returned.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +20,9 @@ from calibration.compensation.bounded_steps import Search
 from calibration.compensation.damped_solve import damped_step
 from calibration.compensation.pose_gap import Arm, Flags, Gap, Target, gap_between
 from calibration.errors import CalibrationError
-from calibration.geometry import Array
+from calibration.geometry import Array, is_rigid
+
+Rows: TypeAlias = slice | NDArray[np.intp]
 
 _BLOCK = 2048  # postures at once: large enough for numpy, small enough for the cache
 _QUICK_STEPS = 5
@@ -125,15 +129,51 @@ def compensate(
     moved, followed = (_as_arm(arm) for arm in arms[Direction(direction)])
     start = np.asarray(joints_rad, dtype=float)
     _check(moved, followed, start, limits)
+    return _solved(moved, lambda rows: Target.of(followed, start[rows].T), start, limits)
+
+
+def reach_poses(
+    arm: Arm | RobotModel,
+    base_tip: Array,
+    start_rad: Array,
+    *,
+    limits: CompensationLimits = CompensationLimits(),
+) -> Compensation:
+    """Find the joints that bring an arm's tip to poses (N, 4, 4) [m], from postures near by (N, n) [rad].
+
+    As `compensate`, with poses in place of the other arm.
+
+    Raises
+    ------
+    CalibrationError
+        Joints of another shape or not finite, poses that are not rigid, tolerances not positive.
+    """
+    moved, start = _as_arm(arm), np.asarray(start_rad, dtype=float)
+    _check(moved, moved, start, limits)
+    if base_tip.shape != (len(start), 4, 4) or (len(start) and not is_rigid(base_tip)):
+        raise CalibrationError(f"poses must be rigid transforms ({len(start)}, 4, 4), not {base_tip.shape}")
+
+    def target(rows: Rows) -> Target:
+        poses = base_tip[rows]
+        axes = np.ascontiguousarray(poses[:, :3, :3].transpose(2, 1, 0))
+        return Target(axes, np.ascontiguousarray(poses[:, :3, 3].T))
+
+    return _solved(moved, target, start, limits)
+
+
+def _solved(
+    moved: Arm, target: Callable[[Rows], Target], start: Array, limits: CompensationLimits
+) -> Compensation:
     outcome = _Outcome.empty(np.ascontiguousarray(start.T))
     rest = np.zeros(len(start), dtype=bool)
     for first in range(0, len(start), _BLOCK):
         block = slice(first, first + _BLOCK)
-        rest[block] = _go_quickly(moved, followed, outcome.of(block), limits)
+        rest[block] = _go_quickly(moved, target(block), outcome.of(block), limits)
     # Together, because many steps of a few points cost as much as many steps of a block.
     left = np.flatnonzero(rest)
     for first in range(0, len(left), _BLOCK):
-        _go_carefully(moved, followed, outcome, left[first : first + _BLOCK], limits)
+        rows = left[first : first + _BLOCK]
+        _go_carefully(moved, target(rows), outcome, rows, limits)
     return Compensation(
         np.ascontiguousarray(outcome.joints.T),
         outcome.status,
@@ -177,10 +217,9 @@ class _Outcome:
         self.angle_rad[rows] = gap.angle_rad[chosen]
 
 
-def _go_quickly(moved: Arm, followed: Arm, outcome: _Outcome, limits: CompensationLimits) -> Flags:
+def _go_quickly(moved: Arm, target: Target, outcome: _Outcome, limits: CompensationLimits) -> Flags:
     """Take a few Newton steps for all points of a block, and return which ones need more care."""
     joints = outcome.start
-    target = Target.of(followed, joints)
     rows = np.arange(joints.shape[1])
     for step in range(_QUICK_STEPS + 1):
         gap = gap_between(moved, joints, target)
@@ -212,7 +251,7 @@ def _quick_step(arm: Arm, gap: Gap, limits: CompensationLimits) -> Array:
 
 
 def _go_carefully(
-    moved: Arm, followed: Arm, outcome: _Outcome, rows: NDArray[np.intp], limits: CompensationLimits
+    moved: Arm, target: Target, outcome: _Outcome, rows: NDArray[np.intp], limits: CompensationLimits
 ) -> None:
     """Search inside the box of joint limits and branch, and say what was in the way."""
     start = outcome.start[:, rows]
@@ -220,7 +259,7 @@ def _go_carefully(
     # A point that comes in from beyond a limit may stay there: it will say so.
     low = np.minimum(np.maximum(lower, start - limits.branch_rad), start)
     high = np.maximum(np.minimum(upper, start + limits.branch_rad), start)
-    search = Search.begin(moved, Target.of(followed, start), start.copy(), (low, high))
+    search = Search.begin(moved, target, start.copy(), (low, high))
     search.run(limits)
     outcome.store(rows, search.joints, search.gap, slice(None))
     outcome.steps[rows] = search.steps

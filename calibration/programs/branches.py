@@ -1,0 +1,215 @@
+"""All postures of an arm of six joints that reach given poses: up to eight, in closed form.
+
+Two families cover the arms of this trade: joints 2 and 3 parallel with a wrist whose axes meet in one point, and
+joints 2, 3 and 4 parallel (Universal Robots). Nothing is known of the arm but its axes at zero, so that signs,
+couplings and frames of any maker are met alike.
+
+References
+----------
+M. Brandstötter, A. Angerer, M. Hofbaur, An Analytical Solution of the Inverse Kinematics Problem of Industrial
+Serial Manipulators with an Ortho-parallel Basis and a Spherical Wrist, Austrian Robotics Workshop, 2014.
+K. P. Hawkins, Analytic Inverse Kinematics for the Universal Robots UR-5/UR-10 Arms, Georgia Tech, 2013.
+Written here with rotations about the axes at zero: R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction
+to Robotic Manipulation, 1994, section 3.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel, turned_frames
+from calibration.errors import CalibrationError
+from calibration.geometry import Array, inverse_transform
+
+BRANCHES = 8
+_PARALLEL = 1e-6  # of unit vectors' products
+_MEET_M = 1e-6
+_TOUCHES = 1e-9  # how far beyond its reach a pose may be by rounding, as a cosine
+
+
+@dataclass(frozen=True, eq=False)
+class AxesAtZero:
+    """The axes of an arm with all DH angles zero, seen from the base."""
+
+    model: RobotModel
+    axes: Array  # (6, 3) unit
+    origins_m: Array  # (6, 3) a point of each
+    base_flange: Array  # (4, 4)
+    centre_m: Array  # (3,) where the wrist's axes meet: 4, 5 and 6, or 5 and 6
+    parallel_wrist: bool  # joint 4 is parallel to 2 and 3
+
+    @classmethod
+    def of(cls, model: RobotModel) -> Self:
+        """Find the axes of a nominal arm, and the family it is of.
+
+        Raises
+        ------
+        CalibrationError
+            An arm of neither family.
+        """
+        if model.axes != 6:
+            raise CalibrationError(
+                f"{model.name} has {model.axes} joints: postures are told apart for six only"
+            )
+        rotations, origins = turned_frames(model.placements, np.zeros((6, 1)))
+        axes, points = rotations[:-1, :, 2, 0], origins[:-1, :, 0]
+        base_flange = np.eye(4)
+        base_flange[:3, :3], base_flange[:3, 3] = rotations[-1, :, :, 0], origins[-1, :, 0]
+        square = [abs(axes[i] @ axes[j]) for i, j in ((0, 1), (3, 4), (4, 5))]
+        in_line = [float(np.linalg.norm(np.cross(axes[1], axes[j]))) for j in (2, 3)]
+        if max(*square, in_line[0]) > _PARALLEL:
+            raise _neither(model)
+        parallel_wrist = in_line[1] <= _PARALLEL
+        centre, apart = _meeting(points[4], axes[4], points[5], axes[5])
+        off_fourth = float(np.linalg.norm(np.cross(centre - points[3], axes[3])))
+        if apart > _MEET_M or (not parallel_wrist and off_fourth > _MEET_M):
+            raise _neither(model)
+        return cls(model, axes, points, base_flange, centre, parallel_wrist)
+
+
+def all_branches(zero: AxesAtZero, base_flange: Array) -> Array:
+    """Return every posture that brings the flange to given poses.
+
+    Parameters
+    ----------
+    zero : AxesAtZero
+        Of the nominal arm; an arm near to it is met by a step or two from here.
+    base_flange : (N, 4, 4)
+        Finite rigid transforms [m].
+
+    Returns
+    -------
+    joints_rad : (8, N, 6)
+        What the controller shows, each DH angle within half a turn of its zero; NaN where a branch does not reach.
+        In a singularity one posture of the many.
+    """
+    wanted = base_flange @ inverse_transform(zero.base_flange)
+    centre = wanted[:, :3, :3] @ zero.centre_m + wanted[:, :3, 3]
+    angles = np.empty((BRANCHES, 6, len(base_flange)))
+    with np.errstate(invalid="ignore"):
+        for i, first in enumerate(_first_angles(zero, centre)):
+            after_first = _turn(zero.axes[0], -first) @ wanted[:, :3, :3]
+            at = _about(zero.origins_m[0], zero.axes[0], -first, centre)
+            place = _about(zero.origins_m[0], zero.axes[0], -first, wanted[:, :3, 3])
+            solve = _parallel_arm if zero.parallel_wrist else _wristed_arm
+            block = angles[4 * i : 4 * i + 4]
+            block[:, 0] = first
+            solve(zero, after_first, at, place, block)
+    centred = np.remainder(angles - zero.model.theta0_rad[:, None] + np.pi, 2 * np.pi) - np.pi
+    back = np.linalg.inv(zero.model.joint_coupling)
+    return np.ascontiguousarray((back @ centred).swapaxes(1, 2))
+
+
+def _wristed_arm(zero: AxesAtZero, turn: Array, centre: Array, place: Array, out: Array) -> None:
+    """Solve joints 2 to 6 of an arm with a wrist; ``out`` is (4, 6, N)."""
+    for i, (second, third) in enumerate(_two_links(zero, centre, zero.centre_m)):
+        before = _turn(zero.axes[1], -(second + third * (zero.axes[1] @ zero.axes[2]))) @ turn
+        for j, wrist in enumerate(_wrist_angles(zero.axes[3], zero, before)):
+            out[2 * i + j, 1], out[2 * i + j, 2] = second, third
+            out[2 * i + j, 3:] = wrist
+
+
+def _parallel_arm(zero: AxesAtZero, turn: Array, centre: Array, place: Array, out: Array) -> None:
+    """Solve joints 2 to 6 of an arm with three parallel joints; ``out`` is (4, 6, N)."""
+    e, signs = zero.axes[1], zero.axes[1:4] @ zero.axes[1]
+    for i, (whole, fifth, sixth) in enumerate(_wrist_angles(e, zero, turn)):
+        inner = _back_through_wrist(zero, fifth, sixth)
+        end = (turn @ inner[:, :, None])[:, :, 0] + place
+        for j, (second, third) in enumerate(_two_links(zero, end, zero.origins_m[3])):
+            row = out[2 * i + j]
+            row[1], row[2], row[4], row[5] = second, third, fifth, sixth
+            row[3] = (whole - signs[0] * second - signs[1] * third) * signs[2]
+
+
+def _back_through_wrist(zero: AxesAtZero, fifth: Array, sixth: Array) -> Array:
+    """Return where the origin of joint 4 is before joints 5 and 6 turned: (E5 E6)^-1 o4, (N, 3)."""
+    point = _about(
+        zero.origins_m[4], zero.axes[4], -fifth, np.broadcast_to(zero.origins_m[3], (len(fifth), 3))
+    )
+    return _about(zero.origins_m[5], zero.axes[5], -sixth, point)
+
+
+def _first_angles(zero: AxesAtZero, centre: Array) -> tuple[Array, Array]:
+    """Return the two turns of joint 1 that bring the wrist's centre into the plane in which joints 2 and 3 move."""
+    z, e, start = zero.axes[0], zero.axes[1], zero.origins_m[0]
+    beside = float(e @ (zero.centre_m - start))
+    away = centre - start
+    along, across = away @ e, away @ np.cross(z, e)
+    half = _arc_cosine(beside / np.hypot(along, across))
+    middle = np.arctan2(across, along)
+    return middle + half, middle - half
+
+
+def _two_links(zero: AxesAtZero, end: Array, end_at_zero: Array) -> tuple[tuple[Array, Array], ...]:
+    """Return both ways in which joints 2 and 3 bring the end of the second link to places (N, 3)."""
+    e = zero.axes[1]
+    x = zero.axes[0]  # square to e
+    plane = np.stack([x, np.cross(e, x)])
+    shoulder, elbow, tip = (plane @ p for p in (zero.origins_m[1], zero.origins_m[2], end_at_zero))
+    upper, fore = elbow - shoulder, tip - elbow
+    lengths = float(np.linalg.norm(upper)), float(np.linalg.norm(fore))
+    away = end @ plane.T - shoulder
+    reach = (away**2).sum(axis=1)
+    bend = _arc_cosine((reach - lengths[0] ** 2 - lengths[1] ** 2) / (2 * lengths[0] * lengths[1]))
+    bent_at_zero = np.arctan2(upper[0] * fore[1] - upper[1] * fore[0], upper @ fore)
+    sign = float(zero.axes[2] @ e)
+    found = []
+    for angle in (bend, -bend):
+        turned = angle - bent_at_zero
+        cos, sin = np.cos(turned), np.sin(turned)
+        span = np.stack([upper[0] + cos * fore[0] - sin * fore[1], upper[1] + sin * fore[0] + cos * fore[1]])
+        second = np.arctan2(away[:, 1], away[:, 0]) - np.arctan2(span[1], span[0])
+        found.append((second, turned * sign))
+    return tuple(found)
+
+
+def _wrist_angles(first: Array, zero: AxesAtZero, turn: Array) -> tuple[Array, Array]:
+    """Return both (3, N) triples of turns about ``first``, axis 5 and axis 6 that make the rotations (N, 3, 3)."""
+    z5, z6 = zero.axes[4], zero.axes[5]
+    side = np.cross(z5, first)
+    seen = turn @ z6
+    opening = np.arctan2(np.hypot(seen @ side, seen @ z5), seen @ first)
+    at_zero = np.arctan2(float(z6 @ side), float(z6 @ first))
+    found = []
+    for angle, sign in ((opening, 1.0), (-opening, -1.0)):
+        fourth = np.arctan2(sign * (seen @ z5), sign * (seen @ side))
+        fifth = angle - at_zero
+        rest = _turn(z5, -fifth) @ (_turn(first, -fourth) @ (turn @ z5)[:, :, None])
+        sixth = np.arctan2(rest[:, :, 0] @ np.cross(z6, z5), rest[:, :, 0] @ z5)
+        found.append(np.stack([fourth, fifth, sixth]))
+    return found[0], found[1]
+
+
+def _turn(axis: Array, angle: Array) -> Array:
+    """Return (N, 3, 3): turns about one unit axis, by Rodrigues' formula."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sin, cos = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    turn: Array = cos * np.eye(3) + sin * cross + (1 - cos) * np.outer(axis, axis)
+    return turn
+
+
+def _about(point: Array, axis: Array, angle: Array, places: Array) -> Array:
+    """Return places (N, 3) turned about a line."""
+    turned: Array = (_turn(axis, angle) @ (places - point)[..., None])[..., 0] + point
+    return turned
+
+
+def _arc_cosine(value: Array) -> Array:
+    """Return the arc cosine; NaN beyond rounding, where the arm does not reach."""
+    return np.arccos(np.where(np.abs(value) <= 1 + _TOUCHES, np.clip(value, -1.0, 1.0), np.nan))
+
+
+def _meeting(p: Array, a: Array, q: Array, b: Array) -> tuple[Array, float]:
+    """Return the point of line (p, a) nearest to line (q, b), and their distance; the lines are square."""
+    point = p + a * (a @ (q - p))
+    return point, float(np.linalg.norm(np.cross(point - q, b)))
+
+
+def _neither(model: RobotModel) -> CalibrationError:
+    return CalibrationError(
+        f"{model.name}: its postures cannot be told apart in closed form: joints 2 and 3 are not parallel, or the "
+        "wrist is of neither family.",
+        remedy="Give the joints of every position.",
+    )
