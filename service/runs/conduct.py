@@ -18,7 +18,7 @@ from drivers.interfaces import Answer, Instruction, Operator, Question
 from procedures.canonical import alike
 from procedures.catalogue import entry_named
 from procedures.cell import Cell, Fingerprint, MotionMemory, fingerprint
-from procedures.entry import Entry, refuse_unmet
+from procedures.entry import Entry, Phase, refuse_unmet
 from procedures.past import Kind, Past
 from procedures.progress import Gate, Progress, ignore
 from procedures.run import (
@@ -37,6 +37,7 @@ from service.runs.store import RunView, Store, stored_body
 _log = logging.getLogger(__name__)
 FREE_BYTES = 200_000_000
 OnEvent = Callable[[Progress], None]
+OnBegin = Callable[[str, tuple[Phase, ...]], None]
 
 
 class Verdict(StrEnum):
@@ -64,11 +65,16 @@ class Outcome:
     judgement: Any = None  # what a finished procedure claims (procedures/verdict.py), as JSON values
 
 
+def _nobody_asks(run_id: str, phases: tuple[Phase, ...]) -> None:
+    """Tell nobody that a run began."""
+
+
 @dataclass(frozen=True, slots=True)
 class Conditions:
     """How a run is watched and who answers for it."""
 
     on_event: OnEvent = ignore
+    on_begin: OnBegin = _nobody_asks  # its id and outline, once it stands in the journal
     gate: Gate | None = None
     actor: str = "service"
     free_bytes: int = FREE_BYTES
@@ -124,6 +130,7 @@ async def run_procedure(
             **software(),
         }
         journal.append(run_id, Kind.STARTED, header, key="started", actor=how.actor)
+        how.on_begin(run_id, entry.outline(spec))
         return await _Conductor(cell, entry, journal, run_id, how).conduct(spec, Past())
 
 
@@ -153,6 +160,7 @@ async def resume(
         view = Store(journal).run(run_id)  # its holder may have gone on until the lease was ours
         body = {"cell": to_jsonable_python(now), **software()}
         journal.append(run_id, Kind.RESUMED, body, actor=how.actor)
+        how.on_begin(run_id, entry.outline(spec))
         return await _Conductor(cell, entry, journal, run_id, how).conduct(spec, view.past)
 
 

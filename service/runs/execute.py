@@ -8,7 +8,7 @@ from procedures.cell import Cell
 from procedures.progress import ignore
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import lend_record, open_cell, open_journal
-from service.runs.conduct import OnEvent, Outcome, Verdict, resume, run_procedure
+from service.runs.conduct import Conditions, OnEvent, Outcome, Verdict, resume, run_procedure
 from service.runs.redo import discard_from
 from service.runs.specs import build_spec
 from service.runs.store import Store
@@ -29,13 +29,8 @@ class Where:
 
 async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outcome:
     """Run a procedure from its beginning."""
-    with open_journal(where.config) as journal:
-        async with open_cell(where.config, where.operator, where.robot) as cell:
-            spec = build_spec(where.config, cell.robot.name, procedure, settings)
-            lent = await lend_record(cell, journal)
-            outcome = await run_procedure(lent, procedure, spec, journal, where.on_event)
-            await _remember(where.config, cell, outcome)
-            return outcome
+    async with open_cell(where.config, where.operator, where.robot) as cell:
+        return await start_on(where.config, cell, procedure, settings, Conditions(where.on_event))
 
 
 async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outcome:
@@ -46,15 +41,34 @@ async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outc
     DeclinedError
         The person did not agree to what would be discarded; nothing was.
     """
-    with open_journal(where.config) as journal:
-        async with open_cell(where.config, where.operator, where.robot) as cell:
-            lent = await lend_record(cell, journal)
-            run_id = Store(journal).newest(run_id)
-            if redo_from is not None:
-                await discard_from(where.operator, journal, run_id, redo_from)
-            outcome = await resume(lent, run_id, journal, where.on_event)
-            await _remember(where.config, cell, outcome)
-            return outcome
+    async with open_cell(where.config, where.operator, where.robot) as cell:
+        return await go_on_with(where.config, cell, run_id, Conditions(where.on_event), redo_from=redo_from)
+
+
+async def start_on(
+    config: CellConfig, cell: Cell, procedure: str, settings: dict[str, Any], how: Conditions
+) -> Outcome:
+    """Run a procedure on a cell that is connected already."""
+    with open_journal(config) as journal:
+        spec = build_spec(config, cell.robot.name, procedure, settings)
+        lent = await lend_record(cell, journal)
+        outcome = await run_procedure(lent, procedure, spec, journal, how=how)
+        await _remember(config, cell, outcome)
+        return outcome
+
+
+async def go_on_with(
+    config: CellConfig, cell: Cell, run_id: str, how: Conditions, *, redo_from: str | None = None
+) -> Outcome:
+    """Resume a run on a cell that is connected already; as `go_on`."""
+    with open_journal(config) as journal:
+        lent = await lend_record(cell, journal)
+        run_id = Store(journal).newest(run_id)
+        if redo_from is not None:
+            await discard_from(cell.operator, journal, run_id, redo_from)
+        outcome = await resume(lent, run_id, journal, how=how)
+        await _remember(config, cell, outcome)
+        return outcome
 
 
 async def _remember(config: CellConfig, cell: Cell, outcome: Outcome) -> None:

@@ -1,0 +1,335 @@
+"""The desk: one cell, its devices, and at most one run, for any number of screens.
+
+It owns the run; screens own nothing. What it says is whole each time (`session`), so that a screen that was away
+needs one message to be right again. ``rev`` grows with every change that a decision depends on: an order made for
+an older one is refused.
+"""
+
+import asyncio
+import logging
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, cast
+
+from pydantic_core import to_jsonable_python
+
+from calibration.errors import CellError
+from drivers.interfaces import JogsAxes, Readiness, Robot
+from procedures.catalogue import entry_named
+from procedures.cell import Cell
+from procedures.entry import Phase
+from procedures.progress import Gate, Progress
+from service.certificates.certificate import issue
+from service.configuration.cell_file import CellConfig
+from service.desk.asking import DeskOperator
+from service.desk.held import HeldRobot, Hold
+from service.desk.live import Glance, SharedGauge
+from service.desk.memory import UnderWay
+from service.desk.messages import (
+    UNGUARDED,
+    AnswerIt,
+    Command,
+    Decline,
+    Dismiss,
+    GoOn,
+    Pause,
+    Resume,
+    SelectRobot,
+    Start,
+    Stop,
+)
+from service.desk.messages import (
+    Hold as HoldOrder,
+)
+from service.desk.running import Running
+from service.desk.watching import DeskWatch
+from service.runs.cell import open_cell, open_journal
+from service.runs.conduct import Conditions, Outcome
+from service.runs.execute import go_on_with, start_on
+from service.runs.store import Store
+
+_log = logging.getLogger(__name__)
+Tell = Callable[[str, dict[str, Any]], None]  # "session" or "live", and its content
+PERIOD_S = 0.1
+_RETRY_S = 2.0
+_REPLIES_KEPT = 1000
+
+
+class DeskError(CellError):
+    """An order that the desk does not obey just now."""
+
+    code = "desk.refused"
+
+
+class Desk:
+    """One cell at work. `attend` keeps the devices and shows them; `obey` does what a screen orders."""
+
+    def __init__(
+        self, config: CellConfig, tell: Tell, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._config, self._tell, self._clock = config, tell, clock
+        self._operator = DeskOperator(self._decided)
+        self._hold = Hold(self._decided)
+        self._gate = Gate()
+        self._watch = DeskWatch(config, self._decided)
+        self._under_way = UnderWay(config.cell.data_dir)
+        self._robot = config.robots[0].name
+        self._cell: Cell | None = None
+        self._trouble = "connecting"
+        self._remedy = ""
+        self._run: Running | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._replies: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        self._leave = asyncio.Event()
+        self.rev = int(time.time() * 1000)  # a restart never repeats one
+
+    # what screens see
+
+    def session(self) -> dict[str, Any]:
+        """Return everything that is not a live value."""
+        run, prompt = self._run, self._operator.prompt
+        return {
+            "rev": self.rev,
+            "cell": self._config.cell.name,
+            "robots": [
+                {"name": robot.name, "model": robot.model, "serial": robot.serial}
+                for robot in self._config.robots
+            ],
+            "robot": self._robot,
+            "level": self._config.motion_of(self._robot).level.value,
+            "connection": {
+                "connected": self._cell is not None,
+                "message": self._trouble,
+                "remedy": self._remedy,
+            },
+            "run": None if run is None else run.as_json(),
+            "prompt": None if prompt is None else prompt.as_json(),
+            "waits_for_hold": self._hold.waiting,
+            "losses": self._watch.as_json(),
+        }
+
+    def _decided(self) -> None:
+        self.rev += 1
+        self._show()
+
+    def _show(self) -> None:
+        self._tell("session", self.session())
+
+    # devices
+
+    async def attend(self) -> None:
+        """Keep the devices connected and show them, until cancelled. What was under way goes on by itself."""
+        try:
+            while True:
+                self._leave.clear()
+                await self._attend_once()
+                self._decided()
+                await asyncio.sleep(0.0 if self._leave.is_set() else _RETRY_S)
+        finally:
+            await self._end_run()
+
+    async def _attend_once(self) -> None:
+        try:
+            async with open_cell(self._config, self._operator, self._robot) as cell:
+                self._cell, self._trouble, self._remedy = self._shared(cell), "", ""
+                self._decided()
+                self._go_on_where_it_broke_off()
+                await self._look_until_left(self._cell)
+        except CellError as error:
+            if error.message != self._trouble:
+                _log.warning("the cell cannot be used: %s", error)
+            self._trouble, self._remedy = error.message, error.remedy
+        finally:
+            self._cell = None
+            await self._end_run()
+
+    def _shared(self, cell: Cell) -> Cell:
+        robot: Any = HeldRobot(cell.robot, self._hold)
+        return replace(
+            cell,
+            robot=cast(Robot, robot),
+            jogs=None if cell.jogs is None else cast(JogsAxes, robot),
+            gauge=None if cell.gauge is None else cast(Any, SharedGauge(cell.gauge)),
+            dial=None if cell.dial is None else cast(Any, SharedGauge(cell.dial)),
+        )
+
+    async def _look_until_left(self, cell: Cell) -> None:
+        glance, gone_since_s = Glance(cell, clock=self._clock), None
+        while not self._leave.is_set():
+            began_s = self._clock()
+            busy = self._busy
+            await glance.look(busy=busy)
+            self._tell("live", {"rev": self.rev, "at_s": time.time(), **glance.as_json()})
+            await self._watch.look(cell, now_s=self._clock(), busy=busy)
+            gone_since_s = self._gone(glance, gone_since_s, busy=busy)
+            if gone_since_s is not None and self._clock() - gone_since_s > _RETRY_S:
+                raise DeskError(glance.robot.error or "the robot does not answer.", remedy="Check its cable.")
+            await asyncio.sleep(max(PERIOD_S - (self._clock() - began_s), 0.01))
+
+    def _gone(self, glance: Glance, since_s: float | None, *, busy: bool) -> float | None:
+        condition = glance.robot.condition
+        gone = condition is not None and condition.readiness is Readiness.UNREACHABLE
+        if busy or not gone:
+            return None
+        return self._clock() if since_s is None else since_s
+
+    # orders
+
+    async def obey(self, command: Command) -> dict[str, Any]:
+        """Do what a screen orders; the same command sent twice is obeyed once."""
+        if command.id in self._replies:
+            return self._replies[command.id]
+        if command.rev != self.rev and not isinstance(command.order, UNGUARDED):
+            stale = {"ok": False, "code": "desk.stale", "message": "The page was out of date."}
+            return {**stale, "session": self.session()}
+        try:
+            await self._do(command)
+            reply: dict[str, Any] = {"ok": True, "rev": self.rev}
+        except CellError as error:
+            reply = {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
+        if not isinstance(command.order, HoldOrder):
+            self._replies[command.id] = reply
+            while len(self._replies) > _REPLIES_KEPT:
+                self._replies.popitem(last=False)
+        return reply
+
+    async def _do(self, command: Command) -> None:
+        order = command.order
+        if isinstance(order, AnswerIt):
+            self._operator.answer(order.prompt_id, command.who, order.value)
+        elif isinstance(order, Decline):
+            self._operator.decline(order.prompt_id)
+        elif isinstance(order, HoldOrder):
+            self._hold.heard(held=order.held)
+        elif isinstance(order, Start | Resume):
+            self._begin(order, command.who)
+        elif isinstance(order, SelectRobot):
+            self._select(order.robot)
+        elif isinstance(order, Dismiss):
+            self._dismiss()
+        else:
+            await self._steer(order)
+
+    async def _steer(self, order: Stop | Pause | GoOn) -> None:
+        if isinstance(order, Pause):
+            self._gate.pause()
+        elif isinstance(order, GoOn):
+            self._gate.resume()
+        else:
+            self._under_way.forget()  # a person has ended it
+            await self._end_run()
+
+    def _dismiss(self) -> None:
+        self._refuse_while_busy()
+        self._run = None
+        self._decided()
+
+    def _select(self, robot: str) -> None:
+        self._refuse_while_busy()
+        self._robot = self._config.robot(robot).name
+        self._run = None
+        self._trouble = "connecting"
+        self._leave.set()
+        self._decided()
+
+    # runs
+
+    @property
+    def _busy(self) -> bool:
+        return self._task is not None and not self._task.done()
+
+    def _refuse_while_busy(self) -> None:
+        if self._busy:
+            raise DeskError(
+                "a run is under way.", remedy="Wait until it has ended, or ask the robot to stop."
+            )
+
+    def _begin(self, order: Start | Resume, who: str) -> None:
+        self._refuse_while_busy()
+        if self._cell is None:
+            raise DeskError(f"the cell cannot be used: {self._trouble}", remedy=self._remedy)
+        self._hold.wanted = order.hold_to_move
+        self._gate.resume()
+        if isinstance(order, Start):
+            entry = entry_named(order.procedure)
+        else:
+            with open_journal(self._config) as journal:
+                entry = entry_named(Store(journal).run(order.run_id).procedure)
+        self._run = Running(entry.name, entry.title, hold_to_move=order.hold_to_move)
+        self._task = asyncio.create_task(self._conduct(self._cell, order, who, self._run), name="run")
+        self._decided()
+
+    async def _conduct(self, cell: Cell, order: Start | Resume, who: str, run: Running) -> None:
+        def began(run_id: str, phases: tuple[Phase, ...]) -> None:
+            run.run_id, run.phases = run_id, phases
+            self._operator.run_id = run_id
+            self._under_way.keep(run_id, self._robot, hold_to_move=order.hold_to_move)
+
+        how = Conditions(lambda progress: self._on_event(run, progress), began, self._gate, who)
+        try:
+            run.outcome = await self._told(await self._outcome(cell, order, how))
+        except CellError as error:
+            run.outcome = _outcome("refused", error.message, error.remedy)
+        except asyncio.CancelledError:
+            run.outcome = _outcome("cancelled", "The run was ended; it can be resumed.")
+            raise
+        except Exception:  # noqa: BLE001  whatever it was, the screen says so and the desk goes on
+            _log.exception("run %s broke", run.run_id)
+            run.outcome = _outcome("broken", "The program failed; its log has the cause.", "Resume the run.")
+        finally:
+            run.state = "ended"
+            self._hold.wanted = False
+            self._decided()
+
+    async def _outcome(self, cell: Cell, order: Start | Resume, how: Conditions) -> Outcome:
+        if isinstance(order, Start):
+            outcome = await start_on(self._config, cell, order.procedure, order.settings, how)
+        else:
+            outcome = await go_on_with(self._config, cell, order.run_id, how, redo_from=order.redo_from)
+        self._under_way.forget()
+        return outcome
+
+    async def _told(self, outcome: Outcome) -> dict[str, Any]:
+        told: dict[str, Any] = to_jsonable_python(
+            {
+                "verdict": outcome.verdict,
+                "reason": outcome.reason,
+                "remedy": outcome.remedy,
+                "code": outcome.code,
+                "judgement": outcome.judgement,
+                "result": outcome.result,
+            }
+        )
+        try:
+            issued = await asyncio.to_thread(issue, self._config, outcome.run_id)
+            told["certificate"] = issued.json_path.name
+        except CellError as error:
+            told["certificate"], told["no_certificate"] = None, error.message
+        return told
+
+    def _on_event(self, run: Running, progress: Progress) -> None:
+        run.take(progress)
+        self._operator.step = progress.step
+        self._show()
+
+    def _go_on_where_it_broke_off(self) -> None:
+        left = self._under_way.left()
+        if left is not None and left.robot == self._robot and not self._busy:
+            self._begin(Resume(op="resume", run_id=left.run_id, hold_to_move=left.hold_to_move), "service")
+
+    async def _end_run(self) -> None:
+        task = self._task
+        if task is None or task.done():
+            return
+        task.cancel()
+        await asyncio.wait({task})
+
+
+def _outcome(verdict: str, reason: str, remedy: str = "") -> dict[str, Any]:
+    return {"verdict": verdict, "reason": reason, "remedy": remedy}
+
+
+def _robot(entry: Any) -> dict[str, Any]:
+    return {"name": entry.name, "model": entry.model, "serial": entry.serial}

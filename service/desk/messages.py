@@ -1,0 +1,103 @@
+"""What a screen may ask of the desk. Every door checks: unknown fields, NaN and long texts are refused."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+Text = Annotated[str, StringConstraints(max_length=2000)]
+Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+
+
+class _Asked(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Start(_Asked):
+    """Run a procedure from its beginning."""
+
+    op: Literal["start"]
+    procedure: Name
+    settings: dict[str, Any] = Field(default_factory=dict)
+    hold_to_move: bool = True
+
+
+class Resume(_Asked):
+    """Go on with an interrupted run; from a step on it may be done again."""
+
+    op: Literal["resume"]
+    run_id: Name
+    redo_from: Name | None = None
+    hold_to_move: bool = True
+
+
+class AnswerIt(_Asked):
+    """Answer what is asked."""
+
+    op: Literal["answer"]
+    prompt_id: Name
+    value: Text = "yes"
+
+
+class Decline(_Asked):
+    """Say no to what is asked."""
+
+    op: Literal["decline"]
+    prompt_id: Name
+
+
+class Stop(_Asked):
+    """Ask the robot to stop and end the run; it can be resumed. Not an emergency stop."""
+
+    op: Literal["stop"]
+
+
+class Pause(_Asked):
+    """Let the present step finish, then wait."""
+
+    op: Literal["pause"]
+
+
+class GoOn(_Asked):
+    """Go on after a pause."""
+
+    op: Literal["go_on"]
+
+
+class SelectRobot(_Asked):
+    """Work with another robot of the cell."""
+
+    op: Literal["select_robot"]
+    robot: Name
+
+
+class Dismiss(_Asked):
+    """Leave the page of a run that has ended."""
+
+    op: Literal["dismiss"]
+
+
+class Hold(_Asked):
+    """The button of hold-to-move is held, or let go."""
+
+    op: Literal["hold"]
+    held: bool
+
+
+Order = Annotated[
+    Start | Resume | AnswerIt | Decline | Stop | Pause | GoOn | SelectRobot | Dismiss | Hold,
+    Field(discriminator="op"),
+]
+UNGUARDED = (Stop, Hold, Pause)  # obeyed whatever the screen knew of the session
+
+
+class Command(_Asked):
+    """One order with what its sender knew.
+
+    ``id`` names the press of a button: sent again after a lost link it is obeyed once. ``rev`` is the session that
+    the sender looked at; an order made for another one is refused, and the present session shown.
+    """
+
+    id: Name
+    rev: int
+    who: Name
+    order: Order

@@ -1,0 +1,71 @@
+"""What a screen knows of the run under way: its steps as planned, where it stands, how it ended."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from procedures.entry import Phase
+from procedures.progress import Progress
+
+_KEPT = 200  # events; the journal has them all
+
+
+@dataclass(slots=True)
+class Running:
+    """One run, from its start until a person leaves its page."""
+
+    procedure: str
+    title: str
+    phases: tuple[Phase, ...] = ()
+    run_id: str = ""
+    state: str = "starting"  # starting, running, paused, ended
+    step: str = ""
+    index: int = 0
+    expected: int = 0
+    events: list[dict[str, Any]] = field(default_factory=list)
+    found: list[str] = field(default_factory=list)
+    outcome: dict[str, Any] | None = None
+    hold_to_move: bool = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing of it goes on."""
+        return self.state == "ended"
+
+    def take(self, progress: Progress) -> None:
+        """Note one event of the run."""
+        self.step, self.index, self.expected = progress.step, progress.index, progress.expected
+        if progress.kind in ("finding", "replayed"):
+            self.found.append(progress.step)
+        if progress.kind in ("paused", "resumed"):
+            self.state = "paused" if progress.kind == "paused" else "running"
+        elif self.state == "starting":
+            self.state = "running"
+        self.events.append(
+            {
+                "n": (self.events[-1]["n"] + 1) if self.events else 1,
+                "kind": progress.kind,
+                "step": progress.step,
+                "message": progress.message,
+            }
+        )
+        del self.events[:-_KEPT]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for a screen."""
+        return {
+            "id": self.run_id,
+            "procedure": self.procedure,
+            "title": self.title,
+            "state": self.state,
+            "step": self.step,
+            "index": self.index,
+            "expected": self.expected,
+            "phases": [
+                {"name": phase.name, "repeats": phase.repeats, "adaptive": phase.adaptive}
+                for phase in self.phases
+            ],
+            "found": self.found,
+            "events": self.events[-20:],
+            "outcome": self.outcome,
+            "hold_to_move": self.hold_to_move,
+        }
