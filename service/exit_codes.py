@@ -19,6 +19,7 @@ class ExitCode(IntEnum):
     CANCELLED = 7
     SIGNATURE = 8
     BUSY = 9
+    FILES_REFUSED = 10  # some of the files that were named could not be used; the others were
 
 
 # An error's code is a path, "device.stopped": the longest beginning of it that stands here decides.
@@ -32,6 +33,7 @@ _BY_CODE = {
     "fake": ExitCode.UNREACHABLE,
     "calibration": ExitCode.REFUSED,
     "parameters": ExitCode.REFUSED,
+    "program": ExitCode.FILES_REFUSED,
     "procedure": ExitCode.REFUSED,
     "procedure.out_of_tolerance": ExitCode.OUT_OF_TOLERANCE,
     "procedure.declined": ExitCode.CANCELLED,

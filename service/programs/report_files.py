@@ -1,0 +1,144 @@
+"""Reports as files for other programs, one program after another: a line's million points are never held at once."""
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from typing import IO, Any
+
+import numpy as np
+
+from calibration.geometry import Array
+from service.programs.files import Refused
+from service.programs.report import Report
+from service.programs.result import ProgramResult
+
+COLUMNS = (
+    "program", "point", "line", "kind", "user_frame", "tool", "status", "reason", "shift_mm", "turn_deg",
+    "expected_error_mm", "uncorrected_mm", "x_before_mm", "y_before_mm", "z_before_mm", "x_after_mm", "y_after_mm",
+    "z_after_mm", "base_x_mm", "base_y_mm", "base_z_mm", "configuration_before", "configuration_after",
+)  # fmt: skip
+_DECIMALS = 6  # of a millimetre or a degree: finer than any program writes
+
+
+def point_columns(result: ProgramResult) -> dict[str, Sequence[Any]]:
+    """Return the N points of a program as columns of COLUMNS; None for what nobody knows."""
+    before, after = result.before.positions, result.after.positions
+    count = len(before)
+    base = result.base_tip_after[:, :3, 3]
+    return dict(
+        zip(
+            COLUMNS,
+            (
+                [result.name] * count,
+                before.names,
+                before.lines.tolist(),
+                before.kinds,
+                before.user_frames,
+                before.tools,
+                result.status,
+                result.reason,
+                _shown(result.shift_m * 1e3),
+                _shown(np.degrees(result.turn_rad)),
+                _shown(result.expected_error_m * 1e3),
+                _shown(result.uncorrected_m * 1e3),
+                *(_shown(before.frame_tip[:, i, 3] * 1e3) for i in range(3)),
+                *(_shown(after.frame_tip[:, i, 3] * 1e3) for i in range(3)),
+                *(_shown(base[:, i] * 1e3) for i in range(3)),
+                before.configurations,
+                after.configurations,
+            ),
+            strict=True,
+        )
+    )
+
+
+class CsvReport:
+    """A row a point."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+        self._write([COLUMNS])
+
+    def add(self, _: str, __: str, result: ProgramResult) -> None:
+        """Write the points of a program."""
+        self._write(zip(*point_columns(result).values(), strict=True))
+
+    def _write(self, rows: Any) -> None:
+        text = _Lines()
+        csv.writer(text, lineterminator="\n").writerows(rows)
+        self._file.write("".join(text.parts).encode())
+
+
+class JsonReport:
+    """One object: programs with their points, then what was refused and the sums."""
+
+    def __init__(self, file: IO[bytes], title: str) -> None:
+        self._file, self._first = file, True
+        self._file.write(f'{{"format": 1, "title": {json.dumps(title)}, "programs": [\n'.encode())
+
+    def add(self, source: str, written: str, result: ProgramResult) -> None:
+        """Write a program."""
+        columns = point_columns(result)
+        columns.pop("program")
+        names = tuple(columns)
+        found = {
+            "program": result.name,
+            "brand": result.before.brand,
+            "source": source,
+            "written": written,
+            "counts": result.counts,
+            "warnings": list(result.warnings),
+            "remarks": [{"line": r.line, "code": r.code, "text": r.text} for r in result.before.remarks],
+            "points": [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)],
+        }
+        self._file.write((b"" if self._first else b",\n") + _json(found))
+        self._first = False
+
+    def end(self, report: Report) -> None:
+        """Write what is known at the end."""
+        rest = _json({"refused": [_refused(one) for one in report.refused], **sums(report)})
+        self._file.write(b"\n], " + rest[1:] + b"\n")
+
+
+def sums(report: Report) -> dict[str, Any]:
+    """Return a report's figures as a whole."""
+    return {
+        "program_count": len(report.entries),
+        "point_count": report.points,
+        "counts": report.counts,
+        "largest_shift_mm": _largest(report.column("shift_m")),
+        "largest_expected_error_mm": _largest(report.column("expected_m")),
+        "exit_code": int(report.exit_code),
+    }
+
+
+def _refused(one: Refused) -> Mapping[str, str]:
+    return {"file": one.file, "message": one.message, "remedy": one.remedy}
+
+
+def _json(found: Mapping[str, Any]) -> bytes:
+    return json.dumps(found, allow_nan=False, ensure_ascii=False).encode(errors="replace")
+
+
+def _shown(figures: Array) -> list[float | None]:
+    """Return rounded figures; None instead of NaN, which is no JSON."""
+    rounded = np.round(figures, _DECIMALS) + 0.0
+    if np.isfinite(rounded).all():
+        return list(rounded.tolist())
+    return [value if value == value else None for value in rounded.tolist()]  # noqa: PLR0124  NaN is not itself
+
+
+def _largest(figures: Array) -> float | None:
+    known = figures[np.isfinite(figures)]
+    return round(float(known.max()) * 1e3, _DECIMALS) if len(known) else None
+
+
+class _Lines:
+    """What a csv writer writes to."""
+
+    def __init__(self) -> None:
+        self.parts: list[str] = []
+
+    def write(self, text: str) -> None:
+        """Keep a line."""
+        self.parts.append(text)

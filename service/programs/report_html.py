@@ -1,0 +1,202 @@
+"""A report as one page: figures, pictures, tables. No script, no font, nothing from another host."""
+
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import Array
+from service.programs.report import PointLine, ProgramEntry, Report, largest
+from service.programs.report_picture import CIVIDIS, MOST_DRAWN, VIRIDIS, Colouring, Drawn, two_views
+from service.programs.report_words import heading, problems, verdict
+
+Rows = NDArray[np.intp]
+
+_MOST_ROWS = 500
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1b1b1b; --quiet: #5c5c5c; --page: #ffffff; --line: #d4d4d4;
+  --left: #d55e00; --band: #f4f4f4; }
+@media (prefers-color-scheme: dark) { :root { --ink: #e8e8e8; --quiet: #a8a8a8; --page: #16181b;
+  --line: #43474c; --left: #ff9d57; --band: #202429; } }
+body { font: 15px/1.45 system-ui, sans-serif; color: var(--ink); background: var(--page);
+  max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.4rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
+.verdict { font-size: 1.1rem; font-weight: 600; } .bad, td.bad { color: var(--left); }
+.quiet { color: var(--quiet); }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .9rem; }
+caption { text-align: left; color: var(--quiet); padding-bottom: .3rem; }
+th, td { text-align: left; padding: .25rem .6rem .25rem 0; border-bottom: 1px solid var(--line);
+  vertical-align: top; overflow-wrap: anywhere; }
+th.n, td.n { text-align: right; white-space: nowrap; }
+figure { margin: 1rem 0 1.5rem; } figcaption { font-weight: 600; margin-bottom: .3rem; }
+.views { display: flex; flex-wrap: wrap; gap: .5rem; } .views svg { flex: 1 1 26rem; min-width: 0;
+  max-width: 100%; height: auto; }
+svg text { fill: var(--quiet); font: 11px system-ui, sans-serif; } svg text.view { fill: var(--ink); }
+svg .frame { fill: var(--band); stroke: var(--line); } svg .grid { stroke: var(--line); fill: none; }
+svg circle { stroke: var(--ink); stroke-width: .5; stroke-opacity: .55; }
+svg .left { stroke: var(--left); stroke-width: 2.2; fill: none; }
+svg .unknown { fill: none; stroke: var(--quiet); stroke-width: 1.4; stroke-opacity: 1; }
+.legend { display: flex; flex-wrap: wrap; gap: .2rem 1rem; font-size: .85rem; margin: .3rem 0 0; }
+.legend span { display: inline-flex; align-items: center; gap: .35rem; white-space: nowrap; }
+.legend i { width: .9rem; height: .9rem; border: 1px solid var(--line); }
+"""
+
+
+def as_html(report: Report) -> str:
+    """Return the page."""
+    worst = report.worst_first(_MOST_ROWS)
+    parts = [
+        f"<h1>{escape(heading(report))}</h1>",
+        f'<p class="verdict{" bad" if report.exit_code else ""}">{escape(verdict(report))}</p>',
+        _refused(report),
+        _list("What to know about these programs", problems(report)),
+        _pictures(report),
+        "<h2>Programs</h2>" + _programs(report.programs_worst_first()) if report.entries else "",
+        "<h2>Points</h2>" + _points(worst, report.points) if worst else "",
+    ]
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(heading(report))}</title><style>{_STYLE}</style></head>\n"
+        f"<body>{''.join(parts)}</body></html>\n"
+    )
+
+
+def _pictures(report: Report) -> str:
+    if not report.points:
+        return ""
+    base = _rows_of_places(report, "base_place_m")
+    in_base = bool(np.isfinite(base).all(axis=1).any())
+    place = base if in_base else _rows_of_places(report, "frame_place_m")
+    known = np.flatnonzero(np.isfinite(place).all(axis=1))
+    if not len(known):
+        return '<p class="quiet">No picture: nobody knows where these points are.</p>'
+    shown = _chosen(report, known)
+    labels = _labels(report, shown)
+    about = "in the robot's base" if in_base else "in each point's own user frame"
+    drawn = Drawn(place[shown], report.column("left")[shown].astype(bool), labels)
+    pictures = [
+        two_views(drawn, Colouring(title, report.column(name)[shown], colours), about)
+        for title, name, colours in (
+            ("How far each point moved", "shift_m", CIVIDIS),
+            ("Expected error of each point in its cell, k = 2", "expected_m", VIRIDIS),
+        )
+        if np.isfinite(report.column(name)).any()
+    ]
+    missing = report.points - len(known)
+    told = [f"{len(shown)} of {report.points} points are drawn."] if len(shown) < len(known) else []
+    told += [f"{missing} points are not drawn: their place is unknown."] if missing else []
+    told += ["A point's name is under the mouse."]
+    return f'<h2>Where the points are</h2>{"".join(pictures)}<p class="quiet">{escape(" ".join(told))}</p>'
+
+
+def _rows_of_places(report: Report, name: str) -> Array:
+    return np.concatenate([getattr(entry, name) for entry in report.entries]).astype(float)
+
+
+def _chosen(report: Report, known: Rows) -> Rows:
+    """Return rows to draw: the worst and a share of the others, the worst last and so on top."""
+    ordered = report.order()
+    ordered = ordered[np.isin(ordered, known)]
+    if len(ordered) <= MOST_DRAWN:
+        return ordered[::-1]
+    worst, others = ordered[: MOST_DRAWN // 2], ordered[MOST_DRAWN // 2 :]
+    share = others[:: -(-len(others) // (MOST_DRAWN // 2))]
+    return np.concatenate([worst, share])[::-1]
+
+
+def _labels(report: Report, rows: Rows) -> list[str]:
+    starts = np.cumsum([0, *(len(entry.points) for entry in report.entries)])
+    entries = np.searchsorted(starts, rows, side="right") - 1
+    return [_label(report.entries[at], int(row - starts[at])) for at, row in zip(entries, rows, strict=True)]
+
+
+def _label(entry: ProgramEntry, i: int) -> str:
+    told = f"{entry.program} {entry.points[i]}"
+    if entry.left[i]:
+        return f"{told}: left as it was. {entry.reasons[i]}"
+    return f"{told}: moved {_mm(entry.shift_m[i])} mm, expected error {_mm(entry.expected_m[i])} mm"
+
+
+def _refused(report: Report) -> str:
+    lines = [f"{one.file}: {one.message} {one.remedy}" for one in report.refused]
+    return _list("Files that were refused; no new one was written for them", lines)
+
+
+def _list(title: str, lines: Iterable[str]) -> str:
+    items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f"<h2>{escape(title)}</h2><ul>{items}</ul>" if items else ""
+
+
+def _programs(entries: Sequence[ProgramEntry]) -> str:
+    rows = [
+        (
+            (entry.program, ""),
+            (entry.file, ""),
+            (str(len(entry.points)), "n"),
+            (str(entry.counts["changed"]), "n"),
+            (str(entry.counts["unchanged"]), "n"),
+            (str(entry.counts["left"]), "n bad" if entry.counts["left"] else "n"),
+            (_mm(largest(entry.shift_m)), "n"),
+            (_mm(largest(entry.expected_m)), "n"),
+        )
+        for entry in entries[:_MOST_ROWS]
+    ]
+    heads = (
+        "program", "file", "points#", "changed#", "unchanged#", "left#", "largest shift, mm#",
+        "largest expected error, mm#",
+    )  # fmt: skip
+    return _table(heads, rows, _how_many(len(rows), len(entries), "programs"))
+
+
+def _points(points: Sequence[PointLine], total: int) -> str:
+    rows = [
+        (
+            (point.program, ""),
+            (point.point, ""),
+            (str(point.line), "n"),
+            (_mm(point.shift_m), "n"),
+            (_deg(point.turn_rad), "n"),
+            (_mm(point.expected_m), "n"),
+            (_mm(point.uncorrected_m), "n"),
+            (point.reason or "", "bad" if point.left else ""),
+        )
+        for point in points
+    ]
+    heads = (
+        "program", "point", "line#", "shift, mm#", "turn, deg#", "expected error, mm#",
+        "without models, mm#", "left as it was, because",
+    )  # fmt: skip
+    return _table(heads, rows, _how_many(len(rows), total, "points"))
+
+
+def _how_many(shown: int, total: int, what: str) -> str:
+    if shown == total:
+        return "Worst first."
+    return f"The worst {shown} of {total} {what}, worst first; the CSV and JSON files hold all."
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[tuple[str, str]]], caption: str) -> str:
+    head = "".join(
+        f'<th scope="col"{" class=n" if name.endswith("#") else ""}>{escape(name.rstrip("#"))}</th>'
+        for name in heads
+    )
+    body = "".join(
+        "<tr>" + "".join(f'<td class="{kind}">{escape(text)}</td>' for text, kind in row) + "</tr>\n"
+        for row in rows
+    )
+    return (
+        f'<div class="scroll"><table><caption>{escape(caption)}</caption>'
+        f"<thead><tr>{head}</tr></thead><tbody>\n{body}</tbody></table></div>"
+    )
+
+
+def _mm(value_m: float) -> str:
+    return f"{value_m * 1e3:.3f}" if math.isfinite(value_m) else "-"
+
+
+def _deg(value_rad: float) -> str:
+    return f"{math.degrees(value_rad):.4f}" if math.isfinite(value_rad) else "-"

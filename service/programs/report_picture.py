@@ -1,0 +1,175 @@
+"""Pictures of a program's points, seen from above and from the side, as SVG without a script or a font of its own."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import Array
+
+# Stops of matplotlib's cividis and viridis: read alike by the colour-blind. The light end is cut off for white pages.
+CIVIDIS = ("#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#d9c45c")
+VIRIDIS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#8fd544", "#bddf26")
+MOST_DRAWN = 3000
+_WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP, _RIGHT = 460, 360, 54, 44, 26, 14
+_VIEWS = (("from above", 0, 1, "x", "y"), ("from the side", 0, 2, "x", "z"))
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """N points of a picture."""
+
+    place_m: Array  # (N, 3)
+    left: NDArray[np.bool_]  # (N,)
+    labels: Sequence[str]  # said under the mouse
+
+
+@dataclass(frozen=True, eq=False)
+class Colouring:
+    """What the colours mean."""
+
+    title: str
+    figure_m: Array  # (N,)
+    colours: tuple[str, ...]
+
+
+def two_views(points: Drawn, colouring: Colouring, about: str) -> str:
+    """Return both views and their legend as HTML; ``about`` says in whose frame the places are."""
+    scale = _Scale.of(colouring)
+    views = "".join(_view(points, colouring, scale, view, about) for view in _VIEWS)
+    return (
+        f"<figure><figcaption>{escape(colouring.title)}</figcaption>"
+        f'<div class="views">{views}</div>{_legend(scale)}</figure>'
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Scale:
+    """Equal steps from the least to the largest figure, in millimetres."""
+
+    low: float
+    high: float
+    colours: tuple[str, ...]
+
+    @classmethod
+    def of(cls, colouring: Colouring) -> "_Scale":
+        known = colouring.figure_m[np.isfinite(colouring.figure_m)] * 1e3
+        low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+        return cls(low, high, colouring.colours)
+
+    @property
+    def steps(self) -> int:
+        return len(self.colours) if self.high - self.low > 5e-4 else 1
+
+    def colour(self, figure_m: float) -> str:
+        if not math.isfinite(figure_m):
+            return ""
+        share = (figure_m * 1e3 - self.low) / (self.high - self.low) if self.steps > 1 else 0.0
+        return self.colours[min(int(share * self.steps), self.steps - 1)]
+
+
+def _legend(scale: _Scale) -> str:
+    width = (scale.high - scale.low) / scale.steps
+    edges = [scale.low + i * width for i in range(scale.steps + 1)]
+    digits = max(0, min(3, 1 - math.floor(math.log10(width)))) if width > 0 else 3
+    if scale.steps == 1:
+        pairs = [f"{scale.high:.3f} mm"]
+    else:
+        pairs = [f"{low:.{digits}f} to {high:.{digits}f}" for low, high in itertools.pairwise(edges)]
+        pairs[-1] += " mm"
+    swatches = "".join(
+        f'<span><i style="background:{colour}"></i>{pair}</span>'
+        for colour, pair in zip(scale.colours, pairs, strict=False)
+    )
+    cross = (
+        '<svg width="12" height="12" aria-hidden="true"><path class="left" d="M2 2 10 10M2 10 10 2"/></svg>'
+    )
+    ring = (
+        '<svg width="12" height="12" aria-hidden="true"><circle class="unknown" cx="6" cy="6" r="4"/></svg>'
+    )
+    return f'<p class="legend">{swatches}<span>{ring} not known</span><span>{cross} left as it was</span></p>'
+
+
+def _view(
+    points: Drawn, colouring: Colouring, scale: _Scale, view: tuple[str, int, int, str, str], about: str
+) -> str:
+    title, across, up, across_name, up_name = view
+    box = _Box.around(points.place_m[:, across] * 1e3, points.place_m[:, up] * 1e3)
+    marks = [
+        _mark(*box.at(float(place[across]) * 1e3, float(place[up]) * 1e3), left, scale.colour(figure), label)
+        for place, left, figure, label in zip(
+            points.place_m.tolist(),
+            points.left.tolist(),
+            colouring.figure_m.tolist(),
+            points.labels,
+            strict=True,
+        )
+    ]
+    return (
+        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(colouring.title)}, {title}">'
+        f'<text class="view" x="{_LEFT}" y="16">{title}</text>{box.axes(across_name, up_name, about)}'
+        f"{''.join(marks)}</svg>"
+    )
+
+
+def _mark(x: float, y: float, left: bool, colour: str, label: str) -> str:
+    told = f"<title>{escape(label)}</title>"
+    if left:
+        return f'<path class="left" d="M{x - 4:.1f} {y - 4:.1f}l8 8m0 -8l-8 8">{told}</path>'
+    style = f'fill="{colour}"' if colour else 'class="unknown"'
+    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.4" {style}>{told}</circle>'
+
+
+@dataclass(frozen=True, slots=True)
+class _Box:
+    """A part of a plane in millimetres, at one scale both ways, and where it is drawn."""
+
+    across_mm: float  # of its middle
+    up_mm: float
+    per_mm: float  # drawn units
+
+    @classmethod
+    def around(cls, across_mm: Array, up_mm: Array) -> "_Box":
+        middle = [float(side.min() + side.max()) / 2 for side in (across_mm, up_mm)]
+        spans = [max(float(np.ptp(side)), 1.0) * 1.1 for side in (across_mm, up_mm)]
+        room = _WIDTH - _LEFT - _RIGHT, _HEIGHT - _TOP - _BOTTOM
+        return cls(middle[0], middle[1], min(room[0] / spans[0], room[1] / spans[1]))
+
+    def at(self, across_mm: float, up_mm: float) -> tuple[float, float]:
+        x = (_LEFT + _WIDTH - _RIGHT) / 2 + (across_mm - self.across_mm) * self.per_mm
+        y = (_TOP + _HEIGHT - _BOTTOM) / 2 - (up_mm - self.up_mm) * self.per_mm
+        return x, y
+
+    def axes(self, across_name: str, up_name: str, about: str) -> str:
+        floor, right = _HEIGHT - _BOTTOM, _WIDTH - _RIGHT
+        parts = [
+            f'<rect class="frame" x="{_LEFT}" y="{_TOP}" width="{right - _LEFT}" height="{floor - _TOP}"/>'
+        ]
+        for value in _ticks(self.across_mm, (right - _LEFT) / self.per_mm):
+            x = self.at(value, self.up_mm)[0]
+            parts.append(f'<path class="grid" d="M{x:.1f} {_TOP}V{floor}"/>')
+            parts.append(f'<text x="{x:.1f}" y="{floor + 14}" text-anchor="middle">{value:g}</text>')
+        for value in _ticks(self.up_mm, (floor - _TOP) / self.per_mm):
+            y = self.at(self.across_mm, value)[1]
+            parts.append(f'<path class="grid" d="M{_LEFT} {y:.1f}H{right}"/>')
+            parts.append(f'<text x="{_LEFT - 5}" y="{y + 3.5:.1f}" text-anchor="end">{value:g}</text>')
+        parts.append(
+            f'<text x="{(_LEFT + right) / 2}" y="{_HEIGHT - 10}" text-anchor="middle">'
+            f"{across_name} in mm, {escape(about)}</text>"
+            f'<text x="{_LEFT - 5}" y="{_TOP - 8}" text-anchor="end">{up_name} in mm</text>'
+        )
+        return "".join(parts)
+
+
+def _ticks(middle: float, span: float) -> list[float]:
+    """Return round values inside a span, about five."""
+    rough = span / 5
+    power = 10.0 ** math.floor(math.log10(rough))
+    step = next(power * k for k in (1, 2, 5, 10) if power * k >= rough)
+    first = math.ceil((middle - span / 2) / step)
+    last = math.floor((middle + span / 2) / step)
+    return [round(i * step, 9) + 0.0 for i in range(first, last + 1)]
