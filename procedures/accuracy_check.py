@@ -39,7 +39,7 @@ from procedures.arm.cube_plan import CubePlan, plan_cube
 from procedures.canonical import sha256_of
 from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose
+from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
 from procedures.limits import POSE, AccuracyClass, PoseLimits, chosen, told
 from procedures.motion.plans import Room
 from procedures.run import Run
@@ -248,8 +248,19 @@ def _forecast(spec: AccuracyCheck, known: Knowledge) -> Forecast:
         duration_s=math.ceil(captures * each_s + ANSWER_S),
         poses=tuple(PlannedPose(f"P{k}", pose) for k, pose in enumerate(plan.tests_rad, 1)),
         speed_rad_s=plan.speed_rad_s,
+        predictions=(_of_device(bench),),
+        assumed=("the robot's own scatter is what is measured: its part of U is known afterwards",),
         not_checked=plan.not_checked,
     )
+
+
+def _of_device(bench: Bench) -> Prediction:
+    """Return the part of U that no number of cycles takes away."""
+    along, share = ("", 1.0) if bench.method == "tracker" else (" along the wire", SYSTEMATIC_SHARE)
+    expanded = 2.0 * share * bench.sigma_m
+    sentence = f"{expanded * 1e3:.3f} mm (k=2) by the {bench.method} alone; the robot's scatter adds to it."
+    classes = {name: limits.ap_m for name, limits in POSE.items()}
+    return Prediction(f"AP{along}, by the {bench.method} alone", expanded, "m", classes, sentence)
 
 
 ENTRY = Entry(

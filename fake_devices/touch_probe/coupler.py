@@ -42,6 +42,7 @@ class Coupler:
         ] * 4  # parts of 4-20 mA; below 0 is a broken wire
         self.digital: list[Callable[[], bool] | None] = [None] * 8
         self.outputs = [False] * 8
+        self.output_writes = 0  # so far: who waits for an echo has had one before the next
         self.loops: dict[int, int] = {}  # output to input
         self._mac = [int(mac.replace("-", "").replace(":", "")[k : k + 4], 16) for k in (0, 4, 8)]
         self._frozen: list[int] | None = None
@@ -108,6 +109,7 @@ class Coupler:
         if first + len(values) > len(self.outputs):
             raise ModbusError(2)
         self.outputs[first : first + len(values)] = values
+        self.output_writes += 1
 
     def _registers(self) -> dict[int, int]:
         broken = self.faults.look("bus_break")

@@ -138,7 +138,8 @@ class ProbeDevice(IoDevice):
         return _TICK_REAL_S if arm is not None and arm.moving else _REST_REAL_S
 
     def truth(self) -> JsonObject:
-        return {**self.probe.truth(), "port": self.coupler.server.port, "signal": self._signal()}
+        told = {"port": self.coupler.server.port, "output_writes": self.coupler.output_writes}
+        return {**self.probe.truth(), **told, "signal": self._signal()}
 
 
 class DialDevice(IoDevice):

@@ -13,10 +13,11 @@ HOW = Conditions(free_bytes=0, actor="anna")
 
 
 def cell_config(folder: Path, *, serial: str = "F-1", more: str = "") -> CellConfig:
-    """Write a cell file that names the ideal arm; ``more`` goes into its [[gauge]] table."""
+    """Write a cell file that names the ideal arm; ``more`` ends its [[gauge]] table."""
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=600.0)
     text = path.read_text().replace("F-104711", serial)
-    path.write_text(text.replace("hook_sigma_mm = 2.0\n", f"hook_sigma_mm = 2.0\n{more}"))
+    assert text.count("\n[watch]") == 1  # what comes after the gauge
+    path.write_text(text.replace("\n[watch]", f"{more}\n[watch]"))
     return read_cell_file(path)
 
 

@@ -18,12 +18,22 @@ from service.certificates.certificate import NO_TRACEABILITY, SAFETY, Certificat
 from service.certificates.signing import Finding, check
 from service.configuration.cell_file import CellConfig, GaugeCertificate
 from service.runs.cell import open_journal
-from service.runs.conduct import Verdict, forget_from, resume
+from service.runs.conduct import Outcome, Verdict, forget_from, resume
 from service.runs.store import Store
-from tests.procedures.cells import Scene, pointing, recording, recovering, scene_for, touching
+from tests.procedures.cells import (
+    TARGETS,
+    Scene,
+    hanging,
+    pointing,
+    recording,
+    recovering,
+    scene_for,
+    touching,
+)
 from tests.procedures.certified import HOW, cell_config, run_in
 
 NAMES = [entry.name for entry in ENTRIES]
+TROUBLED = ("mastering_record", "mastering_recovery")  # certified below, with a wire that kinked once
 GAUGE_CERTIFICATE = """
 [gauge.certificate]
 number = "C-77"
@@ -39,10 +49,14 @@ def certified(config: CellConfig, run_id: str = "last") -> dict[str, Any]:
         return content_of(config, journal, Store(journal).newest(run_id))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in TROUBLED])
 async def test_every_procedure_ends_in_a_certificate_that_verifies(name: str, tmp_path: Path) -> None:
     config = cell_config(tmp_path)
-    outcome = await run_in(config, await scene_for(name), name)
+    verify_certificate(config, await run_in(config, await scene_for(name), name))
+
+
+def verify_certificate(config: CellConfig, outcome: Outcome) -> None:
+    """Issue a run's certificate and see that it is whole, signed, and says what the run found."""
     assert outcome.verdict is Verdict.PASSED
     issued = issue(config, outcome.run_id)
     raw = issued.json_path.read_bytes()
@@ -98,7 +112,7 @@ async def test_a_lost_key_leaves_earlier_certificates_as_they_are(tmp_path: Path
 async def test_a_capture_that_was_measured_again_is_listed_with_the_reason(tmp_path: Path) -> None:
     config, made = cell_config(tmp_path), recording()
     made.wire.kink_m = {2 * 7: 0.02, 2 * 7 + 1: 0.02}  # both samples of the eighth capture
-    await run_in(config, made, "mastering_record")
+    verify_certificate(config, await run_in(config, made, "mastering_record"))
     points = {point["step"]: point for point in certified(config)["points"]}
     assert not points["capture 8"]["used"]
     assert "contradicted" in points["capture 8"]["reason"]
@@ -112,6 +126,7 @@ async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_pa
     config, made = cell_config(tmp_path), await recovering()
     made.wire.kink_m = {8: 0.02, 9: 0.02}  # the fifth capture
     outcome = await run_in(config, made, "mastering_recovery")
+    verify_certificate(config, outcome)
     content = certified(config)
     unused = [point["step"] for point in content["points"] if not point["used"]]
     assert unused == list(outcome.result.set_aside) == ["capture 5"]
@@ -145,6 +160,7 @@ async def test_what_a_redo_discarded_stays_in_the_certificate(tmp_path: Path) ->
     content = certified(config)
     steps = [(point["step"], point["used"]) for point in content["points"]]
     assert steps == [
+        ("read the user frame", True),
         ("touch the origin", True),
         ("touch a point on x", False),
         ("touch a point on the y side", False),
@@ -153,7 +169,7 @@ async def test_what_a_redo_discarded_stays_in_the_certificate(tmp_path: Path) ->
         ("touch a point on the y side", True),
         ("touch a point above", True),
     ]
-    assert "discarded by bert" in content["points"][1]["reason"]
+    assert "discarded by bert" in content["points"][2]["reason"]
     assert content["people"][0]["who"] == "anna"
 
 
@@ -197,8 +213,8 @@ async def test_limits_of_an_engineer_replace_the_class(tmp_path: Path) -> None:
 
 
 async def test_traceability_only_with_a_certificate_that_is_valid_on_the_day(tmp_path: Path) -> None:
-    config, made = cell_config(tmp_path), recording()
-    await run_in(config, made, "mastering_record")
+    config = cell_config(tmp_path)
+    await run_in(config, hanging(TARGETS[:1]), "end_effector_points")
     today = datetime.now(UTC).date()
     for from_days, to_days, claims in ((-10, 10, True), (-10, -1, False), (2, 10, False)):
         issued, due = (today + timedelta(days=days) for days in (from_days, to_days))
@@ -269,8 +285,17 @@ async def test_every_procedure_foretells_finite_figures_without_a_device(name: s
     made, entry = await scene_for(name), CATALOGUE[name]
     assert entry.forecast is not None
     cell = made.cell
-    gauge = None if cell.gauge is None else cell.gauge.capabilities
-    known = Knowledge(cell.model, cell.gauge_setup, gauge, cell.record, limits=cell.limits)
+    assert cell.gauge is not None
+    assert cell.tracker is not None
+    known = Knowledge(
+        cell.model,
+        cell.gauge_setup,
+        cell.gauge.capabilities,
+        cell.record,
+        limits=cell.limits,
+        tracker_setup=cell.tracker_setup,
+        tracker=cell.tracker.capabilities,
+    )
     forecast = entry.forecast(made.spec, known)
     assert np.isfinite(forecast.duration_s)
     assert forecast.duration_s > 0

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.errors import DeviceError
-from drivers.interfaces import Condition, Readiness
+from drivers.interfaces import Condition, ContactEdge, Readiness
 from service.demo.door import Door
 
 Fault = tuple[str, dict[str, Any]]
@@ -96,6 +96,25 @@ async def until_open(probe: Any) -> None:
         return not (await probe.contact()).closed
 
     await until(is_open)
+
+
+async def watching(probe: Any, case: ProbeCase, door: Door) -> "asyncio.Task[ContactEdge]":
+    """Wait for a touch in a task of its own; return once the probe has seen the contact open.
+
+    The driver's second write of its echo tells: the first one came back in the image that the watch starts from.
+    """
+
+    async def writes() -> int:
+        return int((await door.truth())["probes"][case.name]["output_writes"])
+
+    before = await writes()
+    task = asyncio.create_task(probe.touched())
+
+    async def has_looked() -> bool:
+        return task.done() or await writes() >= before + 2
+
+    await until(has_looked)
+    return task
 
 
 async def _heal_modbus_robot(door: Door, robot: Any) -> None:

@@ -10,7 +10,7 @@ from drivers.errors import BusyError, DeviceError, RefusedError, WrongDeviceErro
 from drivers.interfaces import Readiness
 from service.configuration.cell_file import CellConfig
 from service.demo.door import Door
-from tests.wire.cases import ProbeCase, until_open, until_ready
+from tests.wire.cases import ProbeCase, until_open, until_ready, watching
 
 
 def config_of(cell: CellConfig, case: ProbeCase) -> Any:
@@ -35,12 +35,12 @@ class ProbeContract:
         self, probe: Any, probe_case: ProbeCase, cell: CellConfig, door: Door, way: int
     ) -> None:
         fault, parameters = probe_case.stale_faults[way]
-        watching = asyncio.create_task(probe.touched())
+        touch = asyncio.create_task(probe.touched())
         await asyncio.sleep(0)
         await door.fault(fault, device=probe_case.name, **parameters)
         async with asyncio.timeout(2 * config_of(cell, probe_case).deadline_s):
             with pytest.raises(DeviceError) as seen_while_waiting:
-                await watching
+                await touch
             with pytest.raises(DeviceError) as seen_when_asked:
                 await probe.contact()
         assert seen_while_waiting.value.remedy
@@ -55,19 +55,19 @@ class ProbeContract:
     async def test_touched_returns_the_first_touch_in_bounds_that_hold_it(
         self, probe: Any, probe_case: ProbeCase, door: Door, bounce_s: float
     ) -> None:
-        if bounce_s:
-            await door.fault("bounce", device=probe_case.name, s=bounce_s)
         for _ in range(5):
+            if bounce_s:
+                await door.fault("bounce", device=probe_case.name, s=bounce_s)
             began_s = time.monotonic()
-            watching = asyncio.create_task(probe.touched())
-            await asyncio.sleep(0.05)
-            await door.fault("press", device=probe_case.name, duration_s=0.3)
-            edge = await watching
+            touch = await watching(probe, probe_case, door)
+            await door.fault("press", device=probe_case.name)
+            edge = await touch
             touched_at_s = (await door.truth())["probes"][probe_case.name]["touched_at_s"]
             assert began_s < touched_at_s
             assert edge.earliest_s <= touched_at_s <= edge.latest_s
             assert edge.steady
             assert edge.raw
+            await probe_case.heal(door)
             await until_open(probe)
 
     async def test_a_contact_that_does_not_settle_is_told(
@@ -76,10 +76,9 @@ class ProbeContract:
         steady = []
         for _ in range(6):  # a busy machine may happen to look at closed moments only
             await door.fault("bounce", device=probe_case.name, s=5.0, half_s=0.004)
-            watching = asyncio.create_task(probe.touched())
-            await asyncio.sleep(0.05)
+            touch = await watching(probe, probe_case, door)
             await door.fault("press", device=probe_case.name)
-            edge = await watching
+            edge = await touch
             assert edge.steady or edge.bounces > 0
             steady.append(edge.steady)
             await probe_case.heal(door)
@@ -95,22 +94,21 @@ class ProbeContract:
     async def test_a_second_wait_during_one_is_busy(
         self, probe: Any, probe_case: ProbeCase, door: Door
     ) -> None:
-        watching = asyncio.create_task(probe.touched())
-        await asyncio.sleep(0)
+        touch = await watching(probe, probe_case, door)
         with pytest.raises(BusyError):
             await probe.touched()
         await door.fault("press", device=probe_case.name)
-        assert (await watching).steady
+        assert (await touch).steady
 
     async def test_a_cancelled_wait_leaves_the_probe_usable(
         self, probe: Any, probe_case: ProbeCase, door: Door
     ) -> None:
         for pause_s in (0.0, 0.001, 0.01):
-            watching = asyncio.create_task(probe.touched())
+            touch = asyncio.create_task(probe.touched())
             await asyncio.sleep(pause_s)
-            watching.cancel()
+            touch.cancel()
             with pytest.raises(asyncio.CancelledError):
-                await watching
+                await touch
             assert not (await probe.contact()).closed
 
     async def test_the_serial_number_is_checked_at_connect(
@@ -127,14 +125,13 @@ class ProbeContract:
         self, probe: Any, probe_case: ProbeCase, cell: CellConfig, door: Door, way: int
     ) -> None:
         fault, parameters = probe_case.link_faults[way]
-        watching = asyncio.create_task(probe.touched())
-        await asyncio.sleep(0.02)
+        touch = await watching(probe, probe_case, door)
         await door.fault(fault, device=probe_case.name, **parameters)
         if fault == "refuse":  # nobody new is let in; who is in stays in
             await door.fault("reset", device=probe_case.name, count=1)
         async with asyncio.timeout(2 * config_of(cell, probe_case).deadline_s):
             with pytest.raises(DeviceError) as failure:
-                await watching
+                await touch
         assert failure.value.remedy
         condition = await probe.condition()
         assert condition.readiness is Readiness.UNREACHABLE
