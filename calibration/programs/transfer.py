@@ -1,0 +1,132 @@
+"""Points of one cell brought to another, or to the same one corrected: Eq. 9 to 12 with the robots' real models.
+
+A controller turns a programmed point into joints with the arm it believes in; its robot then stands where the real
+arm stands at these joints. A point is right in another cell when that cell's *real* tip is in the same place at the
+fixture, so the joints are found with the real arm, and written back as the coordinates that the other *controller*
+turns into just these joints.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.compensation.compensate import Compensation, CompensationLimits, reach_poses
+from calibration.compensation.pose_gap import Arm, Flags
+from calibration.geometry import Array, inverse_transform
+
+_ANY_TURN_RAD = (
+    1e3  # limits are judged afterwards, so that a person reads by how much a joint would pass them
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """From where to where: all frames of points that share their tools.
+
+    For a clone ``source`` is the master's real arm, ``target`` the clone's, and ``written`` the clone's controller;
+    their tips are the real, the real and the entered tool. For an upload ``source`` is the controller, ``target`` the
+    real arm; for a download the other way round.
+    """
+
+    source: Arm
+    change: Array  # (4, 4): the source's base seen from the target's; E of Eq. 9
+    target: Arm
+    written: Arm
+
+
+@dataclass(frozen=True, eq=False)
+class Transferred:
+    """Where points go, the pose first."""
+
+    joints_rad: Array  # (N, n) of the other controller
+    base_tip: Array  # (N, 4, 4) that the other controller computes there, with its tool as entered
+    wanted: Array  # (N, 4, 4) real tip in the other base
+    reached: Flags  # (N,)
+    left_m: Array  # (N,) distance that the nearest posture leaves
+
+
+def transfer(
+    way: Way,
+    joints_rad: Array,
+    *,
+    start_rad: Array | None = None,
+    limits: CompensationLimits = EXACTLY,
+) -> Transferred:
+    """Find the joints with which the target's real tip is where the source's is.
+
+    Parameters
+    ----------
+    way : Way
+        Arms and the change of base.
+    joints_rad : (N, n)
+        Of the source's controller [rad], finite.
+    start_rad : (N, n), optional
+        Where the search begins; the source's joints, which suit cells that are nearly alike.
+    limits : CompensationLimits
+        Tolerances [m, rad]; no joint goes farther than ``branch_rad`` from its start. Joint limits are not heeded.
+
+    Raises
+    ------
+    CalibrationError
+        Joints that are not finite, or arms of different numbers of joints.
+
+    References
+    ----------
+    F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, Eq. 9 to 12.
+    """
+    wanted = way.change @ tips(way.source, joints_rad)
+    start = joints_rad if start_rad is None else start_rad
+    found = reach_poses(_unlimited(way.target), wanted, start, limits=limits)
+    return Transferred(
+        found.joints_rad, tips(way.written, found.joints_rad), wanted, found.converged, found.position_error_m
+    )
+
+
+def tips(arm: Arm, joints_rad: Array) -> Array:
+    """Return the tip (N, 4, 4) of an arm at joints (N, n), sag and ripple included."""
+    rotations, origins = arm.frames(joints_rad.T)
+    poses = np.zeros((len(joints_rad), 4, 4))
+    poses[:, :3, :3] = rotations[-1].transpose(2, 0, 1)
+    poses[:, :3, 3] = origins[-1].T
+    poses[:, 3, 3] = 1.0
+    return poses
+
+
+def joints_near(arm: Arm, base_tip: Array, start_rad: Array, limits: CompensationLimits) -> Compensation:
+    """Return joints for poses (N, 4, 4) near given ones, whatever the joint limits."""
+    return reach_poses(_unlimited(arm), base_tip, start_rad, limits=limits)
+
+
+def same_place(base_tip: Array, other: Array) -> tuple[Array, Array]:
+    """Return how far apart poses are: distances (N,) [m] and angles (N,) [rad]."""
+    apart = (inverse_transform(base_tip) @ other) if len(base_tip) else np.zeros((0, 4, 4))
+    sine = np.linalg.norm(
+        np.stack(
+            [
+                apart[:, 2, 1] - apart[:, 1, 2],
+                apart[:, 0, 2] - apart[:, 2, 0],
+                apart[:, 1, 0] - apart[:, 0, 1],
+            ]
+        ),
+        axis=0,
+    )
+    cosine = np.trace(apart[:, :3, :3], axis1=1, axis2=2) - 1.0
+    return np.linalg.norm(apart[:, :3, 3], axis=1), np.arctan2(sine, cosine)
+
+
+def nearest_turns(joints_rad: Array, to_rad: Array) -> Array:
+    """Return joints turned by whole turns, so that each is within half a turn of another posture's."""
+    near: Array = joints_rad - 2 * np.pi * np.round((joints_rad - to_rad) / (2 * np.pi))
+    return near
+
+
+def smallest_sigma(arm: Arm, joints_rad: Array) -> Array:
+    """Return (N,) the smallest singular value of the flange's Jacobian [m/rad]: zero in a singularity."""
+    _, jacobian = arm.model.flange_jacobian(joints_rad)
+    squared = np.linalg.eigvalsh(jacobian @ jacobian.swapaxes(1, 2))[:, 0]
+    return np.asarray(np.sqrt(np.maximum(squared, 0.0)), dtype=np.float64)
+
+
+def _unlimited(arm: Arm) -> Arm:
+    wide = np.full(arm.model.axes, _ANY_TURN_RAD)
+    return replace(arm, model=replace(arm.model, lower_rad=-wide, upper_rad=wide))

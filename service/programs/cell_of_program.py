@@ -1,0 +1,201 @@
+"""Positions of many programs side by side, and the tool and frame of each in a cell."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Array, Pose
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, ProgramFile
+from service.programs.project import Project, Tool
+
+Rows = NDArray[np.intp]
+
+# Frames and tools that every controller of a make has without anybody entering them.
+_FLANGE = {"fanuc": ("0",), "kuka": ("0",), "abb": ("tool0",)}
+_BASE = {"fanuc": ("0",), "kuka": ("0",), "abb": ("wobj0",), "universal_robots": ("base",)}
+_MAKES = {"fanuc_": "fanuc", "kuka_": "kuka", "abb_": "abb", "ur": "universal_robots"}
+_NEAREST_M = 5e-3  # all points of a program within this of their frame's origin: another unit
+_FEWEST = 3
+_FARTHEST = 3.0  # times the arm's length
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """N positions of some programs, one after the other."""
+
+    programs: tuple[ProgramFile, ...]
+    of: Rows  # (N,) whose
+    row: Rows  # (N,) of its positions
+    cartesian: NDArray[np.bool_]
+    frame_tip: Array  # (N, 4, 4)
+    joints: Array  # (N, n)
+    texts: tuple[str, ...]  # configurations
+    tools: tuple[str | None, ...]
+    user_frames: tuple[str | None, ...]
+    reasons: list[str]  # (N,) why a point is left, "" while nothing speaks against it
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def refuse(self, rows: Rows, why: str | Callable[[int], str]) -> None:
+        """Leave points, for the first reason that was found."""
+        for i in rows.tolist():
+            self.reasons[i] = self.reasons[i] or (why if isinstance(why, str) else why(i))
+
+    def open(self) -> Rows:
+        """Return the points that nothing speaks against."""
+        return np.array([i for i, reason in enumerate(self.reasons) if not reason], dtype=np.intp)
+
+
+def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
+    """Put the positions of programs side by side.
+
+    Raises
+    ------
+    ProgramFileError
+        A program of an arm with another number of joints.
+    """
+    for program in programs:
+        held = np.isfinite(program.positions.joints)
+        if held[:, axes:].any() or (held.any(axis=1) & ~held[:, :axes].all(axis=1)).any():
+            raise ProgramFileError(
+                program.name,
+                f"its positions hold another number of joints than the robot's {axes}.",
+                remedy="Name the project of the robot that this program is for.",
+            )
+    all_of = [program.positions for program in programs]
+    count = [len(positions) for positions in all_of]
+    points = Points(
+        programs=tuple(programs),
+        of=np.repeat(np.arange(len(programs)), count).astype(np.intp),
+        row=np.concatenate([np.arange(n) for n in count] or [np.zeros(0)]).astype(np.intp),
+        cartesian=np.array([kind == CARTESIAN for p in all_of for kind in p.kinds], dtype=bool),
+        frame_tip=np.concatenate([p.frame_tip for p in all_of] or [np.zeros((0, 4, 4))]),
+        joints=np.concatenate([_six(p.joints, axes) for p in all_of] or [np.zeros((0, axes))]),
+        texts=tuple(text for p in all_of for text in p.configurations),
+        tools=tuple(name for p in all_of for name in p.tools),
+        user_frames=tuple(name for p in all_of for name in p.user_frames),
+        reasons=[_first_reason(kind, axes) for p in all_of for kind in p.kinds],
+    )
+    groups = np.concatenate([p.groups for p in all_of] or [np.zeros(0)])
+    points.refuse(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
+    moving = [np.abs(np.nan_to_num(p.external)).max(axis=1, initial=0.0) > 0 for p in all_of]
+    points.refuse(
+        np.flatnonzero(np.concatenate(moving or [np.zeros(0, dtype=bool)])),
+        "carries external axes, and the project does not know what they move",
+    )
+    return points
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Points that share tool and frame."""
+
+    rows: Rows
+    tool: str | None
+    frame: str | None
+
+
+def groups_of(points: Points, programs_apart: bool) -> tuple[Group, ...]:
+    """Return the points by tool and frame; by program too where programs bring tools and frames of their own."""
+    found: dict[tuple[str | None, str | None, int], list[int]] = {}
+    for i in points.open().tolist():
+        whose = int(points.of[i]) if programs_apart else -1
+        found.setdefault((points.tools[i], points.user_frames[i], whose), []).append(i)
+    return tuple(Group(np.array(rows, dtype=np.intp), key[0], key[1]) for key, rows in found.items())
+
+
+def bring_their_own(programs: Sequence[ProgramFile]) -> bool:
+    """Tell whether any program holds tools or frames itself."""
+    return any(p.frames.flange_tip or p.frames.base_frame for p in programs)
+
+
+def tool_of(project: Project, program: ProgramFile, name: str | None) -> Tool | None:
+    """Return the tool that a position names: of the project, of the file, or what every controller has."""
+    named = name if name is not None else project.unsaid_tool
+    if named is None:
+        return None
+    if named in project.tools:
+        return project.tools[named]
+    pose = _own(program.frames.flange_tip, named, _FLANGE.get(program.brand, ()))
+    return None if pose is None else Tool(pose, pose)
+
+
+def frame_of(project: Project, program: ProgramFile, name: str | None) -> Array | None:
+    """Return the user frame (4, 4) that a position names."""
+    named = name if name is not None else project.unsaid_frame
+    if named is None:
+        return None
+    if named in project.frames:
+        return project.frames[named]
+    return _own(program.frames.base_frame, named, _BASE.get(program.brand, ()))
+
+
+def missing(what: str, name: str | None, project: Project) -> str:
+    """Return why a point is left whose tool or frame nobody knows."""
+    if name is None:
+        key = "tool" if what == "tool" else "frame"
+        return f"the program does not say which {what}, and {project.path.name} has no [unsaid] {key}"
+    return f"no {what} {name} in {project.path.name}"
+
+
+def refuse_foreign(program: ProgramFile, project: Project) -> None:
+    """Refuse a program of another make, or written in another unit, before any point of it is computed.
+
+    Raises
+    ------
+    ProgramFileError
+        With the cure.
+    """
+    name, model = program.name, project.nominal
+    make = next((make for start, make in _MAKES.items() if model.name.startswith(start)), program.brand)
+    if make != program.brand:
+        raise ProgramFileError(
+            name,
+            f"this is a program of {program.brand}, the robot of {project.path.name} is a {model.name}.",
+            remedy="Name the project of the robot that this program is for.",
+        )
+    places = program.positions.frame_tip[[kind == CARTESIAN for kind in program.positions.kinds], :3, 3]
+    if not len(places):
+        return
+    sizes, reach = np.linalg.norm(places, axis=1), arm_length(model)
+    frames = [np.linalg.norm(pose[:3, 3]) for pose in project.frames.values()]
+    if sizes.min() > _FARTHEST * (reach + max(frames, default=0.0)):
+        raise ProgramFileError(
+            name,
+            f"its nearest point is {sizes.min():.0f} m from its frame, the arm reaches {reach:.1f} m.",
+            remedy="Numbers look a thousand times too large: was it written in micrometres, or millimetres for metres?",
+        )
+    if len(places) >= _FEWEST and sizes.max() < _NEAREST_M:
+        raise ProgramFileError(
+            name,
+            f"all its {len(places)} points are within {sizes.max() * 1e3:.1f} mm of their frame's origin.",
+            remedy="Numbers look a thousand times too small: was it written in metres where millimetres belong?",
+        )
+
+
+def arm_length(model: RobotModel) -> float:
+    """Return the length of the stretched arm [m]."""
+    return float(np.linalg.norm(model.placements[:, :3, 3], axis=1).sum())
+
+
+def _own(poses: Mapping[str, Pose], name: str, always: tuple[str, ...]) -> Array | None:
+    if name in poses:
+        return poses[name].matrix()
+    return np.eye(4) if name in always else None
+
+
+def _six(joints: Array, axes: int) -> Array:
+    wide = np.full((len(joints), axes), np.nan)
+    wide[:, : min(axes, joints.shape[1])] = joints[:, :axes]
+    return wide
+
+
+def _first_reason(kind: str, axes: int) -> str:
+    if kind == UNTAUGHT:
+        return "not taught"
+    return "" if kind in (CARTESIAN, JOINTS) else f"holds {kind}, which is no position of {axes} joints"
