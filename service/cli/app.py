@@ -24,7 +24,9 @@ from service.cli.models import models
 from service.cli.outlook import procedures
 from service.cli.parameters import parameters
 from service.cli.poses import poses
+from service.cli.program import program
 from service.cli.runs import resume, run, runs, show
+from service.cli.serve import serve
 from service.cli.simulate_cell import simulate_cell
 from service.cli.watch import watch
 from service.exit_codes import ExitCode, exit_code_of
@@ -43,6 +45,7 @@ for command in (
     fakes,
     check,
     watch,
+    serve,
     procedures,
     run,
     runs,
@@ -57,6 +60,7 @@ for command in (
     models,
     poses,
     parameters,
+    program,
     bench,
 ):
     app.command(command)

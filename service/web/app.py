@@ -1,0 +1,76 @@
+"""The service's door: pages, orders and live values, all through one desk."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.responses import JSONResponse
+
+from calibration.errors import CellError
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.web import commands, history, outlook, screen
+from service.web.link import DeskGoneError, DeskLink
+from service.web.screens import Screens
+
+Heard = Callable[[str, dict[str, Any]], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How the service is run."""
+
+    cell_file: Path
+    demo: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class House:
+    """What every route is lent: the cell's file, its desk, the open screens."""
+
+    settings: Settings
+    config: CellConfig
+    link: DeskLink
+    screens: Screens
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """Build the service for one cell file.
+
+    Raises
+    ------
+    CellError
+        The cell file is wrong; every fault is named.
+    """
+    config = read_cell_file(settings.cell_file)
+    screens = Screens()
+
+    def heard(kind: str, content: dict[str, Any]) -> None:
+        screens.show(kind, content)
+
+    house = House(settings, config, DeskLink(settings.cell_file, heard), screens)
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        keeping = asyncio.create_task(house.link.keep(), name="desk")
+        yield
+        keeping.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await keeping
+
+    app = FastAPI(title="cellcal", lifespan=lifespan, docs_url=None, redoc_url=None)
+    app.state.house = house
+    app.add_exception_handler(CellError, _told)
+    for router in (screen.router, commands.router, outlook.router, history.router):
+        app.include_router(router, prefix="/api")
+    return app
+
+
+def _told(_: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, CellError)
+    body = {"code": error.code, "message": error.message, "remedy": error.remedy}
+    return JSONResponse(body, status_code=503 if isinstance(error, DeskGoneError) else 422)

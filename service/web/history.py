@@ -1,0 +1,60 @@
+"""What was done: runs, and their certificates. There is no way to delete anything here."""
+
+import asyncio
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import FileResponse
+
+from service.certificates.certificate import issue
+from service.configuration.cell_file import CellConfig
+from service.runs.cell import open_journal
+from service.runs.store import RunView, Store
+from service.web.door import Who, house_of
+
+router = APIRouter()
+
+
+@router.get("/runs")
+async def runs(request: Request, who: Who) -> list[dict[str, Any]]:
+    """Return all runs of the cell, newest first."""
+    del who
+    return await asyncio.to_thread(_runs, house_of(request).config)
+
+
+@router.get("/runs/{run_id}")
+async def run(run_id: str, request: Request, who: Who) -> dict[str, Any]:
+    """Return one run: its settings, findings, result and verdict."""
+    del who
+    return await asyncio.to_thread(_run, house_of(request).config, run_id)
+
+
+@router.get("/runs/{run_id}/certificate.json", response_class=FileResponse)
+async def certificate(run_id: str, request: Request, who: Who) -> FileResponse:
+    """Return the signed certificate of a run, or the record of its refusal."""
+    del who
+    issued = await asyncio.to_thread(issue, house_of(request).config, run_id)
+    return FileResponse(issued.json_path, media_type="application/json", filename=issued.json_path.name)
+
+
+def _runs(config: CellConfig) -> list[dict[str, Any]]:
+    with open_journal(config) as journal:
+        return [_short(view) for view in reversed(Store(journal).runs())]
+
+
+def _run(config: CellConfig, run_id: str) -> dict[str, Any]:
+    with open_journal(config) as journal:
+        store = Store(journal)
+        view = store.run(store.newest(run_id))
+    return {
+        **_short(view),
+        "spec": view.spec,
+        "findings": [{"step": found.step, "value": found.value} for found in view.past.findings],
+        "result": view.result,
+        "judgement": view.judgement,
+    }
+
+
+def _short(view: RunView) -> dict[str, Any]:
+    keys = ("run_id", "procedure", "started_utc", "state", "reason")
+    return {key: getattr(view, key) for key in keys}
