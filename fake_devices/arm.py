@@ -103,6 +103,7 @@ class Arm:
         self._loaded = np.isin(np.arange(len(start)), _GRAVITY_AXES)
         self._factory = hidden
         self._commanded: tuple[float, Array, Array] | None = None
+        self._stood: tuple[Hidden, Array, Array] | None = None  # where it was last seen: it is asked often
 
     @classmethod
     def from_model(
@@ -162,7 +163,10 @@ class Arm:
         joints = self._motion.position(now)
         lag = self._lagging(joints)
         rest = 0.0 if self._commanded else self.hidden.residue_rad * self._ringing(now)
-        return np.asarray(self.flange_at(joints + lag + rest)[0])
+        posture = joints + lag + rest
+        if self._stood is None or self._stood[0] is not self.hidden or (self._stood[1] != posture).any():
+            self._stood = (self.hidden, posture, np.asarray(self.flange_at(posture)[0]))
+        return self._stood[2].copy()
 
     def flange_at(self, joints_rad: ArrayLike, *, as_delivered: bool = False) -> Array:
         """Return true flange poses (N, 4, 4) at motor-side joints, backlash excluded."""
