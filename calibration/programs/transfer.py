@@ -14,6 +14,7 @@ from calibration.compensation.compensate import Compensation, CompensationLimits
 from calibration.compensation.pose_gap import Arm, Flags
 from calibration.geometry import Array, inverse_transform
 
+EXACTLY = CompensationLimits()
 _ANY_TURN_RAD = (
     1e3  # limits are judged afterwards, so that a person reads by how much a joint would pass them
 )

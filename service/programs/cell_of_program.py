@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, ProgramFile
 from service.programs.project import Project, Tool
 
 Rows = NDArray[np.intp]
+Some = TypeVar("Some", bound=np.generic)
 
 # Frames and tools that every controller of a make has without anybody entering them.
 _FLANGE = {"fanuc": ("0",), "kuka": ("0",), "abb": ("tool0",)}
@@ -72,20 +74,20 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
     points = Points(
         programs=tuple(programs),
         of=np.repeat(np.arange(len(programs)), count).astype(np.intp),
-        row=np.concatenate([np.arange(n) for n in count] or [np.zeros(0)]).astype(np.intp),
+        row=_joined([np.arange(n, dtype=np.intp) for n in count], np.zeros(0, dtype=np.intp)),
         cartesian=np.array([kind == CARTESIAN for p in all_of for kind in p.kinds], dtype=bool),
-        frame_tip=np.concatenate([p.frame_tip for p in all_of] or [np.zeros((0, 4, 4))]),
-        joints=np.concatenate([_six(p.joints, axes) for p in all_of] or [np.zeros((0, axes))]),
+        frame_tip=_joined([p.frame_tip for p in all_of], np.zeros((0, 4, 4))),
+        joints=_joined([_six(p.joints, axes) for p in all_of], np.zeros((0, axes))),
         texts=tuple(text for p in all_of for text in p.configurations),
         tools=tuple(name for p in all_of for name in p.tools),
         user_frames=tuple(name for p in all_of for name in p.user_frames),
         reasons=[_first_reason(kind, axes) for p in all_of for kind in p.kinds],
     )
-    groups = np.concatenate([p.groups for p in all_of] or [np.zeros(0)])
+    groups = _joined([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
     points.refuse(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
     moving = [np.abs(np.nan_to_num(p.external)).max(axis=1, initial=0.0) > 0 for p in all_of]
     points.refuse(
-        np.flatnonzero(np.concatenate(moving or [np.zeros(0, dtype=bool)])),
+        np.flatnonzero(_joined(moving, np.zeros(0, dtype=bool))),
         "carries external axes, and the project does not know what they move",
     )
     return points
@@ -168,19 +170,23 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
         raise ProgramFileError(
             name,
             f"its nearest point is {sizes.min():.0f} m from its frame, the arm reaches {reach:.1f} m.",
-            remedy="Numbers look a thousand times too large: was it written in micrometres, or millimetres for metres?",
+            remedy="Numbers look a thousand times too large: millimetres written where metres belong?",
         )
     if len(places) >= _FEWEST and sizes.max() < _NEAREST_M:
         raise ProgramFileError(
             name,
             f"all its {len(places)} points are within {sizes.max() * 1e3:.1f} mm of their frame's origin.",
-            remedy="Numbers look a thousand times too small: was it written in metres where millimetres belong?",
+            remedy="Numbers look a thousand times too small: metres written where millimetres belong?",
         )
 
 
 def arm_length(model: RobotModel) -> float:
     """Return the length of the stretched arm [m]."""
     return float(np.linalg.norm(model.placements[:, :3, 3], axis=1).sum())
+
+
+def _joined(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArray[Some]:
+    return np.concatenate([empty, *parts])
 
 
 def _own(poses: Mapping[str, Pose], name: str, always: tuple[str, ...]) -> Array | None:

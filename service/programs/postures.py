@@ -50,7 +50,7 @@ class PostureSearch:
         """
         candidates = all_branches(self._zero, base_flange)
         self._into_limits(candidates)
-        reached = np.isfinite(candidates).all(axis=2)
+        reached = np.asarray(np.isfinite(candidates).all(axis=2), dtype=np.bool_)
         fits = self._fitting(candidates, reached, texts)
         found, why = self._chosen(candidates, fits, before)
         for i in np.flatnonzero(~fits.any(axis=0)).tolist():
@@ -89,7 +89,8 @@ class PostureSearch:
         """Take the branch that fits; of several, the one nearest to the posture before."""
         count = fits.shape[1]
         first = np.argmax(fits, axis=0)
-        found = np.where(fits.any(axis=0)[:, None], candidates[first, np.arange(count)], np.nan)
+        found = candidates[first, np.arange(count)]
+        found[~fits.any(axis=0)] = np.nan
         why = [""] * count
         several = np.flatnonzero(fits.sum(axis=0) > 1)
         for i in several.tolist():
@@ -164,5 +165,4 @@ class PostureSearch:
 
     def _inside(self, joints: Array) -> NDArray[np.bool_]:
         low, high = self._controller.lower_rad - _ROUNDED_RAD, self._controller.upper_rad + _ROUNDED_RAD
-        inside: NDArray[np.bool_] = ((joints >= low) & (joints <= high)).all(axis=1)
-        return inside
+        return np.asarray(((joints >= low) & (joints <= high)).all(axis=1), dtype=np.bool_)

@@ -1,0 +1,342 @@
+"""Carry points of programs from one cell to another, or within one: what clone, move and compensate share.
+
+Programs are worked on together: their points are sorted by tool and frame, each sort goes through the arms in blocks,
+and what fails is left as it was, with a reason.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from calibration.compensation.pose_gap import Arm
+from calibration.geometry import Array, inverse_transform
+from calibration.programs.transfer import Transferred, Way, same_place, tips, transfer
+from drivers.programs.brands import ConfigurationRule
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import Change, ProgramFile
+from service.programs.cell_of_program import (
+    Group,
+    Points,
+    Rows,
+    bring_their_own,
+    frame_of,
+    groups_of,
+    missing,
+    points_of,
+    refuse_foreign,
+    tool_of,
+)
+from service.programs.expected import Ends, Expectation
+from service.programs.judge import Judge
+from service.programs.postures import PostureSearch
+from service.programs.project import Project, Tool
+from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
+
+_BLOCK = 8192
+_CONTRADICTS_M = 5e-4  # between the joints and the pose of one position
+_MOST_FOREIGN = 0.5  # of a program's points
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """One sort of points: tools and frames at both ends. A frame is None where only joints are programmed."""
+
+    source_tool: Tool
+    target_tool: Tool
+    source_frame: Array | None
+    target_frame: Array | None
+
+
+class Route(Protocol):
+    """What differs between moving, cloning and compensating."""
+
+    @property
+    def source(self) -> Project: ...
+    @property
+    def target(self) -> Project: ...
+
+    def takes(self, frame: str | None) -> bool:
+        """Tell whether points of a user frame go this way at all."""
+        ...
+
+    def way(self, passage: Passage) -> Way:
+        """Return the arms and the change of base for one sort of points."""
+        ...
+
+    def expectation(self, passage: Passage) -> Expectation:
+        """Return what the expected errors come from."""
+        ...
+
+
+@dataclass(eq=False)
+class _Outcome:
+    """Columns of all points, NaN where a point is left."""
+
+    frame_tip: Array
+    joints: Array
+    before: Array
+    after: Array
+    shift_m: Array
+    turn_rad: Array
+    expected_m: Array
+    uncorrected_m: Array
+    texts: dict[int, str] = field(default_factory=dict)
+
+    @classmethod
+    def empty(cls, count: int, axes: int) -> "_Outcome":
+        new, before, after = (np.full((count, 4, 4), np.nan) for _ in range(3))
+        shift, turn, expected, uncorrected = (np.full(count, np.nan) for _ in range(4))
+        joints = np.full((count, axes), np.nan)
+        return cls(new, joints, before, after, shift, turn, expected, uncorrected)
+
+
+class Carrier:
+    """Carries programs along one route; what it prepares is kept for the next program."""
+
+    def __init__(self, route: Route, rule: ConfigurationRule | None) -> None:
+        self._route = route
+        self._rule = rule
+        source = route.source
+        self._postures = PostureSearch(source.nominal, source.controller, rule)
+        self._back = PostureSearch(route.target.nominal, route.target.controller, rule)
+        self._judge = Judge.of(route.target, rule)
+
+    def carry(self, programs: Sequence[ProgramFile]) -> tuple[ProgramResult, ...]:
+        """Carry programs of one brand.
+
+        Raises
+        ------
+        ProgramFileError
+            A program of another robot or in another unit: nothing of it is written.
+        CalibrationError
+            Numbers that are not finite.
+        """
+        for program in programs:
+            refuse_foreign(program, self._route.source)
+        axes = self._route.source.nominal.axes
+        points = points_of(programs, axes)
+        result = _Outcome.empty(len(points), axes)
+        warnings: list[str] = []
+        for group in groups_of(points, bring_their_own(programs) or self._rule is None):
+            self._go(points, group, result, warnings)
+        return tuple(self._told(points, i, result, warnings) for i in range(len(programs)))
+
+    def _go(self, points: Points, group: Group, result: _Outcome, warnings: list[str]) -> None:
+        if not self._route.takes(group.frame):
+            points.refuse(group.rows, "belongs to a user frame that is not moved")
+            return
+        passage = self._passage(points, group)
+        if passage is None:
+            return
+        rows = group.rows if passage.source_frame is not None else group.rows[~points.cartesian[group.rows]]
+        joints = self._programmed(points, rows, passage)
+        known = np.isfinite(joints).all(axis=1)
+        rows, joints = rows[known], joints[known]
+        if not len(rows):
+            return
+        way, done = self._route.way(passage), np.zeros_like(joints)
+        for first in range(0, len(rows), _BLOCK):
+            block = slice(first, first + _BLOCK)
+            done[block] = self._block(points, rows[block], joints[block], (way, passage), result)
+        ends = Ends(joints, done, passage.source_tool, passage.target_tool)
+        expectation = self._route.expectation(passage)
+        result.expected_m[rows] = expectation.errors_m(ends)
+        warnings += [word for word in expectation.unknown if word not in warnings]
+
+    def _passage(self, points: Points, group: Group) -> Passage | None:
+        """Return tools and frames of a group; what is missing is said of its points."""
+        program, route = points.programs[points.of[group.rows[0]]], self._route
+        ends = (route.source, route.target)
+        tools = [tool_of(project, program, group.tool) for project in ends]
+        frames = [frame_of(project, program, group.frame) for project in ends]
+        cartesian = group.rows[points.cartesian[group.rows]]
+        for project, tool, frame in zip(ends, tools, frames, strict=True):
+            if tool is None:
+                points.refuse(group.rows, missing("tool", group.tool, project))
+            if frame is None:
+                points.refuse(cartesian, missing("user frame", group.frame, project))
+        if tools[0] is None or tools[1] is None:
+            return None
+        both = frames[0] is not None and frames[1] is not None
+        return Passage(tools[0], tools[1], frames[0] if both else None, frames[1] if both else None)
+
+    def _programmed(self, points: Points, rows: Rows, passage: Passage) -> Array:
+        """Return the joints (K, n) that the source's controller computes, NaN for points that are left."""
+        joints = points.joints[rows].copy()
+        posed = np.flatnonzero(points.cartesian[rows])
+        if not len(posed) or passage.source_frame is None:
+            return joints
+        flange = inverse_transform(passage.source_tool.entered)
+        before: Array | None = None
+        for first in range(0, len(posed), _BLOCK):
+            part = posed[first : first + _BLOCK]
+            base_flange = passage.source_frame @ points.frame_tip[rows[part]] @ flange
+            both = np.isfinite(joints[part]).all(axis=1)
+            self._compare(points, rows[part[both]], joints[part[both]], base_flange[both])
+            part, base_flange = part[~both], base_flange[~both]
+            texts = [points.texts[i] for i in rows[part].tolist()]
+            joints[part], why = self._postures.joints(base_flange, texts, before)
+            known = part[np.isfinite(joints[part]).all(axis=1)]
+            before = joints[known[-1]] if len(known) else before
+            points.refuse(rows[part], dict(zip(rows[part].tolist(), why, strict=True)).__getitem__)
+        return joints
+
+    def _compare(self, points: Points, rows: Rows, joints: Array, base_flange: Array) -> None:
+        """Leave positions whose joints and pose contradict: taught on another robot, or with another tool."""
+        if not len(rows):
+            return
+        apart, _ = same_place(tips(Arm(self._route.source.controller), joints), base_flange)
+        wrong = apart > _CONTRADICTS_M
+        told = dict(zip(rows.tolist(), apart.tolist(), strict=True))
+        points.refuse(
+            rows[wrong],
+            lambda i: (
+                f"its joints and its pose are {told[i] * 1e3:.1f} mm apart: another robot's, or another tool"
+            ),
+        )
+
+    def _block(
+        self, points: Points, rows: Rows, joints: Array, by: tuple[Way, Passage], result: _Outcome
+    ) -> Array:
+        found = self._transferred(points, rows, joints, by[0])
+        self._judge.judge(points, rows, joints, found)
+        texts = self._judge.spelled(points, rows, found.joints_rad)
+        result.texts.update(texts)
+        self._keep(points, rows, (joints, found), by, result)
+        return found.joints_rad
+
+    def _transferred(self, points: Points, rows: Rows, joints: Array, way: Way) -> Transferred:
+        """Transfer points; those that do not arrive from their old joints begin at that posture of the new pose."""
+        found = transfer(way, joints)
+        left = np.flatnonzero(~found.reached)
+        if not len(left):
+            return found
+        flange = found.wanted[left] @ inverse_transform(way.target.flange_tip)
+        start = self._back.alike(flange, joints[left])
+        texts = [points.texts[i] for i in rows[left].tolist()]
+        named = points.cartesian[rows[left]] & np.array([bool(text) for text in texts])
+        if self._rule is not None and named.any():
+            again, _ = self._back.joints(
+                flange[named], [t for t, n in zip(texts, named, strict=True) if n], None
+            )
+            start[named] = np.where(np.isfinite(again), again, start[named])
+        some = np.isfinite(start).all(axis=1)
+        other = transfer(way, joints[left[some]], start_rad=start[some])
+        rows_there = left[some][other.reached]
+        found.joints_rad[rows_there] = other.joints_rad[other.reached]
+        found.base_tip[rows_there] = other.base_tip[other.reached]
+        found.left_m[rows_there] = other.left_m[other.reached]
+        found.reached[rows_there] = True
+        return found
+
+    def _keep(
+        self,
+        points: Points,
+        rows: Rows,
+        joints: tuple[Array, Transferred],
+        by: tuple[Way, Passage],
+        result: _Outcome,
+    ) -> None:
+        (old, found), (way, passage) = joints, by
+        posed = points.cartesian[rows]
+        controller = Arm(self._route.source.controller, passage.source_tool.entered)
+        before = tips(controller, old)
+        if passage.source_frame is not None and passage.target_frame is not None:
+            before[posed] = passage.source_frame @ points.frame_tip[rows[posed]]
+            new = inverse_transform(passage.target_frame) @ found.base_tip
+            result.frame_tip[rows[posed]] = new[posed]
+        shifted = np.eye(4) if passage.source_frame is None else passage.source_frame
+        there = np.eye(4) if passage.target_frame is None else passage.target_frame
+        result.shift_m[rows], result.turn_rad[rows] = same_place(
+            inverse_transform(shifted) @ before, inverse_transform(there) @ found.base_tip
+        )
+        result.uncorrected_m[rows] = same_place(way.change @ before, found.base_tip)[0]
+        written = ~posed | np.isfinite(points.joints[rows]).all(axis=1)
+        result.joints[rows[written]] = found.joints_rad[written]
+        result.before[rows], result.after[rows] = before, found.base_tip
+
+    def _told(self, points: Points, number: int, result: _Outcome, warnings: list[str]) -> ProgramResult:
+        program = points.programs[number]
+        chosen = np.flatnonzero(points.of == number)
+        reasons = tuple(points.reasons[i] for i in chosen.tolist())
+        _refuse_foreign_points(program, reasons, self._route.source)
+        good = np.array([not reason for reason in reasons], dtype=bool)
+        rows = chosen[good]
+        after = program.changed(_change(points, rows, result)) if len(rows) else program
+        _check_written(program.name, after, points.row[rows], result.frame_tip[rows])
+        left = chosen[~good]
+        for column in (result.shift_m, result.turn_rad, result.expected_m, result.uncorrected_m):
+            column[left] = np.nan
+        result.after[left] = np.nan
+        return ProgramResult(
+            before=program,
+            after=after,
+            status=_status(program, after, good),
+            reason=reasons,
+            shift_m=result.shift_m[chosen],
+            turn_rad=result.turn_rad[chosen],
+            base_tip_before=result.before[chosen],
+            base_tip_after=result.after[chosen],
+            expected_error_m=result.expected_m[chosen],
+            uncorrected_m=result.uncorrected_m[chosen],
+            warnings=(*warnings, *(f"line {r.line}: {r.text}" for r in program.remarks)),
+        )
+
+
+def _change(points: Points, rows: Rows, result: _Outcome) -> Change:
+    poses, joints = result.frame_tip[rows], result.joints[rows]
+    texts = [result.texts.get(i, points.texts[i]) for i in rows.tolist()]
+    return Change(
+        rows=points.row[rows].astype(np.int64),
+        frame_tip=poses if np.isfinite(poses).any() else None,
+        joints=joints if np.isfinite(joints).any() else None,
+        configurations=texts if any(i in result.texts for i in rows.tolist()) else None,
+    )
+
+
+def _status(before: ProgramFile, after: ProgramFile, good: Array) -> tuple[str, ...]:
+    old, new = before.positions, after.positions
+    same = (np.nan_to_num(old.frame_tip) == np.nan_to_num(new.frame_tip)).all(axis=(1, 2))
+    same &= (np.nan_to_num(old.joints) == np.nan_to_num(new.joints)).all(axis=1)
+    same &= np.array(
+        [a == b for a, b in zip(old.configurations, new.configurations, strict=True)], dtype=bool
+    )
+    words = np.where(good, np.where(same, UNCHANGED, CHANGED), LEFT)
+    return tuple(words.tolist())
+
+
+def _check_written(name: str, after: ProgramFile, rows: Rows, frame_tip: Array) -> None:
+    """Read back what was written: the file's numbers say the point, within their own resolution.
+
+    Raises
+    ------
+    ProgramFileError
+        They do not; nothing of this file may be used.
+    """
+    posed = np.isfinite(frame_tip).all(axis=(1, 2))
+    if not posed.any():
+        return
+    positions, rows = after.positions, rows[posed]
+    apart, turned = same_place(positions.frame_tip[rows], frame_tip[posed])
+    far = apart > 2.0 * positions.resolution_m[rows] + 1e-9
+    if (far | (turned > 4.0 * positions.resolution_rad[rows] + 1e-7)).any():
+        worst = positions.names[int(rows[np.argmax(apart)])]
+        raise ProgramFileError(
+            name,
+            f"the numbers written for {worst} are {apart.max() * 1e3:.4f} mm from the point.",
+            remedy="Do not use this file; report it with the program.",
+        )
+
+
+def _refuse_foreign_points(program: ProgramFile, reasons: Sequence[str], project: Project) -> None:
+    """Refuse a program most of whose points its own robot cannot reach."""
+    beyond = sum(reason.startswith(("unreachable: the arm has", "its joints and")) for reason in reasons)
+    if beyond > _MOST_FOREIGN * len(reasons):
+        raise ProgramFileError(
+            program.name,
+            f"{beyond} of its {len(reasons)} positions do not belong to the {project.nominal.name} of "
+            f"{project.path.name}: {next(r for r in reasons if r)}.",
+            remedy="See that robot, user frame and tool of the project are those this program was taught with.",
+        )

@@ -1,0 +1,135 @@
+"""A program for a workpiece or fixture that was moved: Eq. 7 and 8, with the robot's errors where they are known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.compensation.pose_gap import Arm
+from calibration.errors import CalibrationError
+from calibration.geometry import Array, inverse_transform, is_rigid
+from calibration.orientation import values_from
+from calibration.points.alignment import Alignment
+from calibration.programs.transfer import Way
+from drivers.programs.brands import ConfigurationRule
+from service.programs.carry import Carrier, Passage
+from service.programs.expected import Expectation
+from service.programs.project import Project
+from service.programs.project_poses import ProjectError
+
+
+@dataclass(frozen=True, eq=False)
+class MoveRoute:
+    """One cell in which the work has moved; ``base_change`` carries every place of the work to its new one."""
+
+    project: Project
+    base_change: Array  # (4, 4) in the base: new place = change @ old place
+    frame: str | None = None  # only points of this user frame; None: all
+
+    @property
+    def source(self) -> Project:
+        """Return the cell."""
+        return self.project
+
+    @property
+    def target(self) -> Project:
+        """Return the cell."""
+        return self.project
+
+    def takes(self, frame: str | None) -> bool:
+        """Points of one user frame, or all."""
+        named = frame if frame is not None else self.project.unsaid_frame
+        return self.frame is None or named == self.frame
+
+    def way(self, passage: Passage) -> Way:
+        """Carry the real tip along with the work; without parameters the controller's arm stands for the real one."""
+        tool = passage.source_tool
+        real = self.project.real_arm(tool.real)
+        return Way(real, self.base_change, real, Arm(self.project.controller, tool.entered))
+
+    def expectation(self, passage: Passage) -> Expectation:
+        """One arm at two places; how the move was measured is not in it."""
+        return Expectation(self.project, self.project, self.base_change, one_cell=True)
+
+
+def change_of_frame(base_frame: Array, frame_offset: Array) -> Array:
+    """Return the change in the base for an offset ``UF_T_UF'`` (4, 4) of a user frame: ``UF offset UF^-1``.
+
+    Raises
+    ------
+    CalibrationError
+        A pose that is not a finite rigid transform.
+    """
+    if not (is_rigid(base_frame) and is_rigid(frame_offset)):
+        raise CalibrationError("a frame's offset is a rigid transform (4, 4) of finite numbers")
+    change: Array = base_frame @ frame_offset @ inverse_transform(base_frame)
+    return change
+
+
+def change_between(before: Alignment, after: Alignment) -> Array:
+    """Return the change in the base between two alignments of one fixture by one robot.
+
+    Raises
+    ------
+    CalibrationError
+        Of two robots or two fixtures.
+    """
+    if (before.robot_serial, before.fixture) != (after.robot_serial, after.fixture):
+        raise CalibrationError(
+            f"the alignments are of {before.fixture} from {before.robot_serial} and of {after.fixture} from "
+            f"{after.robot_serial}.",
+            remedy="A moved fixture is measured twice by one robot.",
+        )
+    change: Array = after.base_fixture.matrix() @ inverse_transform(before.base_fixture.matrix())
+    return change
+
+
+def moving(
+    project: Project, base_change: Array, rule: ConfigurationRule | None, *, frame: str | None = None
+) -> Carrier:
+    """Return what moves the points of programs of one brand; programs then run with the frame as it was entered.
+
+    Raises
+    ------
+    ProjectError
+        The project does not know the frame.
+    CalibrationError
+        A change that is not a rigid transform.
+    """
+    if not is_rigid(base_change):
+        raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
+    if frame is not None:
+        _known(project, frame)
+    return Carrier(MoveRoute(project, base_change, frame), rule)
+
+
+def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[Array, str]:
+    """Return a user frame's new pose (4, 4) for the controller, and what to type: programs then stay as they are.
+
+    The frame is entered where the work is, so only the robot's errors at the new place remain uncorrected.
+
+    Raises
+    ------
+    ProjectError
+        The project does not know the frame.
+    """
+    if not is_rigid(base_change):
+        raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
+    moved: Array = base_change @ _known(project, frame)
+    x, y, z = moved[:3, 3] * 1e3
+    names = {"fanuc_": "fanuc_wpr", "kuka_": "kuka_abc", "abb_": "abb_quaternion"}
+    name = next(
+        (c for start, c in names.items() if project.nominal.name.startswith(start)), "ur_rotation_vector"
+    )
+    values = values_from(name, moved[:3, :3])
+    shown = np.degrees(values) if name in ("fanuc_wpr", "kuka_abc") else values
+    told = ", ".join(f"{v:.6f}" if name.endswith(("quaternion", "vector")) else f"{v:.4f}" for v in shown)
+    return moved, f"user frame {frame}: x y z {x:.3f}, {y:.3f}, {z:.3f} mm, {name} {told}"
+
+
+def _known(project: Project, frame: str) -> Array:
+    if frame not in project.frames:
+        raise ProjectError(
+            f"no user frame {frame} in {project.path}.",
+            remedy=f"It has {', '.join(project.frames) or 'none'}; enter it under [frames.{frame}].",
+        )
+    return project.frames[frame]
