@@ -3,11 +3,12 @@
 from collections.abc import Mapping
 from pathlib import PurePath
 
+from drivers.fanuc import programs as fanuc
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import ProgramFile
 
-BRANDS: tuple[ProgramBrand, ...] = ()
+BRANDS: tuple[ProgramBrand, ...] = (fanuc.BRAND,)
 
 
 def brand_of(name: str, data: bytes) -> ProgramBrand | None:

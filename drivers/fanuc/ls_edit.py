@@ -1,0 +1,187 @@
+"""New coordinates written into the spans of the old ones."""
+
+import re
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import Array, is_rigid
+from drivers.fanuc.ls_grammar import (
+    CARTESIAN,
+    CONFIGURATION,
+    FIELD,
+    JOINTS,
+    UNTAUGHT_CARTESIAN,
+    UNTAUGHT_JOINTS,
+)
+from drivers.fanuc.ls_numbers import LARGEST, NumberStyle
+from drivers.fanuc.ls_orientation import wpr_deg
+from drivers.fanuc.ls_positions import decimals
+from drivers.fanuc.ls_records import Place
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import CARTESIAN as CARTESIAN_KIND
+from drivers.programs.positions import JOINTS as JOINTS_KIND
+from drivers.programs.positions import Change, Positions
+
+Edit = tuple[int, int, bytes]  # from, to, what stands there then
+_PER_UNIT = {b"mm": 1e3, b"deg": 180.0 / np.pi}
+
+
+def edited(
+    place: Place, body: tuple[int, int], positions: Positions, offsets: NDArray[np.int64], change: Change
+) -> bytes:
+    """Return the file with the change; `LsProgram.changed` says what it raises."""
+    rows = _checked_rows(place, positions, change)
+    blocks = _Blocks(place, body, positions, offsets)
+    edits: list[Edit] = []
+    if change.frame_tip is not None:
+        edits += _poses(blocks, rows, np.asarray(change.frame_tip, dtype=float))
+    if change.joints is not None:
+        edits += _joints(blocks, rows, np.asarray(change.joints, dtype=float))
+    if change.configurations is not None:
+        edits += _configurations(blocks, rows, change.configurations)
+    if change.user_frames is not None:
+        edits += _user_frames(blocks, rows, change.user_frames)
+    return _applied(place.data, sorted(edits))
+
+
+def _applied(data: bytes, edits: Sequence[Edit]) -> bytes:
+    pieces, at = [], 0
+    for start, end, text in edits:
+        pieces += [data[at:start], text]
+        at = end
+    return b"".join([*pieces, data[at:]])
+
+
+class _Blocks:
+    """The text of each position again, to find the spans of its numbers."""
+
+    def __init__(
+        self, place: Place, body: tuple[int, int], positions: Positions, offsets: NDArray[np.int64]
+    ) -> None:
+        self.place, self.body, self.positions, self.offsets = place, body, positions, offsets
+        self.style = NumberStyle.of(place.data, *body)
+
+    def cartesian(self, row: int) -> re.Match[bytes]:
+        """Return the text of a taught Cartesian position: groups 5 to 10 are its numbers."""
+        at, end = int(self.offsets[row]), self.body[1]
+        found = CARTESIAN.match(self.place.data, at, end) or UNTAUGHT_CARTESIAN.match(
+            self.place.data, at, end
+        )
+        if found is None or self.positions.kinds[row] != CARTESIAN_KIND:
+            raise self.error(row, f"is {self.positions.kinds[row]}, and takes no pose.")
+        return found
+
+    def joints(self, row: int) -> re.Match[bytes]:
+        """Return the text of a taught joint position: group 5 holds its joints."""
+        at, end = int(self.offsets[row]), self.body[1]
+        found = JOINTS.match(self.place.data, at, end) or UNTAUGHT_JOINTS.match(self.place.data, at, end)
+        if found is None or self.positions.kinds[row] != JOINTS_KIND:
+            raise self.error(row, f"is {self.positions.kinds[row]}, and takes no joints.")
+        return found
+
+    def any_form(self, row: int) -> re.Match[bytes]:
+        """Return the text of a position in whatever form: groups 1 to 4 are GP, UF, UT and CONFIG."""
+        at, end = int(self.offsets[row]), self.body[1]
+        for pattern in (CARTESIAN, JOINTS, UNTAUGHT_CARTESIAN, UNTAUGHT_JOINTS):
+            if found := pattern.match(self.place.data, at, end):
+                return found
+        raise self.error(row, "is not where it was.")
+
+    def error(self, row: int, message: str, remedy: str = "") -> ProgramFileError:
+        where = self.positions
+        text = f"{where.names[row]} of group {where.groups[row]} {message}"
+        return ProgramFileError(self.place.file, text, line=int(where.lines[row]), column=1, remedy=remedy)
+
+    def number(self, row: int, old: bytes, value: float) -> bytes:
+        """Return a new number in the file's style."""
+        if not abs(value) < LARGEST:
+            raise self.error(row, f"cannot hold the number {value:g}.", "Check the frame and the shift.")
+        return self.style.written(old, value)
+
+
+def _checked_rows(place: Place, positions: Positions, change: Change) -> NDArray[np.int64]:
+    rows = np.asarray(change.rows, dtype=np.int64)
+    inside = (rows >= 0) & (rows < len(positions))
+    if rows.ndim != 1 or not inside.all() or len(np.unique(rows)) < len(rows):
+        raise ProgramFileError(place.file, "the rows of a change must be positions of this file, each once.")
+    given = (change.frame_tip, change.joints, change.configurations, change.user_frames)
+    if any(values is not None and len(values) != len(rows) for values in given):
+        raise ProgramFileError(place.file, "a change must have one value for each of its rows.")
+    return rows
+
+
+def _poses(blocks: _Blocks, rows: NDArray[np.int64], frame_tip: Array) -> Iterator[Edit]:
+    if frame_tip.shape != (len(rows), 4, 4):
+        raise ProgramFileError(blocks.place.file, f"poses must be 4 x 4 matrices, not {frame_tip.shape}.")
+    given = ~np.isnan(frame_tip).all(axis=(1, 2))
+    rows, frame_tip = rows[given], frame_tip[given]
+    if not len(rows):
+        return
+    _check_rigid(blocks, rows, frame_tip)
+    found = [blocks.cartesian(int(row)) for row in rows]
+    texts = [text for block in found for text in block.groups()[4:10]]
+    old = np.array(list(map(float, texts))).reshape(-1, 6)
+    places = np.array(list(map(decimals, texts)), dtype=float).reshape(-1, 6)
+    new = np.empty_like(old)
+    new[:, :3] = 1e3 * frame_tip[:, :3, 3]
+    new[:, 3:] = wpr_deg(frame_tip[:, :3, :3], old[:, 3:], places[:, 3:])
+    differs = np.abs(new - old) > 0.5 * 10.0**-places * (1 - 1e-9)
+    for i, j in np.argwhere(differs).tolist():
+        start, end = found[i].span(5 + j)
+        yield start, end, blocks.number(int(rows[i]), texts[6 * i + j], float(new[i, j]))
+
+
+def _check_rigid(blocks: _Blocks, rows: NDArray[np.int64], frame_tip: Array) -> None:
+    if is_rigid(frame_tip):
+        return
+    for row, pose in zip(rows, frame_tip, strict=True):
+        if not is_rigid(pose):
+            raise blocks.error(int(row), "is given a pose that is no finite, rigid transform.")
+
+
+def _joints(blocks: _Blocks, rows: NDArray[np.int64], joints: Array) -> Iterator[Edit]:
+    if joints.ndim != 2:
+        raise ProgramFileError(blocks.place.file, f"joints must be rows of numbers, not {joints.shape}.")
+    for row, values in zip(rows.tolist(), joints, strict=True):
+        if np.isnan(values).all():
+            continue
+        block = blocks.joints(row)
+        fields = list(FIELD.finditer(block[5]))
+        asked = values[: len(fields)]
+        if (
+            len(asked) < len(fields)
+            or not np.isfinite(asked).all()
+            or np.isfinite(values[len(fields) :]).any()
+        ):
+            raise blocks.error(row, f"has {len(fields)} joints and wants as many finite numbers.")
+        for found, value in zip(fields, asked.tolist(), strict=True):
+            new = value * _PER_UNIT[found[4]]
+            if abs(new - float(found[3])) > 0.5 * 10.0 ** -decimals(found[3]) * (1 - 1e-9):
+                start = block.start(5)
+                yield start + found.start(3), start + found.end(3), blocks.number(row, found[3], new)
+
+
+def _configurations(
+    blocks: _Blocks, rows: NDArray[np.int64], configurations: Sequence[str]
+) -> Iterator[Edit]:
+    for row, text in zip(rows.tolist(), configurations, strict=True):
+        if text == blocks.positions.configurations[row]:
+            continue
+        start, end = blocks.any_form(row).span(4)
+        if start < 0 or not text or CONFIGURATION.fullmatch(text) is None:
+            raise blocks.error(
+                row, f"cannot take the configuration {text!r}.", "Write it as 'N U T, 0, 0, 0'."
+            )
+        yield start, end, text.encode()
+
+
+def _user_frames(blocks: _Blocks, rows: NDArray[np.int64], user_frames: Sequence[str]) -> Iterator[Edit]:
+    for row, text in zip(rows.tolist(), user_frames, strict=True):
+        if text == blocks.positions.user_frames[row]:
+            continue
+        if re.fullmatch(r"[0-9]{1,3}", text) is None:
+            raise blocks.error(row, f"cannot take the user frame {text!r}.", "A user frame is a number.")
+        start, end = blocks.any_form(row).span(2)
+        yield start, end, text.encode()

@@ -1,0 +1,92 @@
+"""What stands between /POS and /END of a FANUC listing, as patterns over bytes.
+
+Blanks, tabs and line ends may stand between any two tokens. Every quantifier is possessive, so a line of a million
+characters is read once.
+Sources: FANUC B-83284EN section 8.4.5; public programs of real controllers (the German ones write KONFIG).
+"""
+
+import re
+
+_GAP = rb"[ \t\r\n]*+"
+NUMBER = rb"[+-]?+(?:\d{1,12}+(?:\.\d{0,9}+)?+|\.\d{1,9}+)"
+_STARS = rb"\*{1,20}+"
+_COMMA = _GAP + rb",?+"
+
+_HEAD_PIECES = (
+    ("P[number]", rb"P\[ *+(\d{1,5}+) *+"),
+    ('a name in quotes, or "]{"', rb'(?::[ \t]*+"[^"\r\n]{0,200}+"[ \t]*+)?+\]' + _GAP + rb"\{"),
+)
+_FRAME_PIECES = (
+    ("GP and a group of 1 to 9", rb"(?:GP *+([1-9])" + _GAP + rb":" + _GAP + rb")?+"),
+    ("UF : number,", rb"UF" + _GAP + rb":" + _GAP + rb"(\d{1,3}+|F)" + _GAP + rb","),
+    ("UT : number,", rb"UT" + _GAP + rb":" + _GAP + rb"(\d{1,3}+|F)" + _COMMA),
+    (
+        "CONFIG : '…'",
+        rb"(?:[A-Z]{3,12}+" + _GAP + rb":" + _GAP + rb"'([^'\r\n]{0,80}+)'" + _COMMA + rb")?+",
+    ),
+)
+
+
+def _value(name: bytes, number: bytes, unit: bytes) -> bytes:
+    return name + _GAP + rb"=([ \t]*+(?:" + number + rb"))" + _GAP + unit + rb"\b" + _COMMA
+
+
+def _extended(number: bytes) -> bytes:
+    field = rb"E[1-9]" + _GAP + rb"=[ \t]*+(?:" + number + rb")" + _GAP + rb"(?:mm|deg)\b" + _COMMA
+    return rb"((?:" + field + _GAP + rb")*+)"
+
+
+def _cartesian(number: bytes) -> tuple[tuple[str, bytes], ...]:
+    axes = [(name, b"mm") for name in "XYZ"] + [(name, b"deg") for name in "WPR"]
+    fields = [
+        (f"{name} = number {unit.decode()}", _value(name.encode(), number, unit)) for name, unit in axes
+    ]
+    return (*_FRAME_PIECES, *fields, ("E1 = number", _extended(number)))
+
+
+def _joints(number: bytes) -> tuple[tuple[str, bytes], ...]:
+    field = rb"J[1-9]" + _GAP + rb"=[ \t]*+(?:" + number + rb")" + _GAP + rb"(?:mm|deg)\b" + _COMMA
+    return (
+        *_FRAME_PIECES,
+        ("J1= number deg", rb"((?:" + field + _GAP + rb")++)"),
+        ("E1 = number", _extended(number)),
+    )
+
+
+def _joined(pieces: tuple[tuple[str, bytes], ...]) -> re.Pattern[bytes]:
+    return re.compile(b"".join(_GAP + pattern for _, pattern in pieces))
+
+
+_EITHER = NUMBER + rb"|" + _STARS
+HEAD = _joined(_HEAD_PIECES)
+CARTESIAN = _joined(_cartesian(NUMBER))  # groups: GP, UF, UT, CONFIG, X, Y, Z, W, P, R, extended axes
+JOINTS = _joined(_joints(NUMBER))  # groups: GP, UF, UT, CONFIG, joints, extended axes
+UNTAUGHT_CARTESIAN = _joined(_cartesian(_EITHER))
+UNTAUGHT_JOINTS = _joined(_joints(_EITHER))
+CLOSE = re.compile(_GAP + rb"\}" + _GAP + rb";?+")
+GAP = re.compile(_GAP)
+FIELD = re.compile(
+    rb"([JE])([1-9])" + _GAP + rb"=([ \t]*+(?:" + _EITHER + rb"))" + _GAP + rb"(mm|deg)"
+)  # axis, its number, text, unit
+
+CONFIGURATION = re.compile(r" *(?:[FNLRUDTB] *){0,4}(?:, *-?\d{0,3} *){0,9}")
+
+_SEARCHED = (_HEAD_PIECES, _cartesian(_EITHER), _joints(_EITHER), (("}; after the last number", rb"\}"),))
+
+
+def furthest(data: bytes, start: int, end: int) -> tuple[int, str]:
+    """Return where reading on from ``start`` stops, and what was expected there."""
+    best = (start, "P[number]{")
+    for pieces in _SEARCHED:
+        at = start
+        for expected, pattern in pieces:
+            gap = GAP.match(data, at, end)
+            at = gap.end() if gap else at
+            found = re.compile(pattern).match(data, at, end)
+            if found is None:
+                best = max(best, (at, expected), key=lambda stop: stop[0])
+                break
+            at = found.end()
+        else:
+            best = max(best, (at, "a comma and a known axis, or };"), key=lambda stop: stop[0])
+    return best

@@ -1,0 +1,47 @@
+"""Numbers of a listing: a new value in the style of the file."""
+
+import re
+from dataclasses import dataclass
+
+from drivers.fanuc.ls_positions import decimals
+
+LARGEST = 1e6  # exclusive: 1 km, or as many degrees; the controller prints stars long before
+
+_PADDED = re.compile(rb"=[ ]{2,}[-+.\d]")
+_BARE_FRACTION = re.compile(rb"=[ \t]*+[+-]?+\.\d")
+_FULL_FRACTION = re.compile(rb"=[ \t]*+[+-]?+0\.0*+[1-9]")
+
+
+@dataclass(frozen=True, slots=True)
+class NumberStyle:
+    """How this file writes numbers: right-aligned in a field or not, ``.154`` or ``0.154``.
+
+    The controller writes ``.154``, and ``0.000`` for zero.
+    """
+
+    padded: bool
+    leading_zero: bool
+
+    @classmethod
+    def of(cls, data: bytes, start: int, end: int) -> "NumberStyle":
+        """Look at the positions of a file, between two offsets."""
+        bare = _BARE_FRACTION.search(data, start, end) is not None
+        full = not bare and _FULL_FRACTION.search(data, start, end) is not None
+        return cls(padded=_PADDED.search(data, start, end) is not None, leading_zero=full)
+
+    def written(self, old: bytes, value: float) -> bytes:
+        """Return a value (in the file's unit) with the decimals of ``old``, blanks before it included."""
+        text = f"{value:.{decimals(old)}f}"
+        whole, point, fraction = text.partition(".")
+        if whole in ("0", "-0") and point:
+            nothing = not fraction.strip("0")
+            sign = "-" if whole == "-0" and not nothing else ""
+            text = f"{sign}{'0' if nothing or self.leading_zero else ''}.{fraction}"
+        elif text == "-0":
+            text = "0"
+        if old.endswith(b"."):
+            text += "."
+        blanks = len(old) - len(old.lstrip(b" \t"))
+        if self.padded and blanks and b"\t" not in old:
+            return b" " + text.rjust(len(old) - 1).encode()
+        return old[:blanks] + text.encode()
