@@ -37,7 +37,6 @@ class ProgramEntry:
     frame_place_m: Figures  # (N, 3) the same in the user frame that the point is written in
     counts: dict[str, int]
     warnings: tuple[str, ...]
-    remarks: tuple[tuple[int, str], ...]  # line and sentence
 
 
 def entry_of(file: str, written: str, result: ProgramResult) -> ProgramEntry:
@@ -61,7 +60,6 @@ def entry_of(file: str, written: str, result: ProgramResult) -> ProgramEntry:
         frame_place_m=_small(result.after.positions.frame_tip[:, :3, 3]),
         counts=result.counts,
         warnings=result.warnings,
-        remarks=tuple((remark.line, remark.text) for remark in result.before.remarks),
     )
 
 

@@ -87,7 +87,7 @@ class JsonReport:
             "source": source,
             "written": written,
             "counts": result.counts,
-            "warnings": list(result.warnings),
+            "warnings": [text for text in result.warnings if not text.startswith("line ")],
             "remarks": [{"line": r.line, "code": r.code, "text": r.text} for r in result.before.remarks],
             "points": [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)],
         }

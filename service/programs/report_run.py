@@ -1,11 +1,11 @@
 """Many programs through one change: read, change, write to the new place, tell; one file after another."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Protocol
+from typing import IO, Protocol, TypeAlias
 
 from calibration.errors import CellError
 from drivers.program_registry import read_program
@@ -19,6 +19,8 @@ from service.programs.report_html import as_html
 from service.programs.result import ProgramResult
 
 STANDARD_OUTPUT = Path("-")
+_POINTS_AT_ONCE = 20_000
+Carry: TypeAlias = Callable[[Sequence[ProgramFile]], Sequence[ProgramResult]]  # of programs of one brand
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,12 @@ class _Sink(Protocol):
     def add(self, source: str, written: str, result: ProgramResult) -> None: ...
 
 
+class Recording(_Sink, Protocol):
+    """What else is kept of every program, and written at the end."""
+
+    def end(self) -> None: ...
+
+
 class _DiffReport:
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -59,12 +67,13 @@ class _DiffReport:
 
 def change_programs(
     found: Found,
-    change: Callable[[ProgramFile], ProgramResult],
+    change: Carry,
     wanted: Wanted,
     title: str,
     done: Callable[[Source], None],
+    also: Recording | None = None,
 ) -> Report:
-    """Change programs one by one and write them and their reports; what is refused stands in the report.
+    """Change programs, some at once, and write them and their reports; what is refused stands in the report.
 
     Raises
     ------
@@ -83,13 +92,16 @@ def change_programs(
             *([] if csv is None else [CsvReport(csv)]),
             *([] if told is None else [told]),
             *([] if diff is None else [_DiffReport(diff)]),
+            *([] if also is None else [also]),
         ]
-        for source in found.sources:
-            try:
-                _change_one(source, change, place, report, sinks)
-            except CellError as error:
-                report.refused.append(Refused.because(source.path, error))
-            done(source)
+        keep = _Keeper(place, report, sinks)
+        for some in _batches(found.sources, place, report):
+            for read, result in _changed(some, change, report):
+                keep.keep(read.source, result)
+            for read in some:
+                done(read.source)
+        if also is not None:
+            also.end()
         if told is not None:
             told.end(report)
         page = _opened(wanted.html, wanted, open_files)
@@ -98,20 +110,63 @@ def change_programs(
     return report
 
 
-def _change_one(
-    source: Source,
-    change: Callable[[ProgramFile], ProgramResult],
-    place: NewPlace,
-    report: Report,
-    sinks: Iterable[_Sink],
-) -> None:
-    place.path_of(source)  # before the work: what cannot be written need not be computed
-    program = read_program(str(source.path), read_bytes(source.path))
-    result = change(program)
-    written = place.write(source, result.after.to_bytes())
-    report.entries.append(entry_of(str(source.path), str(written), result))
-    for sink in sinks:
-        sink.add(str(source.path), str(written), result)
+@dataclass(frozen=True, eq=False)
+class _Read:
+    source: Source
+    program: ProgramFile
+
+
+@dataclass(frozen=True, eq=False)
+class _Keeper:
+    """Writes a result, and tells it to every report."""
+
+    place: NewPlace
+    report: Report
+    sinks: Sequence[_Sink]
+
+    def keep(self, source: Source, result: ProgramResult) -> None:
+        try:
+            written = self.place.write(source, result.after.to_bytes())
+        except CellError as error:
+            self.report.refused.append(Refused.because(source.path, error))
+            return
+        self.report.entries.append(entry_of(str(source.path), str(written), result))
+        for sink in self.sinks:
+            sink.add(str(source.path), str(written), result)
+
+
+def _batches(sources: Iterable[Source], place: NewPlace, report: Report) -> Iterator[list[_Read]]:
+    """Yield programs of one brand, enough at once to be quick and few enough to be small."""
+    batch: list[_Read] = []
+    for source in sources:
+        try:
+            place.path_of(source)  # what cannot be written need not be computed
+            program = read_program(str(source.path), read_bytes(source.path))
+        except CellError as error:
+            report.refused.append(Refused.because(source.path, error))
+            continue
+        if batch and batch[0].program.brand != program.brand:
+            yield batch
+            batch = []
+        batch.append(_Read(source, program))
+        if sum(len(read.program.positions) for read in batch) > _POINTS_AT_ONCE:
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+def _changed(batch: Sequence[_Read], change: Carry, report: Report) -> Iterator[tuple[_Read, ProgramResult]]:
+    """Change some programs together; where one of them is refused, each alone."""
+    try:
+        yield from zip(batch, change([read.program for read in batch]), strict=True)
+        return
+    except CellError as error:
+        if len(batch) == 1:
+            report.refused.append(Refused.because(batch[0].source.path, error))
+            return
+    for read in batch:
+        yield from _changed([read], change, report)
 
 
 def _check_reports(wanted: Wanted, place: NewPlace) -> None:

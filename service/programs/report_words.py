@@ -1,10 +1,12 @@
 """The sentences of a report, the same on the screen and on the page."""
 
+from collections import Counter
+
 from service.programs.files import Refused
-from service.programs.report import ProgramEntry, Report
+from service.programs.report import Report
 from service.programs.result import CHANGED, LEFT, UNCHANGED
 
-_REMARKS_SHOWN = 6  # of one program: the rest is counted
+_MOST_OF_ONE = 6  # lines of one program: the rest is counted
 
 
 def heading(report: Report) -> str:
@@ -27,21 +29,19 @@ def verdict(report: Report) -> str:
 
 
 def problems(report: Report) -> list[str]:
-    """Return what else a person must know: warnings of programs, and what in them also carries positions."""
-    lines = []
-    for entry in report.programs_worst_first():
-        lines += [f"{entry.program}: {warning}" for warning in entry.warnings]
-        lines += remark_lines(entry)
-    return lines
-
-
-def remark_lines(entry: ProgramEntry) -> list[str]:
-    """Return a program's remarks; many of them are counted."""
-    shown = [f"{entry.program}, {_at(line)}{text}" for line, text in entry.remarks[:_REMARKS_SHOWN]]
-    more = len(entry.remarks) - len(shown)
-    return (
-        [*shown, f"{entry.program}: {more} more such lines; the JSON file holds all."] if more > 0 else shown
+    """Return what else a person must know, what many programs share first and once."""
+    shared = Counter(
+        warning for entry in report.entries for warning in entry.warnings if not _of_line(warning)
     )
+    lines = [f"{plural(count, 'program')}: {warning}" for warning, count in shared.items() if count > 1]
+    for entry in report.programs_worst_first():
+        own = [f"{entry.program}: {warning}" for warning in entry.warnings if shared[warning] < 2]
+        lines += own[:_MOST_OF_ONE]
+        if len(own) > _MOST_OF_ONE:
+            lines.append(
+                f"{entry.program}: {len(own) - _MOST_OF_ONE} more such lines; the JSON file holds all."
+            )
+    return lines
 
 
 def refusal(one: Refused) -> str:
@@ -54,5 +54,5 @@ def plural(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def _at(line: int) -> str:
-    return f"line {line}: " if line else "the whole: "
+def _of_line(warning: str) -> bool:
+    return warning.startswith("line ")

@@ -7,7 +7,8 @@ the same points in another text are the clone, saved again, and that is said.
 import datetime
 import hashlib
 import json
-from collections import Counter
+import tomllib
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
@@ -76,36 +77,78 @@ class CellProgram:
         return self.state is State.CURRENT
 
 
-def made_of(written: Path, result: ProgramResult, master: Project, clone: Project, source: Path) -> Made:
-    """Return the record of a clone that was just written."""
-    return Made(
-        file=written.name,
-        sha256=_sha256(result.after.to_bytes()),
-        points_sha256=points_sha256(result.after),
-        source=source.name,
-        source_sha256=_sha256(result.before.to_bytes()),
-        master=master.name,
-        master_cell_sha256=cell_sha256(master),
-        cell=clone.name,
-        cell_sha256=cell_sha256(clone),
-        points=len(result.status),
-        left=Counter(result.status)[LEFT],
-        made_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        made_with=installed_version("cellcal"),
-    )
+class Recorder:
+    """Records clones as they are written."""
+
+    def __init__(self, master: Project, clone: Project) -> None:
+        self._master, self._clone = master.name, clone.name
+        self._cells = cell_sha256(master), cell_sha256(clone)
+        self._made: dict[Path, list[Made]] = defaultdict(list)
+
+    def add(self, source: str, written: str, result: ProgramResult) -> None:
+        """Take a clone that was just written."""
+        path = Path(written)
+        made = Made(
+            file=path.name,
+            sha256=_sha256(result.after.to_bytes()),
+            points_sha256=points_sha256(result.after),
+            source=Path(source).name,
+            source_sha256=_sha256(result.before.to_bytes()),
+            master=self._master,
+            master_cell_sha256=self._cells[0],
+            cell=self._clone,
+            cell_sha256=self._cells[1],
+            points=len(result.status),
+            left=Counter(result.status)[LEFT],
+            made_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+            made_with=installed_version("cellcal"),
+        )
+        self._made[path.parent].append(made)
+
+    def end(self) -> None:
+        """Write the records beside their clones."""
+        for folder, made in self._made.items():
+            keep_records(folder, made)
 
 
-def keep_records(folder: Path, made: Sequence[Made]) -> Path | None:
-    """Add records to those of a folder, in place of older ones of the same file; return where they are."""
-    if not made:
-        return None
+def keep_records(folder: Path, made: Sequence[Made]) -> None:
+    """Add records to those of a folder, in place of older ones of the same file."""
     path = folder / RECORD
     kept = {one.file.casefold(): one for one in (_read(path) if path.is_file() else ())}
     kept |= {one.file.casefold(): one for one in made}
     document = {"format": _FORMAT, "clones": [asdict(kept[name]) for name in sorted(kept)]}
     with whole_file(path, replace=True) as file:
         file.write((json.dumps(document, indent=1, ensure_ascii=False) + "\n").encode())
-    return path
+
+
+def find_projects(named: Sequence[str]) -> list[Path]:
+    """Return the projects that files and folders name; of a folder those that name a master.
+
+    Raises
+    ------
+    FilesError
+        None is named, or a folder holds none.
+    """
+    if not named:
+        raise FilesError("No project was named.", remedy="Name projects of clones, or a folder of them.")
+    found: list[Path] = []
+    for name in named:
+        path = Path(name)
+        inside = sorted(path.rglob("*.toml")) if path.is_dir() else [path]
+        mine = [one for one in inside if not path.is_dir() or _names_a_master(one)]
+        if not mine:
+            raise FilesError(
+                f"{path}: no project in this folder names a master.", remedy="Name project files."
+            )
+        found += [one for one in mine if one not in found]
+    return found
+
+
+def _names_a_master(path: Path) -> bool:
+    try:
+        return "master" in tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
 
 
 def status_of(projects: Iterable[Path]) -> tuple[list[CellProgram], list[Refused]]:

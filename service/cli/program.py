@@ -1,0 +1,269 @@
+"""``cellcal program``: inspect, move, clone and compensate robot programs, and see who runs which version."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Parameter
+
+if TYPE_CHECKING:
+    from drivers.programs.brands import ConfigurationRule
+    from drivers.programs.positions import ProgramFile
+    from service.programs.files import Found
+    from service.programs.project import Project as CellProject
+    from service.programs.report import Report
+    from service.programs.report_run import Carry
+    from service.programs.result import ProgramResult
+    from service.programs.versions import Recorder
+
+program = App(
+    name="program",
+    help="Inspect robot programs; move, clone and compensate them; see which cell runs which version.",
+)
+
+Json = Annotated[
+    bool, Parameter(name="--json", negative=(), help="Print one JSON object on standard output.")
+]
+Project = Annotated[
+    Path | None, Parameter(name="--project", help="The project file (TOML) of the programs' cell.")
+]
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where new programs and reports go; `-` is standard output, and the tables then go to standard error."""
+
+    out: Path
+    """Folder for the new programs, made if it is not there. A source is never written over."""
+    replace: Annotated[bool, Parameter(negative=())] = False
+    """Replace programs and reports of an earlier run."""
+    json: Path | None = None
+    """Every point as JSON."""
+    csv: Path | None = None
+    """Every point as a row."""
+    html: Path | None = None
+    """A page with pictures of the points, coloured by shift and by expected error."""
+    diff: Path | None = None
+    """A unified diff of all programs, as `patch` takes it."""
+    top: int = 10
+    """How many points the terminal lists, worst first."""
+
+
+Out = Annotated[Outputs, Parameter(name="*")]
+
+
+@program.command
+def move(
+    *files: str,
+    project: Annotated[Path, Parameter(name="--project", help="The project file (TOML) of the cell.")],
+    outputs: Out,
+    offset: str | None = None,
+    frame: str | None = None,
+    before: Annotated[Path | None, Parameter(name="--from")] = None,
+    after: Annotated[Path | None, Parameter(name="--to")] = None,
+) -> int:
+    """Move points with a workpiece or fixture that was moved.
+
+    Example: cellcal program move programs/ --project cell.toml --offset 12,0,-3.5,0,0,1.5 --frame 2 --out moved
+
+    Each point keeps its place at the work, to the robot's own accuracy. Exit codes: 0 all fine, 4 a point was
+    left as it was, 10 a file was refused.
+
+    Parameters
+    ----------
+    files
+        Files, folders, or patterns in quotes; the project's own programs when none is named.
+    offset
+        How the work moved: x,y,z in mm, and turns about the fixed x, y and z axes in degrees (as FANUC's W,P,R).
+        In the robot's base, or in the user frame of `--frame`.
+    frame
+        Move only the points of this user frame.
+    before
+        Instead of an offset: the fixture's alignment file before the move, and with `--to` after it.
+    after
+        The fixture's alignment file after the move.
+    """
+    from service.cli.program_moves import base_change_of, tell_frame
+    from service.programs.move import moving
+    from service.programs.project import read_project
+
+    cell = read_project(project)
+    change = base_change_of(cell, offset, frame, (before, after))
+    carry = _of_each_brand(lambda rule: moving(cell, change, rule, frame=frame).carry)
+    report = _change(_found(files, cell, outputs), carry, outputs, f"Moved in {cell.name}")
+    if frame is not None:
+        tell_frame(cell, frame, change)
+    return report.exit_code
+
+
+@program.command
+def clone(master: Path, target: Path, /, *files: str, outputs: Out) -> int:
+    """Bring programs of a master's cell to a clone of it, with both robots' identified models.
+
+    Example: cellcal program clone cell_1/project.toml cell_7/project.toml --out cell_7/programs --html clone.html
+
+    Beside the new programs a record tells what they were made from; `cellcal program status` reads it. Exit codes:
+    0 all fine, 4 a point was left as it was, 10 a file was refused.
+
+    Parameters
+    ----------
+    master
+        The project file of the cell in which the programs are proven.
+    target
+        The project file of the cell that gets them.
+    files
+        Files, folders, or patterns in quotes; the master's own programs when none is named.
+    """
+    from service.programs.clone import cloning
+    from service.programs.project import read_project
+    from service.programs.versions import Recorder
+
+    source, cell = read_project(master), read_project(target)
+    recorder = Recorder(source, cell)
+    carry = _of_each_brand(lambda rule: cloning(source, cell, rule).carry)
+    report = _change(
+        _found(files, source, outputs), carry, outputs, f"{source.name} cloned to {cell.name}", recorder
+    )
+    return report.exit_code
+
+
+@program.command
+def compensate(
+    *files: str,
+    project: Annotated[Path, Parameter(name="--project", help="The project file (TOML) of the cell.")],
+    outputs: Out,
+    download: Annotated[bool, Parameter(negative=())] = False,
+) -> int:
+    """Correct every point for the errors of the robot that runs it, by its identified model.
+
+    Example: cellcal program compensate "offline/*.ls" --project cell_7/project.toml --out corrected
+
+    A controller computes with the nominal arm; with these points the real tip is where the program meant it to be.
+    Exit codes: 0 all fine, 4 a point was left as it was, 10 a file was refused.
+
+    Parameters
+    ----------
+    files
+        Files, folders, or patterns in quotes; the project's own programs when none is named.
+    download
+        The other way round: points taught on the real robot, brought to the nominal world of a simulation.
+    """
+    from calibration.compensation.compensate import Direction
+    from service.programs.compensate import compensating
+    from service.programs.project import read_project
+
+    cell = read_project(project)
+    way = Direction.DOWNLOAD if download else Direction.UPLOAD
+    carry = _of_each_brand(lambda rule: compensating(cell, way, rule).carry)
+    title = f"Taught in {cell.name}, for the nominal robot" if download else f"Compensated for {cell.name}"
+    return _change(_found(files, cell, outputs), carry, outputs, title).exit_code
+
+
+@program.command
+def inspect(
+    *files: str,
+    project: Project = None,
+    robot: str | None = None,
+    points: bool = False,
+    roundtrip: Path | None = None,
+    as_json: Json = False,
+) -> int:
+    """Show what programs hold: points, frames, tools, configurations, reach, expected errors, remarks.
+
+    Example: cellcal program inspect "programs/*.ls" --project cell_7/project.toml
+
+    Nothing is changed. Exit codes: 0 all could be read, 4 a point is out of reach, 10 a file was refused.
+
+    Parameters
+    ----------
+    files
+        Files, folders, or patterns in quotes; the project's own programs when none is named.
+    robot
+        Without a project: a robot that ships (`cellcal models`), for the reach of points whose tool and frame the
+        file itself holds.
+    points
+        List every point; without it, where there is one file.
+    roundtrip
+        Write each file as it was read and printed to this folder, under its own name, and compare the bytes.
+    """
+    from service.cli.program_screen import InspectionScreen, counting
+    from service.programs.inspect import Asked, inspect_programs, sources_of
+
+    found, cell = sources_of(Asked(files, project, robot, roundtrip))
+    screen = InspectionScreen(as_json=as_json, points=points or len(found.sources) == 1)
+    with counting("inspecting", len(found.sources)) as counted:
+        totals = inspect_programs(found, cell, roundtrip, counted(screen.add))
+    screen.end(totals)
+    return totals.exit_code
+
+
+@program.command
+def status(*projects: str, as_json: Json = False) -> int:
+    """Show which cell runs which version of its master's programs.
+
+    Example: cellcal program status line/*/project.toml
+
+    A version is the first figures of a program's SHA-256. Exit codes: 0 every cell runs what it should, 4 one does
+    not, 10 a project cannot be used.
+
+    Parameters
+    ----------
+    projects
+        Projects of clones: files, or folders in which every project.toml of a clone is taken.
+    """
+    from service.cli.printing import print_json
+    from service.cli.program_screen import status_as_object, tell_status
+    from service.exit_codes import ExitCode
+    from service.programs.versions import find_projects, status_of
+
+    found, refused = status_of(find_projects(projects))
+    if as_json:
+        print_json(status_as_object(found, refused))
+    else:
+        tell_status(found, refused)
+    if refused:
+        return ExitCode.FILES_REFUSED
+    return ExitCode.PASS if all(one.ok for one in found) else ExitCode.REFUSED
+
+
+def _found(files: Sequence[str], cell: "CellProject", outputs: Outputs) -> "Found":
+    from service.programs.files import find_programs
+    from service.programs.inspect import named_by
+
+    return find_programs(files or named_by(cell), out=outputs.out)
+
+
+def _of_each_brand(make: Callable[["ConfigurationRule | None"], "Carry"]) -> "Carry":
+    """Return what carries programs of any brand: one carrier a brand, made when its first program comes."""
+    from drivers.program_registry import brands_by_name
+
+    made: dict[str, Carry] = {}
+
+    def carry(programs: "Sequence[ProgramFile]") -> "Sequence[ProgramResult]":
+        brand = programs[0].brand
+        if brand not in made:
+            made[brand] = make(brands_by_name()[brand].configurations)
+        return made[brand](programs)
+
+    make(None)  # what the projects lack is said once, and not of every file
+    return carry
+
+
+def _change(
+    found: "Found", carry: "Carry", outputs: Outputs, title: str, recorder: "Recorder | None" = None
+) -> "Report":
+    from rich.console import Console
+
+    from service.cli.printing import EN_ROUTE
+    from service.cli.program_screen import counting, tell_report
+    from service.programs.report_run import Wanted, change_programs
+
+    wanted = Wanted(outputs.out, outputs.replace, outputs.json, outputs.csv, outputs.html, outputs.diff)
+    with counting("changing", len(found.sources)) as counted:
+        report = change_programs(found, carry, wanted, title, counted(lambda _: None), recorder)
+    console = EN_ROUTE if wanted.fills_standard_output else Console(highlight=False)
+    tell_report(report, most=outputs.top, console=console)
+    for path in (outputs.out, *wanted.reports):
+        EN_ROUTE.print(f"written: {path}", markup=False, soft_wrap=True)
+    return report

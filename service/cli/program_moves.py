@@ -1,0 +1,104 @@
+"""How the work moved, as it is said on the command line."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibration.errors import CellError
+
+if TYPE_CHECKING:
+    from calibration.geometry import Array
+    from calibration.points.alignment import Alignment
+    from service.programs.project import Project
+
+
+class MoveError(CellError):
+    """What was said does not tell how the work moved."""
+
+    code = "usage"
+
+
+def base_change_of(
+    cell: "Project", offset: str | None, frame: str | None, alignments: tuple[Path | None, Path | None]
+) -> "Array":
+    """Return the move (4, 4) in the robot's base from an offset or from two alignments of a fixture.
+
+    Raises
+    ------
+    CellError
+        Neither, both, or numbers and files that are not what they should be.
+    """
+    from service.programs.move import change_between, change_of_frame
+
+    before, after = alignments
+    if (offset is None) == (before is None) or (before is None) != (after is None):
+        raise MoveError(
+            "It is not clear how the work moved.",
+            remedy="Give --offset x,y,z,w,p,r, or the fixture's alignments with --from and --to.",
+        )
+    if before is not None and after is not None:
+        return change_between(_alignment(before, cell), _alignment(after, cell))
+    moved = offset_of(offset or "")
+    if frame is None:
+        return moved
+    if frame not in cell.frames:
+        raise MoveError(
+            f"{cell.path} has no user frame {frame}.",
+            remedy=f"It has {', '.join(cell.frames) or 'none'}; enter it under [frames.{frame}].",
+        )
+    return change_of_frame(cell.frames[frame], moved)
+
+
+def offset_of(text: str) -> "Array":
+    """Return (4, 4) of ``x,y,z`` in mm, or with turns about the fixed x, y and z axes in degrees.
+
+    Raises
+    ------
+    MoveError
+        Not three or six finite numbers.
+    """
+    import numpy as np
+
+    from calibration.geometry import homogeneous
+    from calibration.orientation import rotation_from
+
+    try:
+        numbers = np.array([float(part) for part in text.split(",")])
+    except ValueError:
+        numbers = np.empty(0)
+    if len(numbers) not in (3, 6) or not np.isfinite(numbers).all():
+        raise MoveError(
+            f"--offset {text!r} is not three or six numbers.",
+            remedy="Write x,y,z in mm or x,y,z,w,p,r in mm and degrees: --offset=-12.5,0,3,0,0,1.5",
+        )
+    turned = numbers[3:] if len(numbers) == 6 else np.zeros(3)
+    return homogeneous(rotation_from("fanuc_wpr", np.deg2rad(turned)), numbers[:3] / 1e3)
+
+
+def tell_frame(cell: "Project", frame: str, base_change: "Array") -> None:
+    """Say what could be entered into the controller instead, so that programs stay as they are."""
+    from service.cli.printing import EN_ROUTE
+    from service.programs.move import redefined_frame
+
+    told = redefined_frame(cell, frame, base_change)[1]
+    EN_ROUTE.print(
+        f"Instead of running the moved programs, the old ones could run with {told}. Never do both.",
+        markup=False,
+    )
+
+
+def _alignment(path: Path, cell: "Project") -> "Alignment":
+    from calibration.points.alignment import read_alignments
+
+    try:
+        found = read_alignments(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as broken:
+        raise MoveError(f"{path} cannot be read: {broken}", remedy="Give an alignment file.") from broken
+    name = None if cell.alignment is None else cell.alignment.fixture
+    mine = [one for one in found if one.robot_serial == cell.serial and name in (None, one.fixture)]
+    if len(mine) != 1:
+        there = ", ".join(f"{one.fixture} from robot {one.robot_serial}" for one in found) or "nothing"
+        raise MoveError(
+            f"{path} holds {len(mine)} alignments of this cell's fixture by robot {cell.serial}: {there}.",
+            remedy="Give the file of one fixture, measured by this robot (`cellcal alignments export`).",
+        )
+    return mine[0]

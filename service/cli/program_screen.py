@@ -1,0 +1,309 @@
+"""Programs on the screen: summary first, worst first; nothing wider than the terminal."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rich.console import Console
+from rich.table import Table
+
+from service.cli.printing import EN_ROUTE
+
+if TYPE_CHECKING:
+    from service.programs.files import Refused
+    from service.programs.inspect import Inspected, Totals
+    from service.programs.report import Report
+    from service.programs.versions import CellProgram
+
+Item = TypeVar("Item")
+_MOST_PROGRAMS = 40
+_MOST_REFUSED = 20
+_MOST_NOTES = 20
+_VERSION = 8  # figures of a hash that are shown
+
+
+@contextmanager
+def counting(title: str, total: int) -> Iterator[Callable[[Callable[[Item], None]], Callable[[Item], None]]]:
+    """Show a bar on a terminal's standard error while items are counted; give what makes a callback count."""
+    if not EN_ROUTE.is_terminal:
+        yield lambda call: call
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=EN_ROUTE, transient=True) as bars:
+        task = bars.add_task(title, total=total)
+
+        def counted(call: Callable[[Item], None]) -> Callable[[Item], None]:
+            def told(item: Item) -> None:
+                call(item)
+                bars.advance(task)
+
+            return told
+
+        yield counted
+
+
+@dataclass
+class InspectionScreen:
+    """Prints programs as they are inspected, and keeps of each what the summary needs."""
+
+    as_json: bool
+    points: bool
+    _rows: list[tuple[str, ...]] = field(default_factory=list)
+    _notes: list[str] = field(default_factory=list)
+    _tables: list[Table] = field(default_factory=list)
+    _first: bool = True
+
+    def add(self, inspected: "Inspected") -> None:
+        """Take a program."""
+        if self.as_json:
+            sys.stdout.write('{"programs": [\n' if self._first else ",\n")
+            sys.stdout.write(json.dumps(inspected.as_object(), allow_nan=False, ensure_ascii=False))
+            self._first = False
+            return
+        self._rows.append(_inspected_row(inspected))
+        self._notes += _notes_of(inspected)
+        if self.points:
+            self._tables.append(_points_of(inspected))
+
+    def end(self, totals: "Totals") -> None:
+        """Print what is left to print."""
+        if self.as_json:
+            sys.stdout.write('{"programs": [' if self._first else "\n")
+            rest = {
+                "program_count": totals.programs,
+                "point_count": totals.points,
+                "out_of_reach": totals.out_of_reach,
+                "not_identical": totals.not_identical,
+                "refused": [_refused_object(one) for one in totals.refused],
+            }
+            sys.stdout.write(f"], {json.dumps(rest, ensure_ascii=False)[1:]}\n")
+            return
+        console = Console(highlight=False)
+        from service.programs.report_words import plural
+
+        told = f"{plural(totals.programs, 'program')}, {plural(totals.points, 'point')}"
+        told += f", {totals.out_of_reach} out of reach" if totals.out_of_reach else ""
+        told += f"; {plural(len(totals.refused), 'file')} refused" if totals.refused else ""
+        bad = totals.exit_code != 0
+        console.print(f"{told}.", style="bold red" if bad else "bold", markup=False)
+        _tell_refused(console, totals.refused)
+        if self._rows:
+            console.print(_inspected_table(self._rows))
+        _tell_notes(console, self._notes)
+        for table in self._tables:
+            console.print(table)
+
+
+def tell_report(report: "Report", *, most: int, console: Console) -> None:
+    """Print what became of programs."""
+    from service.programs.report_words import problems, verdict
+
+    console.print(report.title, style="bold", markup=False)
+    console.print(verdict(report), style="bold red" if report.exit_code else "bold green", markup=False)
+    _tell_refused(console, report.refused)
+    if report.entries:
+        console.print(_programs_table(report))
+        console.print(_points_table(report, most))
+    _tell_notes(console, problems(report))
+
+
+def tell_status(found: Sequence["CellProgram"], refused: Sequence["Refused"]) -> None:
+    """Print which cell runs which version; what is not as it should be comes first."""
+    from service.programs.report_words import plural
+
+    console = Console(highlight=False)
+    bad = [one for one in found if not one.ok]
+    cells = len({one.cell for one in found})
+    told = f"{plural(cells, 'cell')}, {plural(len(found), 'program')}: "
+    told += f"{len(bad)} not as in the master." if bad else "all as in the master."
+    console.print(told, style="bold red" if bad or refused else "bold green", markup=False)
+    _tell_refused(console, refused)
+    if not found:
+        return
+    table = Table(
+        "cell", "program", "state", "made from", "master has", "note", box=None, padding=(0, 1, 0, 0)
+    )
+    for one in sorted(found, key=lambda one: (one.ok, one.cell, one.program)):
+        versions = one.made_from_sha256[:_VERSION] or "-", one.master_sha256[:_VERSION]
+        day = f"cloned {one.made_at[:10]}" if one.made_at else ""
+        note = "; ".join(part for part in (day, one.note) if part)
+        style = "" if one.ok else "red"
+        table.add_row(one.cell, one.program, one.state.value, *versions, note, style=style)
+    console.print(table)
+
+
+def status_as_object(found: Sequence["CellProgram"], refused: Sequence["Refused"]) -> dict[str, Any]:
+    """Return the same for JSON."""
+    return {
+        "programs": [
+            {
+                "cell": one.cell,
+                "program": one.program,
+                "state": one.state.value,
+                "ok": one.ok,
+                "made_from_sha256": one.made_from_sha256 or None,
+                "master_sha256": one.master_sha256,
+                "made_at": one.made_at or None,
+                "note": one.note,
+            }
+            for one in found
+        ],
+        "refused": [_refused_object(one) for one in refused],
+    }
+
+
+def _programs_table(report: "Report") -> Table:
+    from service.programs.report import largest
+    from service.programs.result import CHANGED, LEFT, UNCHANGED
+
+    entries = report.programs_worst_first()
+    table = _table(["program"], ["points", "changed", "same", "left", "shift mm", "error mm"])
+    table.title = "Programs, worst first; largest shift and expected error (k = 2)"
+    for entry in entries[:_MOST_PROGRAMS]:
+        counts = (entry.counts[CHANGED], entry.counts[UNCHANGED], entry.counts[LEFT])
+        figures = largest(entry.shift_m), largest(entry.expected_m)
+        cells = (str(len(entry.points)), *map(str, counts), *map(_mm, figures))
+        table.add_row(entry.program, *cells, style="red" if entry.counts[LEFT] else "")
+    if len(entries) > _MOST_PROGRAMS:
+        table.caption = f"{len(entries) - _MOST_PROGRAMS} more; --csv and --json hold all"
+    return table
+
+
+def _points_table(report: "Report", most: int) -> Table:
+    points = report.worst_first(most)
+    table = _table(["program", "point"], ["line", "shift mm", "turn deg", "error mm"], ["left, because"])
+    table.title = f"Points, worst first: {len(points)} of {report.points}"
+    for point in points:
+        figures = (str(point.line), _mm(point.shift_m), _deg(point.turn_rad), _mm(point.expected_m))
+        table.add_row(point.program, point.point, *figures, point.reason, style="red" if point.left else "")
+    return table
+
+
+def _inspected_row(inspected: "Inspected") -> tuple[str, ...]:
+    program, reach = inspected.program, inspected.reach
+    return (
+        program.name,
+        program.brand,
+        str(len(program.positions)),
+        _named(inspected.known_frames),
+        _named(inspected.known_tools),
+        str(len({text for text in program.positions.configurations if text})),
+        "-" if reach is None else str(inspected.out_of_reach),
+        "-" if reach is None else _mm(_largest(reach.miss_m)),
+        "-" if reach is None else _mm(_largest(reach.expected_m)),
+        {None: "", True: "identical", False: "DIFFERENT"}[inspected.identical],
+    )
+
+
+def _inspected_table(rows: Sequence[tuple[str, ...]]) -> Table:
+    heads = (
+        "program",
+        "brand",
+        "points",
+        "frames",
+        "tools",
+        "config.",
+        "out of reach",
+        "misses mm",
+        "known mm",
+    )
+    printed = any(row[-1] for row in rows)
+    shown = [i for i in range(len(heads)) if i < 6 or any(row[i] != "-" for row in rows)]
+    table = Table(box=None, padding=(0, 1, 0, 0))
+    for i in shown:
+        table.add_column(heads[i], justify="right" if i in (2, 5, 6, 7, 8) else "left", overflow="fold")
+    if printed:
+        table.add_column("printed")
+    for row in rows:
+        table.add_row(*(row[i] for i in shown), *([row[-1]] if printed else []))
+    return table
+
+
+def _points_of(inspected: "Inspected") -> Table:
+    heads = ["x mm", "y mm", "z mm"]
+    reach = inspected.reach
+    table = _table(["point"], heads, ["frame", "tool", "configuration"], title=inspected.program.name)
+    if reach is not None:
+        table.add_column("misses mm", justify="right")
+        table.add_column("reach", overflow="fold")
+    for i, point in enumerate(inspected.points()):
+        place = point["position_mm"] or [None] * 3
+        cells = [_number(value) for value in place]
+        words = [point["user_frame"] or "-", point["tool"] or "-", point["configuration"] or point["kind"]]
+        told = [] if reach is None else [_mm(reach.miss_m[i]), reach.why[i] or "reached"]
+        bad = reach is not None and bool(reach.failed[i])
+        table.add_row(point["point"], *cells, *words, *told, style="red" if bad else "")
+    return table
+
+
+def _notes_of(inspected: "Inspected") -> list[str]:
+    name = inspected.program.name
+    told = []
+    if inspected.identical is False:
+        told.append(f"{name}: printed other bytes than were read. This is our bug; please report it.")
+    told += [f"{name}, line {r.line}: {r.text}" for r in inspected.program.remarks]
+    return told
+
+
+def _tell_refused(console: Console, refused: Sequence["Refused"]) -> None:
+    from service.programs.report_words import refusal
+
+    for one in refused[:_MOST_REFUSED]:
+        console.print(f"refused: {refusal(one)}", style="red", markup=False)
+    if len(refused) > _MOST_REFUSED:
+        console.print(f"{len(refused) - _MOST_REFUSED} more files refused.", style="red", markup=False)
+
+
+def _tell_notes(console: Console, notes: Sequence[str]) -> None:
+    if notes:
+        console.print("\nWhat to know before these programs run", style="bold", markup=False)
+    for line in notes[:_MOST_NOTES]:
+        console.print(f"* {line}", markup=False)
+    if len(notes) > _MOST_NOTES:
+        console.print(f"* {len(notes) - _MOST_NOTES} more such lines; JSON holds all.", markup=False)
+
+
+def _table(
+    words: Sequence[str], figures: Sequence[str], more: Sequence[str] = (), title: str | None = None
+) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), title=title, title_justify="left", caption_justify="left")
+    for name in words:
+        table.add_column(name, overflow="fold")
+    for name in figures:
+        table.add_column(name, justify="right", overflow="fold")
+    for name in more:
+        table.add_column(name, overflow="fold")
+    return table
+
+
+def _refused_object(one: "Refused") -> dict[str, str]:
+    return {"file": one.file, "message": one.message, "remedy": one.remedy}
+
+
+def _named(known: dict[str | None, bool]) -> str:
+    return ", ".join(
+        ("unsaid" if name is None else name) + ("" if there else "?") for name, there in known.items()
+    )
+
+
+def _largest(figures: Any) -> float:
+    from service.programs.report import largest
+
+    return largest(figures)
+
+
+def _mm(value_m: float) -> str:
+    return f"{value_m * 1e3:.3f}" if value_m == value_m else "-"  # noqa: PLR0124  NaN is not itself
+
+
+def _deg(value_rad: float) -> str:
+    return f"{value_rad * 57.29577951308232:.3f}" if value_rad == value_rad else "-"  # noqa: PLR0124
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3f}"

@@ -1,0 +1,128 @@
+"""Whether a cell's arm can go to a program's points, and how far from the truth it will then be."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.compensation.pose_gap import Arm
+from calibration.geometry import Array, inverse_transform
+from calibration.programs.transfer import smallest_sigma, tips
+from drivers.program_registry import brands_by_name
+from drivers.programs.positions import ProgramFile
+from service.programs.cell_of_program import (
+    Group,
+    Points,
+    frame_of,
+    groups_of,
+    missing,
+    points_of,
+    tool_of,
+)
+from service.programs.expected import Ends, Expectation
+from service.programs.postures import PostureSearch
+from service.programs.project import Project, Tool
+
+_ROUNDED_RAD = 1e-6  # a joint may be taught at its limit
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """N points of a program in a cell; NaN for what nobody knows."""
+
+    joints_rad: Array  # (N, n) that the controller computes
+    base_place_m: Array  # (N, 3) where the controller believes the tip to be
+    why: tuple[str, ...]  # (N,) what is wrong with a point, or why it cannot be told; "" where nothing is
+    failed: NDArray[np.bool_]  # (N,) the arm cannot go there; what cannot be told is no failure
+    miss_m: (
+        Array  # (N,) how far the real tip is from where the controller believes it, by the identified model
+    )
+    expected_m: Array  # (N,) k = 2, how surely the identified model knows the real tip
+
+
+def reach_of(program: ProgramFile, cell: Project) -> Reach:
+    """Return what a cell's arm makes of a program.
+
+    Raises
+    ------
+    CellError
+        A program of an arm with another number of joints, or an arm whose postures are not known in closed form.
+    """
+    axes = cell.nominal.axes
+    points = points_of([program], axes)
+    brand = brands_by_name().get(program.brand)
+    search = PostureSearch(cell.nominal, cell.controller, None if brand is None else brand.configurations)
+    count = len(points)
+    found = Reach(
+        np.full((count, axes), np.nan),
+        np.full((count, 3), np.nan),
+        (),
+        np.zeros(count, dtype=bool),
+        np.full(count, np.nan),
+        np.full(count, np.nan),
+    )
+    for group in groups_of(points, programs_apart=False):
+        _of_group(group, points, cell, search, found)
+    return Reach(
+        found.joints_rad,
+        found.base_place_m,
+        tuple(points.reasons),
+        found.failed,
+        found.miss_m,
+        found.expected_m,
+    )
+
+
+def _of_group(group: Group, points: Points, cell: Project, search: PostureSearch, found: Reach) -> None:
+    """Fill in the points that share tool and frame."""
+    program, rows = points.programs[0], group.rows
+    tool, frame = tool_of(cell, program, group.tool), frame_of(cell, program, group.frame)
+    taught = np.isfinite(points.joints[rows]).all(axis=1)
+    found.joints_rad[rows[taught]] = points.joints[rows[taught]]
+    posed = rows[~taught]
+    if tool is None:
+        points.refuse(rows, missing("tool", group.tool, cell))
+        return
+    if frame is None:
+        points.refuse(posed, missing("user frame", group.frame, cell))
+        posed = posed[:0]
+    if frame is not None and len(posed):
+        base_flange = frame @ points.frame_tip[posed] @ inverse_transform(tool.entered)
+        before = _last_taught(found.joints_rad, int(posed[0]))
+        joints, why = search.joints(base_flange, [points.texts[i] for i in posed.tolist()], before)
+        found.joints_rad[posed] = joints
+        _fail(points, posed, why, found)
+    _judge(rows[np.isfinite(found.joints_rad[rows]).all(axis=1)], points, cell, tool, found)
+
+
+def _judge(rows: NDArray[np.intp], points: Points, cell: Project, tool: Tool, found: Reach) -> None:
+    """Look at the joints of some points: limits, singularities, accuracy."""
+    if not len(rows):
+        return
+    joints, model = found.joints_rad[rows], cell.controller
+    beyond = (joints < model.lower_rad - _ROUNDED_RAD) | (joints > model.upper_rad + _ROUNDED_RAD)
+    names = [", ".join(f"J{j + 1}" for j in np.flatnonzero(one)) for one in beyond]
+    _fail(points, rows, [f"{name} beyond its limit" if name else "" for name in names], found)
+    near = smallest_sigma(Arm(model), joints) < cell.smallest_sigma
+    _fail(points, rows, ["too near to a singularity" if one else "" for one in near.tolist()], found)
+    believed = tips(Arm(model, tool.entered), joints)
+    found.base_place_m[rows] = believed[:, :3, 3]
+    if cell.identified is None:
+        return
+    real = tips(cell.real_arm(tool.real), joints)
+    found.miss_m[rows] = np.linalg.norm(real[:, :3, 3] - believed[:, :3, 3], axis=1)
+    known = Expectation(cell, cell, np.eye(4), nominal=True)
+    found.expected_m[rows] = known.errors_m(Ends(joints, joints, tool, tool))
+
+
+def _fail(points: Points, rows: NDArray[np.intp], why: Sequence[str], found: Reach) -> None:
+    bad = np.array([bool(reason) for reason in why], dtype=bool)
+    found.failed[rows[bad]] = True
+    told = dict(zip(rows.tolist(), why, strict=True))
+    points.refuse(rows[bad], lambda i: told[i])
+
+
+def _last_taught(joints_rad: Array, row: int) -> Array | None:
+    known = np.flatnonzero(np.isfinite(joints_rad[:row]).all(axis=1))
+    return joints_rad[known[-1]] if len(known) else None
