@@ -7,6 +7,7 @@ from drivers.fanuc import programs as fanuc
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import ProgramFile
+from drivers.universal_robots.programs import BRAND as UNIVERSAL_ROBOTS
 
 BRANDS: tuple[ProgramBrand, ...] = (fanuc.BRAND,)
 

@@ -1,0 +1,53 @@
+"""What an argument of a URScript call is for: where the arm goes, what it starts from, a frame, a tool."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+Role: TypeAlias = Literal["target", "near", "frame", "in_frame", "tool", "value", "other"]
+
+# How many arguments, from the first, are places to go to; and what these are called when they are named.
+MOVES = {"movej": 1, "movel": 1, "movep": 1, "movec": 2, "servoc": 1, "servoj": 1}
+_MOVE_KEYWORDS = frozenset({"q", "pose", "pose_via", "pose_to"})
+_TARGETS = {
+    **{move: (count, _MOVE_KEYWORDS) for move, count in MOVES.items()},
+    "get_inverse_kin": (1, frozenset({"x"})),
+    "get_forward_kin": (1, frozenset({"q"})),
+    "set_tcp": (1, frozenset({"pose"})),
+}
+
+
+@dataclass(slots=True)
+class Call:
+    """A bracket that is open: a call's, or a list's."""
+
+    opens: str
+    function: str  # "" where it is a list or brackets of an expression; "p" for a pose
+    offset: int
+    argument: int = 0
+    keyword: str = ""
+    first_name: str = ""  # the first argument, where it is a name and nothing else
+    reached: set[int] = field(default_factory=set)  # arguments that are a place to go to, and known to be one
+
+    def next_argument(self) -> None:
+        self.argument += 1
+        self.keyword = ""
+
+    @property
+    def understood(self) -> bool:
+        """Whether every place that this move goes to is one we know."""
+        return len(self.reached) >= min(MOVES.get(self.function, 1), self.argument + 1)
+
+
+def role_in(stack: Sequence[Call]) -> tuple[Role, str]:
+    """Return what the argument that is being read is for, and the frame's or the function's name."""
+    if not stack:
+        return "other", ""
+    call = stack[-1]
+    if call.function == "pose_trans" and call.argument < 2 and role_in(stack[:-1])[0] == "target":
+        return ("in_frame", call.first_name) if call.argument else ("frame", "pose_trans")
+    targets, keywords = _TARGETS.get(call.function, (0, frozenset()))
+    if call.keyword in keywords if call.keyword else call.argument < targets:
+        return ("tool" if call.function == "set_tcp" else "target"), call.function
+    near = call.keyword == "qnear" or (not call.keyword and call.argument == 1)
+    return ("near" if near and call.function == "get_inverse_kin" else "other"), call.function
