@@ -153,7 +153,7 @@ def seal_of(record: MasteringRecord) -> str:
 
 def verdict_on_record(result: RecordResult) -> Verdict:
     """Say whether the lengths agree, and how surely a recovery would find lost turns with them."""
-    wire, prospect = result.record.wire, result.prospect
+    (wire, _), prospect = result.record.lengths(), result.prospect
     agree = held(
         "the lengths agree with each other",
         wire.consistent(),

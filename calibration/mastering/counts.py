@@ -134,7 +134,11 @@ class RecoveryKit:
 
 @dataclass(frozen=True, slots=True)
 class MasteringRecord:
-    """What is stored while the robot is healthy, so that lost turns can be found again. Never changed."""
+    """What is stored while the robot is healthy, so that lost turns can be found again. Never changed.
+
+    A controller's backup tells counts at zero and drives only: such a record has no wire, no prior, no captures,
+    and where its quick-master reference is void no reference pose either.
+    """
 
     robot_serial: str
     model: str
@@ -144,14 +148,35 @@ class MasteringRecord:
     reference_joints_rad: tuple[float, ...]
     reference_counts: tuple[int, ...]
     captures: tuple[WireCapture, ...]
-    wire: WireReference
-    prior: WirePrior
+    wire: WireReference | None
+    prior: WirePrior | None
     taken_by: str
     sha256: str
     kit: RecoveryKit | None = None  # None in records older than kits
 
+    @property
+    def measured(self) -> bool:
+        """Tell whether it holds lengths or places, so that lost turns can be found with it."""
+        return self.wire is not None or self.kit is not None
+
+    def lengths(self) -> tuple[WireReference, WirePrior]:
+        """Return what its wire lengths say, and what was known before.
+
+        Raises
+        ------
+        CalibrationError
+            It is from a controller's backup and holds none.
+        """
+        if self.wire is None or self.prior is None:
+            raise CalibrationError(
+                "the mastering record is from a controller's backup: it holds counts, and no lengths.",
+                remedy="Type its counts in if only the controller's memory was lost; else master by marks or pins.",
+            )
+        return self.wire, self.prior
+
     def capture_joints_rad(self) -> Array:
         """Return (N, n): the joints at the record's captures [rad]."""
+        self.lengths()
         return self.drive.joints(np.array([c.counts for c in self.captures]), np.array(self.counts_at_zero))
 
 

@@ -38,7 +38,7 @@ def predict(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> tu
         Standard deviation of each motor's real estimate [turns].
     """
     joints = np.asarray(joints_rad, dtype=float)
-    covariance_of = turn_covariances(record, WirePredictor(model, record.wire, record.prior), joints)
+    covariance_of = turn_covariances(record, WirePredictor(model, *record.lengths()), joints)
     covariance = covariance_of(len(joints))
     return success_probability(covariance), np.sqrt(np.diag(covariance))
 
@@ -93,11 +93,11 @@ def next_poses(
     """
     candidates = np.asarray(candidates_joints, dtype=float)
     measured = np.asarray(measured_joints, dtype=float).reshape(-1, model.axes)
-    predictor = WirePredictor(model, record.wire, record.prior)
+    predictor = WirePredictor(model, *record.lengths())
     terms = predictor.terms(WireSeen.of(np.vstack([measured, candidates]), predictor.sigma_m))
     scatter = predictor.expect(terms)[1]
     by_turn = terms.by_joint @ record.drive.radians_per_turn()
-    noise = np.diag(terms.noise(record.prior))
+    noise = np.diag(terms.noise(record.lengths()[1]))
     first = len(measured)
     known, unknown = scatter - noise, scatter - noise + TURN_DOUBT**2 * by_turn @ by_turn.T
     chosen = _greedy(known, unknown, np.diag(noise), list(range(first)), k)

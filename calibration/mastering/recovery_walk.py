@@ -66,7 +66,7 @@ class WalkPlanner:
 
     @cached_property
     def _predictor(self) -> WirePredictor:
-        return WirePredictor(self.model, self.record.wire, self.record.prior)
+        return WirePredictor(self.model, *self.record.lengths())
 
     def plan(self, start_rad: Array, captures: int, *, seed: int = 0) -> Array:
         """Plan a walk whose captures tell every motor's turns to about ``GOAL_TURNS``, as quickly as found.

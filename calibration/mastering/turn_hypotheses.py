@@ -49,7 +49,7 @@ class LossProblem:
     def __init__(self, model: RobotModel, record: MasteringRecord, captures: Sequence[WireCapture]) -> None:
         if any(len(c.counts) != model.axes for c in captures):
             raise CalibrationError(f"every capture needs the counts of all {model.axes} motors")
-        self.predictor = WirePredictor(model, record.wire, record.prior)
+        self.predictor = WirePredictor(model, *record.lengths())
         self._per_turn = record.drive.radians_per_turn()
         counts = np.array([c.counts for c in captures], dtype=float).reshape(-1, model.axes)
         self._read_joints = record.drive.joints(counts, np.array(record.counts_at_zero))

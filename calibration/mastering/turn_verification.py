@@ -94,7 +94,7 @@ def verification_power(
     The first n stories are one wrong turn of each motor, the others one wrong turn of two motors in either sense.
     ``offset_covariance`` (n, n) [turns^2] is what a recovery does not know of offsets that are no whole turns.
     """
-    predictor = WirePredictor(model, record.wire, record.prior)
+    predictor = WirePredictor(model, *record.lengths())
     terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
     variances = np.diag(predictor.expect(terms)[1])
     if offset_covariance is not None:

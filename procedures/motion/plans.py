@@ -44,7 +44,7 @@ NEARBY_CANDIDATES = 300
 QUICK_EFOLD_S, THOROUGH_EFOLD_S = 200.0, 800.0  # of robot time for one e-fold of one motor's certainty
 QUICK_CAPTURES = 16  # who is not sure after these looks for better poses, also far away
 FINER_GAIN = 0.15  # e-folds of all motors together: below this another capture is not worth its time
-_WALKS_TRIED, _CHOICES_TRIED = 3, 8
+_SEEDS_TRIED, _CHOICES_TRIED = 2, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +162,8 @@ def plan_first(
     model, limits = load_model(record.model), motion_limits(state, record.drive, room)
     planner = _walks(model, record, limits, state)
     here = np.array(here_rad)
-    for seed in range(_WALKS_TRIED):
-        walk = list(planner.plan(here, poses, seed=seed))
+    for tried in (walk for seed in range(_SEEDS_TRIED) for walk in planner.walks(here, poses, seed=seed)):
+        walk = list(tried)
         if walk_allowed(model, here, walk, limits):
             break
     else:  # hard by a limit: the record's own poses, as many as can be reached
@@ -277,13 +277,13 @@ def index_travel(record: MasteringRecord, here_rad: Joints, turns: float) -> Joi
 def _walks(
     model: RobotModel, record: MasteringRecord, limits: MotionLimits, state: MotorState
 ) -> WalkPlanner:
-    hook = record.prior.hook_in_flange_m
+    hook = record.lengths()[1].hook_in_flange_m
     pace = Pace(speed_rad_s=state.limits.jog_speed_rad_s, settle_s=state.limits.settle_s)
     return WalkPlanner(model, record, lambda joints: allowed_postures(model, joints, limits, hook), pace)
 
 
 def _candidates(model: RobotModel, record: MasteringRecord, limits: MotionLimits, here: Array) -> Array:
-    hook = record.prior.hook_in_flange_m
+    hook = record.lengths()[1].hook_in_flange_m
     near = nearby_joints(here, NEARBY_CANDIDATES, seed=3)
     near = near[allowed_postures(model, near, limits, hook)]
     spread = candidate_joints(model, limits, SPARE_CANDIDATES, seed=2, hook_in_flange_m=hook)

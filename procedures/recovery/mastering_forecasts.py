@@ -49,7 +49,7 @@ def forecast_recovery(
     """
     record = known.record
     state = _state_of(known)
-    if record is None or state is None:
+    if record is None or record.wire is None or state is None:
         return Forecast(0.0, assumed=_assumed(known))
     first, checks, finals = captures
     here = _here(record, known.last_counts)
@@ -149,7 +149,7 @@ def _state_of(known: Knowledge) -> MotorState | None:
         return None
     drive = _drive(model) if record is None else record.drive
     zero = (0,) * model.axes if record is None else record.counts_at_zero
-    here = _middle(model) if record is None else _here(record, known.last_counts)
+    here = _middle(model) if record is None or not record.measured else _here(record, known.last_counts)
     return MotorState(
         identity=Identity("", model.name, "", ""),
         condition=Condition(Readiness.READY),

@@ -129,6 +129,13 @@ async def stored_record(cell: Cell) -> MasteringRecord:
             code="procedure.no_record",
             remedy="Master the robot by its marks or pins, then take a mastering record at once.",
         )
+    if not record.measured:
+        raise RefusalError(
+            "the mastering record is from a controller's backup: it holds counts, and no lengths or places",
+            code="procedure.no_record",
+            remedy="If only the controller's memory was lost, type its counts in (`cellcal mastering show`). "
+            "Else master the robot by its marks or pins, then take a mastering record at once.",
+        )
     if record.robot_serial != identity.serial:
         raise RefusalError(
             f"the record is of robot {record.robot_serial}, this is {identity.serial}",

@@ -198,7 +198,8 @@ class Survey:
 
 def recorded_wire(record: MasteringRecord) -> RecordedWire:
     """Return the wire lengths of a mastering record."""
-    return RecordedWire(record.wire.joints_rad, record.wire.lengths_m, record.wire.sigma_m)
+    wire, _ = record.lengths()
+    return RecordedWire(wire.joints_rad, wire.lengths_m, wire.sigma_m)
 
 
 def uncertainties(goal: Goal, covariance_m2: Array, seat_sigma_m: float) -> tuple[float, float]:

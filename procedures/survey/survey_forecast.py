@@ -41,7 +41,7 @@ def state_before(known: Knowledge) -> SurveyState:
         gauge_range_m=known.gauge.range_m,
         gauge_sigma_m=known.gauge.sigma_m,
         limits=known.limits,
-        recorded=None if known.record is None else recorded_wire(known.record),
+        recorded=None if known.record is None or known.record.wire is None else recorded_wire(known.record),
     )
 
 

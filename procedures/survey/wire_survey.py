@@ -62,7 +62,9 @@ async def read_survey_state(cell: Cell) -> SurveyState:
 
 def _recorded(cell: Cell, serial: str, counts_at_zero: tuple[int, ...]) -> RecordedWire | None:
     record = cell.record
-    if record is None or (record.robot_serial, record.counts_at_zero) != (serial, counts_at_zero):
+    if record is None or record.wire is None:
+        return None
+    if (record.robot_serial, record.counts_at_zero) != (serial, counts_at_zero):
         return None
     return recorded_wire(record)
 

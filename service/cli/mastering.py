@@ -1,9 +1,13 @@
 """``cellcal mastering``: the mastering record in force, its sheet for the door, and its way to another computer."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
+
+if TYPE_CHECKING:
+    from calibration.mastering.counts import MasteringRecord
 
 mastering = App(name="mastering", help="Show, print, export and import the mastering record of a robot.")
 
@@ -14,6 +18,18 @@ RobotName = Annotated[
 Json = Annotated[
     bool, Parameter(name="--json", negative=(), help="Print one JSON object on standard output.")
 ]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True)
+class Whose:
+    """Which arm a controller's backup is of; its files do not say."""
+
+    robot: RobotName = None
+    group: Annotated[int, Parameter(name="--group", help="Motion group of the robot in the backup.")] = 1
+
+
+_ANY = Whose()
 
 
 @mastering.command
@@ -58,19 +74,35 @@ def export(*, cell: CellFile, robot: RobotName = None, out: Path = Path(), as_js
 
 @mastering.command(name="import")
 def take_in(
-    file: Path, /, *, cell: CellFile, key: str | None = None, replace: bool = False, as_json: Json = False
+    source: Path,
+    /,
+    *,
+    cell: CellFile,
+    key: str | None = None,
+    whose: Whose = _ANY,
+    replace: bool = False,
+    as_json: Json = False,
 ) -> int:
-    """Import an exported record: it must be unchanged, and of a robot of this cell by its serial number.
+    """Import an exported record, or what a FANUC controller's backup tells of its mastering.
 
     Parameters
     ----------
-    file
-        The signed JSON file.
+    source
+        The signed JSON file: it must be unchanged, and of a robot of this cell by its serial number. Or a folder
+        with SYSMAST.VA and SYMOTN.VA.
     key
-        The public key that must have signed it, or a file that holds it.
+        The public key that must have signed the file, or a file that holds it.
+    whose
+        Whose backup it is.
     replace
         Use it although another record of this robot is in force.
     """
+    if source.is_dir():
+        return _take_in_backup(source, cell, whose, replace=replace, as_json=as_json)
+    return _take_in_file(source, cell, key=key, replace=replace, as_json=as_json)
+
+
+def _take_in_file(file: Path, cell: Path, *, key: str | None, replace: bool, as_json: bool) -> int:
     import getpass
 
     from service.certificates.signing import read_public_key
@@ -84,11 +116,65 @@ def take_in(
     if as_json:
         told = {"sha256": done.record.sha256, "public_key": done.public_key, "was_known": done.was_known}
         print_json({"robot": done.robot, "serial": done.record.robot_serial, **told})
-    state = "was in force already" if done.was_known else "is in force now"
-    words = f"{done.robot}: record {done.record.sha256[:12]} of serial {done.record.robot_serial} {state}."
-    EN_ROUTE.print(words, markup=False)
+    EN_ROUTE.print(_in_force(done.robot, done.record, was_known=done.was_known), markup=False)
     if expected is None:
         EN_ROUTE.print(
             f"It is signed by key {done.public_key}; whose key that is was not checked (--key).", markup=False
         )
+    return 0
+
+
+def _take_in_backup(folder: Path, cell: Path, whose: Whose, *, replace: bool, as_json: bool) -> int:
+    import getpass
+
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.configuration.cell_file import read_cell_file
+    from service.parameters.fanuc_backup import import_backup
+
+    config = read_cell_file(cell)
+    done = import_backup(config, folder, who=getpass.getuser(), of=whose, replace=replace)
+    if as_json:
+        told = {"sha256": done.record.sha256, "was_known": done.was_known, "untold": done.untold}
+        told |= {"findings": done.findings, "counts_at_zero": done.record.counts_at_zero}
+        print_json({"robot": done.robot, "serial": done.record.robot_serial, **told})
+    EN_ROUTE.print(_in_force(done.robot, done.record, was_known=done.was_known), markup=False)
+    for line in (*done.findings, *(f"The backup does not tell {untold}." for untold in done.untold)):
+        EN_ROUTE.print(line, markup=False)
+    return 0
+
+
+def _in_force(robot: str, record: "MasteringRecord", *, was_known: bool) -> str:
+    state = "was in force already" if was_known else "is in force now"
+    return f"{robot}: record {record.sha256[:12]} of serial {record.robot_serial} {state}."
+
+
+@mastering.command
+def edits(
+    backup: Path,
+    /,
+    *,
+    cell: CellFile,
+    whose: Whose = _ANY,
+    as_json: Json = False,
+) -> int:
+    """List what an operator types to give a FANUC controller the counts of the record in force.
+
+    Parameters
+    ----------
+    backup
+        Folder with the controller's present SYSMAST.VA; nothing is written to it.
+    whose
+        Whose backup it is.
+    """
+    import sys
+
+    from service.cli.printing import print_json
+    from service.configuration.cell_file import read_cell_file
+    from service.parameters.fanuc_backup import edits_to
+
+    lines = edits_to(read_cell_file(cell), backup, whose)
+    if as_json:
+        print_json({"edits": lines})
+    else:
+        sys.stdout.write("".join(f"{line}\n" for line in lines or ("Nothing: the counts are equal.",)))
     return 0

@@ -111,6 +111,17 @@ def import_record(
     checked = _checked(path, expected_key)
     record = _record_of(checked)
     robot = _robot_of(config, record)
+    return Imported(robot, record, checked.public_key, kept_as(config, record, who=who, replace=replace))
+
+
+def kept_as(config: CellConfig, record: MasteringRecord, *, who: str, replace: bool) -> bool:
+    """Keep a record as the one in force; tell whether it was in force already.
+
+    Raises
+    ------
+    RecordFileError
+        Another record of this robot is in force and ``replace`` was not said.
+    """
     with open_journal(config) as journal:
         store = Store(journal)
         present = store.mastering_record(record.robot_serial)
@@ -118,7 +129,7 @@ def import_record(
             raise _in_the_way(present, record, _stored(journal, record.robot_serial))
         if present != record:
             store.put_mastering_record(record, actor=who)
-    return Imported(robot, record, checked.public_key, present == record)
+    return present == record
 
 
 def _checked(path: Path, expected_key: str | None) -> Checked:
@@ -172,6 +183,7 @@ def _robot_of(config: CellConfig, record: MasteringRecord) -> str:
 def _in_the_way(present: MasteringRecord, record: MasteringRecord, stored: Event | None) -> RecordFileError:
     since = "" if stored is None else f", stored {stored.wall_utc[:19].replace('T', ' ')} UTC"
     other = " Their zero positions differ." if present.counts_at_zero != record.counts_at_zero else ""
+    other += " Only the one in force can find lost turns." if present.measured and not record.measured else ""
     return RecordFileError(
         f"another record of this robot is in force ({present.sha256[:12]}{since}); the file holds "
         f"{record.sha256[:12]}.{other}",

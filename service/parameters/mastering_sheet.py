@@ -15,6 +15,10 @@ _AFTER_A_LOSS = (
     "mastering_recovery`. The record itself is in the signed file; this sheet is for reading and comparing. It is "
     "void once a motor, encoder, belt or gear was exchanged or the robot was mastered anew."
 )
+_ONLY_COUNTS = (
+    "This record is from a controller's backup. It holds no lengths and no places: lost turns cannot be found with "
+    "it. Run `cellcal run mastering_record` while the robot is healthy. It is void once the robot was mastered anew."
+)
 _BY_HAND = (
     "Where everything else is lost, the counts at zero are what the controller's mastering data must be, in its own "
     "turns: they may be typed in only while the encoders still count as they did when the record was taken."
@@ -37,7 +41,6 @@ class Kept(Protocol):
 def as_sheet(kept: Kept, cell: str, public_key: str = "") -> str:
     """Return the sheet as text; with the key, where a signed file goes with it."""
     record = kept.record
-    wire = record.wire
     lines = [
         "MASTERING RECORD",
         "=" * WIDTH,
@@ -46,15 +49,13 @@ def as_sheet(kept: Kept, cell: str, public_key: str = "") -> str:
         f"cell            {cell}",
         f"stored (UTC)    {kept.stored_utc[:19].replace('T', ' ')}",
         f"by              {record.taken_by}, run {kept.run_id}",
-        f"encoder epoch   {record.epoch}",
+        f"encoder epoch   {record.epoch if record.measured else 'not known'}",
         "",
         *_axes(record),
         "",
-        f"wire: anchor {_mm(wire.anchor_in_base_m)} in the base",
-        f"      hook   {_mm(wire.hook_in_flange_m)} in the flange",
-        f"      {wire.n} lengths, RMS {wire.residual_rms_m * 1e3:.3f} mm about the fit",
+        *_lengths(record),
         "",
-        *textwrap.wrap(_AFTER_A_LOSS, WIDTH),
+        *textwrap.wrap(_AFTER_A_LOSS if record.measured else _ONLY_COUNTS, WIDTH),
         "",
         *textwrap.wrap(_BY_HAND, WIDTH),
         "",
@@ -66,13 +67,25 @@ def as_sheet(kept: Kept, cell: str, public_key: str = "") -> str:
     return "\n".join(line[:WIDTH].rstrip() for line in lines) + "\n"
 
 
+def _lengths(record: MasteringRecord) -> list[str]:
+    wire = record.wire
+    if wire is None:
+        return ["wire: nothing measured"]
+    return [
+        f"wire: anchor {_mm(wire.anchor_in_base_m)} in the base",
+        f"      hook   {_mm(wire.hook_in_flange_m)} in the flange",
+        f"      {wire.n} lengths, RMS {wire.residual_rms_m * 1e3:.3f} mm about the fit",
+    ]
+
+
 def _axes(record: MasteringRecord) -> list[str]:
     per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
     rows = zip(
         load_model(record.model).joint_names,
         record.counts_at_zero,
-        record.reference_counts,
-        record.reference_joints_rad,
+        record.reference_counts or ("not told",) * len(per_turn),
+        [f"{math.degrees(joint):.4f}" for joint in record.reference_joints_rad]
+        or ("not told",) * len(per_turn),
         record.drive.counts_per_turn,
         per_turn,
         strict=True,
@@ -81,7 +94,7 @@ def _axes(record: MasteringRecord) -> list[str]:
     return [
         f"{'axis':<6}{titles}",
         *(
-            f"{name:<6}{zero:>16}{counts:>16}{math.degrees(joint):>13.4f}{turn:>14}{math.degrees(per):>12.5f}"
+            f"{name:<6}{zero:>16}{counts:>16}{joint:>13}{turn:>14}{math.degrees(per):>12.5f}"
             for name, zero, counts, joint, turn, per in rows
         ),
         "'here' is where the robot stood when the record was taken: its reference pose.",
