@@ -7,9 +7,9 @@ from drivers.fanuc import programs as fanuc
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import ProgramFile
-from drivers.universal_robots.programs import BRAND as UNIVERSAL_ROBOTS
+from drivers.universal_robots import programs as universal_robots
 
-BRANDS: tuple[ProgramBrand, ...] = (fanuc.BRAND,)
+BRANDS: tuple[ProgramBrand, ...] = (fanuc.BRAND, universal_robots.BRAND)
 
 
 def brand_of(name: str, data: bytes) -> ProgramBrand | None:
