@@ -15,7 +15,8 @@ from service.cli.printing import EN_ROUTE
 if TYPE_CHECKING:
     from service.programs.files import Refused
     from service.programs.inspect import Inspected, Totals
-    from service.programs.report import Report
+    from service.programs.report import PointLine, Report
+    from service.programs.report_words import Note
     from service.programs.versions import CellProgram
 
 Item = TypeVar("Item")
@@ -54,8 +55,8 @@ class InspectionScreen:
     as_json: bool
     points: bool
     _rows: list[tuple[str, ...]] = field(default_factory=list)
-    _notes: list[str] = field(default_factory=list)
-    _tables: list[Table] = field(default_factory=list)
+    _notes: list["Note"] = field(default_factory=list)
+    _tables: list[tuple[str, Table]] = field(default_factory=list)
     _first: bool = True
 
     def add(self, inspected: "Inspected") -> None:
@@ -68,7 +69,7 @@ class InspectionScreen:
         self._rows.append(_inspected_row(inspected))
         self._notes += _notes_of(inspected)
         if self.points:
-            self._tables.append(_points_of(inspected))
+            self._tables.append((inspected.program.name, _points_of(inspected)))
 
     def end(self, totals: "Totals") -> None:
         """Print what is left to print."""
@@ -84,7 +85,7 @@ class InspectionScreen:
             sys.stdout.write(f"], {json.dumps(rest, ensure_ascii=False)[1:]}\n")
             return
         console = Console(highlight=False)
-        from service.programs.report_words import plural
+        from service.programs.report_words import plural, said_once
 
         told = f"{plural(totals.programs, 'program')}, {plural(totals.points, 'point')}"
         told += f", {totals.out_of_reach} out of reach" if totals.out_of_reach else ""
@@ -94,21 +95,28 @@ class InspectionScreen:
         _tell_refused(console, totals.refused)
         if self._rows:
             console.print(_inspected_table(self._rows))
-        _tell_notes(console, self._notes)
-        for table in self._tables:
+        _tell_notes(console, said_once(self._notes))
+        for name, table in self._tables:
+            console.print(f"\n{name}", style="bold", markup=False)
             console.print(table)
 
 
 def tell_report(report: "Report", *, most: int, console: Console) -> None:
     """Print what became of programs."""
-    from service.programs.report_words import problems, verdict
+    from service.programs.report_words import accuracy, problems, verdict
 
     console.print(report.title, style="bold", markup=False)
     console.print(verdict(report), style="bold red" if report.exit_code else "bold green", markup=False)
+    if accuracy(report):
+        console.print(accuracy(report), markup=False)
     _tell_refused(console, report.refused)
     if report.entries:
+        console.print("\nPrograms, worst first: largest shift, largest expected error", style="bold")
         console.print(_programs_table(report))
-        console.print(_points_table(report, most))
+    points = report.worst_first(most)
+    if points:
+        console.print(f"\nPoints, worst first: {len(points)} of {report.points}", style="bold")
+        console.print(_points_table(points))
     _tell_notes(console, problems(report))
 
 
@@ -163,7 +171,6 @@ def _programs_table(report: "Report") -> Table:
 
     entries = report.programs_worst_first()
     table = _table(["program"], ["points", "changed", "same", "left", "shift mm", "error mm"])
-    table.title = "Programs, worst first; largest shift and expected error (k = 2)"
     for entry in entries[:_MOST_PROGRAMS]:
         counts = (entry.counts[CHANGED], entry.counts[UNCHANGED], entry.counts[LEFT])
         figures = largest(entry.shift_m), largest(entry.expected_m)
@@ -174,10 +181,8 @@ def _programs_table(report: "Report") -> Table:
     return table
 
 
-def _points_table(report: "Report", most: int) -> Table:
-    points = report.worst_first(most)
+def _points_table(points: Sequence["PointLine"]) -> Table:
     table = _table(["program", "point"], ["line", "shift mm", "turn deg", "error mm"], ["left, because"])
-    table.title = f"Points, worst first: {len(points)} of {report.points}"
     for point in points:
         figures = (str(point.line), _mm(point.shift_m), _deg(point.turn_rad), _mm(point.expected_m))
         table.add_row(point.program, point.point, *figures, point.reason, style="red" if point.left else "")
@@ -227,7 +232,7 @@ def _inspected_table(rows: Sequence[tuple[str, ...]]) -> Table:
 def _points_of(inspected: "Inspected") -> Table:
     heads = ["x mm", "y mm", "z mm"]
     reach = inspected.reach
-    table = _table(["point"], heads, ["frame", "tool", "configuration"], title=inspected.program.name)
+    table = _table(["point"], heads, ["frame", "tool", "configuration"])
     if reach is not None:
         table.add_column("misses mm", justify="right")
         table.add_column("reach", overflow="fold")
@@ -241,12 +246,15 @@ def _points_of(inspected: "Inspected") -> Table:
     return table
 
 
-def _notes_of(inspected: "Inspected") -> list[str]:
+def _notes_of(inspected: "Inspected") -> list["Note"]:
+    from service.programs.report_words import Note
+
     name = inspected.program.name
-    told = []
+    told = [Note(name, remark.line, remark.text) for remark in inspected.program.remarks]
     if inspected.identical is False:
-        told.append(f"{name}: printed other bytes than were read. This is our bug; please report it.")
-    told += [f"{name}, line {r.line}: {r.text}" for r in inspected.program.remarks]
+        told.insert(
+            0, Note(name, 0, "printed other bytes than were read. This is our bug; please report it.")
+        )
     return told
 
 
@@ -268,10 +276,8 @@ def _tell_notes(console: Console, notes: Sequence[str]) -> None:
         console.print(f"* {len(notes) - _MOST_NOTES} more such lines; JSON holds all.", markup=False)
 
 
-def _table(
-    words: Sequence[str], figures: Sequence[str], more: Sequence[str] = (), title: str | None = None
-) -> Table:
-    table = Table(box=None, padding=(0, 1, 0, 0), title=title, title_justify="left", caption_justify="left")
+def _table(words: Sequence[str], figures: Sequence[str], more: Sequence[str] = ()) -> Table:
+    table = Table(box=None, padding=(0, 1, 0, 0), caption_justify="left")
     for name in words:
         table.add_column(name, overflow="fold")
     for name in figures:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.geometry import Array
 from service.programs.report import PointLine, ProgramEntry, Report, largest
 from service.programs.report_picture import CIVIDIS, MOST_DRAWN, VIRIDIS, Colouring, Drawn, two_views
-from service.programs.report_words import heading, problems, verdict
+from service.programs.report_words import accuracy, heading, problems, verdict
 
 Rows = NDArray[np.intp]
 
@@ -51,8 +51,9 @@ def as_html(report: Report) -> str:
     parts = [
         f"<h1>{escape(heading(report))}</h1>",
         f'<p class="verdict{" bad" if report.exit_code else ""}">{escape(verdict(report))}</p>',
+        f"<p>{escape(accuracy(report))}</p>",
         _refused(report),
-        _list("What to know about these programs", problems(report)),
+        _list("What to know before these programs run", problems(report)),
         _pictures(report),
         "<h2>Programs</h2>" + _programs(report.programs_worst_first()) if report.entries else "",
         "<h2>Points</h2>" + _points(worst, report.points) if worst else "",

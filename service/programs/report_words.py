@@ -1,12 +1,17 @@
 """The sentences of a report, the same on the screen and on the page."""
 
-from collections import Counter
+import math
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from service.programs.files import Refused
-from service.programs.report import Report
+from service.programs.report import Report, largest
 from service.programs.result import CHANGED, LEFT, UNCHANGED
 
-_MOST_OF_ONE = 6  # lines of one program: the rest is counted
+_MOST_NAMED = 3  # programs of a sentence, lines of a program: the rest is counted
+_LINE = re.compile(r"line (\d+): (.*)", re.DOTALL)
 
 
 def heading(report: Report) -> str:
@@ -28,20 +33,59 @@ def verdict(report: Report) -> str:
     return told
 
 
+def accuracy(report: Report) -> str:
+    """Return the largest expected error, and what it would be without the robots' models; empty if unknown."""
+    expected, without = (largest(report.column(name)) for name in ("expected_m", "uncorrected_m"))
+    told = []
+    if math.isfinite(expected):
+        told.append(f"Expected error at most {expected * 1e3:.2f} mm (k = 2).")
+    if math.isfinite(without):
+        told.append(f"Without the robots' models points would miss by up to {without * 1e3:.2f} mm.")
+    return " ".join(told)
+
+
 def problems(report: Report) -> list[str]:
-    """Return what else a person must know, what many programs share first and once."""
-    shared = Counter(
-        warning for entry in report.entries for warning in entry.warnings if not _of_line(warning)
-    )
-    lines = [f"{plural(count, 'program')}: {warning}" for warning, count in shared.items() if count > 1]
-    for entry in report.programs_worst_first():
-        own = [f"{entry.program}: {warning}" for warning in entry.warnings if shared[warning] < 2]
-        lines += own[:_MOST_OF_ONE]
-        if len(own) > _MOST_OF_ONE:
-            lines.append(
-                f"{entry.program}: {len(own) - _MOST_OF_ONE} more such lines; the JSON file holds all."
-            )
-    return lines
+    """Return what else a person must know before the programs run."""
+    entries = report.programs_worst_first()
+    return said_once(Note.of(entry.program, warning) for entry in entries for warning in entry.warnings)
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A sentence about a program, or a line of it."""
+
+    program: str
+    line: int  # 0: the whole
+    text: str
+
+    @classmethod
+    def of(cls, program: str, warning: str) -> "Note":
+        """Read a warning, which may begin with its line."""
+        found = _LINE.match(warning)
+        return cls(program, 0, warning) if found is None else cls(program, int(found[1]), found[2])
+
+
+def said_once(notes: Iterable[Note]) -> list[str]:
+    """Return sentences that name the programs and lines they are about, each sentence once."""
+    by_text: defaultdict[str, defaultdict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
+    for note in notes:
+        by_text[note.text][note.program].append(note.line)
+    return [f"{_where(programs)}: {text}" for text, programs in by_text.items()]
+
+
+def _where(programs: Mapping[str, Sequence[int]]) -> str:
+    told = [name + _lines(lines) for name, lines in programs.items()]
+    if len(told) <= _MOST_NAMED:
+        return ", ".join(told)
+    return f"{', '.join(told[:_MOST_NAMED])} and {plural(len(told) - _MOST_NAMED, 'more program')}"
+
+
+def _lines(lines: Sequence[int]) -> str:
+    known = [str(line) for line in lines if line]
+    if not known:
+        return ""
+    more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
+    return f" (line{'s' if len(known) > 1 else ''} {', '.join(known[:_MOST_NAMED])}{more})"
 
 
 def refusal(one: Refused) -> str:
@@ -52,7 +96,3 @@ def refusal(one: Refused) -> str:
 def plural(count: int, what: str) -> str:
     """Return a count with its noun."""
     return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-def _of_line(warning: str) -> bool:
-    return warning.startswith("line ")
