@@ -5,7 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test check soak bench lock clean
+PAGES := service/web/dist/index.html
+
+.PHONY: demo test check soak bench lock pages clean
 
 $(VENV)/.runtime: requirements.lock pyproject.toml
 	@./deploy/prepare_machine.sh
@@ -19,6 +21,12 @@ $(VENV)/.dev: requirements-dev.lock $(VENV)/.runtime
 	@echo "installing the test tools into $(VENV) …" >&2
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.lock
 	@touch $@
+
+# Node is needed only here; where none is installed, a pinned one comes from the package registry.
+$(PAGES): $(VENV)/.runtime web/package-lock.json web/index.html web/vite.config.ts $(shell find web/src web/public -type f)
+	@./deploy/build_pages.sh
+
+pages: $(PAGES)
 
 demo: $(VENV)/.runtime
 	@$(BIN)/cellcal demo --headless $(ARGS)
@@ -43,6 +51,7 @@ bench: $(VENV)/.dev
 lock:
 	uv pip compile -q --generate-hashes --no-emit-index-url --no-header --python-version 3.11 pyproject.toml -o requirements.lock
 	uv pip compile -q --generate-hashes --no-emit-index-url --no-header --extra dev --python-version 3.11 pyproject.toml -o requirements-dev.lock
+	uv pip compile -q --generate-hashes --no-emit-index-url --no-header --universal --python-version 3.11 requirements-build.in -o requirements-build.lock
 
 clean:
 	rm -rf $(VENV) build *.egg-info

@@ -15,6 +15,7 @@ from calibration.errors import CellError
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.web import commands, history, outlook, screen
 from service.web.link import DeskGoneError, DeskLink
+from service.web.pages import add_pages
 from service.web.screens import Screens
 
 Heard = Callable[[str, dict[str, Any]], None]
@@ -67,6 +68,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_exception_handler(CellError, _told)
     for router in (screen.router, commands.router, outlook.router, history.router):
         app.include_router(router, prefix="/api")
+    add_pages(app)
     return app
 
 

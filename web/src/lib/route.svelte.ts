@@ -1,0 +1,21 @@
+// Pages by the part of the address after "#": a link can be kept, and the back button works.
+
+export type Page = "home" | "procedure" | "history";
+
+class Route {
+  page = $state<Page>("home");
+  detail = $state("");
+
+  constructor() {
+    this.#read();
+    addEventListener("hashchange", () => this.#read());
+  }
+
+  #read() {
+    const [page = "", detail = ""] = location.hash.replace(/^#\//, "").split("/").map(decodeURIComponent);
+    this.page = page === "procedure" || page === "history" ? page : "home";
+    this.detail = detail;
+  }
+}
+
+export const route = new Route();

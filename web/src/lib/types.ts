@@ -1,0 +1,122 @@
+// What the service tells; the field names are those of its OpenAPI description.
+
+export interface Phase {
+  name: string;
+  repeats: number | null;
+  adaptive: boolean;
+}
+
+export interface RunEvent {
+  n: number;
+  kind: string;
+  step: string;
+  message: string;
+}
+
+export interface Characteristic {
+  name: string;
+  unit: string;
+  verdict?: string;
+  [key: string]: unknown;
+}
+
+export interface Outcome {
+  verdict: string;
+  reason: string;
+  remedy: string;
+  code?: string;
+  judgement?: { word: string; characteristics?: Characteristic[]; not_verified?: string[]; remarks?: string[] } | null;
+  result?: unknown;
+  certificate?: string | null;
+  no_certificate?: string;
+}
+
+export interface Run {
+  id: string;
+  procedure: string;
+  title: string;
+  state: "starting" | "running" | "paused" | "ended";
+  step: string;
+  index: number;
+  expected: number;
+  phases: Phase[];
+  found: string[];
+  events: RunEvent[];
+  outcome: Outcome | null;
+  hold_to_move: boolean;
+}
+
+export interface Prompt {
+  id: string;
+  kind: "confirm" | "enter";
+  key: string;
+  text: string;
+  unit: string;
+  step: string;
+}
+
+export interface Loss {
+  robot: string;
+  detected_by: string;
+  mode: string;
+  words: string;
+  procedure: string | null;
+  settings: Record<string, unknown>;
+  reasons: string[];
+}
+
+export interface Session {
+  rev: number;
+  cell: string;
+  robots: { name: string; model: string; serial: string }[];
+  robot: string;
+  level: string;
+  connection: { connected: boolean; message: string; remedy: string };
+  run: Run | null;
+  prompt: Prompt | null;
+  waits_for_hold: boolean;
+  losses: Loss[];
+}
+
+export interface Device {
+  role: string;
+  name: string;
+  state: string;
+  message: string;
+  remedy: string;
+  age_s: number | null;
+  value: { joints_rad?: number[]; moving?: boolean; length_m?: number; sigma_m?: number } | null;
+}
+
+export interface Live {
+  rev: number;
+  at_s: number;
+  devices: Device[];
+}
+
+export interface Procedure {
+  name: string;
+  title: string;
+  version: number;
+  lacks: string[] | null;
+  settings: Record<string, unknown>;
+}
+
+export interface RunLine {
+  run_id: string;
+  procedure: string;
+  started_utc: string;
+  state: string;
+  reason: string;
+}
+
+export type Order =
+  | { op: "start"; procedure: string; settings?: Record<string, unknown>; hold_to_move?: boolean }
+  | { op: "resume"; run_id: string; redo_from?: string; hold_to_move?: boolean }
+  | { op: "answer"; prompt_id: string; value?: string }
+  | { op: "decline"; prompt_id: string }
+  | { op: "stop" }
+  | { op: "pause" }
+  | { op: "go_on" }
+  | { op: "select_robot"; robot: string }
+  | { op: "dismiss" };
