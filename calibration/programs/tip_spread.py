@@ -1,8 +1,10 @@
-"""How surely an identified arm's tip is where it is computed, against a fixture that the same arm has found.
+"""How surely an identified arm's tip is where it is computed, against a fixture and with a tool that it has found.
 
 What all postures share, a base that is turned a little or a first joint's offset, is in the alignment as well, and
-misses nothing at the fixture. So the errors that move the arm's postures at the fixture as one rigid body are taken
-out: what remains is what the points of a program miss.
+misses nothing at the fixture; what turns with the flange is in the measured tool. An identification cannot tell such
+errors apart, and keeps them with large variances. So the errors that shift the tip alike in the flange, over all the
+arm can do, and then those that move its postures at the fixture as one rigid body, are taken out: what remains is
+what the points of a program miss.
 """
 
 from dataclasses import dataclass, replace
@@ -20,6 +22,7 @@ from calibration.identification.parameters import ArmState, Layout
 
 _BLOCK = 4096
 _KNOWN = 1e-14  # of the largest variance in scaled parameters
+_POSTURES, _WIDE_RAD = 200, 1.6  # that stand for all the arm can do
 _FEWEST = 4  # postures that tell a rigid motion
 
 
@@ -30,7 +33,8 @@ class TipSpread:
     state: ArmState
     layout: Layout
     covariance: Array  # (p, p) of the layout's parameters; zero where nothing is said
-    shared: Array | None = None  # (r, 6) rigid motions of the base, taken out of each root
+    of_tool: Array | None = None  # (r, 3) shifts of the tip in the flange, taken out of each root
+    shared: Array | None = None  # (r, 6) rigid motions of the base, likewise
 
     @cached_property
     def arm(self) -> Arm:
@@ -63,9 +67,21 @@ class TipSpread:
             at = [term.joint for term in state.terms]
             rows.append((turns[at] * values[:, None]).reshape(len(at), 3 * count))
         found = (self._combined @ np.concatenate(rows)).reshape(-1, 3, count)
+        if self.of_tool is not None:
+            found -= np.einsum("ijn,rj->rin", rotations[-1], self.of_tool)
         if self.shared is not None:
             found -= _moved(self.shared, origins[-1])
         return found
+
+    def with_own_tool(self) -> "TipSpread":
+        """Return the spread with a tool that this arm has measured."""
+        plain = replace(self, of_tool=None, shared=None)
+        model = self.state.nominal
+        low, high = np.maximum(model.lower_rad, -_WIDE_RAD), np.minimum(model.upper_rad, _WIDE_RAD)
+        joints = np.random.default_rng(1).uniform(low, high, (_POSTURES, model.axes))
+        rotations = self.arm.frames(joints.T)[0][-1].transpose(2, 0, 1)
+        solved = _solved(plain, joints, rotations)
+        return replace(plain, of_tool=solved[:, 6:])
 
     def against(self, joints_rad: Array) -> "TipSpread":
         """Return the spread against a frame that this arm found at these postures (M, n).
@@ -77,12 +93,8 @@ class TipSpread:
         """
         if len(joints_rad) < _FEWEST:
             raise CalibrationError(f"{_FEWEST} postures or more tell where a fixture was found")
-        slopes = replace(self, shared=None).slopes(joints_rad)
-        tips = self.arm.frames(joints_rad.T)[1][-1].T
-        design = np.concatenate([np.broadcast_to(np.eye(3), (len(tips), 3, 3)), -skew(tips)], axis=2)
-        right = slopes.transpose(2, 1, 0).reshape(3 * len(tips), -1)
-        solved = np.linalg.lstsq(design.reshape(-1, 6), right, rcond=1e-9)[0]
-        return replace(self, shared=solved.T)
+        plain = replace(self, shared=None)
+        return replace(plain, shared=_solved(plain, joints_rad, None))
 
     def covariances(self, joints_rad: Array) -> Array:
         """Return the covariance of the tip's place (N, 3, 3) [m^2], in the base's axes."""
@@ -105,6 +117,18 @@ def expanded(covariances: Array) -> Array:
     """Return U (k = 2) in the worst direction (N,) [m]."""
     largest = np.maximum(np.linalg.eigvalsh(covariances)[:, -1], 0.0)
     return np.asarray(2.0 * np.sqrt(largest), dtype=np.float64)
+
+
+def _solved(spread: TipSpread, joints_rad: Array, rotations: Array | None) -> Array:
+    """Return the rigid motions (r, 6), and tool shifts (r, 9) where rotations are given, nearest to each root."""
+    slopes = spread.slopes(joints_rad)
+    tips = spread.arm.frames(joints_rad.T)[1][-1].T
+    columns = [np.broadcast_to(np.eye(3), (len(tips), 3, 3)), -skew(tips)]
+    columns += [] if rotations is None else [rotations]
+    design = np.concatenate(columns, axis=2).reshape(3 * len(tips), -1)
+    right = slopes.transpose(2, 1, 0).reshape(3 * len(tips), -1)
+    solved = np.linalg.lstsq(design, right, rcond=1e-9)[0].T
+    return np.asarray(solved, dtype=np.float64)
 
 
 def _moved(shared: Array, tips: Array) -> Array:

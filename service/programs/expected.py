@@ -108,7 +108,7 @@ def _spread(project: Project, tool: Tool, joints_rad: Array) -> TipSpread | None
     arm = project.identified
     if arm is None or arm.covariance is None or arm.layout is None or not len(joints_rad):
         return None
-    spread = TipSpread(replace(arm.state, flange_tool=tool.real), arm.layout, arm.covariance)
+    spread = TipSpread(replace(arm.state, flange_tool=tool.real), arm.layout, arm.covariance).with_own_tool()
     found = project.alignment
     references = joints_rad[:0]
     if found is not None:

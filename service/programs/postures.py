@@ -17,6 +17,7 @@ from drivers.programs.brands import ConfigurationRule
 _FULL_TURN = 2 * np.pi
 _ROUNDED_RAD = 1e-6  # a joint may be taught at its limit, and a pose is rounded
 _ALIKE_RAD = 1e-4
+_BORDER_RAD = 3e-4  # a pose is rounded to some 1e-5 rad, and a stretched wrist makes more of it
 _FACTORY = CompensationLimits(branch_rad=0.3)
 
 UNREACHABLE = "unreachable: the arm has no posture for this pose"
@@ -133,24 +134,32 @@ class PostureSearch:
         if self._rule is None:
             return
         rows = np.flatnonzero(np.isfinite(found).all(axis=1))
-        left = rows[~self._agree(found, rows, texts)]
+        left = rows[~self._agree(found[rows], [texts[i] for i in rows.tolist()])] if len(rows) else rows
         for way in self._ways(found, left):
             if not len(left):
                 return
             turned = found[left] + _FULL_TURN * np.array(way)
             inside = self._inside(turned)
             said = [texts[i] for i in left.tolist()]
-            agrees = inside & self._rule.agrees(self._controller, turned, said, turns=True)
+            agrees = inside & self._agree(turned, said)
             found[left[agrees]] = turned[agrees]
             left = left[~agrees]
         for i in left.tolist():
             found[i], why[i] = np.nan, OTHER_TURNS.format(text=texts[i])
 
-    def _agree(self, found: Array, rows: NDArray[np.intp], texts: Sequence[str]) -> NDArray[np.bool_]:
-        if self._rule is None or not len(rows):
-            return np.ones(len(rows), dtype=bool)
-        said = [texts[i] for i in rows.tolist()]
-        return self._rule.agrees(self._controller, found[rows], said, turns=True)
+    def _agree(self, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
+        """Tell which joints have the turn numbers of their texts.
+
+        A joint taught on the border of two numbers comes back on either side of it, because the pose was rounded.
+        """
+        assert self._rule is not None
+        found = self._rule.agrees(self._controller, joints, texts, turns=True)
+        for nudge in (_BORDER_RAD, -_BORDER_RAD):
+            left = np.flatnonzero(~found)
+            if len(left):
+                said = [texts[i] for i in left.tolist()]
+                found[left] = self._rule.agrees(self._controller, joints[left] + nudge, said, turns=True)
+        return found
 
     def _ways(self, found: Array, rows: NDArray[np.intp]) -> list[tuple[int, ...]]:
         """Return the combinations of whole turns that any of these postures could have inside the limits."""

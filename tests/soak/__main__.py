@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from tests.soak import (
     calibration_campaign,
+    clones,
     compensation,
     coverage,
     cramer_rao,
@@ -39,6 +40,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "tcp": (tcp.tcp, 2000),
     "calibrations": (calibration_campaign.calibrations, 40),
     "drifts": (calibration_campaign.drifts, 20),
+    "clones": (clones.clones, 100),
     "compensation": (compensation.compensation, 1_000_000),
     "outliers": (outliers.outliers, 400),
     "coverage": (coverage.coverage, 2000),
