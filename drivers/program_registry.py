@@ -4,12 +4,13 @@ from collections.abc import Mapping
 from pathlib import PurePath
 
 from drivers.fanuc import programs as fanuc
+from drivers.kuka import programs as kuka
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import ProgramFile
 from drivers.universal_robots import programs as universal_robots
 
-BRANDS: tuple[ProgramBrand, ...] = (fanuc.BRAND, universal_robots.BRAND)
+BRANDS: tuple[ProgramBrand, ...] = (fanuc.BRAND, kuka.BRAND, universal_robots.BRAND)
 
 
 def brand_of(name: str, data: bytes) -> ProgramBrand | None:

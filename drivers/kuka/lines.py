@@ -1,0 +1,67 @@
+"""Lines of KRL: what is code and what is comment, and the words that name things."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+_B = r"[ \t\r]"
+_LINE = re.compile(r'((?:[^;"\n]++|"[^"\n]*+"?+)*+)(;[^\n]*+)?+(?:\n|\Z)')
+_DECLARATION = re.compile(
+    rf"{_B}*+(?:(?:DECL|GLOBAL|PUBLIC|CONST){_B}++)*+(E6POS|POS|E6AXIS|AXIS|FRAME|FDAT){_B}++(?=[$A-Za-z_])",
+    re.ASCII | re.IGNORECASE,
+)
+_ITEM = re.compile(
+    rf"{_B}*+([$A-Za-z_][\w$]*+)(?:{_B}*+\[([^\[\]\n]*+)\])?+{_B}*+(=(?!=)|,|\Z)?+{_B}*+", re.ASCII
+)
+_STRING = re.compile(r'"[^"\n]*+"?+')
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line: code from ``start`` to ``end``, then a comment."""
+
+    start: int
+    end: int
+    comment: str
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A name that is declared or assigned, with its index, and where its value begins."""
+
+    name: str
+    index: str | None
+    value: int | None  # None: it gets none here
+    end: int
+
+    @property
+    def full(self) -> str:
+        """Return the name with its index, without blanks."""
+        return self.name if self.index is None else f"{self.name}[{''.join(self.index.split())}]"
+
+
+def lines(text: str) -> Iterator[Line]:
+    """Yield the lines that hold anything."""
+    for found in _LINE.finditer(text):
+        start, end = found.span(1)
+        if start < end or found[2]:
+            yield Line(start, end, found[2] or "")
+
+
+def declaration(text: str, line: Line) -> tuple[str, int] | None:
+    """Return the type that a line declares, in capitals, and where its names begin; None for other lines."""
+    found = _DECLARATION.match(text, line.start, line.end)
+    return None if found is None else (found[1].upper(), found.end())
+
+
+def item(text: str, place: int, end: int) -> Item | None:
+    """Return the name at a place and whether ``=`` follows."""
+    found = _ITEM.match(text, place, end)
+    if found is None:
+        return None
+    return Item(found[1], found[2], found.end() if found[3] == "=" else None, found.end())
+
+
+def without_strings(code: str) -> str:
+    """Return code with blanks in place of its strings, so that nothing in them is taken for code."""
+    return _STRING.sub(lambda found: " " * len(found[0]), code) if '"' in code else code

@@ -1,0 +1,152 @@
+"""Text of a program with the places of its numbers: new numbers go in, every other byte stays."""
+
+from bisect import bisect_left
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import cached_property
+from math import floor, isfinite, log10
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.numbers import NumberFormat
+from drivers.programs.positions import Change, Positions
+
+Edit = tuple[int, int, str]  # from, to, what stands there from now on
+
+_LONGEST_NUMBER = 40  # characters; no controller writes more
+_LARGEST = 1e7  # mm or degrees; no robot goes there
+_MOST_DIGITS = 15
+
+
+class Source:
+    """A program's bytes as text, one character a byte, and where its lines begin."""
+
+    def __init__(self, name: str, data: bytes) -> None:
+        if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            raise ProgramFileError(
+                name, "this is UTF-16.", remedy="Save it as the controller writes it: ANSI."
+            )
+        self.name = name
+        self.data = data
+        self.text = data.decode("latin-1")
+
+    @cached_property
+    def _breaks(self) -> NDArray[np.int64]:
+        return np.flatnonzero(np.frombuffer(self.data, dtype=np.uint8) == 10)
+
+    def lines_of(self, places: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the lines, from 1, of places in the text."""
+        return np.searchsorted(self._breaks, places) + 1
+
+    def line_of(self, place: int) -> int:
+        """Return the line, from 1, of a place in the text."""
+        return bisect_left(self._breaks, place) + 1
+
+    def error(self, place: int, message: str, *, remedy: str = "") -> ProgramFileError:
+        """Return an error that says where in the file."""
+        line = self.line_of(place)
+        start = int(self._breaks[line - 2]) + 1 if line > 1 else 0
+        return ProgramFileError(self.name, message, line=line, column=place - start + 1, remedy=remedy)
+
+    def number(self, place: int, text: str) -> float:
+        """Return a number's value.
+
+        Raises
+        ------
+        ProgramFileError
+            It is longer or larger than any that a controller writes.
+        """
+        value = float(text)
+        if not abs(value) < _LARGEST or len(text) > _LONGEST_NUMBER:
+            raise self.error(place, f"no robot has the coordinate {text[:20]}.", remedy="Correct the number.")
+        return value
+
+    def edited(self, edits: Iterable[Edit]) -> bytes:
+        """Return the bytes with some spans written anew; the spans do not overlap."""
+        pieces, after = [], 0
+        for start, end, text in sorted(edits):
+            pieces += [self.text[after:start], text]
+            after = end
+        return "".join([*pieces, self.text[after:]]).encode("latin-1")
+
+
+def decimals_of(text: str) -> int:
+    """Return how many decimals a number gives, its exponent counted."""
+    mantissa, _, power = text.lower().partition("e")
+    return len(mantissa.partition(".")[2]) - int(power or 0)
+
+
+def finest(texts: Iterable[str], least: int) -> int:
+    """Return the decimals that coordinates of one kind share: those of the finest, at least ``least``."""
+    return min(max(least, *(decimals_of(text) for text in texts)), _MOST_DIGITS)
+
+
+def written(text: str, value: float, decimals: int) -> str:
+    """Write a value as a language with free numbers may: in the old one's style, to at least ``decimals``.
+
+    Makers of such languages print a coordinate that is zero as ``0`` and a round one without decimals, so the
+    decimals of one number say nothing about what it may become. A number that says the value already stays.
+    """
+    if abs(value - float(text)) <= 0.5 * 10.0**-decimals * (1 - 1e-9):
+        return text
+    form = NumberFormat.of(text)
+    digits = max(form.decimals, decimals + (floor(log10(abs(value))) if form.exponent and value else 0), 0)
+    digits = min(digits, _MOST_DIGITS)
+    rounded = value if form.exponent else round(value, digits) + 0.0  # no -0.000
+    return replace(form, decimals=digits, point=form.point or digits > 0).write(rounded)
+
+
+def checked_rows(name: str, positions: Positions, change: Change) -> NDArray[np.int64]:
+    """Return a change's rows after looking at the shapes of all it brings.
+
+    Raises
+    ------
+    ProgramFileError
+        Rows that are not there or stand twice, another count or shape, a number that is not finite.
+    """
+    rows = np.asarray(change.rows, dtype=np.int64)
+    count = len(rows)
+    if rows.ndim != 1 or len(np.unique(rows)) != count or ((rows < 0) | (rows >= len(positions))).any():
+        raise ProgramFileError(name, "the change names rows that are not there, or one twice.")
+    for values, shape in (
+        (change.frame_tip, (count, 4, 4)),
+        (change.joints, (count, positions.joints.shape[1])),
+    ):
+        if values is not None and (values.shape != shape or np.isinf(values).any()):
+            raise ProgramFileError(name, f"the change brings {values.shape} coordinates in place of {shape}.")
+    for texts in (change.configurations, change.user_frames):
+        if texts is not None and len(texts) != count:
+            raise ProgramFileError(name, f"the change brings {len(texts)} texts for {count} positions.")
+    if change.frame_tip is not None and not _poses_or_nothing(change.frame_tip):
+        raise ProgramFileError(name, "the change brings a pose that is no finite rigid transform.")
+    return rows
+
+
+def _poses_or_nothing(poses: NDArray[np.float64]) -> bool:
+    given = poses[~np.isnan(poses).all(axis=(1, 2))]
+    if not len(given):
+        return True
+    rotation = given[:, :3, :3]
+    defect = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max()
+    return bool(
+        isfinite(defect)
+        and defect < 1e-6
+        and np.isfinite(given).all()
+        and (np.linalg.det(rotation) > 0).all()
+    )
+
+
+def unique_names(names: Iterable[str], lines: NDArray[np.int64]) -> tuple[str, ...]:
+    """Return names that differ: a second ``XP1`` is ``XP1@42`` after its line, a third there ``XP1@42.2``."""
+    seen: set[str] = set()
+    result = []
+    for name, line in zip(names, lines.tolist(), strict=True):
+        own, number = name, 1
+        while own.lower() in seen:
+            own = f"{name}@{line}" if number == 1 else f"{name}@{line}.{number}"
+            number += 1
+        seen.add(own.lower())
+        result.append(own)
+    return tuple(result)

@@ -1,0 +1,230 @@
+"""KUKA files: what is read out of them, what is left alone, what is refused; conventions on a real controller's data."""
+
+import numpy as np
+import pytest
+
+from calibration.arm.kinematics import load_model
+from calibration.geometry import homogeneous
+from calibration.orientation import rotation_from
+from drivers.kuka.configuration import KukaConfigurations
+from drivers.kuka.programs import BRAND, writes_program
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Change
+from tests.programs import generate_kuka_src
+from tests.programs.fuzz import mutated, roundtrip, token_invariant
+
+DAT = b"""&ACCESS RVP\r
+DEFDAT  SCHWEISSEN PUBLIC\r
+;DECL E6POS XP9={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}\r
+DECL E6POS XP1={X 100.5,Y -20.25,Z 0.0,A 90.0,B 0.0,C 180.0,S 2,T 35,E1 0.0,E2 0.0}\r
+DECL FDAT FP1={TOOL_NO 3,BASE_NO 4,IPO_FRAME #BASE,POINT2[] "}; BASE_NO 9"}\r
+DECL E6AXIS XHOME={A1 0,A2 -90,A3 +90.0,A4 0,A5 45.5,A6 1.5E-1}\r
+DECL POS xfree={E1 9,X 1}\r
+"""
+
+
+def read(data: bytes, name: str = "a.dat"):
+    return BRAND.read(name, data)
+
+
+def src(*lines: str):
+    return read("\r\n".join(["DEF test()", *lines, "END"]).encode("latin-1"), "a.src")
+
+
+def shifted(file, row: int, shift) -> str:
+    moved = homogeneous(np.eye(3), np.array(shift)) @ file.positions.frame_tip[[row]]
+    return file.changed(Change(np.array([row]), frame_tip=moved)).to_bytes().decode("latin-1")
+
+
+def test_a_data_list_says_points_with_tool_and_base():
+    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
+    positions = file.positions
+    assert file.name == "SCHWEISSEN"
+    assert positions.names == ("XP1", "XHOME")
+    assert positions.kinds == (CARTESIAN, JOINTS)
+    assert positions.lines.tolist() == [4, 6]
+    assert positions.user_frames == ("4", None)
+    assert positions.tools == ("3", None)
+    assert positions.configurations == ("S 2,T 35", "")
+    assert np.allclose(positions.frame_tip[0, :3, 3], (0.1005, -0.02025, 0))
+    assert np.allclose(np.rad2deg(positions.joints[1]), (0, -90, 90, 0, 45.5, 0.15))
+    assert [(remark.line, remark.code) for remark in file.remarks] == [(3, "comment")]
+
+
+def test_a_shift_keeps_every_other_byte():
+    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
+    text = shifted(file, 0, (0.001, 0, 0.0000004))
+    assert text == DAT.decode("latin-1").replace("X 100.5,", "X 101.500,").replace(
+        "DECL POS xfree={E1 9,X 1}\r\n", ""
+    )
+
+
+def test_a_zero_gets_the_decimals_that_a_shift_needs():
+    file = read(b"DEFDAT A\nDECL E6POS XP1={X 0.0,Y 1,Z 12.1234567,A 0.0,B 0.0,C 0.0}\nENDDAT")
+    assert "X 0.1234567,Y 1,Z" in shifted(file, 0, (0.0001234567, 0, 0))
+
+
+def test_an_exponent_never_costs_resolution():
+    file = read(b"DEFDAT A\nDECL E6POS XP1={X 1E3,Y 1.5E-05,Z 0.0,A 0.0,B 0.0,C 0.0}\nENDDAT")
+    moved = homogeneous(np.eye(3), np.array([0.2345678, 0.3, 0])) @ file.positions.frame_tip
+    back = file.changed(Change(np.array([0]), frame_tip=moved)).positions.frame_tip
+    assert np.abs(back - moved).max() < 0.51e-6
+
+
+@pytest.mark.parametrize(
+    ("line", "column", "problem"),
+    [
+        ("DECL E6POS XP1={X 1.0,Y abc,Z 3.0,A 0,B 0,C 0}", 16, "cannot compute"),
+        ("DECL E6POS XP1={X 1.2.3,Y 0,Z 3.0,A 0,B 0,C 0}", 18, "value of X"),
+        ("DECL E6POS XP1={X 1.0,X 2.0,Z 3.0,A 0,B 0,C 0}", 23, "twice"),
+        ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0", 44, "does not end"),
+        ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0,Q 7}", 49, "no field"),
+        ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 1E400}", 45, "no robot"),
+        ("DECL E6AXIS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0}", 17, "declared as E6AXIS"),
+        ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0} S 2", 48, "should end"),
+        ("DECL FDAT FP1={TOOL_NO 1,BASE_NO 1,IPO_FRAME #NEW}", 15, "not known"),
+        ("DECL FDAT FP1={TOOL_NO 1,BASE_NO 1", 15, "not understood"),
+    ],
+)
+def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line, column, problem):
+    with pytest.raises(ProgramFileError, match=problem) as caught:
+        read(f"DEFDAT A\r\n{line}\r\nENDDAT\r\n".encode())
+    assert (caught.value.line, caught.value.column) == (2, column)
+
+
+def test_an_external_tool_is_listed_but_not_shifted():
+    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b"").replace(b"#BASE", b"#TCP"))
+    assert file.positions.kinds[0] == UNTAUGHT
+    assert any("external tool" in remark.text for remark in file.remarks)
+    with pytest.raises(ProgramFileError, match="external tool"):
+        file.changed(Change(np.array([0]), frame_tip=np.eye(4)[None]))
+
+
+def test_a_frame_is_a_point_only_where_it_has_a_tool():
+    plain = "DEFDAT A\nDECL FRAME XF={X 1,Y 2,Z 3,A 0,B 0,C 0}\n"
+    assert len(read(plain.encode()).positions) == 0
+    with_data = plain + "DECL FDAT FF={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}\n"
+    assert read(with_data.encode()).positions.user_frames == ("2",)
+
+
+def test_tools_and_bases_of_the_cell_are_frames():
+    file = read(
+        b"DEFDAT $CONFIG PUBLIC\nDECL FRAME BASE_DATA[32]\nBASE_DATA[2]={X 1000.0,Y 0,Z 0,A 90.0,B 0,C 0}\n"
+    )
+    assert len(file.positions) == 0
+    assert file.frames.base_frame["2"].position_m == (1.0, 0.0, 0.0)
+    assert np.allclose(file.frames.base_frame["2"].rotation(), [[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+
+
+def test_a_declaration_without_value_is_untaught_unless_the_value_comes_later():
+    file = read(b"DEFDAT A\nDECL E6POS XA\nDECL E6POS XB\nXB={X 1,Y 2,Z 3,A 0,B 0,C 0,S 2}\n")
+    assert file.positions.names == ("XA", "XB")
+    assert file.positions.kinds == (UNTAUGHT, CARTESIAN)
+
+
+def test_points_inside_moves_have_the_frames_that_the_routine_sets_once():
+    point = "LIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2} C_DIS"
+    file = src("BAS(#TOOL,3)", "$BASE=BASE_DATA[ 7 ]", point)
+    assert file.positions.names == ("LIN@4",)
+    assert (file.positions.tools, file.positions.user_frames) == (("3",), ("7",))
+    assert src("BAS(#BASE,1)", point, "BAS(#BASE,2)", point).positions.user_frames == (None, None)
+    assert src(point, "BAS(#BASE,1)").positions.user_frames == (None,)
+    assert src("BAS(#BASE,1)", "BAS(#CP_PARAMS,1)", point).positions.user_frames == (None,)
+    written = src("$BASE={X 1000.0,Y 0,Z 0,A 0,B 0,C 0}", point)
+    assert written.positions.user_frames == ("$BASE",)
+    assert written.frames.base_frame["$BASE"].position_m == (1.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("LIN_REL {X 10.0}", "relative"),
+        ("LIN XP1:{X 0,Y 0,Z 100,A 0,B 0,C 0}", "offset"),
+        ("LIN {X 0,Y 0,Z 100,A 0,B 0,C 0} : SHIFT", "offset"),
+        ("LIN {X XNOM,Y 0,Z 100,A 0,B 0,C 0}", "computed"),
+        ("PTP XP1 C_PTP ; {X 1.0,Y 2.0}", "comment"),
+        ("XP1.Z = XP1.Z+5", "computed"),
+        ("PTP NEXT(3)", "computed"),
+        ("$BASE=BASE_DATA[2]:SHIFT", "computed"),
+        ("PTP {A1 30.0}", "computed"),
+    ],
+)
+def test_what_also_moves_the_robot_is_remarked_and_left(line, code):
+    file = src(line)
+    assert code in [remark.code for remark in file.remarks if remark.line == 2]
+    assert all(kind == UNTAUGHT for kind in file.positions.kinds)
+
+
+def test_a_real_controllers_joints_and_pose_prove_a_b_c_and_the_signs_of_all_axes():
+    """A state frame that a KUKA sent over RSI, as a public test client of that link keeps it; tool unturned.
+
+    The arm's lengths are another model's and do not enter: KUKA's six-axis arms share axes and flange.
+    """
+    joints = np.deg2rad([74.8478, -128.7977, 75.8236, 102.2260, 0.0987, -56.5347])
+    shown = rotation_from("kuka_abc", np.deg2rad([-126.9460, 24.9226, -28.2871]))
+    mine = load_model("kuka_kr6_r900").base_flange(joints[None])[0, :3, :3]
+    assert np.rad2deg(np.arccos((np.trace(shown.T @ mine) - 1) / 2)) < 2e-3
+
+
+def test_another_order_of_the_angles_would_not_pass():
+    joints = np.deg2rad([74.8478, -128.7977, 75.8236, 102.2260, 0.0987, -56.5347])
+    wrong = rotation_from("kuka_abc", np.deg2rad([-28.2871, 24.9226, -126.9460]))
+    mine = load_model("kuka_kr6_r900").base_flange(joints[None])[0, :3, :3]
+    assert np.rad2deg(np.arccos((np.trace(wrong.T @ mine) - 1) / 2)) > 10
+
+
+# Axes in degrees, S and T. KUKA's home is S 2, T 2 everywhere; the others follow from the bits' definition.
+POSTURES = [
+    ((0, -90, 90, 0, 0, 0), "S 2,T 2"),
+    ((0, -90, 90, 0, 45, 0), "S 2,T 2"),
+    ((-10, -90, 90, 0, 45, -5), "S 2,T 35"),
+    ((10, -60, 70, 20, -30, -40), "S 6,T 50"),
+    ((-10, -90, 90, -1, -45, 5), "S 6,T 27"),
+    ((0, -45, -20, 0, 45, 0), "S 0,T 6"),
+    ((0, -150, 20, 0, 45, 0), "S 3,T 2"),
+]
+
+
+@pytest.mark.parametrize(("degrees", "text"), POSTURES)
+def test_flags_and_turns_of_known_postures(degrees, text):
+    model, rule = load_model("kuka_kr6_r900"), KukaConfigurations()
+    joints = np.deg2rad([degrees])
+    assert rule.spelled(model, joints, [text]) == (text,)
+    assert rule.agrees(model, joints, [text]).all()
+    assert rule.spelled(model, joints, ["S 'B1010000',T 'H7F'"])[0].startswith("S 'B1010")
+    assert rule.spelled(model, joints, [""]) == ("",)
+    assert rule.agrees(model, joints, [""]).all()
+
+
+def test_a_wrong_flag_or_turn_does_not_agree():
+    model, rule = load_model("kuka_kr6_r900"), KukaConfigurations()
+    joints = np.deg2rad([[10, -60, 70, 20, -30, -40]] * 3)
+    assert rule.agrees(model, joints, ["S 4,T 50", "S 2,T 50", "S 6,T 51"]).tolist() == [False] * 3
+    assert rule.agrees(model, joints, ["S 4", "S 6", "S 6,T 51"], turns=False).tolist() == [False, True, True]
+
+
+def test_new_flags_are_written_in_place():
+    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
+    text = file.changed(Change(np.array([0]), configurations=("S 6,T 50",))).to_bytes()
+    assert text == file.to_bytes().replace(b"S 2,T 35", b"S 6,T 50")
+    with pytest.raises(ProgramFileError, match="take the place"):
+        file.changed(Change(np.array([0]), configurations=("S 6",)))
+
+
+def test_a_base_is_not_rewritten_at_a_point():
+    file = read(DAT.replace(b"DECL POS xfree={E1 9,X 1}\r\n", b""))
+    with pytest.raises(ProgramFileError, match="FDAT"):
+        file.changed(Change(np.array([0]), user_frames=("5",)))
+
+
+def test_other_makers_dat_files_are_not_taken():
+    assert not writes_program(b"time,value\n0,1\n")
+    assert writes_program(DAT)
+    assert writes_program(b"  global def foo()\n")
+
+
+def test_programs_stand_the_same_campaign_as_data_lists():
+    generate = generate_kuka_src.generate
+    assert not roundtrip(BRAND, generate, range(40), suffix=".src").failures
+    assert sum(token_invariant(BRAND, generate(seed), seed, suffix=".src") for seed in range(30)) > 20
+    assert not mutated(BRAND, generate, range(100), suffix=".src").failures
