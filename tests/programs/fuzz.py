@@ -1,7 +1,8 @@
 """What every brand's reader must stand: its own files back byte by byte, points changed and nothing else, damage.
 
 A brand brings ``tests/programs/generate_<brand>.py`` (and, for a second kind of file, ``generate_<brand>_<kind>.py``)
-with ``generate(seed) -> bytes`` and ``SUFFIX``. A packed format also gives ``unpacked(data)`` and ``packed(text)``.
+with ``generate(seed) -> bytes`` and ``SUFFIX``. A packed format also gives ``unpacked(data)`` and ``packed(text)``;
+one whose poses follow from its joints gives ``consistent(file, change)``.
 
 The proof of "only coordinates changed" does not use the reader's spans: both files are cut into numbers and what is
 between them. Between them nothing may differ; numbers may differ on the lines of changed positions only, and not
@@ -54,6 +55,10 @@ def same(data: bytes) -> bytes:
     return data
 
 
+def as_asked(_: ProgramFile, change: Change) -> Change:
+    return change
+
+
 @dataclass(frozen=True)
 class Source:
     """One generator of one brand's files."""
@@ -64,6 +69,7 @@ class Source:
     suffix: str
     unpacked: Callable[[bytes], bytes] = same
     packed: Callable[[bytes], bytes] = same
+    consistent: Callable[[ProgramFile, Change], Change] = as_asked  # where one coordinate follows from others
 
 
 def sources() -> list[Source]:
@@ -91,6 +97,7 @@ def _source(brand: ProgramBrand, module: ModuleType) -> Source:
         parts["SUFFIX"],
         parts.get("unpacked", same),
         parts.get("packed", same),
+        parts.get("consistent", as_asked),
     )
 
 
@@ -147,6 +154,7 @@ def token_invariant(
     *,
     suffix: str = "",
     unpacked: Callable[[bytes], bytes] = same,
+    consistent: Callable[[ProgramFile, Change], Change] = as_asked,
 ) -> bool:
     """Change some positions and prove that nothing else changed; False where there is nothing to change.
 
@@ -162,6 +170,7 @@ def token_invariant(
     change = some_change(file.positions, np.random.default_rng(seed))
     if change is None:
         return False
+    change = consistent(file, change)
     printed = file.changed(change).to_bytes()
     assert file.to_bytes() == data, "changing a file changed the original"
     only_coordinates_differ(unpacked(data), unpacked(printed), file.positions, change)
@@ -261,6 +270,7 @@ def mutated(
     suffix: str = "",
     unpacked: Callable[[bytes], bytes] = same,
     packed: Callable[[bytes], bytes] = same,
+    consistent: Callable[[ProgramFile, Change], Change] = as_asked,
 ) -> Tally:
     """Damage files: each is refused with a sentence, or read with every byte and every point kept."""
     tally = Tally()
@@ -278,7 +288,9 @@ def mutated(
             assert file.to_bytes() == data, "printed is not what was read"
             check_positions(file.positions)
             tally.positions += len(file.positions)
-            tally.changed += token_invariant(brand, data, seed, suffix=suffix, unpacked=unpacked)
+            tally.changed += token_invariant(
+                brand, data, seed, suffix=suffix, unpacked=unpacked, consistent=consistent
+            )
         except ProgramFileError as error:
             tally.refused += 1
             tally.located += error.line > 0

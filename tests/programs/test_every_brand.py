@@ -18,7 +18,12 @@ def test_a_file_is_printed_as_it_was_read(source: Source):
 def test_a_changed_position_changes_its_coordinates_and_nothing_else(source: Source):
     proved = [
         token_invariant(
-            source.brand, source.generate(seed), seed, suffix=source.suffix, unpacked=source.unpacked
+            source.brand,
+            source.generate(seed),
+            seed,
+            suffix=source.suffix,
+            unpacked=source.unpacked,
+            consistent=source.consistent,
         )
         for seed in range(100)
     ]
@@ -34,6 +39,7 @@ def test_a_damaged_file_is_refused_or_kept_to_the_last_byte(source: Source):
         suffix=source.suffix,
         unpacked=source.unpacked,
         packed=source.packed,
+        consistent=source.consistent,
     )
     assert not tally.failures
     assert tally.refused > 30

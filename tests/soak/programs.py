@@ -31,7 +31,12 @@ def _changed(source: Source, count: int) -> tuple[int, list[str]]:
         try:
             data = source.generate(seed)
             proved += token_invariant(
-                source.brand, data, seed, suffix=source.suffix, unpacked=source.unpacked
+                source.brand,
+                data,
+                seed,
+                suffix=source.suffix,
+                unpacked=source.unpacked,
+                consistent=source.consistent,
             )
         except Exception as error:
             wrong.append(f"{source.name} seed {seed}: {type(error).__name__}: {error}")
@@ -65,6 +70,7 @@ def _mutants(source: Source, seeds: range) -> Tally:
         suffix=source.suffix,
         unpacked=source.unpacked,
         packed=source.packed,
+        consistent=source.consistent,
     )
 
 
