@@ -59,11 +59,15 @@ class FanucConfigurations:
         """
         joints = _six(model, joints)
         sides, border = _sides(model, joints)
-        said = [_Said.of(text) for text in texts]
-        flags = np.array([each.flags for each in said], dtype=int).reshape(-1, 3)
+        number = {text: i for i, text in enumerate(dict.fromkeys(texts))}  # a line of points has few of them
+        at = np.array([number[text] for text in texts], dtype=np.intp)
+        said = [_Said.of(text) for text in number]
+        flags = np.array([each.flags for each in said], dtype=int).reshape(-1, 3)[at]
         fits = ((flags == 0) | border | (flags == sides)).all(axis=1)
         if turns:
-            asked = np.array([each.turns for each in said], dtype=float).reshape(-1, 3)  # None becomes NaN
+            asked = np.array([each.turns for each in said], dtype=float).reshape(-1, 3)[
+                at
+            ]  # None becomes NaN
             low, high = (_turns(joints[:, _TURNING], margin_rad) for margin_rad in (-_NEAR_RAD, _NEAR_RAD))
             fits &= (np.isnan(asked) | (asked == low) | (asked == high)).all(axis=1)
         return np.asarray(fits, dtype=np.bool_)
