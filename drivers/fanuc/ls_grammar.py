@@ -33,7 +33,7 @@ def _value(name: bytes, number: bytes, unit: bytes) -> bytes:
 
 def _extended(number: bytes) -> bytes:
     field = rb"E[1-9]" + _GAP + rb"=[ \t]*+(?:" + number + rb")" + _GAP + rb"(?:mm|deg)\b" + _COMMA
-    return rb"((?:" + field + _GAP + rb")*+)"
+    return rb"(?P<extended>(?:" + field + _GAP + rb")*+)"
 
 
 def _cartesian(number: bytes) -> tuple[tuple[str, bytes], ...]:
@@ -63,7 +63,10 @@ CARTESIAN = _joined(_cartesian(NUMBER))  # groups: GP, UF, UT, CONFIG, X, Y, Z, 
 JOINTS = _joined(_joints(NUMBER))  # groups: GP, UF, UT, CONFIG, joints, extended axes
 UNTAUGHT_CARTESIAN = _joined(_cartesian(_EITHER))
 UNTAUGHT_JOINTS = _joined(_joints(_EITHER))
-CLOSE = re.compile(_GAP + rb"\}" + _GAP + rb";?+")
+_CLOSE = _GAP + rb"\}" + _GAP + rb";?+"
+CLOSE = re.compile(_CLOSE)
+# The usual record in one go; groups: number, where the coordinates begin, then those of CARTESIAN.
+USUAL = re.compile(HEAD.pattern + rb"()" + CARTESIAN.pattern + _CLOSE)
 GAP = re.compile(_GAP)
 FIELD = re.compile(
     rb"([JE])([1-9])" + _GAP + rb"=([ \t]*+(?:" + _EITHER + rb"))" + _GAP + rb"(mm|deg)"

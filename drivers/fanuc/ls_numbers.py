@@ -31,17 +31,17 @@ class NumberStyle:
 
     def written(self, old: bytes, value: float) -> bytes:
         """Return a value (in the file's unit) with the decimals of ``old``, blanks before it included."""
-        text = f"{value:.{decimals(old)}f}"
-        whole, point, fraction = text.partition(".")
-        if whole in ("0", "-0") and point:
-            nothing = not fraction.strip("0")
-            sign = "-" if whole == "-0" and not nothing else ""
-            text = f"{sign}{'0' if nothing or self.leading_zero else ''}.{fraction}"
-        elif text == "-0":
-            text = "0"
+        text = b"%.*f" % (decimals(old), value)
+        if -1.0 < value < 1.0:
+            text = self._small(text)
         if old.endswith(b"."):
-            text += "."
+            text += b"."
         blanks = len(old) - len(old.lstrip(b" \t"))
         if self.padded and blanks and b"\t" not in old:
-            return b" " + text.rjust(len(old) - 1).encode()
-        return old[:blanks] + text.encode()
+            return b" " + text.rjust(len(old) - 1)
+        return old[:blanks] + text
+
+    def _small(self, text: bytes) -> bytes:
+        if not text.strip(b"-0."):
+            return text.lstrip(b"-")  # zero has no sign
+        return text if self.leading_zero else text.replace(b"0.", b".", 1)

@@ -23,6 +23,13 @@ def decimals(text: bytes) -> int:
     return len(text) - point - 1 if point >= 0 else 0
 
 
+def all_decimals(texts: Sequence[bytes]) -> Array:
+    """Return `decimals` of every text, as floats."""
+    points = np.array([text.find(b".") for text in texts], dtype=float)
+    lengths = np.array([len(text) for text in texts], dtype=float)
+    return np.where(points < 0, 0.0, lengths - points - 1)
+
+
 def in_si(axis: Axis) -> float:
     """Return an axis' value [rad or m], NaN where it is not taught."""
     return float("nan") if b"*" in axis.text else float(axis.text) * _SCALE[axis.unit]
@@ -89,7 +96,7 @@ def _add_numbers(columns: _Columns, block: Sequence[Record]) -> None:
     taught = np.array([record.form is Form.CARTESIAN for record in block])
     texts = [text for record in block if record.form is Form.CARTESIAN for text in record.cartesian]
     values = np.array(list(map(float, texts))).reshape(-1, 6)
-    places = np.array(list(map(decimals, texts)), dtype=np.int64).reshape(-1, 6)
+    places = all_decimals(texts).reshape(-1, 6).astype(np.int64)
     poses = np.full((len(block), 4, 4), np.nan)
     poses[taught] = homogeneous(rotation_from("fanuc_wpr", np.radians(values[:, 3:])), 1e-3 * values[:, :3])
     digits = np.full((len(block), 2), _DIGITS_UNSAID)

@@ -17,8 +17,9 @@ from drivers.fanuc.ls_remarks import remarks_of
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import Change, Frames, Positions, Remark
 
-_SECTION = re.compile(rb"^[ \t]*+/(PROG|ATTR|APPL|MN|POS|END)\b[^\n]*+", re.MULTILINE)
-_PROGRAM = re.compile(rb"[ \t]*+/PROG[ \t]++([^\s;]{1,80}+)")
+_SECTION = re.compile(rb"/(PROG|ATTR|APPL|MN|POS|END)\b[^\n]*+")
+_INDENT = 40  # a section's name stands at the beginning of its line, behind so many blanks at most
+_PROGRAM = re.compile(rb"/PROG[ \t]++([^\s;]{1,80}+)")
 _AFTER_END = re.compile(rb"[\s\x1a\x00]*+")
 _ORDER = (b"PROG", b"ATTR", b"APPL", b"MN", b"POS", b"END")
 _SAVE_AGAIN = "Save the program again on the controller, in ASCII."
@@ -86,7 +87,9 @@ def _sections(place: Place) -> dict[str, int]:
     """Return the offset of each section's line; RECORDS is the first byte after the line /POS."""
     found: dict[str, int] = {}
     last = 0
-    for section in _SECTION.finditer(place.data):
+    for section in filter(
+        lambda each: _begins_a_line(place.data, each.start()), _SECTION.finditer(place.data)
+    ):
         rank = _ORDER.index(section[1])
         word = section[1].decode()
         if rank < last or (word in found and word != "APPL"):
@@ -109,6 +112,10 @@ def _sections(place: Place) -> dict[str, int]:
     if place.data[: found["PROG"]].strip() or not _PROGRAM.match(place.data, found["PROG"]):
         raise place.error(0, "the file does not begin with /PROG and a name.", _SAVE_AGAIN)
     return found
+
+
+def _begins_a_line(data: bytes, at: int) -> bool:
+    return not data[max(0, at - _INDENT) : at].rpartition(b"\n")[2].strip(b" \t")
 
 
 def _after(place: Place, section: re.Match[bytes], word: bytes) -> int:

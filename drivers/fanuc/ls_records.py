@@ -16,6 +16,7 @@ from drivers.fanuc.ls_grammar import (
     JOINTS,
     UNTAUGHT_CARTESIAN,
     UNTAUGHT_JOINTS,
+    USUAL,
     furthest,
 )
 from drivers.programs.errors import ProgramFileError
@@ -78,23 +79,48 @@ def records(place: Place, start: int, end: int) -> Iterator[Record]:
     data, at = place.data, start
     known: set[bytes] = set()
     while head := HEAD.match(data, at, end):
-        number, first = int(head[1]), head.start(1) - 2
-        at, groups = head.end(), 0
-        while found := _group(data, at, end):
-            form, block = found
-            record = _record(place, number, first, form, block)
+        usual = USUAL.match(data, at, end)
+        if usual and not usual["extended"]:
+            found, at = [_usual_record(usual)], usual.end()
+        else:
+            found, at = _any_record(place, head, end)
+        for record in found:
             if record.configuration not in known:
-                _check_configuration(place, block, record.configuration)
+                _check_configuration(place, record)
                 known.add(record.configuration)
-            yield record
-            at, groups = block.end(), groups + 1
-        close = CLOSE.match(data, at, end)
-        if close is None or not groups:
-            raise _not_understood(place, at, end)
-        at = close.end()
+        yield from found
     gap = GAP.match(data, at, end)
     if gap is None or gap.end() != end:
         raise _not_understood(place, at, end)
+
+
+def _usual_record(found: re.Match[bytes]) -> Record:
+    number, _, group, user_frame, tool, configuration, x, y, z, w, p, r, _ = found.groups(b"")
+    first, cartesian = found.start(1) - 2, (x, y, z, w, p, r)
+    return Record(
+        int(number),
+        int(group or 1),
+        first,
+        found.start(2),
+        Form.CARTESIAN,
+        user_frame,
+        tool,
+        configuration,
+        cartesian,
+        (),
+    )
+
+
+def _any_record(place: Place, head: re.Match[bytes], end: int) -> tuple[list[Record], int]:
+    found, at = [], head.end()
+    while group := _group(place.data, at, end):
+        form, block = group
+        found.append(_record(place, int(head[1]), head.start(1) - 2, form, block))
+        at = block.end()
+    close = CLOSE.match(place.data, at, end)
+    if close is None or not found:
+        raise _not_understood(place, at, end)
+    return found, close.end()
 
 
 def _group(data: bytes, at: int, end: int) -> tuple[Form, re.Match[bytes]] | None:
@@ -146,11 +172,11 @@ def _axes(place: Place, at: int, text: bytes) -> tuple[Axis, ...]:
     return axes
 
 
-def _check_configuration(place: Place, block: re.Match[bytes], text: bytes) -> None:
-    if CONFIGURATION.fullmatch(text.decode("cp437")) is None:
-        raise place.error(
-            block.start(4), f"{text.decode('cp437')!r} is not a configuration such as 'N U T, 0, 0, 0'."
-        )
+def _check_configuration(place: Place, record: Record) -> None:
+    text = record.configuration.decode("cp437")
+    if CONFIGURATION.fullmatch(text) is None:
+        at = place.data.index(record.configuration, record.offset)
+        raise place.error(at, f"{text!r} is not a configuration such as 'N U T, 0, 0, 0'.")
 
 
 def _not_understood(place: Place, at: int, end: int) -> ProgramFileError:

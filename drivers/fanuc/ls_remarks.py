@@ -1,74 +1,130 @@
 """What a program does with positions besides moving to them, and what it lacks.
 
-Statements are looked at, never executed; remarks and disabled lines are passed over. German statements are
-those of public programs of German controllers; other languages are not known. Registers PR[…] are the same in all.
+Statements are looked at, never executed; remarks, disabled lines and comments in brackets are passed over. German
+statements are those of public programs of German controllers; other languages are not known. Registers PR[…] are the
+same in all.
 """
 
 import re
 from collections.abc import Iterator
 
+import numpy as np
+from numpy.typing import NDArray
+
 from drivers.programs.positions import Positions, Remark
 
-_TOKENS = re.compile(
-    rb"""
-    (?P<skipped>   ^[ \t]*+\d*+[ \t]*+:[ \t]*+(?://|!|--)[^\n]*+
-                 | '[^'\n]*+'                                                   ) |
-    (?P<indirect>  (?<![A-Z])PR?\[[ ]*+(?:[A-Za-z]{1,3}\[)[^\]\n]*+               ) |
-    (?P<used>      (?<![A-Za-z])P\[[ ]*+\d{1,5}+                                  ) |
-    (?P<vision>    \bVR\[ | \bVOFFSET\b | \bV_OFFSET\b | \bVISION\b ) |
-    (?P<offset>    \b(?:Tool_)?+Offset\b | \b(?:TOOL_)?+OFFSET\b | \bTouch\ Offset\b | \bStitch\b ) |
-    (?P<position_register> (?<![A-Z])PR\[[^\]\n]*+                               ) |
-    (?P<relative>  \bINC\b | \bCOORD(?:\[\d{0,3}\])?                                ) |
-    (?P<computed>  \b(?:UFRAME_NUM|UTOOL_NUM|BENUTZER_NUM|WKZ_NUM)[ ]*+=[ ]*+[A-Z]{1,3}\[
-                 | \b(?:UFRAME|UTOOL)\[[^\]\n]{0,40}+\][ ]*+=  | \bSkip, | \bInterrupt,
-                 | \b(?:SKIP|IRQ)\ (?:CONDITION|BEDINGUNG) | \bPALLETIZING | \bPAL_\d
-                 | \b(?:TRACK|Track)\b                                             ) |
-    (?P<foreign>   \b(?:CALL|AUFRUF|RUN)[ ]++(?P<callee>[A-Za-z_][A-Za-z0-9_]{0,40}+)  ) |
-    (?P<comment>   (?<![A-Za-z])[A-Za-z]{1,5}\[[ ]*+\d{1,5}+[ ]*+:[^\]\n]{0,80}+\]     )
-    """,
-    re.VERBOSE | re.MULTILINE,
+_SILENT_LINE = re.compile(
+    rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+(?://|!|--)[^\n]*+|(?<=:)//[^\n]*+|'[^'\n]*+'", re.MULTILINE
 )
+_COMMENT = re.compile(rb"\[ *+\d{1,5}+ *+:[^\]\n]*+\]")
+_USED = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
 
-_TEXT = {
-    "indirect": "a register chooses the position ({what}…]): which one, only the running program knows",
-    "vision": "a camera shifts the motion ({what}): the taught position is not where the robot goes",
-    "offset": "{what} shifts the motion by a register that is not in this file",
-    "position_register": "{what}] is a position register: it is kept in the controller, not in this file",
-    "relative": "{what} makes the motion depend on another position or group, not on the user frame alone",
-    "computed": "{what} is set or decided while the program runs",
-    "foreign": "{what} runs another program; its positions are in its own file",
-}
+# Each begins with a letter, which is found fast in a million lines.
+_KINDS: tuple[tuple[str, str, tuple[bytes, ...]], ...] = (
+    (
+        "indirect",
+        "a register chooses the position ({what}…): which one, only the running program knows.",
+        (rb"P(?<![A-Z]P)R?+\[ *+[A-Za-z]{1,3}+\[ *+\d{0,5}+\]?+",),
+    ),
+    (
+        "position_register",
+        "{what} is a position register: it is kept in the controller, not in this file.",
+        (rb"PR(?<![A-Z]PR)\[ *+\d[^\]\n]{0,80}+\]?+",),
+    ),
+    (
+        "offset",
+        "{what} shifts the motion by a register that is not in this file.",
+        (rb"Tool_Offset\b", rb"Offset(?<!_Offset)\b", rb"TOOL_OFFSET\b", rb"OFFSET(?<![A-Z_]OFFSET)\b"),
+    ),
+    (
+        "vision",
+        "a camera shifts the motion ({what}): the taught position is not where the robot goes.",
+        (rb"VR(?<![A-Z]VR)\[ *+\d{0,5}+\]?+", rb"VOFFSET\b", rb"VISION\b"),
+    ),
+    (
+        "relative",
+        "{what} makes the motion depend on another position or group, not on the user frame alone.",
+        (rb"INC(?<![A-Za-z_]INC)\b", rb"COORD(?<![A-Za-z_]COORD)\b"),
+    ),
+    (
+        "computed",
+        "{what} is set or decided while the program runs.",
+        (
+            rb"UFRAME_NUM *+= *+[A-Z]{1,3}+\[ *+\d{0,5}+\]?+",
+            rb"UTOOL_NUM *+= *+[A-Z]{1,3}+\[ *+\d{0,5}+\]?+",
+            rb"BENUTZER_NUM *+= *+[A-Za-z]{1,3}+\[ *+\d{0,5}+\]?+",
+            rb"WKZ_NUM *+= *+[A-Za-z]{1,3}+\[ *+\d{0,5}+\]?+",
+            rb"UFRAME\[[^\]\n]{0,40}+\] *+=",
+            rb"UTOOL\[[^\]\n]{0,40}+\] *+=",
+            rb"Skip,",
+            rb"Interrupt,",
+            rb"SKIP CONDITION",
+            rb"IRQ BEDINGUNG",
+            rb"PALLETIZING",
+            rb"PAL_\d",
+            rb"Track(?<![A-Za-z]Track)\b",
+        ),
+    ),
+    (
+        "foreign",
+        "{what} runs another program; its positions are in its own file.",
+        (rb"CALL(?<![A-Za-z_]CALL) ++[A-Za-z_]\w{0,40}+", rb"AUFRUF ++[A-Za-z_]\w{0,40}+",
+         rb"RUN(?<![A-Za-z_]RUN) ++\w{1,40}+"),
+    ),
+)  # fmt: skip
+_PATTERNS = tuple((code, text, tuple(map(re.compile, patterns))) for code, text, patterns in _KINDS)
 
 
 def remarks_of(data: bytes, start: int, end: int, positions: Positions) -> tuple[Remark, ...]:
     """Return what the statements between two offsets say about positions; line numbers are the file's."""
-    line, at = data.count(b"\n", 0, start) + 1, start
-    used: dict[int, int] = {}
-    said: set[tuple[object, str]] = set()
-    remarks: list[Remark] = []
-    for found in _TOKENS.finditer(data, start, end):
-        kind = found.lastgroup or ""
-        kind = "foreign" if kind == "callee" else kind
-        line += data.count(b"\n", at, found.start())
-        at = found.start()
-        if kind == "used":
-            used.setdefault(int(found[0].partition(b"[")[2]), line)
-        elif kind in _TEXT:
-            key = (found["callee"] or line, kind)
-            if key not in said:
-                said.add(key)
-                what = found[0].decode("cp437").strip()
-                remarks.append(Remark(line, kind, _TEXT[kind].format(what=what) + "."))
-    remarks += _unused_and_missing(used, positions, any(remark.code == "indirect" for remark in remarks))
+    statements = _COMMENT.sub(_blanked_comment, _SILENT_LINE.sub(_blanked, data[start:end]))
+    breaks = np.flatnonzero(np.frombuffer(statements, dtype=np.uint8) == ord("\n"))
+    first_line = data.count(b"\n", 0, start) + 1
+    remarks = [
+        Remark(first_line + line, code, text.format(what=what))
+        for code, text, patterns in _PATTERNS
+        for line, what in _occurrences(patterns, statements, breaks, once=code == "foreign")
+    ]
+    remarks += _unused_and_missing(statements, first_line, positions, {remark.code for remark in remarks})
     return tuple(sorted(remarks, key=lambda remark: remark.line))
 
 
-def _unused_and_missing(used: dict[int, int], positions: Positions, indirect: bool) -> Iterator[Remark]:
+def _blanked(found: re.Match[bytes]) -> bytes:
+    return b" " * len(found[0])
+
+
+def _blanked_comment(found: re.Match[bytes]) -> bytes:
+    number = found[0].partition(b":")[0]
+    return number + b"]" + b" " * (len(found[0]) - len(number) - 1)
+
+
+def _occurrences(
+    patterns: tuple[re.Pattern[bytes], ...], statements: bytes, breaks: NDArray[np.int64], *, once: bool
+) -> Iterator[tuple[int, str]]:
+    """Yield line (from 0) and text, one a line, or one a text with ``once``."""
+    said: set[object] = set()
+    for pattern in patterns:
+        found = [(match.start(), match[0]) for match in pattern.finditer(statements)]
+        lines = np.searchsorted(breaks, [at for at, _ in found]).tolist()
+        for line, (_, text) in zip(lines, found, strict=True):
+            key = text if once else line
+            if key not in said:
+                said.add(key)
+                yield line, text.decode("cp437")
+
+
+def _unused_and_missing(
+    statements: bytes, first_line: int, positions: Positions, codes: set[str]
+) -> Iterator[Remark]:
+    used: dict[int, int] = {}
+    for found in _USED.finditer(statements):
+        used.setdefault(int(found[1]), found.start())
     recorded = {int(name[2:-1]) for name in positions.names}
     for number in sorted(used.keys() - recorded):
-        yield Remark(used[number], "missing", f"P[{number}] is used here, but not recorded under /POS.")
+        line = first_line + statements.count(b"\n", 0, used[number])
+        yield Remark(line, "missing", f"P[{number}] is used here, but not recorded under /POS.")
     spare = sorted(recorded - used.keys())
-    if spare and not indirect:
+    if spare and "indirect" not in codes:
         shown = ", ".join(f"P[{number}]" for number in spare[:20]) + (" and more" if len(spare) > 20 else "")
         yield Remark(
             0, "unused", f"{len(spare)} positions are recorded, but no statement uses them: {shown}."
