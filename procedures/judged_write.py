@@ -36,8 +36,8 @@ def with_verdict(shown: Instruction, verdict: Verdict, question: str, write_anyw
     return replace(shown, text=f"{text}{doubt} {question}")
 
 
-def refuse_failed(verdict: Verdict, write_anyway: str, evidence: object) -> None:
-    """Refuse to go on with what failed, unless an engineer's reason stands in the settings.
+def refuse_failed(verdict: Verdict, write_anyway: str | None, evidence: object) -> None:
+    """Refuse to go on with what failed, unless an engineer gave a reason to; None: nobody may.
 
     Raises
     ------
@@ -46,10 +46,12 @@ def refuse_failed(verdict: Verdict, write_anyway: str, evidence: object) -> None
     """
     failed = [figure for figure in verdict.characteristics if figure.decision is FAIL]
     if failed and not write_anyway:
+        order = "" if write_anyway is None else " An engineer may order the writing with write_anyway."
         raise RefusalError(
             f"the verdict is FAIL: {'; '.join(_told(figure) for figure in failed)}. Nothing was written",
             code="procedure.failed",
-            remedy="Look for the cause and start a new run; an engineer may order the writing with write_anyway.",
+            remedy="Look for the cause; then do the doubtful steps again (`cellcal resume RUN --from STEP`) or start "
+            f"a new run.{order}",
             evidence=evidence,
         )
 

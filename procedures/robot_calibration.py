@@ -33,6 +33,7 @@ from procedures.arm.calibration_result import Identified, after_mastering, error
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
+from procedures.judged_write import refuse_failed, with_verdict
 from procedures.limits import CHECK, AccuracyClass, CheckLimits, chosen, told
 from procedures.run import NeedsUnmetError, RefusalError, Run
 from procedures.steps.ask import accept, ask
@@ -116,9 +117,8 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
     result = CalibrationResult(
         identified, identified.arm, ended.enough, ended.why_not, tuple(visits.set_aside), bench
     )
-    await run.step(
-        "accept the result", accept, _shown_result(result), sha256_of(to_jsonable_python(identified))
-    )
+    shown = with_verdict(_shown_result(result), _verdict(spec, result), "Keep the parameters?")
+    await run.step("accept the result", accept, shown, sha256_of(to_jsonable_python(identified)))
     if spec.write_zeros:
         return await _write_zeros(run, spec, series, visits, result)
     return result
@@ -164,9 +164,11 @@ async def _write_zeros(
     """Write the joint zeros as mastering and look again; take them back where the robot is not where it should be."""
     found, bench = result.identified, series.bench
     _refuse_zeros(found, bench)
-    await run.step(
-        "accept the zeros", accept, _shown_zeros(found), sha256_of(to_jsonable_python(found.mastering))
-    )
+    verdict = _verdict(spec, result)
+    refuse_failed(verdict, None, result)
+    question = "Write them as the robot's mastering? Taught positions move with them."
+    shown = with_verdict(_shown_zeros(found), verdict, question)
+    await run.step("accept the zeros", accept, shown, sha256_of(to_jsonable_python(found.mastering)))
     written = await run.write("write the mastering", write_mastering, found.mastering)
     ways = check_ways(series, visits.here_rad, FINAL_POSES)
     finals = tuple([await visits.check("final", number, way) for number, way in enumerate(ways, 1)])
@@ -225,7 +227,7 @@ def _shown_result(result: CalibrationResult) -> Instruction:
         "accept_parameters",
         f"At {out.captures} poses that were not fitted the error fell from {out.before_rms_m * 1e3:.3f} to "
         f"{out.after_rms_m * 1e3:.3f} mm RMS a coordinate; the target is known within "
-        f"{found.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS). {found.saving}.{ended} Keep the parameters?",
+        f"{found.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS). {found.saving}.{ended}",
     )
 
 
@@ -233,8 +235,7 @@ def _shown_zeros(found: Identified) -> Instruction:
     turned = ", ".join(f"J{k + 1} {math.degrees(v):+.4f}" for k, v in enumerate(found.written_offsets_rad))
     return Instruction(
         "accept_zeros",
-        f"Joint zeros alone explain the readings. Write them as the robot's mastering ({turned} deg)? Taught "
-        "positions move with them.",
+        f"Joint zeros alone explain the readings: {turned} deg.",
     )
 
 

@@ -5,7 +5,7 @@ F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positionin
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from pydantic import Field
@@ -16,15 +16,15 @@ from calibration.points.tool_point import ToolAxes, ToolPoint, tool_pose
 from calibration.points.touch_design import foreseen_u_m, planned_attitudes
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
-from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
+from procedures.judged_write import WriteAnyway, ordered, refuse_failed, shift_told, with_verdict
 from procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen
-from procedures.run import NeedsUnmetError, Run
+from procedures.run import Run
 from procedures.steps.ask import accept, ask
-from procedures.steps.write import write_and_read_back
+from procedures.steps.write import read_tool_frame, write_and_read_back
 from procedures.teaching.tcp_methods import Held, Method, Orientation, Way, take_axes
-from procedures.teaching.tcp_touches import Touches, TouchRules, take_touches
+from procedures.teaching.tcp_touches import TouchRules, take_touches
 from procedures.teaching.tcp_verdict import Judging, axes_u, verdict_on_tool
 from procedures.verdict import SetAside, Verdict
 
@@ -56,6 +56,7 @@ class SixPointTcp:
     )  # how squarely the tool is held
     accuracy_class: AccuracyClass = "B"
     limits: ToolLimits | None = None
+    write_anyway: WriteAnyway = ""
 
     @property
     def way(self) -> Way:
@@ -102,10 +103,7 @@ async def six_point_tcp(run: Run, spec: SixPointTcp) -> ToolSetup:
 
     tip = touches.tip.tip_in_flange_m
     flange_tool = Pose(tip, before.quaternion) if axes is None else tool_pose(tip, axes)
-    shown, sha256 = _shown(spec, touches, flange_tool), sha256_of(to_jsonable_python(flange_tool))
-    await run.step("accept the result", accept, shown, sha256)
-    read_back = await run.write("write the tool frame", write_and_read_back, spec.tool_number, flange_tool)
-    return ToolSetup(
+    found = ToolSetup(
         tool_number=spec.tool_number,
         flange_tool=flange_tool,
         tip=touches.tip,
@@ -114,26 +112,26 @@ async def six_point_tcp(run: Run, spec: SixPointTcp) -> ToolSetup:
         fixed_plan_touches=touches.fixed_plan,
         set_aside=touches.set_aside,
         before=before,
-        read_back=read_back,
+        read_back=flange_tool,  # as it will be, if a person wants it
     )
+    verdict = _judge(spec, found)
+    refuse_failed(verdict, spec.write_anyway, found)
+    sha256 = sha256_of(to_jsonable_python(flange_tool))
+    await run.step("accept the result", accept, _shown(spec, found, verdict), sha256)
+    read_back = await run.write("write the tool frame", write_and_read_back, spec.tool_number, flange_tool)
+    return replace(found, read_back=read_back)
 
 
-async def read_tool_frame(cell: Cell, number: int) -> Pose:
-    """Return what the controller holds before anything is changed."""
-    if cell.tool_frames is None:
-        raise NeedsUnmetError("this robot's tool frames cannot be read", missing=("writes_tool_frame",))
-    return await cell.tool_frames.read_tool_frame(number)
-
-
-def _shown(spec: SixPointTcp, touches: Touches, flange_tool: Pose) -> Instruction:
-    tip, (x, y, z) = touches.tip, (value * 1e3 for value in flange_tool.position_m)
+def _shown(spec: SixPointTcp, found: ToolSetup, verdict: Verdict) -> Instruction:
+    tip, (x, y, z) = found.tip, (value * 1e3 for value in found.flange_tool.position_m)
     axes = " Its axes stay as they are." if spec.method == "four_point" else ""
-    return Instruction(
+    shown = Instruction(
         "accept_tool",
         f"Tool {spec.tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within "
         f"{tip.tip_u_in_space_m * 1e3:.2f} mm (95 %); the touches agree within {tip.rms_m * 1e3:.2f} mm RMS."
-        f"{axes} Write it to the controller?",
+        f"{axes} {shift_told(found.before, found.flange_tool)}",
     )
+    return with_verdict(shown, verdict, "Write it to the controller?", spec.write_anyway)
 
 
 def _outline(spec: SixPointTcp) -> tuple[Phase, ...]:
@@ -159,6 +157,10 @@ def _keeps(spec: SixPointTcp, result: ToolSetup) -> Keepsake:
 
 
 def _verdict(spec: SixPointTcp, result: ToolSetup) -> Verdict:
+    return ordered(_judge(spec, result), spec.write_anyway)
+
+
+def _judge(spec: SixPointTcp, result: ToolSetup) -> Verdict:
     judging = Judging(spec.way, spec.square_sigma_rad, spec.accuracy_class, spec.limits)
     return verdict_on_tool(judging, result)
 

@@ -9,12 +9,12 @@ import numpy as np
 from calibration.geometry import Array, Pose
 from calibration.points.tool_point import ToolAxes, ToolPoint
 from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
+from procedures.judged_write import frame_changes
 from procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen, told
 from procedures.teaching.tcp_methods import Way
 from procedures.verdict import (
     PASS,
     UNDECIDED,
-    Change,
     Characteristic,
     Contribution,
     SetAside,
@@ -77,7 +77,7 @@ def verdict_on_tool(judging: Judging, found: Tool) -> Verdict:
         limits_from=told(judging.accuracy_class, judging.limits),
         not_verified=_not_verified(judging.way),
         remarks=(_saving(found),),
-        changes=_changes(found),
+        changes=frame_changes(found.before, found.read_back),
         set_aside=found.set_aside,
     )
 
@@ -172,8 +172,3 @@ def _saving(found: Tool) -> str:
         f"{found.touches} touches, each where it tells most; a plan fixed beforehand at 30 degrees would "
         f"take {plan} for the U of the limits"
     )
-
-
-def _changes(found: Tool) -> tuple[Change, ...]:
-    pairs = zip("xyz", found.before.position_m, found.read_back.position_m, strict=True)
-    return tuple(Change(f"tool {found.tool_number}: {axis}", old, new, "m") for axis, old, new in pairs)
