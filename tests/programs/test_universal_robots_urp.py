@@ -1,0 +1,294 @@
+"""PolyScope programs: where a waypoint is, what a change writes, and what is refused.
+
+Poses are computed here with 40 digits from the XML itself, by a chain of our own.
+"""
+
+import gzip
+import re
+import xml.etree.ElementTree as ET
+import zlib
+from collections.abc import Iterator
+
+import mpmath
+import numpy as np
+import pytest
+
+from calibration.arm.kinematics import DhTable
+from calibration.geometry import Array, exp_rotation, homogeneous
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import CARTESIAN, JOINTS, Change
+from drivers.universal_robots.programs import BRAND
+from drivers.universal_robots.script_program import read_script
+from drivers.universal_robots.urp_archive import MOST_XML_BYTES
+from drivers.universal_robots.urp_misfit import misfit_to_script, pose_misfit_m
+from drivers.universal_robots.urp_program import UrpProgram, read_urp
+from tests.programs.fuzz import mutated
+from tests.programs.generate_universal_robots_urp import ARMS, consistent, generate, packed, unpacked
+
+# A waypoint of a UR10e and what PolyScope printed for it: pharmbio/robotlab, notes.md.
+_JOINTS = (
+    "1.9942498207092285, -1.6684614620604457, 1.9330504576312464, "
+    "-0.2718423169902344, 1.3209004402160645, 0.0036344528198242188"
+)
+_PRINTED = ".433025361705, -.467959205379, .522310714714, 1.500318891221, .521427297251, .530987104689"
+_MICROMETRE_OF_A_MILLIMETRE = 1e-9  # 1e-6 mm in metres
+
+
+def _kinematics(tag: str, arm: int, status: str = "LINEARIZED") -> str:
+    theta, a, d, alpha = ARMS[arm]
+    return (
+        f'<{tag} status="{status}"><deltaTheta value="{theta}"/><a value="{a}"/><d value="{d}"/>'
+        f'<alpha value="{alpha}"/><jointChecksum value="-1, 2, 3, 4, 5, 6"/></{tag}>'
+    )
+
+
+def _urp(*waypoints: str, arm: int = 0, head: str = "") -> bytes:
+    inner = "\n".join(waypoints)
+    text = (
+        f'{head}<URProgram name="lid">\n{_kinematics("kinematics", arm)}\n<children><MainProgram><children>'
+        f"<Move><children>\n{inner}\n</children></Move></children></MainProgram></children></URProgram>"
+    )
+    return gzip.compress(text.encode(), mtime=5)
+
+
+def _waypoint(
+    name: str = "Waypoint_1", arm: int = 0, status: str = "LINEARIZED", tool: str = "0, 0, 0, 0, 0, 0"
+) -> str:
+    return (
+        f'<Waypoint type="Fixed" name="{name}"><position><JointAngles angles="{_JOINTS}"/>'
+        f'<TCPOffset pose="{tool}"/>{_kinematics("Kinematics", arm, status)}</position>'
+        '<BaseToFeature pose="0, 0, 0, 0, 0, 0"/></Waypoint>'
+    )
+
+
+def _six(text: str) -> list[mpmath.mpf]:
+    return [mpmath.mpf(number.strip()) for number in text.split(",")]
+
+
+def _turn(vector: list[mpmath.mpf]) -> mpmath.matrix:
+    angle = mpmath.sqrt(sum(v * v for v in vector))
+    if not angle:
+        return mpmath.eye(3)
+    x, y, z = (v / angle for v in vector)
+    skew = mpmath.matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return mpmath.eye(3) + mpmath.sin(angle) * skew + (1 - mpmath.cos(angle)) * skew * skew
+
+
+def _frame(six: list[mpmath.mpf]) -> mpmath.matrix:
+    matrix = mpmath.eye(4)
+    matrix[:3, :3] = _turn(six[3:])
+    for i in range(3):
+        matrix[i, 3] = six[i]
+    return matrix
+
+
+def _flange(joints: list[mpmath.mpf], kinematics: ET.Element) -> mpmath.matrix:
+    columns = [_six(kinematics.find(tag).attrib["value"]) for tag in ("deltaTheta", "d", "a", "alpha")]  # type: ignore[union-attr]
+    flange = mpmath.eye(4)
+    for q, theta, d, a, alpha in zip(joints, *columns, strict=True):
+        c, s, ca, sa = mpmath.cos(q + theta), mpmath.sin(q + theta), mpmath.cos(alpha), mpmath.sin(alpha)
+        flange *= mpmath.matrix(
+            [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+        )
+    return flange
+
+
+def _true_poses(data: bytes) -> Iterator[tuple[str, Array]]:
+    """Yield every fixed waypoint's pose in its feature, from the XML with 40 digits."""
+    with mpmath.workdps(40):
+        for waypoint in ET.fromstring(unpacked(data)).iter("Waypoint"):
+            position = waypoint.find("position")
+            if waypoint.get("type") != "Fixed" or position is None:
+                continue
+            kinematics, feature = position.find("Kinematics"), waypoint.find("BaseToFeature")
+            angles, tool = position.find("JointAngles"), position.find("TCPOffset")
+            assert kinematics is not None
+            assert feature is not None
+            assert angles is not None
+            assert tool is not None
+            tip = _flange(_six(angles.attrib["angles"]), kinematics) * _frame(_six(tool.attrib["pose"]))
+            pose = _frame(_six(feature.attrib["pose"])) ** -1 * tip
+            yield kinematics.attrib["status"], np.array(pose.tolist(), dtype=float)
+
+
+def _agrees(file: UrpProgram) -> float:
+    """Return the largest distance of a declared pose from the true one [m], attitudes on a lever of a metre."""
+    true = list(_true_poses(file.to_bytes()))
+    assert len(true) == len(file.positions)
+    worst = 0.0
+    for (status, pose), kind, said in zip(true, file.positions.kinds, file.positions.frame_tip, strict=True):
+        assert kind == (CARTESIAN if status == "LINEARIZED" else JOINTS)
+        if kind == CARTESIAN:
+            worst = max(worst, float(np.abs(said - pose).max()))
+    return worst
+
+
+def test_the_joints_of_a_waypoint_give_the_pose_that_polyscope_printed():
+    file = read_urp("lid.urp", _urp(_waypoint()))
+    script = read_script(
+        "lid.script", f"global Waypoint_1_p=p[{_PRINTED}]\nglobal Waypoint_1_q=[{_JOINTS}]\n".encode()
+    )
+    misfit = misfit_to_script(file, script)
+    assert misfit.position_m[0] < 2e-12  # twelve decimals are printed
+    assert misfit.angle_rad[0] < 2e-12
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_waypoint_is_where_its_own_joints_tool_feature_and_kinematics_put_it(seed: int):
+    assert _agrees(read_urp("cell.urp", generate(seed))) < _MICROMETRE_OF_A_MILLIMETRE
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_new_poses_become_joints_that_give_them(seed: int):
+    file = read_urp("cell.urp", generate(seed))
+    rows = np.flatnonzero(np.array(file.positions.kinds) == CARTESIAN)
+    shift = homogeneous(exp_rotation(np.array([0.004, -0.003, 0.002])), np.array([0.003, 0.002, -0.004]))
+    wanted = file.positions.frame_tip[rows] @ shift
+    try:
+        moved = file.changed(Change(rows, frame_tip=wanted))
+    except ProgramFileError as refused:
+        assert "out of reach" in str(refused)  # noqa: PT017 - drawn at random: some stand stretched out
+        return
+    assert np.abs(moved.positions.frame_tip[rows] - wanted).max() < _MICROMETRE_OF_A_MILLIMETRE
+    assert _agrees(moved) < _MICROMETRE_OF_A_MILLIMETRE
+    assert np.median(np.abs(moved.positions.joints[rows] - file.positions.joints[rows])) < 0.05
+
+
+def test_pose_and_joints_that_do_not_agree_are_refused_and_those_that_do_are_written():
+    file = read_urp("lid.urp", _urp(_waypoint(tool="0, 0, 0.1, 0, 0, 0")))
+    rows, joints = np.array([0]), file.positions.joints + 0.01
+    with pytest.raises(ProgramFileError, match="do not agree"):
+        file.changed(Change(rows, frame_tip=file.positions.frame_tip, joints=joints))
+    moved = file.changed(Change(rows, frame_tip=file.poses_at(rows, joints), joints=joints))
+    assert np.array_equal(moved.positions.joints, joints)
+
+
+@pytest.mark.parametrize("status", ["NOT_LINEARIZED", "NOT_INITIALIZED", "VALID"])
+def test_kinematics_that_are_not_the_arms_give_no_pose_and_take_none(status: str):
+    file = read_urp("lid.urp", _urp(_waypoint(status=status)))
+    assert file.positions.kinds == (JOINTS,)
+    assert any("unknown" in remark.text and remark.code == "foreign" for remark in file.remarks)
+    with pytest.raises(ProgramFileError, match="not known") as refused:
+        file.changed(Change(np.array([0]), frame_tip=np.eye(4)[None]))
+    assert refused.value.remedy
+    assert np.allclose(file.changed(Change(np.array([0]), joints=np.ones((1, 6)))).positions.joints, 1.0)
+
+
+def test_a_waypoint_of_another_arm_keeps_its_own_kinematics_and_is_told():
+    file = read_urp("lid.urp", _urp(_waypoint(), _waypoint("Waypoint_2", arm=1)))
+    apart = np.linalg.norm(file.positions.frame_tip[0, :3, 3] - file.positions.frame_tip[1, :3, 3])
+    assert 1e-4 < apart < 0.02
+    assert any("another arm" in remark.text for remark in file.remarks)
+
+
+def test_another_arms_kinematics_keep_the_poses_or_the_joints():
+    file = read_urp("lid.urp", _urp(_waypoint(), _waypoint("Waypoint_2")))
+    theta, a, d, alpha = (np.array([float(number) for number in column.split(",")]) for column in ARMS[1])
+    table = DhTable.from_rows(np.stack([theta, d, a, alpha], axis=1))
+    clone = file.with_kinematics(table, [2**32 - 7, 1, 2, 3, 4, 5], keep_poses=True)
+    assert np.abs(clone.positions.frame_tip - file.positions.frame_tip).max() < _MICROMETRE_OF_A_MILLIMETRE
+    assert np.abs(clone.positions.joints - file.positions.joints).max() > 1e-4
+    assert _agrees(clone) < _MICROMETRE_OF_A_MILLIMETRE
+    kept = file.with_kinematics(table, [2**32 - 7, 1, 2, 3, 4, 5], keep_poses=False)
+    assert np.array_equal(kept.positions.joints, file.positions.joints)
+    assert b"-7, 1, 2, 3, 4, 5" in unpacked(kept.to_bytes())
+    assert np.abs(kept.positions.frame_tip - file.positions.frame_tip).max() > 1e-4
+    assert kept.frames.kinematics is not None
+    assert (
+        np.abs(
+            kept.frames.kinematics.base_flange(kept.positions.joints)[0] - kept.positions.frame_tip[0]
+        ).max()
+        < 1e-12
+    )
+
+
+def test_a_pose_that_is_stored_changes_with_the_joints_and_its_misfit_is_told():
+    pose = "0.433025361705, -0.467959205379, 0.522310714714, 1.500318891221, 0.521427297251, 0.530987104689"
+    old = (
+        f'<Waypoint type="Fixed" name="W"><position joints="{_JOINTS}" pose="{pose}"/>'
+        f'<poseInFeatureCoordinates pose="{pose}"/><outputFlangePose pose="{pose}"/></Waypoint>'
+    )
+    file = read_urp("old.urp", _urp(old))
+    assert pose_misfit_m(file)[0] < 2e-12
+    joints = file.positions.joints + 0.02
+    moved = file.changed(Change(np.array([0]), joints=joints))
+    assert pose_misfit_m(moved)[0] < 1e-11
+    stored = re.findall(r' pose="([^"]*)"', unpacked(moved.to_bytes()).decode())
+    poses = np.array([[float(number) for number in each.split(",")] for each in stored])
+    assert poses.shape == (3, 6)
+    assert np.ptp(poses, axis=0).max() < 1e-14
+    assert pose_misfit_m(read_urp("old.urp", _urp(old.replace("0.4330", "0.4340"))))[0] == pytest.approx(
+        1e-3, rel=1e-6
+    )
+
+
+def test_a_file_keeps_its_header_and_the_same_change_gives_the_same_bytes():
+    data = _urp(_waypoint())
+    change = Change(np.array([0]), joints=np.full((1, 6), 0.5))
+    first, second = (read_urp("lid.urp", data).changed(change).to_bytes() for _ in range(2))
+    assert first == second
+    assert first[:10] == data[:10]
+    assert read_urp("lid.urp", data).changed(Change(np.array([], dtype=int))).to_bytes() == data
+
+
+def _bomb() -> bytes:
+    deflate = zlib.compressobj(9, zlib.DEFLATED, 31)
+    blank = b" " * (1 << 20)
+    return b"".join(deflate.compress(blank) for _ in range(2 * MOST_XML_BYTES >> 20)) + deflate.flush()
+
+
+_ENTITY = '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (_bomb(), "unpack to more"),
+        (_urp(_waypoint())[:-30], "too soon"),
+        (_urp(_waypoint()) + b"more", "follows"),
+        (b"\x1f\x8b\x08", "too soon"),
+        (b"PK\x03\x04", "neither gzip nor XML"),
+        (_urp(_waypoint(), head=_ENTITY), "parts that no program needs"),
+        (_urp(_waypoint(), head='<!DOCTYPE x SYSTEM "file:///etc/passwd">'), "parts that no program needs"),
+        (
+            packed('<?xml version="1.0" encoding="UTF-16"?><URProgram/>'.encode("utf-16")),
+            "two ways",
+        ),
+        (packed(b"<Installation/>"), "no URProgram"),
+        (packed(b"<URProgram><a></URProgram>"), "damaged"),
+        (_urp(_waypoint().replace("1.99", "1.9.9")), "six numbers"),
+        (_urp(_waypoint().replace("1.99", "199e9")), "beyond"),
+        (_urp(_waypoint().replace("-0.27", "nan")), "six numbers"),
+    ],
+)
+def test_what_is_damaged_or_dangerous_is_refused_with_a_cure(data: bytes, says: str):
+    with pytest.raises(ProgramFileError, match=says) as refused:
+        BRAND.read("cell.urp", data)
+    assert refused.value.file == "cell.urp"
+    assert refused.value.remedy
+
+
+def test_an_error_names_line_and_column():
+    with pytest.raises(ProgramFileError) as refused:
+        read_urp(
+            "cell.urp",
+            packed(
+                b'<URProgram>\n<Waypoint><position>\n<JointAngles angles="1, 2"/></position></Waypoint></URProgram>'
+            ),
+        )
+    assert (refused.value.line, refused.value.column) == (3, 22)
+
+
+def test_damage_inside_the_xml_is_refused_or_kept_to_the_last_byte():
+    tally = mutated(
+        BRAND,
+        generate,
+        range(0, 900, 2),
+        suffix=".urp",
+        unpacked=unpacked,
+        packed=packed,
+        consistent=consistent,
+    )
+    assert not tally.failures
+    assert tally.refused > 80
+    assert tally.changed > 40
