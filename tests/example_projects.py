@@ -5,6 +5,7 @@ say of them is a little wrong, as after a calibration, and within what the files
 """
 
 import datetime
+import re
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -51,19 +52,44 @@ class Cell:
 def main() -> None:
     """Make everything."""
     shutil.rmtree(FOLDER, ignore_errors=True)
-    turn = rotation_from("fanuc_wpr", np.deg2rad([0.0, 0.0, 0.0]))
-    stand = homogeneous(turn, np.array([1.05, -0.45, 0.55]))
-    shifted = stand @ homogeneous(
-        rotation_from("fanuc_wpr", np.deg2rad([0.12, -0.08, 0.4])), np.array([0.0118, -0.0079, 0.0034])
-    )
-    master = Cell("cell_1", "F-104711", 11, stand, _rounded(stand))
-    clone = Cell("cell_7", "F-118020", 77, shifted, _rounded(shifted))
+    master, clone = cells()
     for cell in (master, clone):
         _write(cell, master)
     for name, text in programs(master.entered_frame).items():
         path = FOLDER / "cell_1" / "programs" / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(text)
+
+
+def cells() -> tuple[Cell, Cell]:
+    """Return the master's cell and the clone's as they really are."""
+    stand = homogeneous(np.eye(3), np.array([1.05, -0.45, 0.55]))
+    shifted = stand @ homogeneous(
+        rotation_from("fanuc_wpr", np.deg2rad([0.12, -0.08, 0.4])), np.array([0.0118, -0.0079, 0.0034])
+    )
+    return (
+        Cell("cell_1", "F-104711", 11, stand, _rounded(stand)),
+        Cell("cell_7", "F-118020", 77, shifted, _rounded(shifted)),
+    )
+
+
+def poses_of(listing: bytes) -> Array:
+    """Return the points (N, 4, 4) of a listing of ours, by its text alone."""
+    found = re.findall(rb"([XYZWPR]) = *(-?[\d.]+) +(?:mm|deg)", listing)
+    numbers = np.array([float(number) for _, number in found]).reshape(-1, 6)
+    turns = [rotation_from("fanuc_wpr", np.deg2rad(row[3:])) for row in numbers]
+    return np.array([homogeneous(turn, row[:3] / 1e3) for turn, row in zip(turns, numbers, strict=True)])
+
+
+def tips_at_fixture(cell: Cell, listing: bytes) -> Array:
+    """Return where a cell's true tip goes (N, 4, 4), seen from the fixture, when its controller runs a listing."""
+    nominal = load_model(MODEL)
+    flange = cell.entered_frame @ poses_of(listing) @ inverse_transform(TOOL)
+    search = PostureSearch(nominal, nominal, BRAND.configurations)
+    joints = search.alike(flange, np.broadcast_to(_FLANGE_SEED, (len(flange), 6)))
+    real_tool = homogeneous(np.eye(3), np.array([float(v) for v in _REAL_TIPS[cell.name].split(",")]) / 1e3)
+    tips: Array = inverse_transform(cell.base_fixture) @ cell.real.base_flange(joints) @ real_tool
+    return tips
 
 
 def programs(entered_frame: Array) -> dict[str, bytes]:
@@ -212,7 +238,7 @@ held_out_rms_mm = 0.08
 position_mm = [0.0, 0.0, 412.0]
 
 [tools.1.real]
-position_mm = [{_REAL_TIPS[cell.name]}]
+position_mm = [{_measured_tip(cell)}]
 sigma_mm = 0.03
 
 [frames.2]
@@ -222,6 +248,12 @@ fanuc_wpr_deg = [{w:.3f}, {p:.3f}, {r:.3f}]
 [fixture]
 alignment = "door_fixture.aln.json"
 """
+
+
+def _measured_tip(cell: Cell) -> str:
+    off = np.random.default_rng(cell.seed + 3000).normal(scale=0.03, size=3)
+    tip = np.array([float(v) for v in _REAL_TIPS[cell.name].split(",")]) + off
+    return ", ".join(f"{v:.3f}" for v in tip)
 
 
 _REAL_TIPS = {"cell_1": "0.31, -0.22, 411.64", "cell_7": "-0.18, 0.27, 412.41"}

@@ -30,6 +30,9 @@ Project = Annotated[
 ]
 
 
+ReportFile = Annotated[Path | None, Parameter(allow_leading_hyphen=True)]  # "-" is standard output
+
+
 @dataclass(frozen=True)
 class Outputs:
     """Where new programs and reports go; `-` is standard output, and the tables then go to standard error."""
@@ -38,13 +41,13 @@ class Outputs:
     """Folder for the new programs, made if it is not there. A source is never written over."""
     replace: Annotated[bool, Parameter(negative=())] = False
     """Replace programs and reports of an earlier run."""
-    json: Path | None = None
+    json: ReportFile = None
     """Every point as JSON."""
-    csv: Path | None = None
+    csv: ReportFile = None
     """Every point as a row."""
-    html: Path | None = None
+    html: ReportFile = None
     """A page with pictures of the points, coloured by shift and by expected error."""
-    diff: Path | None = None
+    diff: ReportFile = None
     """A unified diff of all programs, as `patch` takes it."""
     top: int = 10
     """How many points the terminal lists, worst first."""
@@ -58,7 +61,7 @@ def move(
     *files: str,
     project: Annotated[Path, Parameter(name="--project", help="The project file (TOML) of the cell.")],
     outputs: Out,
-    offset: str | None = None,
+    offset: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     frame: str | None = None,
     before: Annotated[Path | None, Parameter(name="--from")] = None,
     after: Annotated[Path | None, Parameter(name="--to")] = None,

@@ -2,12 +2,13 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from service.cli.printing import EN_ROUTE
@@ -23,6 +24,10 @@ Item = TypeVar("Item")
 _MOST_PROGRAMS = 40
 _MOST_REFUSED = 20
 _MOST_NOTES = 20
+_LEGEND = (
+    "beyond: points out of reach. misses: how far the real tip is from where the controller believes it, by the "
+    "identified model. known: how surely that model knows the tip (k = 2). A name with ? is not known to the cell."
+)
 _VERSION = 8  # figures of a hash that are shown
 
 
@@ -95,6 +100,8 @@ class InspectionScreen:
         _tell_refused(console, totals.refused)
         if self._rows:
             console.print(_inspected_table(self._rows))
+            if any(row[6] != "-" for row in self._rows):
+                console.print(_LEGEND, markup=False)
         _tell_notes(console, said_once(self._notes))
         for name, table in self._tables:
             console.print(f"\n{name}", style="bold", markup=False)
@@ -127,22 +134,24 @@ def tell_status(found: Sequence["CellProgram"], refused: Sequence["Refused"]) ->
     console = Console(highlight=False)
     bad = [one for one in found if not one.ok]
     cells = len({one.cell for one in found})
-    told = f"{plural(cells, 'cell')}, {plural(len(found), 'program')}: "
-    told += f"{len(bad)} not as in the master." if bad else "all as in the master."
-    console.print(told, style="bold red" if bad or refused else "bold green", markup=False)
+    if found:
+        told = f"{plural(cells, 'cell')}, {plural(len(found), 'program')}: "
+        told += f"{len(bad)} not as in the master." if bad else "all as in the master."
+        console.print(told, style="bold red" if bad else "bold green", markup=False)
     _tell_refused(console, refused)
     if not found:
         return
-    table = Table(
-        "cell", "program", "state", "made from", "master has", "note", box=None, padding=(0, 1, 0, 0)
-    )
+    table = _table(["cell", "program"], [])
+    for name in ("state", "made from", "master has", "cloned on"):
+        table.add_column(name, no_wrap=True)
     for one in sorted(found, key=lambda one: (one.ok, one.cell, one.program)):
         versions = one.made_from_sha256[:_VERSION] or "-", one.master_sha256[:_VERSION]
-        day = f"cloned {one.made_at[:10]}" if one.made_at else ""
-        note = "; ".join(part for part in (day, one.note) if part)
-        style = "" if one.ok else "red"
-        table.add_row(one.cell, one.program, one.state.value, *versions, note, style=style)
+        cells_of_row = (one.cell, one.program, one.state.value, *versions, one.made_at[:10] or "-")
+        _add(table, cells_of_row, bad=not one.ok)
     console.print(table)
+    for one in found:
+        if one.note:
+            console.print(f"* {one.program} in {one.cell}: {one.note}", markup=False)
 
 
 def status_as_object(found: Sequence["CellProgram"], refused: Sequence["Refused"]) -> dict[str, Any]:
@@ -175,7 +184,7 @@ def _programs_table(report: "Report") -> Table:
         counts = (entry.counts[CHANGED], entry.counts[UNCHANGED], entry.counts[LEFT])
         figures = largest(entry.shift_m), largest(entry.expected_m)
         cells = (str(len(entry.points)), *map(str, counts), *map(_mm, figures))
-        table.add_row(entry.program, *cells, style="red" if entry.counts[LEFT] else "")
+        _add(table, (entry.program, *cells), bad=bool(entry.counts[LEFT]))
     if len(entries) > _MOST_PROGRAMS:
         table.caption = f"{len(entries) - _MOST_PROGRAMS} more; --csv and --json hold all"
     return table
@@ -185,7 +194,7 @@ def _points_table(points: Sequence["PointLine"]) -> Table:
     table = _table(["program", "point"], ["line", "shift mm", "turn deg", "error mm"], ["left, because"])
     for point in points:
         figures = (str(point.line), _mm(point.shift_m), _deg(point.turn_rad), _mm(point.expected_m))
-        table.add_row(point.program, point.point, *figures, point.reason, style="red" if point.left else "")
+        _add(table, (point.program, point.point, *figures, point.reason), bad=point.left)
     return table
 
 
@@ -201,7 +210,7 @@ def _inspected_row(inspected: "Inspected") -> tuple[str, ...]:
         "-" if reach is None else str(inspected.out_of_reach),
         "-" if reach is None else _mm(_largest(reach.miss_m)),
         "-" if reach is None else _mm(_largest(reach.expected_m)),
-        {None: "", True: "identical", False: "DIFFERENT"}[inspected.identical],
+        {None: "", True: "yes", False: "NO"}[inspected.identical],
     )
 
 
@@ -223,9 +232,9 @@ def _inspected_table(rows: Sequence[tuple[str, ...]]) -> Table:
     for i in shown:
         table.add_column(heads[i], justify="right" if i in (2, 5, 6, 7, 8) else "left", overflow="fold")
     if printed:
-        table.add_column("printed")
+        table.add_column("same bytes")
     for row in rows:
-        table.add_row(*(row[i] for i in shown), *([row[-1]] if printed else []))
+        _add(table, (*(row[i] for i in shown), *([row[-1]] if printed else [])), bad=False)
     return table
 
 
@@ -242,7 +251,7 @@ def _points_of(inspected: "Inspected") -> Table:
         words = [point["user_frame"] or "-", point["tool"] or "-", point["configuration"] or point["kind"]]
         told = [] if reach is None else [_mm(reach.miss_m[i]), reach.why[i] or "reached"]
         bad = reach is not None and bool(reach.failed[i])
-        table.add_row(point["point"], *cells, *words, *told, style="red" if bad else "")
+        _add(table, (point["point"], *cells, *words, *told), bad=bad)
     return table
 
 
@@ -285,6 +294,10 @@ def _table(words: Sequence[str], figures: Sequence[str], more: Sequence[str] = (
     for name in more:
         table.add_column(name, overflow="fold")
     return table
+
+
+def _add(table: Table, cells: Iterable[str], *, bad: bool) -> None:
+    table.add_row(*map(escape, cells), style="red" if bad else "")  # names hold brackets
 
 
 def _refused_object(one: "Refused") -> dict[str, str]:

@@ -12,12 +12,11 @@ from calibration.arm.kinematics import load_model
 from calibration.arm.robot_models import model_names
 from calibration.errors import CellError
 from calibration.geometry import Array
-from drivers.program_registry import read_program
-from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import ProgramFile
 from service.exit_codes import ExitCode
-from service.programs.cell_of_program import frame_of, refuse_foreign, tool_of
-from service.programs.files import FilesError, Found, NewPlace, Refused, Source, find_programs, read_bytes
+from service.programs.batches import Read, batches, together
+from service.programs.cell_of_program import frame_of, tool_of
+from service.programs.files import FilesError, Found, NewPlace, Refused, Source, find_programs
 from service.programs.project import SMALLEST_SIGMA, Project, read_project
 from service.programs.reach import Reach, reach_of
 
@@ -151,46 +150,40 @@ def inspect_programs(
     """Inspect programs one after another; each is told and let go."""
     totals = Totals(refused=list(found.refused))
     place = None if roundtrip is None else NewPlace(roundtrip, found.sources)
-    for source in found.sources:
-        try:
-            inspected = _inspect(source, cell, place)
-        except CellError as error:
-            totals.refused.append(Refused.because(source.path, error))
-            continue
-        totals.programs += 1
-        totals.points += len(inspected.program.positions)
-        totals.out_of_reach += inspected.out_of_reach
-        totals.not_identical += inspected.identical is False
-        tell(inspected)
+    for some in batches(found.sources, lambda _: None, totals.refused):
+        for read, reach in together(some, lambda programs: _reaches(programs, cell), totals.refused):
+            try:
+                inspected = _inspected(read, reach, cell, place)
+            except CellError as error:
+                totals.refused.append(Refused.because(read.source.path, error))
+                continue
+            totals.programs += 1
+            totals.points += len(inspected.program.positions)
+            totals.out_of_reach += inspected.out_of_reach
+            totals.not_identical += inspected.identical is False
+            tell(inspected)
     return totals
 
 
-def _inspect(source: Source, cell: Project | None, place: NewPlace | None) -> Inspected:
-    data = read_bytes(source.path)
-    program = read_program(str(source.path), data)
-    positions = program.positions
-    identical = None
+def _reaches(programs: Sequence[ProgramFile], cell: Project | None) -> Sequence[Reach | None]:
+    return [None] * len(programs) if cell is None else reach_of(programs, cell)
+
+
+def _inspected(read: Read, reach: Reach | None, cell: Project | None, place: NewPlace | None) -> Inspected:
+    program, identical = read.program, None
     if place is not None:
         printed = program.to_bytes()
-        place.write(source, printed)
-        identical = printed == data
-    if cell is not None:
-        _refuse(source, program, cell)
+        place.write(read.source, printed)
+        identical = printed == read.data
+    positions = program.positions
     return Inspected(
-        source,
+        read.source,
         program,
         {name: _knows_tool(cell, program, name) for name in dict.fromkeys(positions.tools)},
         {name: _knows_frame(cell, program, name) for name in dict.fromkeys(positions.user_frames)},
-        None if cell is None else reach_of(program, cell),
+        reach,
         identical,
     )
-
-
-def _refuse(source: Source, program: ProgramFile, cell: Project) -> None:
-    try:
-        refuse_foreign(program, cell)
-    except ProgramFileError as error:
-        raise ProgramFileError(str(source.path), error.message, remedy=error.remedy) from error
 
 
 def _knows_tool(cell: Project | None, program: ProgramFile, name: str | None) -> bool:

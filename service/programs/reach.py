@@ -14,10 +14,12 @@ from drivers.programs.positions import ProgramFile
 from service.programs.cell_of_program import (
     Group,
     Points,
+    bring_their_own,
     frame_of,
     groups_of,
     missing,
     points_of,
+    refuse_foreign,
     tool_of,
 )
 from service.programs.expected import Ends, Expectation
@@ -41,42 +43,60 @@ class Reach:
     expected_m: Array  # (N,) k = 2, how surely the identified model knows the real tip
 
 
-def reach_of(program: ProgramFile, cell: Project) -> Reach:
-    """Return what a cell's arm makes of a program.
+def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[Reach, ...]:
+    """Return what a cell's arm makes of programs of one brand.
 
     Raises
     ------
     CellError
-        A program of an arm with another number of joints, or an arm whose postures are not known in closed form.
+        A program of another robot, or in another unit.
     """
+    for program in programs:
+        refuse_foreign(program, cell)
     axes = cell.nominal.axes
-    points = points_of([program], axes)
-    brand = brands_by_name().get(program.brand)
-    search = PostureSearch(cell.nominal, cell.controller, None if brand is None else brand.configurations)
-    count = len(points)
-    found = Reach(
-        np.full((count, axes), np.nan),
-        np.full((count, 3), np.nan),
-        (),
-        np.zeros(count, dtype=bool),
-        np.full(count, np.nan),
-        np.full(count, np.nan),
-    )
-    for group in groups_of(points, programs_apart=False):
+    points = points_of(programs, axes)
+    rule = brands_by_name()[programs[0].brand].configurations
+    search = PostureSearch(cell.nominal, cell.controller, rule)
+    found = _Columns.empty(len(points), axes)
+    for group in groups_of(points, bring_their_own(programs) or rule is None):
         _of_group(group, points, cell, search, found)
-    return Reach(
-        found.joints_rad,
-        found.base_place_m,
-        tuple(points.reasons),
-        found.failed,
-        found.miss_m,
-        found.expected_m,
-    )
+    return tuple(found.of(np.flatnonzero(points.of == number), points) for number in range(len(programs)))
 
 
-def _of_group(group: Group, points: Points, cell: Project, search: PostureSearch, found: Reach) -> None:
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """The columns of all points, while they are filled in."""
+
+    joints_rad: Array
+    base_place_m: Array
+    failed: NDArray[np.bool_]
+    miss_m: Array
+    expected_m: Array
+
+    @classmethod
+    def empty(cls, count: int, axes: int) -> "_Columns":
+        return cls(
+            np.full((count, axes), np.nan),
+            np.full((count, 3), np.nan),
+            np.zeros(count, dtype=bool),
+            np.full(count, np.nan),
+            np.full(count, np.nan),
+        )
+
+    def of(self, rows: NDArray[np.intp], points: Points) -> Reach:
+        return Reach(
+            self.joints_rad[rows],
+            self.base_place_m[rows],
+            tuple(points.reasons[i] for i in rows.tolist()),
+            self.failed[rows],
+            self.miss_m[rows],
+            self.expected_m[rows],
+        )
+
+
+def _of_group(group: Group, points: Points, cell: Project, search: PostureSearch, found: _Columns) -> None:
     """Fill in the points that share tool and frame."""
-    program, rows = points.programs[0], group.rows
+    program, rows = points.programs[points.of[group.rows[0]]], group.rows
     tool, frame = tool_of(cell, program, group.tool), frame_of(cell, program, group.frame)
     taught = np.isfinite(points.joints[rows]).all(axis=1)
     found.joints_rad[rows[taught]] = points.joints[rows[taught]]
@@ -96,7 +116,7 @@ def _of_group(group: Group, points: Points, cell: Project, search: PostureSearch
     _judge(rows[np.isfinite(found.joints_rad[rows]).all(axis=1)], points, cell, tool, found)
 
 
-def _judge(rows: NDArray[np.intp], points: Points, cell: Project, tool: Tool, found: Reach) -> None:
+def _judge(rows: NDArray[np.intp], points: Points, cell: Project, tool: Tool, found: _Columns) -> None:
     """Look at the joints of some points: limits, singularities, accuracy."""
     if not len(rows):
         return
@@ -116,7 +136,7 @@ def _judge(rows: NDArray[np.intp], points: Points, cell: Project, tool: Tool, fo
     found.expected_m[rows] = known.errors_m(Ends(joints, joints, tool, tool))
 
 
-def _fail(points: Points, rows: NDArray[np.intp], why: Sequence[str], found: Reach) -> None:
+def _fail(points: Points, rows: NDArray[np.intp], why: Sequence[str], found: _Columns) -> None:
     bad = np.array([bool(reason) for reason in why], dtype=bool)
     found.failed[rows[bad]] = True
     told = dict(zip(rows.tolist(), why, strict=True))

@@ -1,25 +1,24 @@
 """Many programs through one change: read, change, write to the new place, tell; one file after another."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Protocol, TypeAlias
 
 from calibration.errors import CellError
-from drivers.program_registry import read_program
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import ProgramFile
+from service.programs.batches import batches, together
 from service.programs.diff import unified_diff
-from service.programs.files import FilesError, Found, NewPlace, Refused, Source, read_bytes, whole_file
+from service.programs.files import FilesError, Found, NewPlace, Refused, Source, whole_file
 from service.programs.report import Report, entry_of
 from service.programs.report_files import CsvReport, JsonReport
 from service.programs.report_html import as_html
 from service.programs.result import ProgramResult
 
 STANDARD_OUTPUT = Path("-")
-_POINTS_AT_ONCE = 20_000
 Carry: TypeAlias = Callable[[Sequence[ProgramFile]], Sequence[ProgramResult]]  # of programs of one brand
 
 
@@ -95,8 +94,9 @@ def change_programs(
             *([] if also is None else [also]),
         ]
         keep = _Keeper(place, report, sinks)
-        for some in _batches(found.sources, place, report):
-            for read, result in _changed(some, change, report):
+        # what cannot be written need not be computed: its place is looked at first
+        for some in batches(found.sources, place.path_of, report.refused):
+            for read, result in together(some, change, report.refused):
                 keep.keep(read.source, result)
             for read in some:
                 done(read.source)
@@ -108,12 +108,6 @@ def change_programs(
         if page is not None:
             page.write(as_html(report).encode(errors="replace"))
     return report
-
-
-@dataclass(frozen=True, eq=False)
-class _Read:
-    source: Source
-    program: ProgramFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,46 +129,16 @@ class _Keeper:
             sink.add(str(source.path), str(written), result)
 
 
-def _batches(sources: Iterable[Source], place: NewPlace, report: Report) -> Iterator[list[_Read]]:
-    """Yield programs of one brand, enough at once to be quick and few enough to be small."""
-    batch: list[_Read] = []
-    for source in sources:
-        try:
-            place.path_of(source)  # what cannot be written need not be computed
-            program = read_program(str(source.path), read_bytes(source.path))
-        except CellError as error:
-            report.refused.append(Refused.because(source.path, error))
-            continue
-        if batch and batch[0].program.brand != program.brand:
-            yield batch
-            batch = []
-        batch.append(_Read(source, program))
-        if sum(len(read.program.positions) for read in batch) > _POINTS_AT_ONCE:
-            yield batch
-            batch = []
-    if batch:
-        yield batch
-
-
-def _changed(batch: Sequence[_Read], change: Carry, report: Report) -> Iterator[tuple[_Read, ProgramResult]]:
-    """Change some programs together; where one of them is refused, each alone."""
-    try:
-        yield from zip(batch, change([read.program for read in batch]), strict=True)
-        return
-    except CellError as error:
-        if len(batch) == 1:
-            report.refused.append(Refused.because(batch[0].source.path, error))
-            return
-    for read in batch:
-        yield from _changed([read], change, report)
-
-
 def _check_reports(wanted: Wanted, place: NewPlace) -> None:
     if len({str(path) for path in wanted.reports}) < len(wanted.reports):
         raise FilesError("Two reports would be written to one place.", remedy="Give each its own file.")
     for path in wanted.reports:
         if path == STANDARD_OUTPUT:
             continue
+        if path.name.startswith("-"):
+            raise FilesError(
+                f"{path} is no name for a report.", remedy="Give a file, or - for standard output."
+            )
         try:
             place.refuse_source(path)
         except ProgramFileError as error:

@@ -243,7 +243,7 @@ def _compared(
         master_sha256,
         made.source_sha256,
         made.made_at,
-        _note(made, same_text=made.sha256 == _sha256(data)),
+        _note(made, resaved=state is not State.EDITED and made.sha256 != _sha256(data)),
     )
 
 
@@ -255,8 +255,10 @@ def _state(made: Made, points: str, master_sha256: str, cells: tuple[str, str]) 
     return State.CURRENT if (made.master_cell_sha256, made.cell_sha256) == cells else State.OUTDATED
 
 
-def _note(made: Made, *, same_text: bool) -> str:
-    told = [] if same_text else ["text differs: saved again, or edited outside its points"]
+def _note(made: Made, *, resaved: bool) -> str:
+    told = (
+        ["its points are the clone's, its text is not: saved again, or edited elsewhere"] if resaved else []
+    )
     if made.left:
         told.append(f"{made.left} of {made.points} points were left as in the master")
     return "; ".join(told)

@@ -1,0 +1,65 @@
+"""Programs read a few at once: enough to be quick, few enough to be small, one brand at a time."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from calibration.errors import CellError
+from drivers.program_registry import read_program
+from drivers.programs.positions import ProgramFile
+from service.programs.files import Refused, Source, read_bytes
+
+Found = TypeVar("Found")
+_POINTS_AT_ONCE = 20_000
+_FILES_AT_ONCE = 500
+
+
+@dataclass(frozen=True, eq=False)
+class Read:
+    """A program and where it comes from."""
+
+    source: Source
+    data: bytes
+    program: ProgramFile
+
+
+def batches(
+    sources: Iterable[Source], check: Callable[[Source], object], refused: list[Refused]
+) -> Iterator[list[Read]]:
+    """Yield programs of one brand at a time; what ``check`` or the reader refuses goes to the refused."""
+    batch: list[Read] = []
+    points = 0
+    for source in sources:
+        try:
+            check(source)
+            data = read_bytes(source.path)
+            read = Read(source, data, read_program(str(source.path), data))
+        except CellError as error:
+            refused.append(Refused.because(source.path, error))
+            continue
+        if batch and batch[0].program.brand != read.program.brand:
+            yield batch
+            batch, points = [], 0
+        batch.append(read)
+        points += len(read.program.positions)
+        if points >= _POINTS_AT_ONCE or len(batch) >= _FILES_AT_ONCE:
+            yield batch
+            batch, points = [], 0
+    if batch:
+        yield batch
+
+
+def together(
+    batch: Sequence[Read], work: Callable[[Sequence[ProgramFile]], Sequence[Found]], refused: list[Refused]
+) -> Iterator[tuple[Read, Found]]:
+    """Yield programs with what was found of them; where one of them is refused, each is worked on alone."""
+    try:
+        found = work([read.program for read in batch])
+    except CellError as error:
+        if len(batch) == 1:
+            refused.append(Refused.because(batch[0].source.path, error))
+            return
+        for read in batch:
+            yield from together([read], work, refused)
+        return
+    yield from zip(batch, found, strict=True)

@@ -1,0 +1,322 @@
+"""Programs on the command line: the door line cloned, moved, compensated, watched; bad input; sources untouched."""
+
+import csv
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.arm.kinematics import load_model
+from calibration.geometry import homogeneous, inverse_transform
+from calibration.orientation import rotation_from
+from service.cli.app import run_command_line
+from service.exit_codes import ExitCode
+from tests import example_projects
+from tests.example_projects import FOLDER
+
+NUMBER = re.compile(rb"[ \t]*[+-]?(?:\d+\.?\d*|\.\d+)")
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Path:
+    """The door line as it ships, in a place of its own."""
+    return Path(shutil.copytree(FOLDER, tmp_path / "line"))
+
+
+def hashes(folder: Path) -> dict[str, str]:
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def run(*words: object) -> int:
+    return run_command_line(["program", *map(str, words)])
+
+
+def projects(line: Path) -> tuple[Path, Path]:
+    return line / "cell_1" / "project.toml", line / "cell_7" / "project.toml"
+
+
+def said(captured: str) -> str:
+    return " ".join(captured.split())
+
+
+def test_a_cloned_point_is_where_the_masters_is_at_the_fixture(line: Path, tmp_path: Path) -> None:
+    """The true arms, which no file holds, say so: both real tips are in one place of the fixture."""
+    out, report = tmp_path / "out", tmp_path / "points.json"
+    before = hashes(line)
+    assert run("clone", *projects(line), "--out", out, "--json", report) == ExitCode.PASS
+    assert hashes(line) == before
+    points = [p for one in json.loads(report.read_text())["programs"] for p in one["points"]]
+    assert len(points) == 40
+
+    master, clone = example_projects.cells()
+    misses, base_only = [], []
+    for name in ("DOOR_SPOTS.LS", "HEM_SEAL.LS", "RACK_PICK.LS"):
+        taught = example_projects.tips_at_fixture(master, (line / "cell_1" / "programs" / name).read_bytes())
+        cloned = example_projects.tips_at_fixture(clone, (out / name).read_bytes())
+        shifted = example_projects.tips_at_fixture(clone, (line / "cell_1" / "programs" / name).read_bytes())
+        misses.append(np.linalg.norm((cloned - taught)[:, :3, 3], axis=1))
+        base_only.append(np.linalg.norm((shifted - taught)[:, :3, 3], axis=1))
+    missed = np.concatenate(misses)
+    expected = np.array([point["expected_error_mm"] for point in points]) / 1e3
+    assert missed.max() < 5e-4
+    assert missed.mean() < 2.5e-4
+    assert np.concatenate(base_only).mean() > 4 * missed.mean()
+    assert (missed < expected).mean() > 0.8
+
+
+def test_reports_tell_the_same_and_the_diff_makes_the_clone_of_the_master(
+    line: Path, tmp_path: Path, capsys
+) -> None:
+    out = tmp_path / "out"
+    reports = [
+        word for kind in ("json", "csv", "html", "diff") for word in (f"--{kind}", tmp_path / f"r.{kind}")
+    ]
+    assert run("clone", *projects(line), "--out", out, *reports) == ExitCode.PASS
+    shown = said(capsys.readouterr().out)
+    assert "3 programs, 40 points: 40 changed, 0 unchanged, 0 left as they were." in shown
+    document = json.loads((tmp_path / "r.json").read_text())
+    with (tmp_path / "r.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    points = [point for one in document["programs"] for point in one["points"]]
+    assert [float(row["shift_mm"]) for row in rows] == [point["shift_mm"] for point in points]
+    assert document["largest_shift_mm"] == pytest.approx(max(p["shift_mm"] for p in points), rel=1e-6)
+    page = (tmp_path / "r.html").read_text()
+    assert page.count("<circle cx") == 4 * 40
+    assert not re.search(r"(?:src|href)\s*=|url\(|<script|@import", page)
+
+    patched = tmp_path / "patched"
+    shutil.copytree(line / "cell_1" / "programs", patched)
+    if shutil.which("patch"):
+        diff = re.sub(rb"^(---|\+\+\+) .*/", rb"\1 ", (tmp_path / "r.diff").read_bytes(), flags=re.MULTILINE)
+        subprocess.run(["patch", "-p0", "--binary", "-s"], input=diff, cwd=patched, check=True)
+        for path in patched.glob("*.LS"):
+            assert path.read_bytes() == (out / path.name).read_bytes()
+    removed, added = ([], [])
+    for changed in (tmp_path / "r.diff").read_bytes().split(b"\n"):
+        if changed.startswith((b"---", b"+++")):
+            continue
+        (removed if changed.startswith(b"-") else added if changed.startswith(b"+") else []).append(
+            changed[1:]
+        )
+    assert len(removed) == len(added) > 40
+    assert [NUMBER.sub(b"#", one) for one in removed] == [NUMBER.sub(b"#", one) for one in added]
+
+
+def test_status_says_which_cell_runs_what(line: Path, capsys) -> None:
+    master, clone = projects(line)
+    programs = clone.parent / "programs"
+
+    def states() -> dict[str, str]:
+        assert run("status", line, "--json") in (ExitCode.PASS, ExitCode.REFUSED)
+        found = json.loads(capsys.readouterr().out)["programs"]
+        return {one["program"]: one["state"] for one in found}
+
+    assert set(states().values()) == {"not there"}
+    assert run("clone", master, clone, "--out", programs) == ExitCode.PASS
+    capsys.readouterr()
+    assert run("status", clone) == ExitCode.PASS
+    assert "all as in the master" in capsys.readouterr().out
+    taught = master.parent / "programs" / "RACK_PICK.LS"
+    taught.write_bytes(taught.read_bytes().replace(b"600.000  mm", b"601.000  mm"))
+    edited = programs / "HEM_SEAL.LS"
+    edited.write_bytes(edited.read_bytes().replace(b"Z =    ", b"Z =   1", 1))
+    saved = programs / "DOOR_SPOTS.LS"
+    saved.write_bytes(saved.read_bytes().replace(b"26-02-27", b"26-03-01"))
+    assert states() == {
+        "DOOR_SPOTS.LS": "current",
+        "HEM_SEAL.LS": "points edited",
+        "RACK_PICK.LS": "old version",
+    }
+    assert run("status", clone) == ExitCode.REFUSED
+    shown = said(capsys.readouterr().out)
+    assert "2 not as in the master" in shown
+    assert "DOOR_SPOTS.LS in door line, cell 7: its points are the clone's" in shown
+    clone.write_text(
+        clone.read_text().replace("sigma_mm = 0.03", "sigma_mm = 0.04").replace("-0.18", "-0.19")
+    )
+    assert states()["DOOR_SPOTS.LS"] == "cell has changed"
+    (programs / "cellcal_clones.json").unlink()
+    assert set(states().values()) == {"no record"}
+    assert run("status", master) == ExitCode.FILES_REFUSED
+
+
+def test_a_move_and_its_opposite_give_the_points_back(line: Path, tmp_path: Path, capsys) -> None:
+    master, _ = projects(line)
+    there = homogeneous(
+        rotation_from("fanuc_wpr", np.deg2rad([0.0, 0.0, 1.5])), np.array([0.012, 0.0, -0.0035])
+    )
+    x, y, z = inverse_transform(there)[:3, 3] * 1e3
+    back = f"--offset={x:.9f},{y:.9f},{z:.9f},0,0,-1.5"
+    out, again = tmp_path / "moved", tmp_path / "back"
+    offset = "--offset=12,0,-3.5,0,0,1.5"
+    assert (
+        run("move", "--project", master, "--offset", "-1,0,0", "--out", tmp_path / "by_base") == ExitCode.PASS
+    )
+    assert run("move", "--project", master, offset, "--frame", 2, "--out", out) == ExitCode.PASS
+    assert "Never do both" in said(capsys.readouterr().err)
+    assert run("move", out, "--project", master, back, "--frame", 2, "--out", again) == ExitCode.PASS
+    for path in again.glob("*.LS"):
+        old, new = (
+            [float(n) for n in re.findall(rb"[XYZ] = *(-?[\d.]+) *mm", file.read_bytes())]
+            for file in (master.parent / "programs" / path.name, path)
+        )
+        assert np.abs(np.array(old) - new).max() < 0.06  # 0.0005 deg of rounding at a metre, twice
+    unclear = ("move", "--project", master, "--out", out)
+    for words in ((), ("--offset=1,2",), ("--offset=a,b,c",), ("--from", master), (offset, "--frame", "9")):
+        assert run(*unclear, *words) == ExitCode.USAGE
+
+
+def test_compensation_puts_the_real_tip_where_the_program_says(line: Path, tmp_path: Path) -> None:
+    master, _ = projects(line)
+    out = tmp_path / "out"
+    assert run("compensate", "--project", master, "--out", out) == ExitCode.PASS
+    cell = example_projects.cells()[0]
+    for path in out.glob("*.LS"):
+        meant = cell.entered_frame @ example_projects.poses_of(
+            (master.parent / "programs" / path.name).read_bytes()
+        )
+        real = cell.base_fixture @ example_projects.tips_at_fixture(cell, path.read_bytes())
+        assert np.linalg.norm((real - meant)[:, :3, 3], axis=1).max() < 4e-4
+    taught = tmp_path / "taught"
+    assert run("compensate", out, "--project", master, "--download", "--out", taught) == ExitCode.PASS
+    for path in taught.glob("*.LS"):
+        old, new = (
+            example_projects.poses_of(file.read_bytes())[:, :3, 3]
+            for file in (master.parent / "programs" / path.name, path)
+        )
+        assert np.abs(old - new).max() < 2e-5
+
+
+def test_inspect_shows_and_prints_again(line: Path, tmp_path: Path, capsys) -> None:
+    master, _ = projects(line)
+    again = tmp_path / "again"
+    assert run("inspect", "--project", master, "--roundtrip", again, "--json") == ExitCode.PASS
+    document = json.loads(capsys.readouterr().out)
+    assert document["point_count"] == 40
+    assert all(one["identical"] for one in document["programs"])
+    for path in again.glob("*.LS"):
+        assert path.read_bytes() == (master.parent / "programs" / path.name).read_bytes()
+    point = document["programs"][0]["points"][0]
+    assert (point["reach"], point["user_frame"], point["tool"]) == ("reached", "2", "1")
+    assert point["miss_mm"] > point["known_within_mm"] > 0
+    assert run("inspect", master.parent / "programs", "--robot", load_model("fanuc_r2000ic_165f").name) == 0
+    shown = capsys.readouterr().out
+    assert "2?" in shown
+    assert run("inspect", master.parent, "--robot", "nobody") == ExitCode.USAGE
+    assert "Known:" in said(capsys.readouterr().err)
+
+
+def test_a_point_out_of_reach_is_named_and_left(line: Path, tmp_path: Path, capsys) -> None:
+    program = line / "cell_1" / "programs" / "RACK_PICK.LS"
+    program.write_bytes(program.read_bytes().replace(b"Z =   450.000", b"Z =  9450.000"))
+    out = tmp_path / "out"
+    assert run("clone", *projects(line), "--out", out, "--html", tmp_path / "r.html") == ExitCode.REFUSED
+    shown = said(capsys.readouterr().out)
+    assert "1 left as they were" in shown
+    assert "unreachable" in shown
+    written = (out / "RACK_PICK.LS").read_bytes()
+    assert b"X =   600.000  mm,\tY =   450.000  mm,\tZ =  9450.000" in written
+    assert b"Z =   300.000" not in written
+    page = (tmp_path / "r.html").read_text()
+    assert page.count('<td class="bad">unreachable') == 1
+
+
+def test_what_is_bad_is_refused_by_name_and_the_rest_goes_on(line: Path, tmp_path: Path, capsys) -> None:
+    master, clone = projects(line)
+    programs = master.parent / "programs"
+    bad = {
+        "EMPTY.LS": (b"", "the file is empty"),
+        "TEXT.LS": (b"\xff\xfe\x00no program", "EMPTY"),
+        "CUT.LS": ((programs / "HEM_SEAL.LS").read_bytes()[:-700], "CUT"),
+        "HUGE.LS": (b"/PROG HUGE\n/MN\n" + b"x" * 3_000_000, "HUGE"),
+        "METRES.LS": (
+            re.sub(rb"(\d+)\.000  mm", rb".\g<1>  mm", (programs / "RACK_PICK.LS").read_bytes()),
+            "METRES",
+        ),
+        "FOREIGN.src": (b"DEF FOREIGN( )\nEND\n", "FOREIGN"),
+    }
+    folder = tmp_path / "bad"
+    folder.mkdir()
+    for name, (data, _) in bad.items():
+        (folder / name).write_bytes(data)
+    twin = tmp_path / "twin"
+    twin.mkdir()
+    shutil.copy(programs / "HEM_SEAL.LS", twin)
+    before = hashes(tmp_path)
+    named = [programs / "RACK_PICK.LS", programs / "HEM_SEAL.LS", *(folder / name for name in bad)]
+    also = [twin / "HEM_SEAL.LS", tmp_path / "nothing.ls", f"{tmp_path}/*.nix", "/dev/zero"]
+    out = tmp_path / "out"
+    report = tmp_path / "r.json"
+    code = run("clone", master, clone, *named, *also, "--out", out, "--json", report)
+    shown = said(capsys.readouterr().out)
+    assert code == ExitCode.FILES_REFUSED
+    document = json.loads(report.read_text())
+    assert [one["program"] for one in document["programs"]] == ["RACK_PICK"]
+    refused = {Path(one["file"]).name: one for one in document["refused"]}
+    assert set(bad) | {"HEM_SEAL.LS", "nothing.ls", "*.nix", "zero"} == set(refused)
+    for name, one in refused.items():
+        assert one["remedy"], name
+        assert one["message"].count("\n") == 0
+        assert name in shown
+    assert {name: digest for name, digest in hashes(tmp_path).items() if name in before} == before
+    assert sorted(path.name for path in out.iterdir()) == ["RACK_PICK.LS", "cellcal_clones.json"]
+
+
+def test_nothing_is_written_over(line: Path, tmp_path: Path, capsys) -> None:
+    master, clone = projects(line)
+    programs = master.parent / "programs"
+    before = hashes(line)
+    assert run("clone", master, clone, "--out", programs, "--replace") == ExitCode.FILES_REFUSED
+    assert "a source is never written over" in said(capsys.readouterr().out)
+    linked = tmp_path / "linked"
+    linked.mkdir()
+    (linked / "RACK_PICK.LS").symlink_to(programs / "RACK_PICK.LS")
+    (linked / "HEM_SEAL.LS").hardlink_to(programs / "HEM_SEAL.LS")
+    assert run("clone", master, clone, "--out", linked, "--replace") == ExitCode.FILES_REFUSED
+    for report in ("--json", "--csv", "--html", "--diff"):
+        words = ("--out", tmp_path / "no", report, programs / "HEM_SEAL.LS", "--replace")
+        assert run("clone", master, clone, *words) == ExitCode.USAGE
+    assert hashes(line) == before
+    out = tmp_path / "out"
+    assert run("clone", master, clone, "--out", out) == ExitCode.PASS
+    first = hashes(out)
+    assert run("clone", master, clone, "--out", out) == ExitCode.FILES_REFUSED
+    assert "is there already" in said(capsys.readouterr().out)
+    assert hashes(out) == first
+    assert run("clone", master, clone, "--out", out, "--replace") == ExitCode.PASS
+    assert [p for p in out.iterdir() if p.name.startswith(".")] == []
+
+
+def test_a_second_run_does_not_take_what_the_first_wrote(line: Path) -> None:
+    master, clone = projects(line)
+    out = master.parent / "programs" / "cloned"
+    for _ in range(2):
+        assert (
+            run("clone", master, clone, master.parent / "programs", "--out", out, "--replace")
+            == ExitCode.PASS
+        )
+    assert sorted(path.name for path in out.rglob("*.LS")) == ["DOOR_SPOTS.LS", "HEM_SEAL.LS", "RACK_PICK.LS"]
+
+
+def test_a_report_on_standard_output_is_alone_there(line: Path, tmp_path: Path, capfdbinary) -> None:
+    master, clone = projects(line)
+    assert run("clone", master, clone, "--out", tmp_path / "a", "--json", "-") == ExitCode.PASS
+    captured = capfdbinary.readouterr()
+    assert json.loads(captured.out)["point_count"] == 40
+    assert b"40 changed" in captured.err
+    assert run("clone", master, clone, "--out", tmp_path / "b", "--diff", "-") == ExitCode.PASS
+    assert capfdbinary.readouterr().out.startswith(b"--- ")
+    assert run("clone", master, clone, "--out", tmp_path / "c", "--diff", "-", "--csv", "-") == ExitCode.USAGE
+    assert run("clone", master, clone, "--out", tmp_path / "c", "--diff", "--csv", "x") == ExitCode.USAGE
+
+
+def test_the_examples_that_ship_are_what_their_maker_makes(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(example_projects, "FOLDER", tmp_path / "made")
+    example_projects.main()
+    assert hashes(tmp_path / "made") == hashes(FOLDER)
