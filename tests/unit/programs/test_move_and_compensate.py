@@ -1,0 +1,136 @@
+"""Work that was moved, and programs corrected for their own robot: judged by where the real robot then stands."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.compensation.compensate import Direction
+from calibration.errors import CalibrationError
+from calibration.geometry import exp_twist, inverse_transform
+from drivers.fanuc.ls_program import read_ls
+from drivers.fanuc.programs import BRAND
+from service.programs.compensate import compensating
+from service.programs.move import change_of_frame, moving, redefined_frame
+from service.programs.project_poses import ProjectError
+from tests.unit.helpers.cloned_cells import ENTERED_TOOL, listing
+from tests.unit.helpers.cloned_program import Cells
+
+RULE = BRAND.configurations
+OFFSET = exp_twist(np.array([0.06, -0.04, 0.03, 0.02, -0.03, 0.15]))
+
+
+@pytest.fixture(scope="module")
+def cells(tmp_path_factory: pytest.TempPathFactory) -> Cells:
+    return Cells.made(8, tmp_path_factory.mktemp("cells"))
+
+
+def test_moved_points_keep_their_place_at_the_moved_work(cells: Cells) -> None:
+    master, project = cells.master, cells.master_project
+    change = change_of_frame(master.base_frame, OFFSET)
+
+    result = moving(project, change, RULE).carry([cells.program])[0]
+
+    joints = master.commanded(result.after.positions.frame_tip, cells.joints)
+    before = master.flanges(cells.joints) @ master.flange_tool
+    after = master.flanges(joints) @ master.flange_tool
+    missed = np.linalg.norm((change @ before - after)[:, :3, 3], axis=1)
+    assert result.ok
+    assert missed.max() < 0.3e-3
+    assert (missed <= result.expected_error_m).mean() > 0.9
+    assert result.shift_m.min() > 0.02
+
+
+def test_without_parameters_a_move_is_eq_7(cells: Cells) -> None:
+    plain = replace(cells.master_project, identified=None)
+    tools = {"1": replace(plain.tools["1"], real=plain.tools["1"].entered, measured=False)}
+    change = change_of_frame(cells.master.base_frame, OFFSET)
+
+    result = moving(replace(plain, tools=tools), change, RULE).carry([cells.program])[0]
+
+    before, after = result.before.positions, result.after.positions
+    assert np.abs(after.frame_tip - OFFSET @ before.frame_tip)[:, :3, 3].max() < 1e-6
+    assert result.uncorrected_m.max() < 1e-6
+    assert np.isnan(result.expected_error_m).all()
+
+
+def test_only_points_of_the_named_frame_move(cells: Cells) -> None:
+    text = cells.program.to_bytes().replace(b"UF : 1,", b"UF : 2,", 5)
+    project = replace(
+        cells.master_project, frames={**cells.master_project.frames, "2": cells.master.base_frame}
+    )
+    change = change_of_frame(cells.master.base_frame, OFFSET)
+
+    result = moving(project, change, RULE, frame="2").carry([read_ls("A.LS", text)])[0]
+
+    assert result.status == ("changed",) * 5 + ("left",) * 35
+    assert set(result.reason[5:]) == {"belongs to a user frame that is not moved"}
+
+
+def test_a_frame_may_be_entered_anew_instead(cells: Cells) -> None:
+    change = change_of_frame(cells.master.base_frame, OFFSET)
+
+    pose, words = redefined_frame(cells.master_project, "1", change)
+
+    assert np.abs(pose - cells.master.base_frame @ OFFSET).max() < 1e-9
+    assert words.startswith("user frame 1: x y z ")
+    with pytest.raises(ProjectError, match="no user frame 5"):
+        redefined_frame(cells.master_project, "5", change)
+    with pytest.raises(CalibrationError, match="rigid"):
+        moving(cells.master_project, 2.0 * np.eye(4), RULE)
+
+
+def test_compensated_points_stand_where_the_program_says(cells: Cells) -> None:
+    master = cells.master
+    frame_tip = master.taught(cells.joints)
+
+    result = compensating(cells.master_project, Direction.UPLOAD, RULE).carry([cells.program])[0]
+
+    joints = master.commanded(result.after.positions.frame_tip, cells.joints)
+    # The base of the world is the drawing's; that of the calibration differs by what its fit put into the base.
+    real = _fitted(master.flanges(joints) @ master.flange_tool, master.base_frame @ frame_tip)
+    plain = _fitted(master.flanges(cells.joints) @ master.flange_tool, master.base_frame @ frame_tip)
+    assert result.ok
+    assert real.mean() < 0.15e-3
+    assert plain.mean() > 2 * real.mean()
+
+
+def test_upload_and_download_are_each_others_way_back(cells: Cells) -> None:
+    up = compensating(cells.master_project, Direction.UPLOAD, RULE).carry([cells.program])[0]
+    down = compensating(cells.master_project, Direction.DOWNLOAD, RULE).carry([up.after])[0]
+
+    apart = down.after.positions.frame_tip[:, :3, 3] - cells.program.positions.frame_tip[:, :3, 3]
+    assert np.abs(up.shift_m).min() > 1e-4
+    assert np.abs(apart).max() < 3e-6
+
+
+def test_compensation_asks_for_parameters(cells: Cells) -> None:
+    with pytest.raises(ProjectError, match="no parameters"):
+        compensating(replace(cells.master_project, identified=None), Direction.UPLOAD, RULE)
+
+
+def test_points_of_the_wrong_configuration_are_named(cells: Cells) -> None:
+    frame_tip = cells.master.taught(cells.joints)
+    text = listing("A", frame_tip, cells.joints)
+    first = RULE.spelled(cells.master_project.controller, cells.joints[:1], ["N U T, 0, 0, 0"])[0]
+    wrong = text.replace(first.encode(), first.replace("T", "B").encode(), 1)
+
+    result = compensating(cells.master_project, Direction.UPLOAD, RULE).carry([read_ls("A.LS", wrong)])[0]
+
+    assert result.reason[0].startswith("no posture of the arm reaches this pose with the configuration")
+    assert set(result.status[1:]) == {"changed"}
+
+
+def _fitted(poses: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    a, b = poses[:, :3, 3], wanted[:, :3, 3]
+    u, _, vt = np.linalg.svd((a - a.mean(axis=0)).T @ (b - b.mean(axis=0)))
+    turn = (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt).T
+    return np.linalg.norm((a - a.mean(axis=0)) @ turn.T - (b - b.mean(axis=0)), axis=1)
+
+
+def test_the_tool_as_entered_is_what_positions_are_written_in(cells: Cells) -> None:
+    result = compensating(cells.master_project, Direction.UPLOAD, RULE).carry([cells.program])[0]
+
+    flange = result.base_tip_after @ inverse_transform(ENTERED_TOOL)
+    joints = cells.master.commanded(result.after.positions.frame_tip, cells.joints)
+    assert np.abs(cells.master.arm.believed_flange(joints) - flange).max() < 5e-5

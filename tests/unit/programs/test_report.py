@@ -1,0 +1,239 @@
+"""Reports of programs: order, figures, pages and diffs, on results made by hand."""
+
+import csv
+import gzip
+import io
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from drivers.programs.positions import CARTESIAN, Change, Frames, Positions, Remark
+from service.exit_codes import ExitCode
+from service.programs.diff import unified_diff
+from service.programs.files import FilesError, NewPlace, Refused, Source, find_programs
+from service.programs.report import Report, entry_of
+from service.programs.report_files import CsvReport, JsonReport
+from service.programs.report_html import as_html
+from service.programs.report_words import Note, accuracy, problems, said_once, verdict
+from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
+
+
+class Program:
+    """A program of points along a line, without a file."""
+
+    brand = "fanuc"
+    frames = Frames()
+
+    def __init__(self, name: str, count: int, remarks: tuple[Remark, ...] = ()) -> None:
+        self.name, self.remarks = name, remarks
+        tips = np.tile(np.eye(4), (count, 1, 1))
+        tips[:, 0, 3] = np.arange(count) * 0.1
+        self.positions = Positions(
+            names=tuple(f'P[{i}:"<b>&"]' for i in range(count)),
+            kinds=(CARTESIAN,) * count,
+            lines=np.arange(count) + 7,
+            groups=np.ones(count, dtype=np.int64),
+            frame_tip=tips,
+            joints=np.full((count, 6), np.nan),
+            external=np.zeros((count, 0)),
+            user_frames=("1",) * count,
+            tools=(None,) * count,
+            configurations=("N U T, 0, 0, 0",) * count,
+            resolution_m=np.full(count, 1e-6),
+            resolution_rad=np.full(count, 1e-5),
+        )
+
+    def to_bytes(self) -> bytes:
+        return self.name.encode()
+
+    def changed(self, _: Change) -> "Program":
+        return self
+
+
+def result(
+    name: str, shifts_mm: list[float | None], errors_mm: list[float], known: bool = True
+) -> ProgramResult:
+    """A shift of None is a point that was left."""
+    program = Program(name, len(shifts_mm), (Remark(3, "offset", "PR[1] shifts"),))
+    left = np.array([shift is None for shift in shifts_mm])
+    shift = np.array([np.nan if s is None else s / 1e3 for s in shifts_mm])
+    base = program.positions.frame_tip.copy() if known else np.full((len(left), 4, 4), np.nan)
+    after = base.copy()
+    after[left] = np.nan
+    words = [LEFT if s is None else UNCHANGED if s == 0 else CHANGED for s in shifts_mm]
+    return ProgramResult(
+        before=program,
+        after=program,
+        status=tuple(words),
+        reason=tuple("out of reach" if s is None else "" for s in shifts_mm),
+        shift_m=shift,
+        turn_rad=np.zeros(len(left)),
+        base_tip_before=base,
+        base_tip_after=after,
+        expected_error_m=np.where(left, np.nan, np.array(errors_mm) / 1e3),
+        uncorrected_m=shift,
+        warnings=("no accuracy can be foretold", "line 3: PR[1] shifts"),
+    )
+
+
+def report_of(*results: ProgramResult) -> Report:
+    return Report("Moved", [entry_of(f"{r.name}.ls", f"out/{r.name}.ls", r) for r in results])
+
+
+def test_the_worst_comes_first_and_what_was_left_before_it() -> None:
+    report = report_of(result("A", [1.0, None, 0.0], [0.3, 0.0, 0.1]), result("B", [2.0, 3.0], [0.5, 0.2]))
+    shown = [(p.program, p.point[:4], p.left) for p in report.worst_first(9)]
+    assert shown == [
+        ("A", "P[1:", True), ("B", "P[0:", False), ("A", "P[0:", False), ("B", "P[1:", False), ("A", "P[2:", False),
+    ]  # fmt: skip
+    assert report.counts == {CHANGED: 3, UNCHANGED: 1, LEFT: 1}
+    assert [entry.program for entry in report.programs_worst_first()] == ["A", "B"]
+    assert report.exit_code is ExitCode.REFUSED
+    report.refused.append(Refused("x.ls", "damaged.", "Mend it."))
+    assert report.exit_code is ExitCode.FILES_REFUSED
+    assert "1 file refused" in verdict(report)
+    assert accuracy(report).startswith("Expected error at most 0.50 mm")
+
+
+def test_without_expected_errors_the_largest_shift_is_the_worst() -> None:
+    report = report_of(result("A", [1.0, 5.0, 2.0], [np.nan] * 3))
+    assert [p.shift_m for p in report.worst_first(3)] == pytest.approx([5e-3, 2e-3, 1e-3])
+    assert "Expected" not in accuracy(report)
+
+
+def test_a_sentence_is_said_once_with_its_programs_and_lines() -> None:
+    report = report_of(*(result(name, [1.0], [0.1]) for name in "ABCDE"))
+    assert problems(report) == [
+        "A, B, C and 2 more programs: no accuracy can be foretold",
+        "A (line 3), B (line 3), C (line 3) and 2 more programs: PR[1] shifts",
+    ]
+    many = said_once([Note("A", line, "shifts") for line in range(1, 9)])
+    assert many == ["A (lines 1, 2, 3 and 5 more): shifts"]
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_page_is_whole_escaped_and_asks_nobody(known: bool) -> None:
+    report = report_of(result("A<script>", [1.0, None, 2.5, 0.0], [0.1, 0.0, 0.4, np.nan], known))
+    page = as_html(report)
+    assert "<script" not in page
+    assert not re.search(r"(?:src|href)\s*=|url\(|@import|https?:", page)
+    root = ElementTree.fromstring(
+        re.sub(r"<!doctype html>|<meta[^>]*>", "", page).replace("class=n", 'class="n"')
+    )
+    drawings = root.findall(".//svg[@role='img']")
+    assert len(drawings) == 4
+    for drawing in drawings:
+        assert len(drawing.findall(".//path[@class='left']")) == 1
+        assert len(drawing.findall(".//circle")) == 3
+    titles = [title.text or "" for title in root.findall(".//svg/path/title")]
+    assert all("left as it was. out of reach" in title for title in titles)
+    assert "in the robot's base" in page if known else "in each point's own user frame" in page
+    assert page.count('<td class="bad">out of reach</td>') == 1
+
+
+def test_the_colours_are_those_of_the_legend() -> None:
+    page = as_html(report_of(result("A", [1.0, 10.0], [0.1, 0.1])))
+    legend = re.findall(r'background:(#\w+)"></i>([^<]*)<', page)
+    assert legend[0][1].startswith("1.0 to 2.0")
+    assert legend[8][1] == "9.0 to 10.0 mm"
+    assert legend[9][1] == "0.100 mm"
+    fills = re.findall(r'fill="(#\w+)"><title>[^<]*moved (\d+)', page)
+    assert (legend[0][0], "1") in fills
+    assert (legend[8][0], "10") in fills
+
+
+def test_a_large_line_makes_a_small_page_that_keeps_the_worst() -> None:
+    shifts: list[float | None] = [float(i % 97) / 10 + 0.1 for i in range(20_000)]
+    shifts[12_345] = None
+    page = as_html(report_of(result("BIG", shifts, [0.1] * 20_000)))
+    assert len(page) < 4_000_000
+    assert "3000 of 20000 points are drawn" in page
+    assert "The worst 500 of 20000 points" in page
+    assert "P[12345:&quot;&lt;b&gt;&amp;&quot;]</td>" in page
+
+
+def test_csv_and_json_hold_every_point_and_no_nan() -> None:
+    found = [result("A", [1.0, None], [0.25, 0.0]), result("B", [0.0], [np.nan])]
+    table, text = io.BytesIO(), io.BytesIO()
+    rows, document = CsvReport(table), JsonReport(text, "Moved")
+    for one in found:
+        rows.add("a.ls", "out/a.ls", one)
+        document.add("a.ls", "out/a.ls", one)
+    document.end(report_of(*found))
+    points = list(csv.DictReader(io.StringIO(table.getvalue().decode())))
+    assert [(p["program"], p["status"], p["shift_mm"]) for p in points] == [
+        ("A", "changed", "1.0"), ("A", "left", ""), ("B", "unchanged", "0.0"),
+    ]  # fmt: skip
+    loaded = json.loads(text.getvalue(), parse_constant=lambda word: pytest.fail(word))
+    assert loaded["programs"][0]["points"][1]["shift_mm"] is None
+    assert loaded["programs"][0]["points"][1]["reason"] == "out of reach"
+    assert (loaded["point_count"], loaded["counts"]["left"], loaded["exit_code"]) == (3, 1, 4)
+    empty = io.BytesIO()
+    JsonReport(empty, "Nothing").end(Report("Nothing"))
+    assert json.loads(empty.getvalue())["programs"] == []
+
+
+OLD = b"/PROG A\r\n! \x81ber \x84\r\n" + b"".join(b"X = %d.000 mm\r\n" % i for i in range(40)) + b"/END"
+NEW = (
+    OLD.replace(b"X = 3.000", b"X = 3.125")
+    .replace(b"X = 39.000", b"X = -9.250")
+    .replace(b"X = 20.0", b"X = 20.5")
+)
+
+
+@pytest.mark.skipif(not shutil.which("patch"), reason="needs patch")
+def test_patch_makes_the_new_program_of_the_old_one(tmp_path: Path) -> None:
+    for old, new in ((OLD, NEW), (OLD + b"\r\n", NEW + b"\r\n"), (b"a", b"b"), (b"\n", b"x\n")):
+        (tmp_path / "a.ls").write_bytes(old)
+        diff = unified_diff(old, new, "a.ls", "a.ls")
+        subprocess.run(["patch", "-p0", "--binary", "-s"], input=diff, cwd=tmp_path, check=True)
+        assert (tmp_path / "a.ls").read_bytes() == new
+
+
+def test_a_diff_shows_the_coordinates_alone_packed_or_not() -> None:
+    diff = unified_diff(OLD, NEW, "a", "b")
+    assert unified_diff(gzip.compress(OLD), gzip.compress(NEW), "a", "b") == diff
+    removed = [line for line in diff.split(b"\n")[2:] if line.startswith(b"-")]
+    assert removed == [b"-X = 3.000 mm\r", b"-X = 20.000 mm\r", b"-X = 39.000 mm\r"]
+    assert diff.count(b"@@ -") == 3
+    assert b"\x81ber" in diff
+    assert unified_diff(OLD, OLD, "a", "b") == b""
+    with pytest.raises(ValueError, match="lines"):
+        unified_diff(OLD, OLD + b"\n", "a", "b")
+
+
+def test_files_folders_and_patterns_are_found_once(tmp_path: Path) -> None:
+    (tmp_path / "in" / "sub").mkdir(parents=True)
+    program = b"/PROG A\n/MN\n/POS\n/END\n"
+    for name in ("in/a.ls", "in/sub/b.LS", "in/alarms.ls"):
+        (tmp_path / name).write_bytes(program if "alarms" not in name else b"ERRALL\n")
+    named = [str(tmp_path / "in"), str(tmp_path / "in" / "a.ls"), str(tmp_path / "in" / "*.ls")]
+    found = find_programs(named[:2])
+    assert [str(source.place) for source in found.sources] == ["a.ls", "sub/b.LS"]
+    assert not found.refused
+    globbed = find_programs(named[2:])
+    assert [source.path.name for source in globbed.sources] == ["a.ls", "alarms.ls"]
+    with pytest.raises(FilesError):
+        find_programs([])
+    (tmp_path / "in" / "A.LS").write_bytes(program)
+    clash = find_programs(named[:1])
+    assert [source.path.name for source in clash.sources] == ["b.LS"]
+    assert sorted(Path(one.file).name for one in clash.refused) == ["A.LS", "a.ls"]
+    empty = find_programs([str(tmp_path / "in" / "sub" / ".."), str(tmp_path / "none")])
+    assert "no such file" in empty.refused[-1].message
+
+
+def test_a_new_place_keeps_what_came_meanwhile(tmp_path: Path) -> None:
+    (tmp_path / "a.ls").write_bytes(b"old")
+    source = Source(tmp_path / "a.ls", Path("a.ls"))
+    place = NewPlace(tmp_path / "out" / "deep", [source])
+    assert place.write(source, b"new").read_bytes() == b"new"
+    assert [path.name for path in (tmp_path / "out" / "deep").iterdir()] == ["a.ls"]
+    with pytest.raises(FilesError):
+        NewPlace(tmp_path / "a.ls", [source])
