@@ -119,7 +119,7 @@ def _any_record(place: Place, head: re.Match[bytes], end: int) -> tuple[list[Rec
         at = block.end()
     close = CLOSE.match(place.data, at, end)
     if close is None or not found:
-        raise _not_understood(place, at, end)
+        raise _not_understood(place, at, end, "}; or another group" if found else "")
     return found, close.end()
 
 
@@ -146,7 +146,11 @@ def _record(place: Place, number: int, first: int, form: Form, block: re.Match[b
     cartesian = len(main) == 6
     axes: tuple[Axis, ...] = ()
     if extended or not cartesian:
-        axes = _axes(place, block.start(5), (b"" if cartesian else main[0]) + extended)
+        axes = _axes(
+            place,
+            block.start("extended") if cartesian else block.start(5),
+            (b"" if cartesian else main[0]) + extended,
+        )
     return Record(
         number,
         int(group or 1),
@@ -179,8 +183,11 @@ def _check_configuration(place: Place, record: Record) -> None:
         raise place.error(at, f"{text!r} is not a configuration such as 'N U T, 0, 0, 0'.")
 
 
-def _not_understood(place: Place, at: int, end: int) -> ProgramFileError:
-    stop, expected = furthest(place.data, at, end)
+def _not_understood(place: Place, at: int, end: int, next_is: str = "") -> ProgramFileError:
+    gap = GAP.match(place.data, at, end)
+    start = gap.end() if gap else at
+    stop, expected = furthest(place.data, start, end)
+    expected = next_is if next_is and stop == start else expected
     text = place.data[stop : min(stop + 24, end)].decode("cp437").split("\n")[0].strip() or "the end"
     return place.error(
         stop,

@@ -1,0 +1,264 @@
+"""FANUC listings: what is read, what is written back, what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+from calibration.geometry import exp_rotation
+from calibration.orientation import rotation_from
+from drivers.fanuc.ls_program import LsProgram, read_ls
+from drivers.fanuc.programs import BRAND
+from drivers.program_registry import brand_of
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import Change
+from tests.programs import generate_fanuc
+
+HEAD = '/PROG  PICK\t  Macro\n/ATTR\nCOMMENT\t\t= "Gr\x94\xe1e";\n/MN\n'
+P1 = (
+    "P[1:\"Safe pos\"]{\n   GP1:\n\tUF : 1, UT : 2,\t\tCONFIG : 'N U T, 0, 0, 0',\n"
+    "\tX =  1605.421  mm,\tY =     -.154  mm,\tZ =     0.000  mm,\n"
+    "\tW =   180.000 deg,\tP =    -1.250 deg,\tR =   -90.000 deg,\n\tE1= -1290.489  mm,\tE2=    45.000 deg\n"
+    "   GP2:\n\tUF : 1, UT : 2,\t\n\tJ1=   833.743  mm,\tJ2=   -90.500 deg\n};\n"
+)
+P2 = (
+    "P[7]{\n   GP1:\n\tUF : F, UT : F,\t\tKONFIG : '',\n\tX = ********  mm,\tY = ********  mm,\tZ = ********  mm,\n"
+    "\tW = ******** deg,\tP = ******** deg,\tR = ******** deg\n};\n"
+)
+P3 = (
+    "P[8]{\n   GP1:\n\tUF : 0, UT : 1,\t\n\tJ1=     0.000 deg,\tJ2=   -30.000 deg,\tJ3=    30.000 deg,\n"
+    "\tJ4=     0.000 deg,\tJ5=    90.000 deg,\tJ6=     0.500 deg\n};\n"
+)
+
+
+def listing(records: str = P1 + P2 + P3, statements: str = "") -> bytes:
+    return f"{HEAD}{statements}/POS\n{records}/END\n".encode("latin-1")
+
+
+def read(records: str = P1 + P2 + P3, statements: str = "") -> LsProgram:
+    return read_ls("pick.ls", listing(records, statements))
+
+
+def test_a_listing_s_positions_in_si():
+    positions = read().positions
+    assert positions.names == ("P[1]", "P[1]", "P[7]", "P[8]")
+    assert positions.kinds == ("cartesian", "joints", "untaught", "joints")
+    assert positions.groups.tolist() == [1, 2, 1, 1]
+    assert positions.lines.tolist() == [6, 6, 16, 22]
+    assert positions.user_frames == ("1", "1", None, "0")
+    assert positions.tools == ("2", "2", None, "1")
+    assert positions.configurations == ("N U T, 0, 0, 0", "", "", "")
+    assert positions.frame_tip[0, :3, 3] == pytest.approx([1.605421, -0.000154, 0.0], abs=1e-15)
+    expected = rotation_from("fanuc_wpr", np.radians([180.0, -1.25, -90.0]))
+    assert positions.frame_tip[0, :3, :3] == pytest.approx(expected, abs=1e-15)
+    assert positions.joints[1, :2] == pytest.approx([0.833743, np.radians(-90.5)])
+    assert positions.joints[3] == pytest.approx(np.radians([0, -30, 30, 0, 90, 0.5]))
+    assert positions.external[0] == pytest.approx([-1.290489, np.radians(45)])
+    assert np.isnan(positions.external[2:]).all()
+    assert positions.resolution_m[0] == pytest.approx(1e-6)
+    assert positions.resolution_rad[0] == pytest.approx(np.radians(1e-3))
+    assert read().name == "PICK"
+
+
+def test_every_generated_number_is_read_where_a_plain_search_finds_it():
+    for seed in range(80):
+        data = generate_fanuc.generate(seed)
+        positions = read_ls("a.ls", data).positions
+        body = data[data.index(b"\n/POS") :]
+        for i, axis in enumerate("XYZ"):
+            texts = re.findall(axis.encode() + rb" *= *([-+.\d]+)\s*mm", body)
+            said = 1e-3 * np.array([float(text) for text in texts])
+            read_here = positions.frame_tip[np.isfinite(positions.frame_tip[:, 0, 0]), i, 3]
+            assert np.array_equal(read_here, said)
+
+
+def test_a_changed_pose_keeps_the_style_and_every_other_byte():
+    program = read()
+    pose = program.positions.frame_tip[:1].copy()
+    pose[0, :3, 3] = [-0.0005, 0.0123456, -12.3456789]
+    after = program.changed(Change(np.array([0]), frame_tip=pose)).to_bytes()
+    before = listing()
+    assert after == (
+        before.replace(b"X =  1605.421  mm", b"X =     -.500  mm")
+        .replace(b"Y =     -.154  mm", b"Y =    12.346  mm")
+        .replace(b"Z =     0.000  mm", b"Z = -12345.679  mm")
+    )
+
+
+def test_a_turn_about_z_changes_r_alone_and_a_number_that_need_not_change_stays():
+    program = read()
+    pose = program.positions.frame_tip[:1].copy()
+    pose[0, :3, :3] = exp_rotation(np.radians([0.0, 0.0, 12.5])) @ pose[0, :3, :3]
+    after = program.changed(Change(np.array([0]), frame_tip=pose)).to_bytes()
+    assert after == listing().replace(b"R =   -90.000 deg", b"R =   -77.500 deg")
+    unchanged = program.changed(
+        Change(np.arange(4), frame_tip=program.positions.frame_tip, joints=program.positions.joints)
+    )
+    assert unchanged.to_bytes() == listing()
+
+
+@pytest.mark.parametrize("digits", [0, 2, 3, 6, 8])
+def test_any_orientation_is_written_within_the_format_s_resolution_at_gimbal_lock_too(digits: int):
+    rng = np.random.default_rng(digits)
+    count = 3000
+    old = rng.uniform(-180, 180, (count, 3))
+    old[:, 1] = rng.choice([*rng.uniform(-90, 90, 8), 90.0, -90.0, 89.9999, -89.9995, 135.0], size=count)
+    angles = rng.uniform(-180, 180, (count, 3))
+    near = 10.0 ** rng.uniform(-13, 0, count)
+    angles[:, 1] = rng.choice([-90.0, 90.0, 0.0], size=count) + near * rng.choice([-1, 1], size=count)
+    asked = rotation_from("fanuc_wpr", np.radians(angles))
+    width = 6 + digits
+    records = "".join(
+        f"P[{i + 1}]{{\n   GP1:\n\tUF : 1, UT : 2,\t\tCONFIG : 'N U T, 0, 0, 0',\n"
+        f"\tX = {1.5:{width}.{digits}f}  mm,\tY = {0.0:{width}.{digits}f}  mm,\tZ = {-7.0:{width}.{digits}f}  mm,\n"
+        f"\tW = {w:{width}.{digits}f} deg,\tP = {p:{width}.{digits}f} deg,\tR = {r:{width}.{digits}f} deg\n}};\n"
+        for i, (w, p, r) in enumerate(old)
+    )
+    program = read(records)
+    pose = program.positions.frame_tip.copy()
+    pose[:, :3, :3] = asked
+    after = program.changed(Change(np.arange(count), frame_tip=pose)).positions.frame_tip
+    off = np.linalg.norm((after - pose)[:, :3, :3].reshape(count, 9), axis=1) / np.sqrt(2.0)
+    assert off.max() < 1.0 * np.radians(10.0**-digits) + 2e-9  # W alone is found within 1e-9 of the lock
+    assert np.array_equal(after[:, :3, 3], pose[:, :3, 3])
+
+
+def test_at_gimbal_lock_the_old_split_stays():
+    record = P1.replace("W =   180.000", "W =    20.000").replace("P =    -1.250", "P =    90.000")
+    program = read(record)
+    pose = program.positions.frame_tip.copy()[:1]
+    pose[0, :3, :3] = pose[0, :3, :3] @ exp_rotation(np.radians([7.0, 0.0, 0.0]))
+    after = program.changed(Change(np.array([0]), frame_tip=pose)).to_bytes()
+    assert after == listing(record).replace(b"W =    20.000", b"W =    27.000")
+
+
+def test_joints_configuration_and_user_frame_are_written_where_they_stand():
+    program = read()
+    joints = np.full((2, 6), np.nan)
+    joints[0, :2] = [0.9, np.radians(-90.5)]
+    joints[1] = np.radians([0, -30, 30, 0, -90, 1.25])
+    after = program.changed(Change(np.array([1, 3]), joints=joints)).to_bytes()
+    third = P3.replace("J5=    90.000", "J5=   -90.000").replace("J6=     0.500", "J6=     1.250")
+    assert after == listing(P1.replace("J1=   833.743", "J1=   900.000") + P2 + third)
+    change = Change(np.array([0, 3]), configurations=["F U T, 0, 1, -1", ""], user_frames=["12", "0"])
+    after = program.changed(change).to_bytes()
+    first = P1.replace("UF : 1", "UF : 12", 1).replace("N U T, 0, 0, 0", "F U T, 0, 1, -1")
+    assert after == listing(first + P2 + P3)
+
+
+def test_another_file_s_style_is_kept():
+    plain = (
+        P1.replace("  1605.421", " 1605.42").replace("     -.154", " -0.15").replace("     0.000", " 0.00")
+    )
+    plain = re.sub(r"= {2,}", "= ", plain)
+    program = read(plain)
+    pose = program.positions.frame_tip[:1].copy()
+    pose[0, :3, 3] = [0.00051, -0.00025, 1e-9]
+    after = program.changed(Change(np.array([0]), frame_tip=pose)).to_bytes()
+    assert b"X = 0.51  mm,\tY = -0.25  mm,\tZ = 0.00  mm" in after
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "at", "message"),
+    [
+        ("Y =     -.154  mm", "Y =     -.1 54  mm", "Y =     -.1 5", "expected is Y = number mm"),
+        ("Z =     0.000  mm", "Z =     0.000  in", "Z =     0.000  in", "expected is Z = number mm"),
+        ("X =  1605.421", "X =  1e3", "X =  1e3", "expected is X = number mm"),
+        ("R =   -90.000", "R =       nan", "R =       nan", "expected is R = number deg"),
+        ("UF : 1, UT : 2,\t\tC", "UF : x, UT : 2,\t\tC", "UF : x", "expected is UF"),
+        ("N U T, 0, 0, 0", "N X T, 0, 0, 0", "N X T", "not a configuration"),
+        ("E2=", "E3=", "E1=", "not numbered"),
+        ("P[8]", "P[7]", "\n   GP1:\n\tUF : 0", "second time"),
+        ("J6=     0.500 deg\n};", "J6=     0.500 deg", "/END", "expected is };"),
+        ("J2=   -90.500 deg\n};", "J2=   -90.500 deg\n;", ";\nP[7]", "expected is }; or another group"),
+        ("P[7]{", "Q[7]{", "Q[7]{", "expected is P[number]"),
+        ("P[7]{", "P[7{", "{\n   GP1:\n\tUF : F", "expected is a name"),
+        ("/END", "/END\nmore", "more", "goes on behind /END"),
+        ("/END", "/END more", " more", "something behind /END"),
+        ("/POS", "/POS\n/POS", "/POS\nP[1", "where it does not belong"),
+    ],
+)
+def test_what_is_not_understood_is_refused_with_line_and_column(old: str, new: str, at: str, message: str):
+    text = listing().decode("latin-1").replace(old, new)
+    before = text[: text.index(at)]
+    with pytest.raises(ProgramFileError, match=re.escape(message)) as caught:
+        read_ls("pick.ls", text.encode("latin-1"))
+    where = (before.count("\n") + 1, len(before) - before.rfind("\n"))
+    assert (caught.value.line, caught.value.column) == where
+    assert str(caught.value).startswith(f"pick.ls:{where[0]}:{where[1]}: ")
+
+
+@pytest.mark.parametrize("section", ["/PROG", "/MN", "/POS", "/END"])
+def test_a_listing_without_a_section_is_refused(section: str):
+    data = listing().decode("latin-1").replace(section, "", 1).encode("latin-1")
+    with pytest.raises(ProgramFileError):
+        read_ls("pick.ls", data)
+
+
+def test_a_line_of_a_million_characters_is_read_once():
+    long = (
+        f"   1:  !{'x' * 1_000_000} ;\n   2:  {' ' * 1_000_000};\n   3:  {'P' * 300_000}{'[' * 300_000} ;\n"
+    )
+    program = read(statements=long)
+    assert program.to_bytes() == listing(statements=long)
+    assert [remark.code for remark in program.remarks] == ["unused"]
+    with pytest.raises(ProgramFileError):
+        read(P1.replace("};", " " * 1_000_000 + "9" * 1_000_000))
+
+
+def test_bad_changes_are_refused_and_name_the_position():
+    program = read()
+    pose = program.positions.frame_tip
+    far, bent = pose[:1].copy(), pose[:1].copy()
+    far[0, 0, 3], bent[0, 0, 0] = 2000.0, np.inf
+    cases = (
+        (Change(np.array([0]), frame_tip=far), "P[1] of group 1 cannot hold"),
+        (Change(np.array([0]), frame_tip=bent), "no finite, rigid"),
+        (Change(np.array([2]), frame_tip=pose[:1]), "P[7] of group 1 is untaught"),
+        (Change(np.array([3]), frame_tip=pose[:1]), "P[8] of group 1 is joints"),
+        (Change(np.array([0]), joints=np.zeros((1, 6))), "takes no joints"),
+        (Change(np.array([3]), joints=np.array([[0, 0, 0, 0, 0, np.nan]])), "has 6 joints"),
+        (Change(np.array([0]), configurations=["hello"]), "cannot take the configuration"),
+        (Change(np.array([3]), configurations=["N U T, 0, 0, 0"]), "cannot take the configuration"),
+        (Change(np.array([0]), user_frames=["wobj"]), "cannot take the user frame"),
+        (Change(np.array([0, 0]), frame_tip=pose[[0, 0]]), "each once"),
+        (Change(np.array([9]), frame_tip=pose[:1]), "positions of this file"),
+        (Change(np.array([0, 1]), frame_tip=pose[:1]), "one value for each"),
+    )
+    for change, message in cases:
+        with pytest.raises(ProgramFileError, match=re.escape(message)):
+            program.changed(change)
+    assert program.to_bytes() == listing()
+
+
+def test_what_else_moves_the_robot_is_told_with_its_line():
+    statements = """\
+   1:  UFRAME_NUM=R[2] ;
+   2:J P[1:Safe pos] 100% FINE    ;
+   3:L P[5] 100mm/sec FINE Offset,PR[3:x]    ;
+   4:L P[R[7]] 100mm/sec CNT50 INC    ;
+   5:  //CALL OLD    ;
+   6:  !OFFSET by hand PR[1] ;
+   7:  CALL GRIP(1)    ;
+   8:  CALL GRIP(2)    ;
+   9:  R[5:VOFFSET INC]=1    ;
+  10:L PR[R[4]] 5mm/sec FINE ;
+  11:L P[8] 100mm/sec FINE VOFFSET,VR[1]    ;
+  12:  AUFRUF EQSTART    ;
+  13://J P[99] 100% FINE    ;
+  14:  CALL SAY('PR[1] CALL')    ;
+  15:J P[8] 10% FINE COORD    ;
+  16:L P[8] 9mm/sec FINE Tool_Offset,PR[2]    ;
+"""
+    told = {(remark.line - 4, remark.code) for remark in read(statements=statements).remarks}
+    assert told == {
+        (1, "computed"), (3, "offset"), (3, "position_register"), (3, "missing"), (4, "indirect"), (4, "relative"),
+        (7, "foreign"), (10, "indirect"), (11, "vision"), (12, "foreign"), (14, "foreign"), (15, "relative"),
+        (16, "offset"), (16, "position_register"),
+    }  # fmt: skip
+    assert {remark.code for remark in read(statements="   1:J P[1] 5% FINE ;\n").remarks} == {"unused"}
+
+
+def test_other_listings_with_the_suffix_are_no_programs():
+    assert brand_of("PICK.LS", listing()) is BRAND
+    assert brand_of("errall.ls", b"Robot Name ROBOT 01-JAN-26\n") is None
