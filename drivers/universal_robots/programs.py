@@ -1,15 +1,21 @@
-"""Program files of Universal Robots: scripts, and programs of PolyScope."""
+"""Program files of Universal Robots: scripts, and programs and installations of PolyScope."""
 
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.positions import ProgramFile
 from drivers.universal_robots.script_program import read_script
+from drivers.universal_robots.urp_installation import read_installation
 from drivers.universal_robots.urp_program import read_urp
+
+_PACKED = (b"\x1f\x8b", b"<")  # gzip, or XML without it
 
 
 def read(name: str, data: bytes) -> ProgramFile:
-    """Read either kind; a ``.urp`` is told by its first bytes, not by its name."""
-    packed = data.startswith((b"\x1f\x8b", b"<")) or name.lower().endswith(".urp")
-    return read_urp(name, data) if packed else read_script(name, data)
+    """Read any of the three; what is packed is told from a script by its first bytes."""
+    if name.lower().endswith(".installation"):
+        return read_installation(name, data)
+    if data.startswith(_PACKED) or name.lower().endswith(".urp"):
+        return read_urp(name, data)
+    return read_script(name, data)
 
 
-BRAND = ProgramBrand("universal_robots", (".script", ".urp"), read, None)
+BRAND = ProgramBrand("universal_robots", (".script", ".urp", ".installation"), read, None)

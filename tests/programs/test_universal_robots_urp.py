@@ -292,3 +292,26 @@ def test_damage_inside_the_xml_is_refused_or_kept_to_the_last_byte():
     assert not tally.failures
     assert tally.refused > 80
     assert tally.changed > 40
+
+
+def test_an_installation_gives_the_frames_that_are_beyond_doubt_and_names_the_others():
+    text = (
+        b'<Installation name="cell"><TCPSettings><TCP name="grip" pose="0, 0, 0.2, 0, 0, 0"/>'
+        b'<TCP name="none"/></TCPSettings>'
+        b'<GeomPlaneNode name="Plane_1"><Pose pose="1, 0, 0, 0, 0, 0"/></GeomPlaneNode>'
+        b'<GeomPlaneNode name="Plane_2"><P pose="1, 0, 0, 0, 0, 0"/><P pose="2, 0, 0, 0, 0, 0"/></GeomPlaneNode>'
+        b"</Installation>"
+    )
+    file = BRAND.read("cell.installation", packed(text))
+    assert file.to_bytes() == packed(text)
+    assert len(file.positions) == 0
+    assert {name: pose.position_m for name, pose in file.frames.flange_tip.items()} == {
+        "grip": (0.0, 0.0, 0.2)
+    }
+    assert {name: pose.position_m for name, pose in file.frames.base_frame.items()} == {
+        "base": (0.0, 0.0, 0.0),
+        "Plane_1": (1.0, 0.0, 0.0),
+    }
+    assert sum("not read" in remark.text for remark in file.remarks) == 2
+    with pytest.raises(ProgramFileError, match="no positions"):
+        file.changed(Change(np.array([0])))
