@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, chain_frames
+from calibration.arm.kinematics import RobotModel, chain_frames, cross
 from calibration.geometry import Array
 
 _SHORTEST_LEVER_M = 0.02
@@ -92,7 +92,7 @@ def term_values(
         down = np.asarray(gravity_in_base)
         # z . (l x g) = g . (z x l)
         across = {
-            (t.joint, t.link): down @ np.cross(axes[t.joint].T, links[t.link].T).T
+            (t.joint, t.link): down @ cross(axes[t.joint], links[t.link])
             for t in terms
             if t.kind == "gravity"
         }

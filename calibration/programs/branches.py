@@ -89,33 +89,56 @@ def all_branches(zero: AxesAtZero, base_flange: Array) -> Array:
     angles = np.empty((BRANCHES, 6, len(base_flange)))
     with np.errstate(invalid="ignore"):
         for i, first in enumerate(_first_angles(zero, centre)):
-            after_first = _turn(zero.axes[0], -first) @ wanted[:, :3, :3]
-            at = _about(zero.origins_m[0], zero.axes[0], -first, centre)
-            place = _about(zero.origins_m[0], zero.axes[0], -first, wanted[:, :3, 3])
-            solve = _parallel_arm if zero.parallel_wrist else _wristed_arm
             block = angles[4 * i : 4 * i + 4]
             block[:, 0] = first
-            solve(zero, after_first, at, place, block)
+            solve = _parallel_arm if zero.parallel_wrist else _wristed_arm
+            solve(zero, wanted, _Left(zero.axes[0], first), centre, block)
     centred = np.remainder(angles - zero.model.theta0_rad[:, None] + np.pi, 2 * np.pi) - np.pi
     back = np.linalg.inv(zero.model.joint_coupling)
     return np.ascontiguousarray((back @ centred).swapaxes(1, 2))
 
 
-def _wristed_arm(zero: AxesAtZero, turn: Array, centre: Array, place: Array, out: Array) -> None:
+class _Left:
+    """What is left of a motion when a turn before it is taken back."""
+
+    def __init__(self, axis: Array, angle: Array) -> None:
+        self._axis, self._cos, self._sin = axis, np.cos(angle)[:, None], np.sin(angle)[:, None]
+
+    def of(self, vectors: Array) -> Array:
+        """Return directions (N, 3) turned back, by Rodrigues' formula."""
+        x, y, z = self._axis
+        across = vectors @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # axis x vector, turned back
+        along = (vectors @ self._axis)[:, None] * (1.0 - self._cos)
+        turned: Array = self._cos * vectors + self._sin * across + along * self._axis
+        return turned
+
+    def place(self, point: Array, places: Array) -> Array:
+        """Return places (N, 3) turned back about a line through a point."""
+        turned: Array = self.of(places - point) + point
+        return turned
+
+
+def _wristed_arm(zero: AxesAtZero, wanted: Array, first: _Left, centre: Array, out: Array) -> None:
     """Solve joints 2 to 6 of an arm with a wrist; ``out`` is (4, 6, N)."""
-    for i, (second, third) in enumerate(_two_links(zero, centre, zero.centre_m)):
-        before = _turn(zero.axes[1], -(second + third * (zero.axes[1] @ zero.axes[2]))) @ turn
-        for j, wrist in enumerate(_wrist_angles(zero.axes[3], zero, before)):
+    fifth, sixth = (first.of(wanted[:, :3, :3] @ zero.axes[k]) for k in (4, 5))
+    end = first.place(zero.origins_m[0], centre)
+    for i, (second, third) in enumerate(_two_links(zero, end, zero.centre_m)):
+        before = _Left(zero.axes[1], second + third * (zero.axes[1] @ zero.axes[2]))
+        for j, wrist in enumerate(_wrist_angles(zero.axes[3], zero, before.of(fifth), before.of(sixth))):
             out[2 * i + j, 1], out[2 * i + j, 2] = second, third
             out[2 * i + j, 3:] = wrist
 
 
-def _parallel_arm(zero: AxesAtZero, turn: Array, centre: Array, place: Array, out: Array) -> None:
+def _parallel_arm(zero: AxesAtZero, wanted: Array, first: _Left, centre: Array, out: Array) -> None:
     """Solve joints 2 to 6 of an arm with three parallel joints; ``out`` is (4, 6, N)."""
     e, signs = zero.axes[1], zero.axes[1:4] @ zero.axes[1]
-    for i, (whole, fifth, sixth) in enumerate(_wrist_angles(e, zero, turn)):
+    seen = [first.of(wanted[:, :3, :3] @ zero.axes[k]) for k in (4, 5)]
+    for i, (whole, fifth, sixth) in enumerate(_wrist_angles(e, zero, *seen)):
+        # The elbow's end follows from the flange when joints 6 and 5 are turned back.
         inner = _back_through_wrist(zero, fifth, sixth)
-        end = (turn @ inner[:, :, None])[:, :, 0] + place
+        end = first.place(
+            zero.origins_m[0], (wanted[:, :3, :3] @ inner[:, :, None])[:, :, 0] + wanted[:, :3, 3]
+        )
         for j, (second, third) in enumerate(_two_links(zero, end, zero.origins_m[3])):
             row = out[2 * i + j]
             row[1], row[2], row[4], row[5] = second, third, fifth, sixth
@@ -124,10 +147,9 @@ def _parallel_arm(zero: AxesAtZero, turn: Array, centre: Array, place: Array, ou
 
 def _back_through_wrist(zero: AxesAtZero, fifth: Array, sixth: Array) -> Array:
     """Return where the origin of joint 4 is before joints 5 and 6 turned: (E5 E6)^-1 o4, (N, 3)."""
-    point = _about(
-        zero.origins_m[4], zero.axes[4], -fifth, np.broadcast_to(zero.origins_m[3], (len(fifth), 3))
-    )
-    return _about(zero.origins_m[5], zero.axes[5], -sixth, point)
+    start = np.broadcast_to(zero.origins_m[3], (len(fifth), 3))
+    point = _Left(zero.axes[4], fifth).place(zero.origins_m[4], start)
+    return _Left(zero.axes[5], sixth).place(zero.origins_m[5], point)
 
 
 def _first_angles(zero: AxesAtZero, centre: Array) -> tuple[Array, Array]:
@@ -164,36 +186,22 @@ def _two_links(zero: AxesAtZero, end: Array, end_at_zero: Array) -> tuple[tuple[
     return tuple(found)
 
 
-def _wrist_angles(first: Array, zero: AxesAtZero, turn: Array) -> tuple[Array, Array]:
-    """Return both (3, N) triples of turns about ``first``, axis 5 and axis 6 that make the rotations (N, 3, 3)."""
+def _wrist_angles(first: Array, zero: AxesAtZero, seen_5: Array, seen_6: Array) -> tuple[Array, Array]:
+    """Return both (3, N) triples of turns about ``first``, axis 5 and axis 6 that make a rotation.
+
+    ``seen_5`` and ``seen_6`` (N, 3) are where the rotation takes axes 5 and 6.
+    """
     z5, z6 = zero.axes[4], zero.axes[5]
     side = np.cross(z5, first)
-    seen = turn @ z6
-    opening = np.arctan2(np.hypot(seen @ side, seen @ z5), seen @ first)
+    opening = np.arctan2(np.hypot(seen_6 @ side, seen_6 @ z5), seen_6 @ first)
     at_zero = np.arctan2(float(z6 @ side), float(z6 @ first))
     found = []
     for angle, sign in ((opening, 1.0), (-opening, -1.0)):
-        fourth = np.arctan2(sign * (seen @ z5), sign * (seen @ side))
+        fourth = np.arctan2(sign * (seen_6 @ z5), sign * (seen_6 @ side))
         fifth = angle - at_zero
-        rest = _turn(z5, -fifth) @ (_turn(first, -fourth) @ (turn @ z5)[:, :, None])
-        sixth = np.arctan2(rest[:, :, 0] @ np.cross(z6, z5), rest[:, :, 0] @ z5)
-        found.append(np.stack([fourth, fifth, sixth]))
+        rest = _Left(z5, fifth).of(_Left(first, fourth).of(seen_5))
+        found.append(np.stack([fourth, fifth, np.arctan2(rest @ np.cross(z6, z5), rest @ z5)]))
     return found[0], found[1]
-
-
-def _turn(axis: Array, angle: Array) -> Array:
-    """Return (N, 3, 3): turns about one unit axis, by Rodrigues' formula."""
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    sin, cos = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
-    turn: Array = cos * np.eye(3) + sin * cross + (1 - cos) * np.outer(axis, axis)
-    return turn
-
-
-def _about(point: Array, axis: Array, angle: Array, places: Array) -> Array:
-    """Return places (N, 3) turned about a line."""
-    turned: Array = (_turn(axis, angle) @ (places - point)[..., None])[..., 0] + point
-    return turned
 
 
 def _arc_cosine(value: Array) -> Array:

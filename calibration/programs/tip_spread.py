@@ -16,7 +16,7 @@ from calibration.arm.joint_terms import term_values
 from calibration.arm.kinematics import cross, placement_columns
 from calibration.compensation.pose_gap import Arm
 from calibration.errors import CalibrationError
-from calibration.geometry import Array, skew
+from calibration.geometry import Array, adjoint, inverse_transform, skew
 from calibration.identification.observations import Device
 from calibration.identification.parameters import ArmState, Layout
 
@@ -52,6 +52,11 @@ class TipSpread:
         root = scale[known, None] * vectors[:, kept] * np.sqrt(values[kept])
         placed = replace(self.state, devices=(Device(np.eye(4), np.zeros(3)),))
         tangent: Array = root.T @ self.layout.tangent(placed, 0)[known]
+        n, first = self.state.nominal.axes, inverse_transform(self.state.arm.placements[0])
+        if self.of_tool is not None:
+            tangent[:, 6 * n : 6 * n + 3] -= self.of_tool
+        if self.shared is not None:
+            tangent[:, :6] -= self.shared @ adjoint(first).T
         return tangent
 
     def slopes(self, joints_rad: Array) -> Array:
@@ -66,12 +71,8 @@ class TipSpread:
             turns = cross(rotations[:-1, :, 2], origins[-1] - origins[:-1])
             at = [term.joint for term in state.terms]
             rows.append((turns[at] * values[:, None]).reshape(len(at), 3 * count))
-        found = (self._combined @ np.concatenate(rows)).reshape(-1, 3, count)
-        if self.of_tool is not None:
-            found -= np.einsum("ijn,rj->rin", rotations[-1], self.of_tool)
-        if self.shared is not None:
-            found -= _moved(self.shared, origins[-1])
-        return found
+        slopes: Array = (self._combined @ np.concatenate(rows)).reshape(-1, 3, count)
+        return slopes
 
     def with_own_tool(self) -> "TipSpread":
         """Return the spread with a tool that this arm has measured."""
@@ -129,10 +130,3 @@ def _solved(spread: TipSpread, joints_rad: Array, rotations: Array | None) -> Ar
     right = slopes.transpose(2, 1, 0).reshape(3 * len(tips), -1)
     solved = np.linalg.lstsq(design, right, rcond=1e-9)[0].T
     return np.asarray(solved, dtype=np.float64)
-
-
-def _moved(shared: Array, tips: Array) -> Array:
-    """Return (r, 3, N): v + w x tip."""
-    turned = cross(shared[:, 3:, None], np.broadcast_to(tips, (len(shared), *tips.shape)))
-    moved: Array = shared[:, :3, None] + turned
-    return moved
