@@ -124,7 +124,7 @@ def _judge(rows: NDArray[np.intp], points: Points, cell: Project, tool: Tool, fo
     beyond = (joints < model.lower_rad - _ROUNDED_RAD) | (joints > model.upper_rad + _ROUNDED_RAD)
     names = [", ".join(f"J{j + 1}" for j in np.flatnonzero(one)) for one in beyond]
     _fail(points, rows, [f"{name} beyond its limit" if name else "" for name in names], found)
-    near = smallest_sigma(Arm(model), joints) < cell.smallest_sigma
+    near = smallest_sigma(model, joints, cell.smallest_sigma) < cell.smallest_sigma
     _fail(points, rows, ["too near to a singularity" if one else "" for one in near.tolist()], found)
     believed = tips(Arm(model, tool.entered), joints)
     found.base_place_m[rows] = believed[:, :3, 3]

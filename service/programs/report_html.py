@@ -105,7 +105,7 @@ def _chosen(report: Report, known: Rows) -> Rows:
     if len(ordered) <= MOST_DRAWN:
         return ordered[::-1]
     worst, others = ordered[: MOST_DRAWN // 2], ordered[MOST_DRAWN // 2 :]
-    share = others[:: -(-len(others) // (MOST_DRAWN // 2))]
+    share = others[np.linspace(0, len(others) - 1, MOST_DRAWN // 2).astype(int)]
     return np.concatenate([worst, share])[::-1]
 
 

@@ -5,8 +5,7 @@ import gzip
 import io
 import json
 import re
-import shutil
-import subprocess
+from html import unescape
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -22,6 +21,7 @@ from service.programs.report_files import CsvReport, JsonReport
 from service.programs.report_html import as_html
 from service.programs.report_words import Note, accuracy, problems, said_once, verdict
 from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
+from tests.unit.programs.patching import patched
 
 
 class Program:
@@ -133,15 +133,15 @@ def test_the_page_is_whole_escaped_and_asks_nobody(known: bool) -> None:
         assert len(drawing.findall(".//circle")) == 3
     titles = [title.text or "" for title in root.findall(".//svg/path/title")]
     assert all("left as it was. out of reach" in title for title in titles)
-    assert "in the robot's base" in page if known else "in each point's own user frame" in page
+    assert ("in the robot's base" if known else "in each point's own user frame") in unescape(page)
     assert page.count('<td class="bad">out of reach</td>') == 1
 
 
 def test_the_colours_are_those_of_the_legend() -> None:
     page = as_html(report_of(result("A", [1.0, 10.0], [0.1, 0.1])))
     legend = re.findall(r'background:(#\w+)"></i>([^<]*)<', page)
-    assert legend[0][1].startswith("1.0 to 2.0")
-    assert legend[8][1] == "9.0 to 10.0 mm"
+    assert legend[0][1].startswith("1.00 to 2.00")
+    assert legend[8][1] == "9.00 to 10.00 mm"
     assert legend[9][1] == "0.100 mm"
     fills = re.findall(r'fill="(#\w+)"><title>[^<]*moved (\d+)', page)
     assert (legend[0][0], "1") in fills
@@ -170,7 +170,7 @@ def test_csv_and_json_hold_every_point_and_no_nan() -> None:
     assert [(p["program"], p["status"], p["shift_mm"]) for p in points] == [
         ("A", "changed", "1.0"), ("A", "left", ""), ("B", "unchanged", "0.0"),
     ]  # fmt: skip
-    loaded = json.loads(text.getvalue(), parse_constant=lambda word: pytest.fail(word))
+    loaded = json.loads(text.getvalue(), parse_constant=pytest.fail)
     assert loaded["programs"][0]["points"][1]["shift_mm"] is None
     assert loaded["programs"][0]["points"][1]["reason"] == "out of reach"
     assert (loaded["point_count"], loaded["counts"]["left"], loaded["exit_code"]) == (3, 1, 4)
@@ -187,22 +187,26 @@ NEW = (
 )
 
 
-@pytest.mark.skipif(not shutil.which("patch"), reason="needs patch")
-def test_patch_makes_the_new_program_of_the_old_one(tmp_path: Path) -> None:
-    for old, new in ((OLD, NEW), (OLD + b"\r\n", NEW + b"\r\n"), (b"a", b"b"), (b"\n", b"x\n")):
-        (tmp_path / "a.ls").write_bytes(old)
-        diff = unified_diff(old, new, "a.ls", "a.ls")
-        subprocess.run(["patch", "-p0", "--binary", "-s"], input=diff, cwd=tmp_path, check=True)
-        assert (tmp_path / "a.ls").read_bytes() == new
+def test_the_diff_makes_the_new_program_of_the_old_one() -> None:
+    for old, new in (
+        (OLD, NEW),
+        (OLD + b"\r\n", NEW + b"\r\n"),
+        (b"a", b"b"),
+        (b"\n", b"x\n"),
+        (b"a\nb\n", b"a\nc\n"),
+    ):
+        assert patched(old, unified_diff(old, new, "a.ls", "a.ls")) == new
 
 
 def test_a_diff_shows_the_coordinates_alone_packed_or_not() -> None:
     diff = unified_diff(OLD, NEW, "a", "b")
     assert unified_diff(gzip.compress(OLD), gzip.compress(NEW), "a", "b") == diff
     removed = [line for line in diff.split(b"\n")[2:] if line.startswith(b"-")]
-    assert removed == [b"-X = 3.000 mm\r", b"-X = 20.000 mm\r", b"-X = 39.000 mm\r"]
+    assert removed == [b"-X = 2.000 mm\r", b"-X = 20.000 mm\r", b"-X = 39.000 mm\r"]
     assert diff.count(b"@@ -") == 3
-    assert b"\x81ber" in diff
+    assert b"! \x81ber \x84\r\n" in unified_diff(
+        OLD, OLD.replace(b"X = 0.", b"X = 1."), "a", "b"
+    )  # CP437 stays
     assert unified_diff(OLD, OLD, "a", "b") == b""
     with pytest.raises(ValueError, match="lines"):
         unified_diff(OLD, OLD + b"\n", "a", "b")
@@ -225,8 +229,12 @@ def test_files_folders_and_patterns_are_found_once(tmp_path: Path) -> None:
     clash = find_programs(named[:1])
     assert [source.path.name for source in clash.sources] == ["b.LS"]
     assert sorted(Path(one.file).name for one in clash.refused) == ["A.LS", "a.ls"]
-    empty = find_programs([str(tmp_path / "in" / "sub" / ".."), str(tmp_path / "none")])
-    assert "no such file" in empty.refused[-1].message
+    (tmp_path / "empty").mkdir()
+    empty = find_programs([str(tmp_path / "empty"), str(tmp_path / "none"), str(tmp_path / "*.no")])
+    assert [one.message for one in empty.refused] == [
+        "there is no robot program in this folder.", "there is no such file or folder.",
+        "no file matches this pattern.",
+    ]  # fmt: skip
 
 
 def test_a_new_place_keeps_what_came_meanwhile(tmp_path: Path) -> None:
