@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import PurePath
 
+from drivers.abb import programs as abb
 from drivers.fanuc import programs as fanuc
 from drivers.kuka import programs as kuka
 from drivers.programs.brands import ProgramBrand
@@ -10,7 +11,7 @@ from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import ProgramFile
 from drivers.universal_robots import programs as universal_robots
 
-BRANDS: tuple[ProgramBrand, ...] = (fanuc.BRAND, kuka.BRAND, universal_robots.BRAND)
+BRANDS: tuple[ProgramBrand, ...] = (abb.BRAND, fanuc.BRAND, kuka.BRAND, universal_robots.BRAND)
 
 
 def brand_of(name: str, data: bytes) -> ProgramBrand | None:

@@ -150,17 +150,17 @@ def _flags(rng: np.random.Generator, bits: int) -> str:
 
 
 def _number(rng: np.random.Generator, value: float) -> str:
-    kind = int(rng.integers(9))
-    if kind == 0:
-        return "0.0"
-    if kind == 1:
-        return str(round(value))
-    if kind == 2:
-        return f"{value * 1e-6:.5E}"
-    if kind == 3:
-        return f"{value * 1e-4:.3e}".replace("e-0", "e-")
-    if kind == 4:
-        return f"{value:.{int(rng.integers(1, 4))}f}"
-    if kind == 5:
-        return f"{value:+.4f}"
-    return f"{value:.9g}" if "." in f"{value:.9g}" else f"{value:.1f}"
+    exact = f"{value:.9g}"
+    exact = exact if "." in exact else f"{value:.1f}"
+    texts = (
+        "0.0",
+        str(round(value)),
+        f"{value * 1e-6:.5E}",
+        f"{value * 1e-4:.3e}".replace("e-0", "e-"),
+        f"{value:.{int(rng.integers(1, 4))}f}",
+        f"{value:+.4f}",
+        exact,
+        exact,
+        exact,
+    )
+    return texts[int(rng.integers(len(texts)))]

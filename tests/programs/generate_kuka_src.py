@@ -9,7 +9,7 @@ SUFFIX = ".src"
 _FIXED = (
     "",
     "   ; nur ein Kommentar: PTP {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}",
-    ";FOLD PTP P1 CONT Vel=100 % PDAT1 Tool[1]:Greifer Base[2]:Tisch;%{PE}%R 8.3.48,%MKUKATPBASIS,%CMOVE,%VPTP,%P 1:PTP",
+    ";FOLD PTP P1 CONT Vel=100 % PDAT1 Tool[1]:Greifer Base[2]:Tisch;%{PE}%R 8.3.48,%MKUKATPBASIS",
     "$BWDSTART=FALSE",
     "PDAT_ACT=PPDAT1",
     "FDAT_ACT=FP1",
@@ -83,18 +83,13 @@ def _frames(rng: np.random.Generator) -> list[str]:
 
 
 def _move(rng: np.random.Generator) -> str:
-    kind = int(rng.integers(9))
-    lead = "  " if rng.random() < 0.5 else ""
-    if kind == 0:
-        return f"{lead}PTP {axes(rng)}"
-    if kind == 1:
-        return f"{lead}CIRC {pose(rng)},{pose(rng)},CA 90.0 C_DIS"
-    if kind == 2:
-        return f"{lead}circ XP1, {pose(rng)}"
-    if kind == 3:
-        return f"{lead}SLIN {pose(rng)} WITH $VEL.CP=0.5,$BASE=BASE_DATA[1]"
-    if kind == 4:
-        return f"{lead}XP{int(rng.integers(90))}={pose(rng)}"
-    if kind == 5:
-        return f"{lead}ptp  {pose(rng)} c_ptp ; Vorposition"
-    return f"{lead}LIN {pose(rng)} C_DIS"
+    moves = (
+        f"PTP {axes(rng)}",
+        f"CIRC {pose(rng)},{pose(rng)},CA 90.0 C_DIS",
+        f"circ XP1, {pose(rng)}",
+        f"SLIN {pose(rng)} WITH $VEL.CP=0.5,$BASE=BASE_DATA[1]",
+        f"XP{int(rng.integers(90))}={pose(rng)}",
+        f"ptp  {pose(rng)} c_ptp ; Vorposition",
+        *[f"LIN {pose(rng)} C_DIS"] * 3,
+    )
+    return ("  " if rng.random() < 0.5 else "") + moves[int(rng.integers(len(moves)))]

@@ -1,0 +1,172 @@
+"""RAPID's moving instructions: their targets, and the tool and work object that they name."""
+
+import re
+from dataclasses import dataclass
+
+from drivers.abb.literals import AGGREGATES, LiteralError, W, after_blanks
+from drivers.programs.spans import Source
+
+# Where the tool stands, from the end of the arguments that are not optional.
+_LAST = "movel movej movec moveabsj triggl triggj triggc triggabsj arcl arcc arclstart arclend arcl1 arcl2 arccstart"
+_LAST += " arccend arcc1 arcc2 spotl spotj spotml spotmj searchl searchc displ dispc paintl paintc capl capc"
+MOVES = {
+    **dict.fromkeys(_LAST.split(), -1),
+    **dict.fromkeys(("movelsync", "movejsync", "movecsync"), -2),
+    **{f"move{way}{signal}": -3 for way in "ljc" for signal in ("do", "ao", "go")},
+}
+
+_ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]|[^\[\](){},;!"]++')
+_HEAD = re.compile(rf"{W}([A-Za-z]\w*+){W}(?:\{{([^{{}}]*+)\}})?+{W}(\()?+", re.ASCII)
+_WORK_OBJECT = re.compile(rf"\\{W}WObj{W}:={W}([A-Za-z]\w*+){W}([{{(.])?+", re.ASCII | re.IGNORECASE)
+_NEXT_STATEMENT = re.compile(
+    r"\n[ \t\r]*+(?:Move[LJC]|MoveAbsJ|END(?:PROC|FUNC|TRAP|MODULE|IF|FOR|WHILE))\b", re.IGNORECASE
+)
+_INDEX = re.compile(r"\d+(?:,\d+)*")
+
+_MOST_ARGUMENTS = 40
+_SHIFTED = ("offset", "This target is shifted while the program runs.")
+_COMPUTED = ("computed", "The target of this move is computed.")
+_STAR = ("computed", "The target of this move is '*': its coordinates are not in the file.")
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What a move goes to: a name, numbers, or something that is only known while the program runs."""
+
+    place: int
+    name: str = ""
+    literal: re.Match[str] | None = None
+    axes: bool = False
+    remark: tuple[str, str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """A move; tool and frame are None where they are not a plain name."""
+
+    word: str
+    targets: tuple[Target, ...]
+    tool: str | None
+    frame: str | None
+    end: int  # after its semicolon
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """One argument, and the numbers that it is where it is a target."""
+
+    start: int
+    end: int
+    literal: re.Match[str] | None = None
+
+
+def read_instruction(source: Source, word: str, place: int) -> Instruction:
+    """Read a move whose arguments begin at a place.
+
+    Raises
+    ------
+    ProgramFileError
+        A target is not understood, or the instruction does not end.
+    """
+    arguments, end = _arguments(source, place, axes=_of_axes(word))
+    plain = [argument for argument in arguments if source.text[argument.start : argument.start + 1] != "\\"]
+    held = [argument for argument in plain if argument.literal is None]
+    tool, frame = _tool_and_frame(source.text, word, held)
+    targets = tuple(
+        target
+        for k, argument in enumerate(plain)
+        if (target := _target(source, word, k, argument)) is not None
+    )
+    return Instruction(word, targets, tool, frame, end)
+
+
+def _of_axes(word: str) -> bool:
+    return word in ("moveabsj", "triggabsj")
+
+
+def _arguments(source: Source, place: int, *, axes: bool) -> tuple[list[Argument], int]:
+    """Cut the text up to the semicolon at its outer commas; targets in numbers are matched whole."""
+    text, begin, depth = source.text, place, 0
+    arguments: list[Argument] = []
+    place = start = after_blanks(text, place)
+    literal = _literal(source, place, axes=axes)
+    while True:
+        place = literal.end() if literal is not None and place == start else place
+        token = _ARGUMENT.match(text, place)
+        if token is None or (depth <= 0 and token[0] in ",;"):
+            arguments.append(Argument(start, place, literal))
+            if token is None or token[0] == ";":
+                break
+            place = start = after_blanks(text, token.end())
+            literal = _literal(source, place, axes=axes)
+            if len(arguments) > _MOST_ARGUMENTS:
+                break
+            continue
+        depth += (token[0] in "[({") - (token[0] in "])}")
+        place = token.end()
+    end = place + (token is not None)
+    missing = _NEXT_STATEMENT.search(text, begin, end)
+    if token is None or missing is not None or len(arguments) > _MOST_ARGUMENTS:
+        raise source.error(begin, "this instruction does not end with ';'.")
+    return arguments, end
+
+
+def _literal(source: Source, place: int, *, axes: bool) -> re.Match[str] | None:
+    """Return the target in numbers that an argument is, or None.
+
+    Raises
+    ------
+    ProgramFileError
+        It is one, but not understood.
+    """
+    if source.text[place : place + 1] != "[":
+        return None
+    kind = "jointtarget" if axes else "robtarget"
+    try:
+        return AGGREGATES[kind].match(source.text, place)
+    except LiteralError as error:
+        if error.computed or source.text[after_blanks(source.text, place + 1)] != "[":
+            return None  # a speed or zone in numbers, or a target that is computed
+        raise source.error(error.place, str(error), remedy="Correct it on the controller.") from None
+
+
+def _tool_and_frame(text: str, word: str, arguments: list[Argument]) -> tuple[str | None, str | None]:
+    for argument in arguments:
+        frame = _WORK_OBJECT.search(text, argument.start, argument.end)
+        if frame is not None:
+            return _plain_name(text, argument), None if frame[2] else frame[1]
+    place = MOVES[word]
+    return (_plain_name(text, arguments[place]) if len(arguments) >= -place else None), "wobj0"
+
+
+def _plain_name(text: str, argument: Argument) -> str | None:
+    head = _HEAD.match(text, argument.start, argument.end)
+    return None if head is None or head[2] is not None or head[3] else head[1]
+
+
+def _target(source: Source, word: str, k: int, argument: Argument) -> Target | None:
+    """Return what an argument moves to; None for a speed, a zone, a tool."""
+    if argument.literal is not None:
+        return Target(argument.start, literal=argument.literal, axes=_of_axes(word))
+    head = _HEAD.match(source.text, argument.start, argument.end)
+    first = k == 0 and not word.startswith("search")
+    if head is None:
+        sign = source.text[argument.start : argument.start + 1]
+        star = _STAR if sign == "*" else _COMPUTED
+        return Target(argument.start, remark=star) if first or sign == "*" else None
+    if head[3]:
+        return (
+            _called(source.text, head, argument) if first or head[1].lower() in ("offs", "reltool") else None
+        )
+    index = "".join((head[2] or "").split())
+    name = f"{head[1]}{{{index}}}" if _INDEX.fullmatch(index) else head[1]
+    return Target(argument.start, name=name)
+
+
+def _called(text: str, head: re.Match[str], argument: Argument) -> Target:
+    """Return the target of a move to a function's result: the point that it shifts, where it is such a one."""
+    if head[1].lower() not in ("offs", "reltool"):
+        return Target(argument.start, remark=_COMPUTED)
+    inner = _HEAD.match(text, head.end(), argument.end)
+    named = inner is not None and not inner[3]
+    return Target(argument.start, name=inner[1] if inner and named else "", remark=_SHIFTED)

@@ -1,0 +1,94 @@
+"""RAPID aggregates of positions: nested lists of numbers with blanks, line ends and comments between them."""
+
+import re
+from dataclasses import dataclass
+
+W = r"(?:[ \t\r\n\f]++|![^\n]*+)*+"  # what may stand between two tokens
+NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+(?![\w.])"
+_FLAG = r"TRUE|FALSE"
+_TEXT = r'"[^"\n]*+"'
+_TOKENS = {"n": NUMBER, "b": _FLAG, "s": _TEXT}
+_NAMES = {"n": "a number", "b": "TRUE or FALSE", "s": "a string"}
+_BLANK = re.compile(W)
+_COMPUTED = re.compile(r"[A-Za-z(]|[+-]\s*[A-Za-z(]|[*/+-]", re.ASCII)
+
+POSE = "[nnn][nnnn]"
+ROBTARGET = f"[{POSE}[nnnn][nnnnnn]]"
+JOINTTARGET = "[[nnnnnn][nnnnnn]]"
+TOOLDATA = f"[b[{POSE}][n[nnn][nnnn]nnn]]"
+WOBJDATA = f"[bbs[{POSE}][{POSE}]]"
+
+
+class LiteralError(ValueError):
+    """What stands there is not the aggregate; ``computed`` where only the controller knows a value."""
+
+    def __init__(self, place: int, message: str, *, computed: bool) -> None:
+        super().__init__(message)
+        self.place = place
+        self.computed = computed
+
+
+def tokens_of(shape: str) -> list[str]:
+    """Return the tokens of a shape: brackets, commas and values."""
+    tokens: list[str] = []
+    for sign in shape:
+        if tokens and sign != "]" and tokens[-1] != "[":
+            tokens.append(",")
+        tokens.append(sign)
+    return tokens
+
+
+@dataclass(frozen=True)
+class Aggregate:
+    """One shape of aggregate."""
+
+    tokens: list[str]
+    pattern: re.Pattern[str]
+
+    @classmethod
+    def of(cls, shape: str) -> "Aggregate":
+        """Build from a shape such as ``[[nnn][nnnn]]``."""
+        tokens = tokens_of(shape)
+        parts = (f"({_TOKENS[token]})" if token in _TOKENS else re.escape(token) for token in tokens)
+        return cls(tokens, re.compile(W.join(parts), re.ASCII | re.IGNORECASE))
+
+    def match(self, text: str, place: int) -> re.Match[str]:
+        """Return the aggregate that stands at a place; its groups are the values.
+
+        Raises
+        ------
+        LiteralError
+            Something else stands there.
+        """
+        found = self.pattern.match(text, place)
+        if found is None:
+            raise self._error(text, place)
+        return found
+
+    def _error(self, text: str, place: int) -> LiteralError:
+        for token in self.tokens:
+            blank = _BLANK.match(text, place)
+            place = blank.end() if blank else place
+            pattern = _TOKENS.get(token)
+            fitting = re.compile(pattern or re.escape(token), re.ASCII | re.IGNORECASE).match(text, place)
+            if fitting is None:
+                wanted = _NAMES.get(token, f"'{token}'")
+                computed = _COMPUTED.match(text, place) is not None
+                return LiteralError(place, f"here should be {wanted} of the position.", computed=computed)
+            place = fitting.end()
+        return LiteralError(place, "this position is not understood.", computed=False)
+
+
+AGGREGATES = {
+    "robtarget": Aggregate.of(ROBTARGET),
+    "jointtarget": Aggregate.of(JOINTTARGET),
+    "tooldata": Aggregate.of(TOOLDATA),
+    "wobjdata": Aggregate.of(WOBJDATA),
+}
+TARGETS = ("robtarget", "jointtarget")
+
+
+def after_blanks(text: str, place: int) -> int:
+    """Return where the next token begins."""
+    blank = _BLANK.match(text, place)
+    return blank.end() if blank else place

@@ -1,0 +1,286 @@
+"""RAPID modules: targets, tools and work objects that are declared, targets inside moves, and what changes them."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from calibration.geometry import Pose
+from drivers.abb.collected import Collected, pose_of
+from drivers.abb.instructions import MOVES, Instruction, Target, read_instruction
+from drivers.abb.literals import AGGREGATES, TARGETS, LiteralError, W, after_blanks
+from drivers.abb.uses import Uses
+from drivers.programs.positions import Frames
+from drivers.programs.spans import Source
+
+_TOKEN = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[A-Za-z]\w*+', re.ASCII)
+_DECLARED = re.compile(
+    rf"{W}([A-Za-z]\w*+){W}([A-Za-z]\w*+){W}(?:\{{([^{{}};]*+)\}})?+{W}(:=)?+{W}", re.ASCII
+)
+_ASSIGNED = re.compile(
+    rf"{W}(?:\{{([^{{}};]*+)\}})?+{W}((?:\.{W}\w++{W}(?:\{{[^{{}};]*+\}})?+{W}){{0,6}}+):={W}", re.ASCII
+)
+_NAME = re.compile(rf"{W}([A-Za-z]\w*+)", re.ASCII)
+_FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}([A-Za-z]\w*+)", re.ASCII)
+_SIZES = re.compile(r"\s*\d+\s*(?:,\s*\d+\s*)*")
+_HOLDS_A_POSITION = re.compile(r"\[\s*\[\s*[-+.\d]")
+
+_REMARKED = {
+    "offs": ("offset", "Offs shifts this target while the program runs."),
+    "reltool": ("offset", "RelTool shifts this target along the tool while the program runs."),
+    "pdispon": ("offset", "PDispOn shifts every target that follows."),
+    "pdispset": ("offset", "PDispSet shifts every target that follows."),
+    "eoffson": ("offset", "EOffsOn shifts external axes of every target that follows."),
+    "eoffsset": ("offset", "EOffsSet shifts external axes of every target that follows."),
+    "crobt": ("computed", "CRobT takes a target from where the robot is."),
+    "cjointt": ("computed", "CJointT takes a target from where the robot is."),
+    "calcrobt": ("computed", "CalcRobT computes a target."),
+    "orobt": ("computed", "ORobT computes a target without displacement."),
+    "mirpos": ("computed", "MirPos computes a mirrored target."),
+}
+_ASSIGNED_TEXT = "{} is set while the program runs; that value is not read."
+_FILLED_TEXT = "{} is an array without values: it is filled while the program runs."
+_COMPUTED_TEXT = "{} is computed; it is not read."
+_HELD_TEXT = "{} is held by the robot: its targets are seen from the flange, and are not changed."
+_MOVED_TEXT = "The user frame of {} is moved by {}; it is not taken as fixed."
+_STATIONARY_TEXT = "{} stands in the cell: targets that use it are seen from the flange, and are not changed."
+_UNREAD_TEXT = "{} is not read: it is computed, or not as {} is written."
+
+
+@dataclass
+class Module:
+    """A file of modules while it is read."""
+
+    found: Collected
+    uses: Uses = field(default_factory=Uses)
+    name: str = ""
+    assigned: list[tuple[int, str, str]] = field(default_factory=list)  # place, name, scope
+    bases: dict[str, Pose] = field(default_factory=lambda: {"wobj0": Pose((0.0, 0.0, 0.0))})
+    tools: dict[str, Pose] = field(default_factory=lambda: {"tool0": Pose((0.0, 0.0, 0.0))})
+    modules: int = 0
+
+    def read(self) -> None:
+        """Take the whole text.
+
+        Raises
+        ------
+        ProgramFileError
+            A position is not understood.
+        """
+        text, place = self.found.source.text, 0
+        while (token := _TOKEN.search(text, place)) is not None:
+            word = token[0]
+            if word[0] == "!":
+                if "[" in word and _HOLDS_A_POSITION.search(word):
+                    self.found.remark(
+                        token.start(), "comment", "A comment holds a position; it stays as it is."
+                    )
+                place = token.end()
+            elif word[0] == '"':
+                place = token.end()
+            else:
+                place = self._word(word.lower(), token.start(), token.end())
+
+    def finish(self) -> None:
+        """Remark targets that the program sets, and take away those that are seen from the flange."""
+        for place, name, scope in self.assigned:
+            if self.uses.rows_of(name, scope):
+                self.found.remark(place, "computed", _ASSIGNED_TEXT.format(name))
+        self.uses.resolve(self.found)
+
+    def frames(self) -> Frames:
+        """Return the tools and fixed work objects that stand here, and the two of the language itself."""
+        return Frames(base_frame=self.bases, flange_tip=self.tools)
+
+    def _word(self, word: str, start: int, end: int) -> int:
+        """Take a word at statement level; return where to go on."""
+        handler = _HANDLERS.get(word)
+        if handler is not None:
+            return handler(self, word, end)
+        if word in MOVES:
+            return self._instruction(word, start, end)
+        if word in _REMARKED:
+            self.found.remark(start, *_REMARKED[word])
+            return end
+        assigned = _ASSIGNED.match(self.found.source.text, end)
+        return end if assigned is None else self._assignment(start, end, assigned)
+
+    def _declaration(self, word: str, end: int) -> int:
+        text = self.found.source.text
+        declared = _DECLARED.match(text, end)
+        if declared is None:
+            return end
+        kind, name, sizes = declared[1].lower(), declared[2], declared[3]
+        if kind not in AGGREGATES:
+            return declared.end()
+        if sizes is not None:
+            return self._array(kind, name, sizes, declared)
+        if kind not in TARGETS:
+            return self._frame(kind, name, declared)
+        if not declared[4]:
+            self._declare(name, lambda: self.found.add_untaught(name, declared.start(2)))
+            return declared.end()
+        return self._target(kind, name, declared.end())
+
+    def _array(self, kind: str, name: str, sizes: str, declared: re.Match[str]) -> int:
+        if not declared[4] or kind not in TARGETS or _SIZES.fullmatch(sizes) is None:
+            if kind in TARGETS:
+                self.found.remark(declared.start(2), "computed", _FILLED_TEXT.format(name))
+            return declared.end()
+        return self._elements(kind, name, [int(size) for size in sizes.split(",")], declared.end())
+
+    def _elements(self, kind: str, name: str, sizes: list[int], place: int) -> int:
+        """Take the elements of an array of any dimension, in the order in which they are written."""
+        text, source = self.found.source.text, self.found.source
+        index: list[int] = []
+        while True:
+            sign = text[place : place + 1]
+            if sign == "[" and len(index) < len(sizes):
+                index.append(1)
+                place = after_blanks(text, place + 1)
+                continue
+            if sign != "[":
+                raise source.error(place, f"here should be an element of {name}.")
+            place = after_blanks(text, self._target(kind, f"{name}{{{','.join(map(str, index))}}}", place))
+            while text[place : place + 1] == "]" and index:
+                if index[-1] != sizes[len(index) - 1]:
+                    raise source.error(place, f"{name} does not have the elements that it declares.")
+                index.pop()
+                place = after_blanks(text, place + 1)
+            if not index:
+                return place
+            if text[place : place + 1] != ",":
+                raise source.error(place, f"here should be ',' or ']' of {name}.")
+            index[-1] += 1
+            place = after_blanks(text, place + 1)
+
+    def _target(self, kind: str, name: str, place: int) -> int:
+        """Take a target's value; return where it ends."""
+        try:
+            found = AGGREGATES[kind].match(self.found.source.text, place)
+        except LiteralError as error:
+            return self._not_a_target(name, place, error)
+        add = self.found.add_robtarget if kind == "robtarget" else self.found.add_jointtarget
+        self._declare(name, lambda: add(name, found))
+        return found.end()
+
+    def _not_a_target(self, name: str, place: int, error: LiteralError) -> int:
+        if not error.computed:
+            raise self.found.source.error(
+                error.place, str(error), remedy="Correct it on the controller, or leave this program out."
+            ) from None
+        if "{" in name:  # the rest of the array could not be found again
+            raise self.found.source.error(
+                error.place, f"{name} is computed.", remedy="Write its numbers out."
+            )
+        self.found.remark(place, "computed", _COMPUTED_TEXT.format(name))
+        return max(place, error.place)
+
+    def _declare(self, name: str, add: Callable[[], None]) -> None:
+        row = len(self.found.names)
+        add()
+        self.uses.declare(name, row)
+
+    def _frame(self, kind: str, name: str, declared: re.Match[str]) -> int:
+        if not declared[4]:
+            return declared.end()
+        try:
+            found = AGGREGATES[kind].match(self.found.source.text, declared.end())
+        except LiteralError:
+            self.found.remark(declared.start(2), "foreign", _UNREAD_TEXT.format(name, kind))
+            return declared.end()
+        self.uses.spell(name)
+        if kind == "tooldata":
+            self._tool(name, found)
+        else:
+            self._work_object(name, found)
+        return found.end()
+
+    def _tool(self, name: str, found: re.Match[str]) -> None:
+        pose = pose_of(found.groups()[1:8])
+        if found[1].upper() == "FALSE":
+            self.uses.seen_from_flange.add(name.lower())
+            self.found.remark(found.start(), "foreign", _STATIONARY_TEXT.format(name))
+        elif pose is not None:
+            self.tools[name] = pose
+
+    def _work_object(self, name: str, found: re.Match[str]) -> None:
+        user, obj = pose_of(found.groups()[3:10]), pose_of(found.groups()[10:17])
+        if found[1].upper() == "TRUE":
+            self.uses.seen_from_flange.add(name.lower())
+            self.found.remark(found.start(), "foreign", _HELD_TEXT.format(name))
+        elif found[2].upper() == "FALSE":
+            self.found.remark(found.start(), "foreign", _MOVED_TEXT.format(name, found[3]))
+        elif user is not None and obj is not None:
+            self.bases[name] = user @ obj
+
+    def _assignment(self, start: int, end: int, assigned: re.Match[str]) -> int:
+        text = self.found.source.text
+        name = text[start:end] + (f"{{{''.join(assigned[1].split())}}}" if assigned[1] else "")
+        if text[assigned.end() : assigned.end() + 1] == "[" and not assigned[2]:
+            for kind in TARGETS:
+                found = AGGREGATES[kind].pattern.match(text, assigned.end())
+                if found is not None:
+                    add = self.found.add_robtarget if kind == "robtarget" else self.found.add_jointtarget
+                    add(name, found)
+                    return found.end()
+        self.assigned.append((start, text[start:end], self.uses.scope))
+        return assigned.end()
+
+    def _instruction(self, word: str, start: int, end: int) -> int:
+        if _ASSIGNED.match(self.found.source.text, end):
+            return end
+        instruction = read_instruction(self.found.source, word, end)
+        for part, target in enumerate(instruction.targets):
+            self._moved_to(instruction, part, target, start)
+        return instruction.end
+
+    def _moved_to(self, instruction: Instruction, part: int, target: Target, start: int) -> None:
+        if target.remark:
+            self.found.remark(target.place, *target.remark)
+        if target.literal is None:
+            if target.name:
+                self.uses.use(target.name, instruction.tool, instruction.frame)
+            return
+        word = self.found.source.text[start : start + len(instruction.word)]
+        name = f"{word}@{self.found.source.line_of(target.place)}" + (f".{part + 1}" if part else "")
+        row = len(self.found.names)
+        add = self.found.add_jointtarget if target.axes else self.found.add_robtarget
+        add(name, target.literal)
+        self.uses.use_row(row, instruction.tool, instruction.frame)
+
+    def _module(self, word: str, end: int) -> int:
+        named = _NAME.match(self.found.source.text, end)
+        if named is None:
+            return end
+        self.name = self.name or named[1]
+        self.modules += 1
+        self.uses.enter_module(named[1])
+        return named.end()
+
+    def _routine(self, word: str, end: int) -> int:
+        pattern = _FUNCTION_NAME if word == "func" else _NAME
+        named = pattern.match(self.found.source.text, end)
+        if named is None:
+            return end
+        self.uses.enter_routine(named[1])
+        return named.end()
+
+    def _leave(self, word: str, end: int) -> int:
+        self.uses.enter_routine("")
+        return end
+
+
+_HANDLERS: dict[str, Callable[[Module, str, int], int]] = {
+    **dict.fromkeys(("const", "pers", "var"), Module._declaration),  # noqa: SLF001  # a table of its own methods
+    **dict.fromkeys(("proc", "func", "trap"), Module._routine),  # noqa: SLF001
+    **dict.fromkeys(("endproc", "endfunc", "endtrap"), Module._leave),  # noqa: SLF001
+    "module": Module._module,  # noqa: SLF001
+}
+
+
+def read_module(source: Source) -> Module:
+    """Read a module."""
+    module = Module(Collected(source))
+    module.read()
+    module.finish()
+    return module

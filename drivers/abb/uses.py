@@ -1,0 +1,101 @@
+"""Which tool and work object a target is used with: what the moves of a file say of the names it declares."""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+from drivers.abb.collected import Collected
+from drivers.programs.positions import CARTESIAN
+
+Used = tuple[str | None, str | None]  # tool, work object; None where it is computed
+
+_DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
+_SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
+
+
+@dataclass
+class Uses:
+    """Declared targets by scope, and the moves that name them."""
+
+    scope: str = "/"  # module/routine
+    rows: dict[tuple[str, str], list[int]] = field(default_factory=lambda: defaultdict(list))  # (scope, name)
+    used: list[tuple[str, str, Used]] = field(default_factory=list)  # scope, name, with what
+    of_row: dict[int, list[Used]] = field(default_factory=lambda: defaultdict(list))
+    spelling: dict[str, str] = field(default_factory=dict)
+    seen_from_flange: set[str] = field(default_factory=set)
+    user_frames: dict[int, str] = field(default_factory=dict)
+    tools: dict[int, str] = field(default_factory=dict)
+    of_modules: dict[str, list[int]] = field(
+        default_factory=lambda: defaultdict(list)
+    )  # seen from all routines
+
+    def enter_module(self, name: str) -> None:
+        """Begin a module."""
+        self.scope = f"{name.lower()}/"
+
+    def enter_routine(self, name: str) -> None:
+        """Begin a routine, or leave one with an empty name."""
+        self.scope = f"{self.scope.partition('/')[0]}/{name.lower()}"
+
+    def spell(self, name: str) -> str:
+        """Return a name as it was first written."""
+        return self.spelling.setdefault(name.lower(), name)
+
+    def declare(self, name: str, row: int) -> None:
+        """Note a declared target; an element stands for its array, too."""
+        bare = name.partition("{")[0].lower()
+        self.rows[self.scope, name.lower()].append(row)
+        if bare != name.lower():
+            self.rows[self.scope, bare].append(row)
+        if self.scope.endswith("/"):
+            self.of_modules[bare].append(row)
+
+    def use(self, name: str, tool: str | None, frame: str | None) -> None:
+        """Note that a move goes to a named target."""
+        self.used.append((self.scope, name, self._spelled(tool, frame)))
+
+    def use_row(self, row: int, tool: str | None, frame: str | None) -> None:
+        """Note what a target inside a move is used with."""
+        self.of_row[row].append(self._spelled(tool, frame))
+
+    def rows_of(self, name: str, scope: str) -> list[int]:
+        """Return the rows that a name means in a scope: the routine's own, the module's, another module's."""
+        module = scope.partition("/")[0]
+        for where in (scope, f"{module}/"):
+            rows = self.rows.get((where, name.lower()))
+            if rows is not None:
+                return rows
+        bare = name.partition("{")[0].lower()
+        if bare != name.lower():
+            return self.rows_of(bare, scope)
+        return self.of_modules.get(bare, [])
+
+    def resolve(self, found: Collected) -> None:
+        """Give every row the tool and work object that all its uses agree on."""
+        uses: dict[tuple[str, str], set[Used]] = defaultdict(set)
+        for scope, name, what in self.used:
+            uses[scope, name].add(what)
+        for (scope, name), what_all in uses.items():
+            for row in self.rows_of(name, scope):
+                self.of_row[row] += [what for what in what_all if what not in self.of_row[row]]
+        for row, what_all_of_row in sorted(self.of_row.items()):
+            self._settle(found, row, set(what_all_of_row))
+
+    def _settle(self, found: Collected, row: int, uses: set[Used]) -> None:
+        if found.kinds[row] != CARTESIAN:
+            return  # axes are in no frame
+        for column, values in (
+            (self.tools, {use[0] for use in uses}),
+            (self.user_frames, {use[1] for use in uses}),
+        ):
+            value = next(iter(values))
+            if len(values) == 1 and value is not None:
+                column[row] = value
+        if len(uses) > 1:
+            found.remark(found.starts[row], "indirect", _DIFFERENT.format(found.names[row]))
+        if any(part is not None and part.lower() in self.seen_from_flange for use in uses for part in use):
+            self.tools.pop(row, None)
+            self.user_frames.pop(row, None)
+            found.forget(row, _SEEN_FROM_FLANGE)
+
+    def _spelled(self, tool: str | None, frame: str | None) -> Used:
+        return (tool and self.spell(tool), frame and self.spell(frame))

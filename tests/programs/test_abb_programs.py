@@ -1,0 +1,197 @@
+"""RAPID modules: what is read out of them, what is left alone, what is refused; confdata of postures."""
+
+import numpy as np
+import pytest
+
+from calibration.arm.kinematics import load_model
+from calibration.geometry import homogeneous, quaternion_from_rotation
+from drivers.abb.configuration import AbbConfigurations
+from drivers.abb.programs import BRAND, writes_program
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Change
+
+E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
+
+
+def read(*lines: str):
+    return BRAND.read("a.mod", "\r\n".join(["MODULE Teil", *lines, "ENDMODULE"]).encode("latin-1"))
+
+
+def target(
+    name: str, place: str = "100.5,0,-20", turn: str = "0,0.70711,0,0.70711", flags: str = "0,-1,0,1"
+) -> str:
+    return f"CONST robtarget {name}:=[[{place}],[{turn}],[{flags}],{E}];"
+
+
+def move(file, row: int, shift) -> str:
+    moved = homogeneous(np.eye(3), np.array(shift)) @ file.positions.frame_tip[[row]]
+    return file.changed(Change(np.array([row]), frame_tip=moved)).to_bytes().decode("latin-1")
+
+
+def test_targets_have_the_frames_of_the_moves_that_use_them():
+    file = read(
+        target("p1"),
+        target("p2"),
+        target("p3"),
+        f"CONST jointtarget jp:=[[0,10,-20,0,9E9,5.5],{E}];",
+        "PROC main()",
+        "MoveL P1,v100,fine,tGrip\\WObj:=wTable;",
+        "MoveJ p2,v100,fine,tGrip;",
+        "MoveL p2,v100,fine,tGrip\\WObj:=WTABLE;",
+        "MoveL Offs(p3,0,0,10),v100,fine,TGRIP\\WObj:=wTable;",
+        "ENDPROC",
+    )
+    positions = file.positions
+    assert (file.name, positions.names) == ("Teil", ("p1", "p2", "p3", "jp"))
+    assert positions.kinds == (CARTESIAN, CARTESIAN, CARTESIAN, JOINTS)
+    assert positions.user_frames == ("wTable", None, "wTable", None)
+    assert positions.tools == ("tGrip", "tGrip", "tGrip", None)
+    assert positions.configurations == ("[0,-1,0,1]",) * 3 + ("",)
+    assert np.allclose(positions.frame_tip[0, :3, 3], (0.1005, 0, -0.02))
+    assert np.allclose(np.rad2deg(positions.joints[3]), (0, 10, -20, 0, np.nan, 5.5), equal_nan=True)
+    assert np.isnan(positions.external).all()
+    assert [remark.code for remark in file.remarks] == ["indirect", "offset"]
+
+
+def test_a_shift_keeps_every_other_byte_and_a_zero_gets_its_decimals():
+    file = read(target("p1"))
+    text = move(file, 0, (0.001, 0.00025, 0))
+    assert text == file.to_bytes().decode().replace("100.5,0,-20", "101.500,0.250,-20")
+
+
+def test_a_quaternion_keeps_its_sign():
+    file = read(target("p1", turn="-0.5,0.5,-0.5,0.5"))
+    turned = file.positions.frame_tip @ homogeneous(_turn(0.01), np.zeros(3))
+    text = file.changed(Change(np.array([0]), frame_tip=turned))
+    assert text.to_bytes().decode().split("[")[3].startswith("-0.502494,0.497494")
+    difference = text.positions.frame_tip[0, :3, :3].T @ turned[0, :3, :3]
+    assert np.linalg.norm(quaternion_from_rotation(difference)[1:]) < 1e-6
+
+
+def _turn(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+
+def test_arrays_inline_targets_and_two_in_one_circle_are_named():
+    one = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{E}]"
+    file = read(
+        f"CONST robtarget pts{{2,2}}:=[[{one},{one}],[{one},! so\n {one}]];",
+        f"MoveC {one},{one},v1,z1,tool0;",
+        f"MoveAbsJ [[1,2,3,4,5,6],{E}],v1,z1,tool0;",
+    )
+    inline = ("MoveC@4", "MoveC@4.2", "MoveAbsJ@5")
+    assert file.positions.names == ("pts{1,1}", "pts{1,2}", "pts{2,1}", "pts{2,2}", *inline)
+    assert file.positions.user_frames[4:] == ("wobj0", "wobj0", None)
+
+
+def test_a_routines_own_target_hides_the_modules():
+    file = read(
+        target("p1"),
+        "PROC a()",
+        target("p1"),
+        "MoveL p1,v1,z1,tOwn\\WObj:=wOwn;",
+        "ENDPROC",
+        "PROC b()",
+        "MoveL p1,v1,z1,tAll\\WObj:=wAll;",
+        "ENDPROC",
+    )
+    assert file.positions.names == ("p1", "p1@4")
+    assert file.positions.user_frames == ("wAll", "wOwn")
+
+
+@pytest.mark.parametrize(
+    ("line", "column", "problem"),
+    [
+        (target("p", place="1,2"), 25, "here should be ','"),
+        (target("p", place="1,2,3,4"), 27, "here should be ']'"),
+        (target("p", place="1,2.3.4,3"), 24, "a number"),
+        (target("p", turn="0.8,0.8,0,0"), 36, "quaternion has the length 1.1314"),
+        (target("p", place="1,2,1E400"), 26, "no robot"),
+        ("MoveL [[1,2,x3],[1,0,0]],v1,z1,tool0", 6, "does not end"),
+    ],
+)
+def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line, column, problem):
+    with pytest.raises(ProgramFileError, match=problem) as caught:
+        read(line)
+    assert (caught.value.line, caught.value.column) == (2, column)
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("MoveL *,v1,z1,tool0;", "computed"),
+        ("MoveL RelTool(p1,0,0,5),v1,z1,tool0;", "offset"),
+        ("MoveL fNext(3),v1,z1,tool0;", "computed"),
+        ("PDispOn p1,tool0;", "offset"),
+        ("p1.trans.x:=5;", "computed"),
+        ("p1:=CRobT();", "computed"),
+        ("VAR robtarget many{20};", "computed"),
+        ("! [[1,2,3],[1,0,0,0]]", "comment"),
+        (target("q", place="1,dist,3"), "computed"),
+    ],
+)
+def test_what_also_moves_the_robot_is_remarked_and_left(line, code):
+    file = read(target("p1"), line)
+    assert code in [remark.code for remark in file.remarks if remark.line == 3]
+    assert file.positions.names == ("p1",)
+
+
+def test_frames_of_fixed_work_objects_and_tools_on_the_robot():
+    file = read(
+        'PERS wobjdata w:=[FALSE,TRUE,"",[[1000,0,0],[0,0,0,1]],[[100,0,0],[1,0,0,0]]];',
+        'PERS wobjdata wTurn:=[FALSE,FALSE,"STN1",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',
+        "PERS tooldata t:=[TRUE,[[0,0,180],[1,0,0,0]],[5,[0,0,50],[1,0,0,0],0,0,0]];",
+    )
+    assert sorted(file.frames.base_frame) == ["w", "wobj0"]
+    assert np.allclose(file.frames.base_frame["w"].position_m, (0.9, 0, 0))
+    assert file.frames.flange_tip["t"].position_m == (0, 0, 0.18)
+
+
+def test_a_held_work_object_is_listed_but_not_shifted():
+    file = read(
+        'PERS wobjdata wHeld:=[TRUE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',
+        target("p1"),
+        "MoveL p1,v1,z1,tool0\\WObj:=wHeld;",
+    )
+    assert file.positions.kinds == (UNTAUGHT,)
+    with pytest.raises(ProgramFileError, match="held work object"):
+        file.changed(Change(np.array([0]), frame_tip=np.eye(4)[None]))
+
+
+# Axes in degrees and confdata: quadrants and the eight postures of the RAPID manual's table.
+POSTURES = [
+    ((0, 0, 0, 0, 30, 0), "[0,0,0,0]"),
+    ((10, 0, 0, 100, -30, -100), "[0,1,-2,1]"),
+    ((-10, 0, 0, -100, 30, 370), "[-1,-2,4,0]"),
+    ((10, 30, -95, 10, 30, -95), "[0,0,-2,2]"),
+    ((10, -100, 20, 10, -30, -5), "[0,0,-1,5]"),
+]
+
+
+@pytest.mark.parametrize(("degrees", "text"), POSTURES)
+def test_confdata_of_known_postures(degrees, text):
+    model, rule = load_model("abb_irb120"), AbbConfigurations()
+    joints = np.deg2rad([degrees])
+    assert rule.spelled(model, joints, [text]) == (text,)
+    assert rule.agrees(model, joints, [text]).all()
+    assert rule.agrees(model, joints, [""]).all()
+
+
+def test_wrong_confdata_does_not_agree():
+    model, rule = load_model("abb_irb120"), AbbConfigurations()
+    joints = np.deg2rad([[10, 0, 0, 100, -30, -100]] * 3)
+    texts = ["[0,1,-2,0]", "[0,1,2,1]", "[1,1,-2,1]"]
+    assert not rule.agrees(model, joints, texts).any()
+    assert rule.agrees(model, joints, texts, turns=False).tolist() == [False, True, False]
+
+
+def test_new_confdata_is_written_in_place():
+    file = read(target("p1"))
+    text = file.changed(Change(np.array([0]), configurations=("[1,0,-1,0]",))).to_bytes()
+    assert text == file.to_bytes().replace(b"[0,-1,0,1]", b"[1,0,-1,0]")
+
+
+def test_other_makers_mod_files_are_not_taken():
+    assert not writes_program(b"M.K.\0\0")
+    assert writes_program(b"%%%\n  VERSION:1\n%%%\nMODULE a\n")
