@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 
 from calibration.errors import CellError
@@ -66,6 +67,7 @@ def create_app(settings: Settings) -> FastAPI:
     app = FastAPI(title="cellcal", lifespan=lifespan, docs_url=None, redoc_url=None)
     app.state.house = house
     app.add_exception_handler(CellError, _told)
+    app.add_exception_handler(RequestValidationError, _not_understood)
     for router in (screen.router, commands.router, outlook.router, history.router):
         app.include_router(router, prefix="/api")
     add_pages(app)
@@ -76,3 +78,15 @@ def _told(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, CellError)
     body = {"code": error.code, "message": error.message, "remedy": error.remedy}
     return JSONResponse(body, status_code=503 if isinstance(error, DeskGoneError) else 422)
+
+
+def _not_understood(_: Request, error: Exception) -> JSONResponse:
+    """Say which field is wrong, without sending back what was sent: it may be huge, or no JSON at all."""
+    assert isinstance(error, RequestValidationError)
+    faults = "; ".join(f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors()[:5])
+    body = {
+        "code": "request",
+        "message": f"The request is not understood: {faults}",
+        "remedy": "See /openapi.json.",
+    }
+    return JSONResponse(body, status_code=422)

@@ -18,4 +18,6 @@ def add_pages(app: FastAPI) -> None:
     if (DIST / "index.html").is_file():
         app.mount("/", StaticFiles(directory=DIST, html=True), name="pages")
     else:
-        app.add_api_route("/", lambda: PlainTextResponse(_NOT_BUILT, status_code=503), include_in_schema=False)
+        app.add_api_route(
+            "/", lambda: PlainTextResponse(_NOT_BUILT, status_code=503), include_in_schema=False
+        )

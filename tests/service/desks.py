@@ -1,0 +1,91 @@
+"""A desk over a fake cell on real sockets, for tests: orders in, what screens would see out."""
+
+import asyncio
+import contextlib
+import itertools
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from service.configuration.cell_file import read_cell_file
+from service.demo.door import Door
+from service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from service.desk.desk import Desk
+from service.desk.messages import Command
+
+COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
+PATIENCE_S = 60.0
+RECORD = {"op": "start", "procedure": "mastering_record", "settings": {}}
+
+
+class AtDesk:
+    """Somebody at a screen."""
+
+    def __init__(self, cell_file: Path, door: Door) -> None:
+        self.door = door
+        self.seen: list[dict[str, Any]] = []
+        self.live: dict[str, Any] = {}
+        self._numbers = itertools.count(1)
+        self.desk = Desk(read_cell_file(cell_file), self._told)
+
+    def _told(self, kind: str, content: dict[str, Any]) -> None:
+        if kind == "session":
+            self.seen.append(content)
+        else:
+            self.live = content
+
+    @property
+    def session(self) -> dict[str, Any]:
+        return self.desk.session()
+
+    async def order(
+        self, order: dict[str, Any], *, rev: int | None = None, press: str = ""
+    ) -> dict[str, Any]:
+        asked = {
+            "id": press or f"press {next(self._numbers)}",
+            "rev": self.desk.rev if rev is None else rev,
+            "who": "Anna",
+            "order": order,
+        }
+        return await self.desk.obey(COMMAND.validate_python(asked))
+
+    async def until(self, true: Callable[[dict[str, Any]], Any]) -> Any:
+        async with asyncio.timeout(PATIENCE_S):
+            while not (found := true(self.session)):
+                await asyncio.sleep(0.01)
+        return found
+
+    async def answer(self, key: str, value: str = "yes") -> dict[str, Any]:
+        prompt = await self.until(
+            lambda session: (session["prompt"] or {}).get("key") == key and session["prompt"]
+        )
+        return await self.order({"op": "answer", "prompt_id": prompt["id"], "value": value})
+
+    async def joints(self) -> list[float]:
+        truth = await self.door.truth()
+        return list(truth["robots"]["fanuc"]["counts_read"])
+
+
+@asynccontextmanager
+async def a_cell(folder: Path, *, time_factor: float = 500.0) -> AsyncIterator[tuple[Path, Door]]:
+    with free_address() as address:
+        path = write_cell_file(folder, address, seed=3, time_factor=time_factor)
+    async with running_fakes(path) as door:
+        yield path, door
+
+
+@asynccontextmanager
+async def at_desk(folder: Path, *, time_factor: float = 500.0) -> AsyncIterator[AtDesk]:
+    async with a_cell(folder, time_factor=time_factor) as (path, door):
+        person = AtDesk(path, door)
+        attending = asyncio.create_task(person.desk.attend())
+        try:
+            await person.until(lambda session: session["connection"]["connected"])
+            yield person
+        finally:
+            attending.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await attending

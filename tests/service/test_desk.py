@@ -1,0 +1,125 @@
+"""The desk: one run for any number of screens, over real drivers and sockets."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from service.configuration.cell_file import read_cell_file
+from service.runs.cell import open_journal
+from service.runs.store import Store
+from tests.service.desks import COMMAND, RECORD, AtDesk, at_desk
+
+
+async def test_an_order_is_obeyed_once_and_only_for_what_its_sender_saw(tmp_path: Path) -> None:
+    async with at_desk(tmp_path) as person:
+        seen = person.desk.rev
+        first = await person.order(RECORD, rev=seen, press="one press")
+        again = await person.order(RECORD, rev=seen, press="one press")
+        late = await person.order(RECORD, rev=seen, press="another tablet")
+        assert first["ok"]
+        assert again == first
+        assert (late["ok"], late["code"]) == (False, "desk.stale")
+        assert late["session"]["run"]["procedure"] == "mastering_record"
+        prompt = await person.until(lambda session: session["prompt"])
+        await person.answer(prompt["key"])
+        doubled = await person.order({"op": "answer", "prompt_id": prompt["id"]})
+        assert (doubled["ok"], doubled["code"]) == (False, "desk.stale")
+        await person.order({"op": "stop"})
+
+
+async def test_a_move_waits_for_the_button_and_ends_with_it(tmp_path: Path) -> None:
+    async with at_desk(tmp_path, time_factor=20.0) as person:
+        await person.order(RECORD | {"hold_to_move": True})
+        await person.answer("wire_is_hooked")
+        await person.answer("accept_plan")
+        await person.until(lambda session: session["waits_for_hold"])
+        stood = await person.joints()
+        holding = asyncio.create_task(_hold(person))
+        await person.until(lambda _: person.live["devices"][0]["value"]["moving"])
+        holding.cancel()  # no word of letting go: the screen just falls silent
+        await person.until(lambda session: session["waits_for_hold"])
+        left = await person.joints()
+        await asyncio.sleep(0.3)
+        assert left != stood
+        assert await person.joints() == left
+        await person.order({"op": "stop"})
+        ended = await person.until(lambda session: session["run"]["outcome"] and session["run"])
+        assert ended["outcome"]["verdict"] == "cancelled"
+
+
+async def test_a_stopped_run_is_journalled_and_goes_on_where_it_was(tmp_path: Path) -> None:
+    async with at_desk(tmp_path) as person:
+        await person.order(RECORD | {"hold_to_move": False})
+        await person.answer("wire_is_hooked")
+        await person.answer("accept_plan")
+        await person.until(lambda session: "capture 2" in session["run"]["found"])
+        await person.order({"op": "stop"})
+        run = await person.until(lambda session: session["run"]["outcome"] and session["run"])
+        found = list(run["found"])
+        await person.order({"op": "resume", "run_id": run["id"], "hold_to_move": False})
+        await person.answer("wire_is_hooked")  # a condition: asked on every entry
+        resumed = await person.until(
+            lambda session: (
+                session["run"]["id"] == run["id"]
+                and len(session["run"]["found"]) >= len(found)
+                and session["run"]
+            )
+        )
+        assert resumed["found"][: len(found)] == found
+        await person.order({"op": "stop"})
+        with open_journal(read_cell_file(tmp_path / "cell.toml")) as journal:
+            steps = [finding.step for finding in Store(journal).run(run["id"]).past.findings]
+        assert len(steps) == len(set(steps))
+
+
+async def test_what_cannot_be_done_just_now_is_said(tmp_path: Path) -> None:
+    async with at_desk(tmp_path) as person:
+        unknown = await person.order({"op": "start", "procedure": "mastering_recrod"})
+        assert not unknown["ok"]
+        assert "mastering_record" in unknown["message"] + unknown["remedy"]
+        refused = await person.order(
+            {"op": "start", "procedure": "mastering_recovery", "hold_to_move": False}
+        )
+        assert refused["ok"]
+        outcome = await person.until(lambda session: session["run"]["outcome"])
+        assert outcome["verdict"] == "refused"
+        assert "record" in outcome["reason"]
+        await person.order({"op": "dismiss"})
+        await person.order(RECORD)
+        busy = await person.order({"op": "select_robot", "robot": "ur"})
+        assert "under way" in busy["message"]
+        await person.order({"op": "stop"})
+        await person.order({"op": "dismiss"})
+        await person.order({"op": "select_robot", "robot": "ur"})
+        await person.until(lambda session: session["robot"] == "ur" and session["connection"]["connected"])
+
+
+async def test_a_loss_is_seen_on_the_screen_with_its_answer(tmp_path: Path) -> None:
+    async with at_desk(tmp_path) as person:
+        await asyncio.sleep(0.5)  # it has seen the robot healthy
+        await person.door.fault("battery_loss", axes="all")
+        losses = await person.until(lambda session: session["losses"])
+        assert (losses[0]["robot"], losses[0]["procedure"]) == ("fanuc", "mastering_recovery")
+        assert losses[0]["mode"] == "M1"
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        {"op": "move", "joints": [0, 0]},
+        {"op": "start", "procedure": "mastering_record", "robot_speed": 9},
+        {"op": "start", "procedure": "x" * 300},
+        {"op": "answer", "prompt_id": "a", "value": "x" * 5000},
+    ],
+)
+def test_an_order_that_is_none_is_refused_at_the_door(order: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        COMMAND.validate_python({"id": "1", "rev": 1, "who": "Anna", "order": order})
+
+
+async def _hold(person: AtDesk) -> None:
+    while True:
+        await person.order({"op": "hold", "held": True})
+        await asyncio.sleep(0.1)
