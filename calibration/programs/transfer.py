@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
 from calibration.compensation.compensate import Compensation, CompensationLimits, reach_poses
 from calibration.compensation.pose_gap import Arm, Flags
 from calibration.geometry import Array, inverse_transform
@@ -121,13 +122,13 @@ def nearest_turns(joints_rad: Array, to_rad: Array) -> Array:
     return near
 
 
-def smallest_sigma(arm: Arm, joints_rad: Array, enough: float = np.inf) -> Array:
+def smallest_sigma(model: RobotModel, joints_rad: Array, enough: float = np.inf) -> Array:
     """Return (N,) the smallest singular value of the flange's Jacobian [m/rad], zero in a singularity.
 
     Where it is surely above ``enough``, a bound below it is returned: the volume over the largest that the other
     five could be, ``|det J| / (|J|^2 / 5)^(5/2)``.
     """
-    _, jacobian = arm.model.flange_jacobian(joints_rad)
+    _, jacobian = model.flange_jacobian(joints_rad)
     whole = np.einsum("nij,nij->n", jacobian, jacobian)
     found = np.abs(np.linalg.det(jacobian)) / (whole / 5.0) ** 2.5
     near = np.flatnonzero(found <= enough)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.compensation.pose_gap import Arm
 from calibration.geometry import Array
 from calibration.motion.collision import CollisionCheck, Contact
 from calibration.programs.transfer import Transferred, smallest_sigma
@@ -55,7 +54,7 @@ class Judge:
             ),
         )
         self._limits(points, rows, found.joints_rad)
-        sigma = smallest_sigma(Arm(self.project.controller), found.joints_rad, self.project.smallest_sigma)
+        sigma = smallest_sigma(self.project.controller, found.joints_rad, self.project.smallest_sigma)
         near = sigma < self.project.smallest_sigma
         words = "near a singularity: {:.4f} m/rad, at least " + f"{self.project.smallest_sigma:g} is wanted"
         points.refuse(rows[near], _said(rows[near], sigma[near], words))

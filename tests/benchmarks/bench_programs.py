@@ -1,0 +1,77 @@
+"""How long a line of programs takes to clone: ``python -m tests.benchmarks.bench_programs [points] [each]``."""
+
+import resource
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from drivers.fanuc.programs import BRAND
+from drivers.programs.positions import Change, Frames, Positions
+from service.programs.clone import cloning
+from tests.unit.helpers.cloned_cells import MODEL, FakeCell, work_postures
+
+_DRAWN = 20_000  # different postures
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """A program without a file: what is measured is the engine, not a reader."""
+
+    positions: Positions
+    brand: str = "fanuc"
+    name: str = "KEPT"
+    remarks: tuple = ()
+    frames: Frames = Frames()  # noqa: RUF009  frozen and empty
+
+    def to_bytes(self) -> bytes:
+        return b""
+
+    def changed(self, change: Change) -> "Kept":
+        poses = self.positions.frame_tip.copy()
+        poses[change.rows] = change.frame_tip
+        return Kept(replace(self.positions, frame_tip=poses))
+
+
+def kept(frame_tip: np.ndarray, texts: tuple[str, ...]) -> Kept:
+    """Return taught points as a program."""
+    n = len(frame_tip)
+    one = ("1",) * n
+    joints, none = np.full((n, 6), np.nan), np.zeros((n, 0))
+    numbers = np.arange(n), np.ones(n, dtype=np.int64)
+    names = tuple(f"P[{i}]" for i in range(n))
+    rounded = np.full(n, 1e-6), np.full(n, 2e-5)
+    return Kept(
+        Positions(names, ("cartesian",) * n, *numbers, frame_tip, joints, none, one, one, texts, *rounded)
+    )
+
+
+def main() -> None:
+    """Print seconds, and memory beside that of the points themselves."""
+    count, each = (int(word) for word in (*sys.argv[1:], "1200", "40")[:2])
+    with tempfile.TemporaryDirectory() as folder:
+        master, clone = FakeCell("master", 1), FakeCell("clone", 1001)
+        carrier = cloning(
+            master.project(Path(folder) / "m"), clone.project(Path(folder) / "c"), BRAND.configurations
+        )
+    joints = work_postures(master, min(count, _DRAWN), 1)
+    texts = BRAND.configurations.spelled(MODEL, joints, ["N U T, 0, 0, 0"] * len(joints))
+    times = -(-count // len(joints))
+    poses, words = np.tile(master.taught(joints), (times, 1, 1))[:count], (texts * times)[:count]
+    programs = [kept(poses[i : i + each], words[i : i + each]) for i in range(0, count, each)]
+    began, used = time.perf_counter(), time.process_time()
+    results = carrier.carry(programs)
+    wall, cpu = time.perf_counter() - began, time.process_time() - used
+    left = sum(result.counts["left"] for result in results)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    sys.stdout.write(
+        f"{len(programs)} programs, {count} points: {wall:.2f} s, {cpu:.2f} s of the processor, at most "
+        f"{peak:.0f} MB with everything, {left} left\n"
+    )
+
+
+if __name__ == "__main__":
+    main()
