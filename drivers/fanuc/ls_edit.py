@@ -25,6 +25,7 @@ from drivers.programs.positions import JOINTS as JOINTS_KIND
 from drivers.programs.positions import Change, Positions
 
 Edit = tuple[int, int, bytes]  # from, to, what stands there then
+_BLOCK = 5000  # positions whose new texts are in memory at once
 _PER_UNIT = {b"mm": 1e3, b"deg": 180.0 / np.pi}
 
 
@@ -34,24 +35,37 @@ def edited(
     """Return the file with the change; `LsProgram.changed` says what it raises."""
     rows = _checked_rows(place, positions, change)
     blocks = _Blocks(place, body, positions, offsets)
-    edits: list[Edit] = []
-    if change.frame_tip is not None:
-        edits += _poses(blocks, rows, np.asarray(change.frame_tip, dtype=float))
-    if change.joints is not None:
-        edits += _joints(blocks, rows, np.asarray(change.joints, dtype=float))
-    if change.configurations is not None:
-        edits += _configurations(blocks, rows, change.configurations)
-    if change.user_frames is not None:
-        edits += _user_frames(blocks, rows, change.user_frames)
-    return _applied(place.data, sorted(edits))
-
-
-def _applied(data: bytes, edits: Sequence[Edit]) -> bytes:
+    in_order = np.argsort(offsets[rows], kind="stable")
     pieces, at = [], 0
-    for start, end, text in edits:
-        pieces += [data[at:start], text]
-        at = end
-    return b"".join([*pieces, data[at:]])
+    for first in range(0, len(rows), _BLOCK):
+        edits = sorted(_edits(blocks, _part(change, in_order[first : first + _BLOCK])))
+        new = []
+        for start, end, text in edits:
+            new += [place.data[at:start], text]
+            at = end
+        pieces.append(b"".join(new))
+    return b"".join([*pieces, place.data[at:]])
+
+
+def _part(change: Change, chosen: NDArray[np.int64]) -> Change:
+    return Change(
+        np.asarray(change.rows, dtype=np.int64)[chosen],
+        None if change.frame_tip is None else np.asarray(change.frame_tip, dtype=float)[chosen],
+        None if change.joints is None else np.asarray(change.joints, dtype=float)[chosen],
+        None if change.configurations is None else [change.configurations[i] for i in chosen],
+        None if change.user_frames is None else [change.user_frames[i] for i in chosen],
+    )
+
+
+def _edits(blocks: "_Blocks", change: Change) -> Iterator[Edit]:
+    if change.frame_tip is not None:
+        yield from _poses(blocks, change.rows, change.frame_tip)
+    if change.joints is not None:
+        yield from _joints(blocks, change.rows, change.joints)
+    if change.configurations is not None:
+        yield from _configurations(blocks, change.rows, change.configurations)
+    if change.user_frames is not None:
+        yield from _user_frames(blocks, change.rows, change.user_frames)
 
 
 class _Blocks:

@@ -31,7 +31,16 @@ class NumberStyle:
 
     def written(self, old: bytes, value: float) -> bytes:
         """Return a value (in the file's unit) with the decimals of ``old``, blanks before it included."""
-        text = b"%.*f" % (decimals(old), value)
+        digits = decimals(old)
+        if (
+            self.padded
+            and digits
+            and (value >= 1.0 or value <= -1.0)
+            and old[:1] == b" "
+            and b"\t" not in old
+        ):
+            return b" %*.*f" % (len(old) - 1, digits, value)  # nearly all of a million numbers
+        text = b"%.*f" % (digits, value)
         if -1.0 < value < 1.0:
             text = self._small(text)
         if old.endswith(b"."):
