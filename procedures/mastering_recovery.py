@@ -60,19 +60,19 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
     last_counts = record.reference_counts if spec.last_counts is None else spec.last_counts
     if spec.evidence == "wire":
         await run.ensure("the wire is hooked", ask, HOOK_WIRE)
-    lost = await wake_encoders(run, record, last_counts, spec.alarms, spec.index_speed_rad_s)
+    woken = await wake_encoders(run, record, last_counts, spec.alarms, spec.index_speed_rad_s)
     if spec.evidence == "places":
-        return await recover_by_places(run, spec, record, last_counts)
+        return await recover_by_places(run, spec, record, woken.counts)
 
     state = await run.step("read the motors", read_motors)
     _refuse_other_gears(record, state)
     _refuse_unknown_axes(spec, state)
     await run.ensure("the encoders kept their position", same_epoch, state.epoch)
 
-    guess = provisional_turns(record.drive, last_counts, state.counts)
+    guess = provisional_turns(record.drive, woken.counts, state.counts)
     mapping = CountsToJoints(record.drive, record.counts_at_zero, guess)
     campaign = Campaign(run, spec, record, state, mapping, mapping.joints(state.counts))
-    held = await check_the_memory(campaign) if not lost and _data_differ(record, state) else None
+    held = await check_the_memory(campaign) if not woken.lost and _data_differ(record, state) else None
     if held is None:
         found = await measure_until_decided(campaign, guess)
         await _refuse_wrong_record(campaign, found)
@@ -232,7 +232,7 @@ def _forecast(spec: MasteringRecoverySpec, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="mastering_recovery",
     title="Mastering recovery",
-    version=2,
+    version=3,
     procedure=mastering_recovery,
     spec_type=MasteringRecoverySpec,
     needs=("jogs_single_axes", "writes_mastering", "evidence", "model"),

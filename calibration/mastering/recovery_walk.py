@@ -26,7 +26,7 @@ _NEAR_RAD = float(np.deg2rad(40.0))
 _STEP_RAD = float(np.deg2rad(20.0))
 _START_STEP_RAD = float(np.deg2rad(25.0))
 _START_SHARE = 0.35  # of the axes that turn before each pose of the first guess
-_ROUNDS, _BREADTH = 160, 16
+_TRIES, _ROUNDS, _BREADTH = 3, 320, 8
 _VAGUE_S = 200.0  # what one e-fold of missing certainty may cost in robot time
 _FORBIDDEN_S = 100.0  # for each corner that breaks a limit: far more than it could save
 _WARM_S = 30.0
@@ -89,24 +89,33 @@ class WalkPlanner:
         Notes
         -----
         Simulated annealing (Kirkpatrick et al., 1983) over stops and their order. A change moves one axis over
-        a stretch of the walk, lets it stand there, or exchanges two stops; a standing axis costs nothing.
+        a stretch of the walk, lets it stand there, or exchanges two stops; a standing axis costs nothing. The
+        best of a few walks from different first guesses is taken: they differ by more than longer cooling brings.
         """
-        rng = np.random.default_rng(seed)
+        return self.walks(start_rad, captures, seed=seed)[0]
+
+    def walks(self, start_rad: Array, captures: int, *, seed: int = 0) -> list[Array]:
+        """Return a few walks of ``plan`` from different first guesses, the best first."""
         start = np.asarray(start_rad, dtype=float)
+        tries = [self._annealed(start, captures, np.random.default_rng([seed, k])) for k in range(_TRIES)]
+        return [walk for walk, _ in sorted(tries, key=lambda tried: tried[1])]
+
+    def _annealed(self, start: Array, captures: int, rng: np.random.Generator) -> tuple[Array, float]:
+        """Return the best walk found in one cooling down, and its cost."""
         turned = rng.random((captures, len(start))) < _START_SHARE
         walk = start + np.cumsum(_START_STEP_RAD * rng.normal(size=turned.shape) * turned, axis=0)
-        cost = float(self._costs(walk[None], start)[0])
+        cost = float(self.cost(walk[None], start)[0])
         best, least = walk, cost
         for k in range(_ROUNDS):
             others = _changed(walk, start, rng, _BREADTH)
-            costs = self._costs(others, start)
+            costs = self.cost(others, start)
             found = int(np.argmin(costs))
             warmth = _WARM_S * (1.0 - k / _ROUNDS)
             if costs[found] < cost or rng.random() < np.exp((cost - costs[found]) / warmth):
                 walk, cost = others[found], float(costs[found])
             if cost < least:
                 best, least = walk, cost
-        return best
+        return best, least
 
     def worth(
         self, here_rad: Array, measured_rad: Array, candidates_rad: Array, *, efold_s: float
@@ -151,19 +160,22 @@ class WalkPlanner:
         sets, count, axes = joints_rad.shape
         predictor = self._predictor
         terms = predictor.terms(WireSeen.of(joints_rad.reshape(-1, axes), predictor.sigma_m))
-        each = np.arange(sets)
-        together = predictor.expect(terms)[1].reshape(sets, count, sets, count)
-        scatter = together[each, :, each]
+        scatter = predictor.scatter_of_sets(terms, count)
         by_turn = (terms.by_joint @ self.record.drive.radians_per_turn()).reshape(sets, count, axes)
         information = np.swapaxes(by_turn, 1, 2) @ np.linalg.solve(scatter, by_turn)
         covariance = np.linalg.inv(information + np.eye(axes) / TURN_DOUBT**2)
         return np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
 
-    def _costs(self, walks: Array, start: Array) -> Array:
+    def cost(self, walks: Array, start: Array) -> Array:
+        """Return (B,) [s]: the time of walks (B, K, n) [rad] from ``start``, and what is left vague or forbidden."""
         vague = np.maximum(0.0, np.log(self.turn_sigmas(walks) / GOAL_TURNS)).sum(axis=1)
         whole = np.concatenate([np.broadcast_to(start, (len(walks), 1, len(start))), walks], axis=1)
         stops = corners(whole)
-        forbidden = ~self.allowed(stops.reshape(-1, len(start))).astype(bool).reshape(len(walks), -1)
+        turned = np.any(stops != np.concatenate([whole[:, :1], stops[:, :-1]], axis=1), axis=2)
+        forbidden = np.zeros(turned.shape, dtype=bool)
+        forbidden[turned] = ~self.allowed(stops[turned]).astype(
+            bool
+        )  # where no axis turned, nothing new is to be seen
         costs: Array = self.pace.seconds(whole) + _VAGUE_S * vague + _FORBIDDEN_S * forbidden.sum(axis=1)
         return costs
 

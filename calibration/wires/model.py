@@ -168,12 +168,24 @@ def disturbance_covariance(prior: WirePrior, a: WireTerms, b: WireTerms) -> Arra
     at the poses of the record therefore share their disturbances with it, and captures elsewhere do not.
     """
     gaps = a.seen.joints_rad[:, None, :] - b.seen.joints_rad[None, :, :]
-    square = np.einsum("abj,abj->ab", gaps, gaps)
-    lever = a.by_joint @ b.by_joint.T
-    length_square = (a.lengths[:, None] - b.lengths[None, :]) ** 2
+    apart = a.lengths[:, None] - b.lengths[None, :]
+    return _disturbance(prior, gaps, apart, a.by_joint @ b.by_joint.T)
+
+
+def disturbance_of_sets(prior: WirePrior, terms: WireTerms, size: int) -> Array:
+    """Return (B, K, K) [m^2]: the same inside B sets of K = ``size`` lengths each."""
+    joints = terms.seen.joints_rad.reshape(-1, size, terms.seen.joints_rad.shape[1])
+    lengths, by_joint = terms.lengths.reshape(-1, size), terms.by_joint.reshape(joints.shape)
+    gaps = joints[:, :, None, :] - joints[:, None, :, :]
+    apart = lengths[:, :, None] - lengths[:, None, :]
+    return _disturbance(prior, gaps, apart, by_joint @ np.swapaxes(by_joint, 1, 2))
+
+
+def _disturbance(prior: WirePrior, gaps: Array, apart: Array, lever: Array) -> Array:
+    square = np.einsum("...j,...j->...", gaps, gaps)
     joint_part = prior.sigma_flex_rad**2 * np.exp(-square / (2 * _FLEX_RANGE_RAD**2))
     joint_part = joint_part + prior.sigma_ripple_rad**2 * np.exp(-square / (2 * _RIPPLE_RANGE_RAD**2))
     covariance: Array = lever * joint_part
-    covariance += prior.sigma_linearity_m**2 * np.exp(-length_square / (2 * _LINEARITY_RANGE_M**2))
+    covariance += prior.sigma_linearity_m**2 * np.exp(-(apart**2) / (2 * _LINEARITY_RANGE_M**2))
     covariance += prior.sigma_unmodelled_m**2 * np.exp(-square / (2 * _LOCAL_RANGE_RAD**2))
     return covariance

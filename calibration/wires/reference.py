@@ -9,7 +9,14 @@ from calibration.arm.kinematics import RobotModel
 from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.geometry import Array
 from calibration.uncertainty import chi_square_limit
-from calibration.wires.model import WirePrior, WireSeen, WireTerms, disturbance_covariance, wire_terms
+from calibration.wires.model import (
+    WirePrior,
+    WireSeen,
+    WireTerms,
+    disturbance_covariance,
+    disturbance_of_sets,
+    wire_terms,
+)
 
 __all__ = ["WirePredictor", "WirePrior", "WireReference", "fit_wire_reference", "parameter_sigmas"]
 
@@ -258,3 +265,28 @@ class WirePredictor:
         covariance += free @ self._posterior @ free.T + hung_in_again @ hung_in_again.T
         covariance += np.diag(terms.noise(prior))
         return terms.lengths + shared @ self._weighted_residuals, (covariance + covariance.T) / 2.0
+
+    def scatter_of_sets(self, terms: WireTerms, size: int) -> Array:
+        """Return (B, K, K) [m^2]: the covariances of ``expect`` inside B sets of K = ``size`` captures each.
+
+        What captures of different sets share is not computed: many sets are compared in little time.
+        """
+        prior, by_x = self._prior, terms.by_parameter
+        shared = disturbance_covariance(prior, terms, self._record)
+        gain = shared @ self._weight
+        free = by_x - gain @ self._record.by_parameter
+        hung_in_again = by_x[:, 3:7] * prior.sigma_session_m
+        sets: Array = disturbance_of_sets(prior, terms, size) - _within(gain, shared, size)
+        sets += _within(free @ self._posterior, free, size) + _within(hung_in_again, hung_in_again, size)
+        each = np.arange(size)
+        sets[:, each, each] += terms.noise(prior).reshape(-1, size)
+        symmetric: Array = (sets + np.swapaxes(sets, 1, 2)) / 2.0
+        return symmetric
+
+
+def _within(left: Array, right: Array, size: int) -> Array:
+    """Return (B, K, K): the blocks of left @ right' for B groups of K = ``size`` rows."""
+    blocks: Array = left.reshape(-1, size, left.shape[1]) @ np.swapaxes(
+        right.reshape(-1, size, right.shape[1]), 1, 2
+    )
+    return blocks

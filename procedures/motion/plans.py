@@ -44,7 +44,7 @@ NEARBY_CANDIDATES = 300
 QUICK_EFOLD_S, THOROUGH_EFOLD_S = 200.0, 800.0  # of robot time for one e-fold of one motor's certainty
 QUICK_CAPTURES = 16  # who is not sure after these looks for better poses, also far away
 FINER_GAIN = 0.15  # e-folds of all motors together: below this another capture is not worth its time
-_WALKS_TRIED, _CHOICES_TRIED = 3, 8
+_SEEDS_TRIED, _CHOICES_TRIED = 2, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +162,8 @@ def plan_first(
     model, limits = load_model(record.model), motion_limits(state, record.drive, room)
     planner = _walks(model, record, limits, state)
     here = np.array(here_rad)
-    for seed in range(_WALKS_TRIED):
-        walk = list(planner.plan(here, poses, seed=seed))
+    for tried in (walk for seed in range(_SEEDS_TRIED) for walk in planner.walks(here, poses, seed=seed)):
+        walk = list(tried)
         if walk_allowed(model, here, walk, limits):
             break
     else:  # hard by a limit: the record's own poses, as many as can be reached

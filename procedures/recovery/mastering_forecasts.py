@@ -61,7 +61,7 @@ def forecast_recovery(
     capture_s = (len(here) + 1) * known.limits.settle_s + samples * SAMPLE_S
     walk_s = share * (plan.travel_rad / plan.speed_rad_s + backwards_s + len(plan.poses_rad) * capture_s)
     speed = min(index_speed_rad_s, known.limits.jog_speed_rad_s)
-    waking_s = POWER_CYCLE_S + 2.0 * sum(map(abs, index_travel(record, here, INDEX_TURNS))) / speed
+    waking_s = POWER_CYCLE_S + sum(map(abs, index_travel(record, here, INDEX_TURNS))) / speed
     joints = np.array(plan.poses_rad)
     return Forecast(
         duration_s=waking_s + walk_s + 4.0 * ANSWER_S,

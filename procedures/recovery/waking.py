@@ -1,6 +1,8 @@
 """The first part of a recovery: from position alarms to encoders whose readings within a turn are known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from calibration.mastering.counts import MasteringRecord
 from drivers.interfaces import Condition, Counts, Instruction
@@ -16,7 +18,7 @@ POWER_CYCLE = Instruction("power_cycle", "Switch the controller off, wait ten se
 SLOW_MOTION = Instruction(
     "may_move",
     "The robot does not know where it is. It will turn one joint after the other, slowly, by one motor turn "
-    "each. Look at the robot: is there room, and is the draw-wire free? May it move?",
+    "each, and stay there. Look at the robot: is there room, and is the draw-wire free? May it move?",
 )
 ROUNDS = 5
 INDEX_TURNS = 1.1
@@ -37,23 +39,30 @@ class AlarmCodes:
     index: tuple[str, ...] = ("SRVO-075",)
 
 
+@dataclass(frozen=True, slots=True)
+class Woken:
+    """Encoders that report no alarm."""
+
+    lost: bool  # whether there were alarms: encoders that report nothing may have kept their position
+    counts: Counts  # what healthy encoders would count now: the last healthy counts, and the turns since
+
+
 async def wake_encoders(
     run: Run, record: MasteringRecord, last_counts: Counts, codes: AlarmCodes, speed_rad_s: float
-) -> bool:
+) -> Woken:
     """Clear the position alarms: battery, power cycle, one turn of every motor past its index.
-
-    Returns whether there were any: encoders that report nothing may have kept their position.
 
     Raises
     ------
     StillAlarmedError
         An alarm stays that this procedure cannot answer.
     """
-    lost = False
+    woken = Woken(lost=False, counts=last_counts)
     for k in range(1, ROUNDS + 1):
         condition = await run.step(f"look at the alarms {k}", look_at_alarms)
         active = {alarm.code for alarm in condition.alarms}
-        lost = lost or bool(active & {*codes.battery, *codes.power_cycle, *codes.index})
+        if active & {*codes.battery, *codes.power_cycle, *codes.index}:
+            woken = replace(woken, lost=True)
         if active & {*codes.battery, *codes.power_cycle}:
             if active & {*codes.battery}:
                 await run.step(f"new battery {k}", ask, NEW_BATTERY)
@@ -62,13 +71,13 @@ async def wake_encoders(
             gone = (*codes.battery, *codes.power_cycle)
             await run.step(f"wait for the robot {k}", wait_for_the_robot, gone)
         elif active & {*codes.index}:
-            await _pass_indices(run, record, last_counts, (k, speed_rad_s))
+            woken = replace(woken, counts=await _pass_indices(run, record, woken.counts, (k, speed_rad_s)))
         elif active:
             await run.write(f"reset the alarms {k}", reset_alarms)
         else:
             break
     await run.ensure("no alarm is left", no_alarm)
-    return lost
+    return woken
 
 
 async def no_alarm(cell: Cell) -> Condition:
@@ -84,10 +93,10 @@ async def no_alarm(cell: Cell) -> Condition:
 
 async def _pass_indices(
     run: Run, record: MasteringRecord, last_counts: Counts, how: tuple[int, float]
-) -> None:
+) -> Counts:
     """Turn every motor past its index: a controller names its newest alarms only, so all axes are suspect.
 
-    J1 first: a wrist motor turns the joints after it too.
+    J1 first: a wrist motor turns the joints after it too. Returns what healthy encoders would count afterwards.
     """
     k, speed_rad_s = how
     healthy = CountsToJoints(record.drive, record.counts_at_zero, (0,) * len(last_counts))
@@ -97,3 +106,5 @@ async def _pass_indices(
     for axis in range(len(last_counts)):
         await run.move(f"pass the index of J{axis + 1}, {k}", pass_index, axis, travel[axis], speed_rad_s)
     await run.write(f"clear the alarms {k}", reset_alarms)
+    there = np.add(last_joints, travel)
+    return tuple(int(count) for count in record.drive.counts(there, np.array(record.counts_at_zero)))

@@ -95,10 +95,11 @@ async def jog_to(cell: Cell, target_rad: Joints, mapping: CountsToJoints, speed_
 
 
 async def pass_index(cell: Cell, axis: int, delta_rad: float, speed_rad_s: float) -> Arrival:
-    """Turn one motor past its index and back, to rest from below; its single-turn reading is known again."""
-    turns = [delta_rad, -delta_rad]
-    if delta_rad > 0:
-        turns = [delta_rad, -delta_rad - OVERSHOOT_RAD, OVERSHOOT_RAD]
+    """Turn one motor past its index, to rest from below; its single-turn reading is known again.
+
+    The joint stays where the turn brought it: the way back would tell nothing.
+    """
+    turns = [delta_rad] if delta_rad > 0 else [delta_rad - OVERSHOOT_RAD, OVERSHOOT_RAD]
     for turn in turns:
         await motion_gate.jog_axis(cell, Jog(axis, turn, speed_rad_s))
     return await _arrival(cell)

@@ -14,6 +14,7 @@ from procedures.mastering_record import MasteringRecordSpec, mastering_record, s
 from procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
 from procedures.recovery.recovery_kit import KitSpec, predict_kit, recorded_kit
 from procedures.recovery.recovery_result import RecoveryResult
+from procedures.recovery.waking import AlarmCodes, wake_encoders
 from procedures.run import RefusalError, Run
 from tests.procedures.cells import Scene, recording, scene
 from tests.procedures.ideal import ZERO
@@ -65,6 +66,19 @@ async def test_turns_come_back_exactly(kind: Kind) -> None:
     made.spec = replace(made.spec, last_counts=None)
     again = await _recover(made)
     assert (again.mode, again.verdict) == ("turns", "restored")
+
+
+async def test_joints_stay_where_their_motors_passed_the_index_and_the_counts_are_known_there() -> None:
+    made, _ = await _lost("point")
+    record, last = made.cell.record, made.spec.last_counts
+    assert record is not None
+    before = made.arm.true_joints
+    woken = await wake_encoders(Run(made.cell, MemoryLedger()), record, last, AlarmCodes(), 0.035)
+    per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
+    turned = np.abs(made.arm.true_joints - before) / per_turn
+    assert ((turned > 1.0) & (turned < 1.2)).all()
+    np.testing.assert_allclose(woken.counts, made.arm.true_counts, atol=3)
+    assert woken.lost
 
 
 async def test_an_exchanged_motor_is_found_by_touching() -> None:

@@ -2,8 +2,12 @@
 
 import numpy as np
 
+from calibration.wires.model import WireSeen
+from calibration.wires.reference import WirePredictor
 from tests.soak import losses
-from tests.unit.helpers.walked_recovery import loss_of, recover_walking
+from tests.unit.helpers.recovery_cases import MODEL, healthy_record, kit
+from tests.unit.helpers.walked_recovery import loss_of, planner, recover_walking
+from tests.unit.helpers.wire_world import WireWorld
 
 
 def test_lost_turns_come_back_from_a_walk_also_past_wrong_lengths():
@@ -29,3 +33,22 @@ def test_whole_turns_say_what_would_look_like_them():
     assert found.accepted
     assert 0 <= found.doubt_sigmas < 5
     assert all(0 < turns < 0.15 for turns in found.blind_turns)
+
+
+def test_sets_of_captures_are_judged_as_if_each_were_alone():
+    record = healthy_record(WireWorld(3))
+    predictor = WirePredictor(MODEL, record.wire, record.prior)
+    sets = kit()[:12].reshape(3, 4, 6)
+    together = predictor.scatter_of_sets(predictor.terms(WireSeen.of(kit()[:12], 2e-4)), 4)
+    for one, scatter in zip(sets, together, strict=True):
+        alone = predictor.expect(predictor.terms(WireSeen.of(one, 2e-4)))[1]
+        np.testing.assert_allclose(scatter, alone, rtol=1e-9, atol=1e-16)
+
+
+def test_the_walk_that_is_gone_is_the_best_of_those_tried():
+    planned = planner(healthy_record(WireWorld(2)))
+    walks = planned.walks(kit()[2], 8)
+    costs = [float(planned.cost(walk[None], kit()[2])[0]) for walk in walks]
+    assert len(walks) > 1
+    assert costs == sorted(costs)
+    assert np.array_equal(planned.plan(kit()[2], 8), walks[0])
