@@ -2,12 +2,14 @@
 
 import csv
 import json
-from collections.abc import Mapping, Sequence
-from typing import IO, Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from calibration.geometry import Array
+from service.programs.diff import unified_diff
 from service.programs.files import Refused
 from service.programs.report import Report
 from service.programs.result import ProgramResult
@@ -52,36 +54,38 @@ def point_columns(result: ProgramResult) -> dict[str, Sequence[Any]]:
     )
 
 
-class CsvReport:
-    """A row a point."""
+@dataclass(frozen=True, slots=True)
+class Format:
+    """How a report is written, program by program, so that programs may be worked on apart."""
 
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
-        self._write([COLUMNS])
-
-    def add(self, _: str, __: str, result: ProgramResult) -> None:
-        """Write the points of a program."""
-        self._write(zip(*point_columns(result).values(), strict=True))
-
-    def _write(self, rows: Any) -> None:
-        text = _Lines()
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        self._file.write("".join(text.parts).encode())
+    head: bytes
+    one: Callable[[str, str, ProgramResult], bytes]  # source, where the new one is, what became of it
+    between: bytes
+    end: Callable[[Report], bytes]
 
 
-class JsonReport:
-    """One object: programs with their points, then what was refused and the sums."""
+def formats(title: str) -> dict[str, Format]:
+    """Return the formats by their names."""
+    head = f'{{"format": 1, "title": {json.dumps(title)}, "programs": [\n'.encode()
+    return {
+        "csv": Format(_csv([COLUMNS]), csv_rows, b"", lambda _: b""),
+        "json": Format(head, json_program, b",\n", json_end),
+        "diff": Format(b"", diff_of, b"", lambda _: b""),
+    }
 
-    def __init__(self, file: IO[bytes], title: str) -> None:
-        self._file, self._first = file, True
-        self._file.write(f'{{"format": 1, "title": {json.dumps(title)}, "programs": [\n'.encode())
 
-    def add(self, source: str, written: str, result: ProgramResult) -> None:
-        """Write a program."""
-        columns = point_columns(result)
-        columns.pop("program")
-        names = tuple(columns)
-        found = {
+def csv_rows(_: str, __: str, result: ProgramResult) -> bytes:
+    """Return a row a point."""
+    return _csv(zip(*point_columns(result).values(), strict=True))
+
+
+def json_program(source: str, written: str, result: ProgramResult) -> bytes:
+    """Return a program as an object, its points in it."""
+    columns = point_columns(result)
+    columns.pop("program")
+    names = tuple(columns)
+    return _json(
+        {
             "program": result.name,
             "brand": result.before.brand,
             "source": source,
@@ -91,13 +95,18 @@ class JsonReport:
             "remarks": [{"line": r.line, "code": r.code, "text": r.text} for r in result.before.remarks],
             "points": [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)],
         }
-        self._file.write((b"" if self._first else b",\n") + _json(found))
-        self._first = False
+    )
 
-    def end(self, report: Report) -> None:
-        """Write what is known at the end."""
-        rest = _json({"refused": [_refused(one) for one in report.refused], **sums(report)})
-        self._file.write(b"\n], " + rest[1:] + b"\n")
+
+def json_end(report: Report) -> bytes:
+    """Return what is known at the end: what was refused, and the sums."""
+    rest = _json({"refused": [_refused(one) for one in report.refused], **sums(report)})
+    return b"\n], " + rest[1:] + b"\n"
+
+
+def diff_of(source: str, written: str, result: ProgramResult) -> bytes:
+    """Return a unified diff."""
+    return unified_diff(result.before.to_bytes(), result.after.to_bytes(), source, written)
 
 
 def sums(report: Report) -> dict[str, Any]:
@@ -131,6 +140,12 @@ def _shown(figures: Array) -> list[float | None]:
 def _largest(figures: Array) -> float | None:
     known = figures[np.isfinite(figures)]
     return round(float(known.max()) * 1e3, _DECIMALS) if len(known) else None
+
+
+def _csv(rows: Iterable[Iterable[Any]]) -> bytes:
+    text = _Lines()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return "".join(text.parts).encode(errors="replace")
 
 
 class _Lines:

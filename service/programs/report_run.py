@@ -1,9 +1,9 @@
 """Many programs through one change: read, change, write to the new place, tell; one file after another."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Protocol, TypeAlias
 
@@ -11,12 +11,13 @@ from calibration.errors import CellError
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import ProgramFile
 from service.programs.batches import batches, together
-from service.programs.diff import unified_diff
 from service.programs.files import FilesError, Found, NewPlace, Refused, Source, whole_file
-from service.programs.report import Report, entry_of
-from service.programs.report_files import CsvReport, JsonReport
+from service.programs.report import ProgramEntry, Report, entry_of
+from service.programs.report_files import Format, formats
 from service.programs.report_html import as_html
 from service.programs.result import ProgramResult
+from service.programs.shares import shared_out
+from service.programs.versions import Made
 
 STANDARD_OUTPUT = Path("-")
 Carry: TypeAlias = Callable[[Sequence[ProgramFile]], Sequence[ProgramResult]]  # of programs of one brand
@@ -33,6 +34,10 @@ class Wanted:
     html: Path | None = None
     diff: Path | None = None
 
+    def file_of(self, kind: str) -> Path | None:
+        """Return where a report goes: csv, json, diff."""
+        return {"csv": self.csv, "json": self.json, "diff": self.diff}[kind]
+
     @property
     def reports(self) -> tuple[Path, ...]:
         """Return the reports that are wanted."""
@@ -44,24 +49,50 @@ class Wanted:
         return STANDARD_OUTPUT in self.reports
 
 
-class _Sink(Protocol):
-    def add(self, source: str, written: str, result: ProgramResult) -> None: ...
-
-
-class Recording(_Sink, Protocol):
+class Recording(Protocol):
     """What else is kept of every program, and written at the end."""
 
-    def end(self) -> None: ...
+    def made_of(self, source: str, written: str, result: ProgramResult) -> Made: ...
+    def end(self, made: Iterable[tuple[str, Made]]) -> None: ...
 
 
-class _DiffReport:
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What became of some sources."""
 
-    def add(self, source: str, written: str, result: ProgramResult) -> None:
-        """Write the difference of a program."""
-        before, after = result.before.to_bytes(), result.after.to_bytes()
-        self._file.write(unified_diff(before, after, source, written))
+    sources: Sequence[Source]
+    entries: list[ProgramEntry] = field(default_factory=list)
+    refused: list[Refused] = field(default_factory=list)
+    told: list[tuple[bytes, ...]] = field(default_factory=list)  # of each program, in every format
+    made: list[tuple[str, Made]] = field(default_factory=list)  # where it is, and its record
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """Changes some programs and writes them."""
+
+    change: Carry
+    place: NewPlace
+    formats: Sequence[Format]
+    also: Recording | None
+
+    def run(self, sources: Sequence[Source]) -> _Part:
+        part = _Part(sources)
+        # what cannot be written need not be computed: its place is looked at first
+        for some in batches(sources, self.place.path_of, part.refused):
+            for read, result in together(some, self.change, part.refused):
+                try:
+                    self._keep(read.source, result, part)
+                except CellError as error:
+                    part.refused.append(Refused.because(read.source.path, error))
+        return part
+
+    def _keep(self, source: Source, result: ProgramResult, part: _Part) -> None:
+        written = str(self.place.write(source, result.after.to_bytes()))
+        part.entries.append(entry_of(str(source.path), written, result))
+        part.told.append(tuple(form.one(str(source.path), written, result) for form in self.formats))
+        if self.also is not None:
+            part.made.append((written, self.also.made_of(str(source.path), written, result)))
 
 
 def change_programs(
@@ -72,7 +103,7 @@ def change_programs(
     done: Callable[[Source], None],
     also: Recording | None = None,
 ) -> Report:
-    """Change programs, some at once, and write them and their reports; what is refused stands in the report.
+    """Change programs and write them and their reports; what is refused stands in the report.
 
     Raises
     ------
@@ -81,52 +112,29 @@ def change_programs(
     """
     place = NewPlace(wanted.out, found.sources, replace=wanted.replace)
     report = Report(title, refused=list(found.refused))
+    made: list[tuple[str, Made]] = []
     _check_reports(wanted, place)
     with ExitStack() as open_files:
-        csv, json, diff = (
-            _opened(path, wanted, open_files) for path in (wanted.csv, wanted.json, wanted.diff)
-        )
-        told = None if json is None else JsonReport(json, title)
-        sinks: list[_Sink] = [
-            *([] if csv is None else [CsvReport(csv)]),
-            *([] if told is None else [told]),
-            *([] if diff is None else [_DiffReport(diff)]),
-            *([] if also is None else [also]),
-        ]
-        keep = _Keeper(place, report, sinks)
-        # what cannot be written need not be computed: its place is looked at first
-        for some in batches(found.sources, place.path_of, report.refused):
-            for read, result in together(some, change, report.refused):
-                keep.keep(read.source, result)
-            for read in some:
-                done(read.source)
+        told = formats(title)
+        kinds = [kind for kind in told if wanted.file_of(kind) is not None]
+        files = [_opened(wanted.file_of(kind), wanted, open_files, told[kind].head) for kind in kinds]
+        work = _Work(change, place, [told[kind] for kind in kinds], also)
+        for part in shared_out(work.run, found.sources):
+            for entry, texts in zip(part.entries, part.told, strict=True):
+                for file, kind, text in zip(files, kinds, texts, strict=True):
+                    file.write(told[kind].between + text if report.entries else text)
+                report.entries.append(entry)
+            report.refused += part.refused
+            made += part.made
+            for source in part.sources:
+                done(source)
+        for file, kind in zip(files, kinds, strict=True):
+            file.write(told[kind].end(report))
         if also is not None:
-            also.end()
-        if told is not None:
-            told.end(report)
-        page = _opened(wanted.html, wanted, open_files)
-        if page is not None:
-            page.write(as_html(report).encode(errors="replace"))
+            also.end(made)
+        if wanted.html is not None:
+            _opened(wanted.html, wanted, open_files, as_html(report).encode(errors="replace"))
     return report
-
-
-@dataclass(frozen=True, eq=False)
-class _Keeper:
-    """Writes a result, and tells it to every report."""
-
-    place: NewPlace
-    report: Report
-    sinks: Sequence[_Sink]
-
-    def keep(self, source: Source, result: ProgramResult) -> None:
-        try:
-            written = self.place.write(source, result.after.to_bytes())
-        except CellError as error:
-            self.report.refused.append(Refused.because(source.path, error))
-            return
-        self.report.entries.append(entry_of(str(source.path), str(written), result))
-        for sink in self.sinks:
-            sink.add(str(source.path), str(written), result)
 
 
 def _check_reports(wanted: Wanted, place: NewPlace) -> None:
@@ -148,12 +156,13 @@ def _check_reports(wanted: Wanted, place: NewPlace) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
 
 
-def _opened(path: Path | None, wanted: Wanted, open_files: ExitStack) -> IO[bytes] | None:
-    if path is None:
-        return None
-    if path == STANDARD_OUTPUT:
-        return open_files.enter_context(_standard_output())
-    return open_files.enter_context(whole_file(path, replace=wanted.replace))
+def _opened(path: Path | None, wanted: Wanted, open_files: ExitStack, head: bytes) -> IO[bytes]:
+    """Open a report and begin it."""
+    place = STANDARD_OUTPUT if path is None else path
+    opened = _standard_output() if place == STANDARD_OUTPUT else whole_file(place, replace=wanted.replace)
+    file = open_files.enter_context(opened)
+    file.write(head)
+    return file
 
 
 @contextmanager

@@ -83,13 +83,11 @@ class Recorder:
     def __init__(self, master: Project, clone: Project) -> None:
         self._master, self._clone = master.name, clone.name
         self._cells = cell_sha256(master), cell_sha256(clone)
-        self._made: dict[Path, list[Made]] = defaultdict(list)
 
-    def add(self, source: str, written: str, result: ProgramResult) -> None:
-        """Take a clone that was just written."""
-        path = Path(written)
-        made = Made(
-            file=path.name,
+    def made_of(self, source: str, written: str, result: ProgramResult) -> Made:
+        """Return the record of a clone that was just written."""
+        return Made(
+            file=Path(written).name,
             sha256=_sha256(result.after.to_bytes()),
             points_sha256=points_sha256(result.after),
             source=Path(source).name,
@@ -103,12 +101,14 @@ class Recorder:
             made_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             made_with=installed_version("cellcal"),
         )
-        self._made[path.parent].append(made)
 
-    def end(self) -> None:
+    def end(self, made: Iterable[tuple[str, Made]]) -> None:
         """Write the records beside their clones."""
-        for folder, made in self._made.items():
-            keep_records(folder, made)
+        by_folder: defaultdict[Path, list[Made]] = defaultdict(list)
+        for written, one in made:
+            by_folder[Path(written).parent].append(one)
+        for folder, some in by_folder.items():
+            keep_records(folder, some)
 
 
 def keep_records(folder: Path, made: Sequence[Made]) -> None:

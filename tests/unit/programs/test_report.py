@@ -4,7 +4,9 @@ import csv
 import gzip
 import io
 import json
+import os
 import re
+from collections.abc import Sequence
 from html import unescape
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,10 +16,11 @@ import pytest
 
 from drivers.programs.positions import CARTESIAN, Change, Frames, Positions, Remark
 from service.exit_codes import ExitCode
+from service.programs import shares
 from service.programs.diff import unified_diff
 from service.programs.files import FilesError, NewPlace, Refused, Source, find_programs
 from service.programs.report import Report, entry_of
-from service.programs.report_files import CsvReport, JsonReport
+from service.programs.report_files import formats
 from service.programs.report_html import as_html
 from service.programs.report_words import Note, accuracy, problems, said_once, verdict
 from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
@@ -160,23 +163,23 @@ def test_a_large_line_makes_a_small_page_that_keeps_the_worst() -> None:
 
 def test_csv_and_json_hold_every_point_and_no_nan() -> None:
     found = [result("A", [1.0, None], [0.25, 0.0]), result("B", [0.0], [np.nan])]
-    table, text = io.BytesIO(), io.BytesIO()
-    rows, document = CsvReport(table), JsonReport(text, "Moved")
-    for one in found:
-        rows.add("a.ls", "out/a.ls", one)
-        document.add("a.ls", "out/a.ls", one)
-    document.end(report_of(*found))
-    points = list(csv.DictReader(io.StringIO(table.getvalue().decode())))
+    written = {
+        kind: form.head
+        + form.between.join(form.one("a.ls", "out/a.ls", one) for one in found)
+        + form.end(report_of(*found))
+        for kind, form in formats("Moved").items()
+    }
+    points = list(csv.DictReader(io.StringIO(written["csv"].decode())))
     assert [(p["program"], p["status"], p["shift_mm"]) for p in points] == [
         ("A", "changed", "1.0"), ("A", "left", ""), ("B", "unchanged", "0.0"),
     ]  # fmt: skip
-    loaded = json.loads(text.getvalue(), parse_constant=pytest.fail)
+    loaded = json.loads(written["json"], parse_constant=pytest.fail)
     assert loaded["programs"][0]["points"][1]["shift_mm"] is None
     assert loaded["programs"][0]["points"][1]["reason"] == "out of reach"
     assert (loaded["point_count"], loaded["counts"]["left"], loaded["exit_code"]) == (3, 1, 4)
-    empty = io.BytesIO()
-    JsonReport(empty, "Nothing").end(Report("Nothing"))
-    assert json.loads(empty.getvalue())["programs"] == []
+    nothing = formats("Nothing")["json"]
+    assert json.loads(nothing.head + nothing.end(Report("Nothing")))["programs"] == []
+    assert written["diff"] == b""
 
 
 OLD = b"/PROG A\r\n! \x81ber \x84\r\n" + b"".join(b"X = %d.000 mm\r\n" % i for i in range(40)) + b"/END"
@@ -202,7 +205,7 @@ def test_a_diff_shows_the_coordinates_alone_packed_or_not() -> None:
     diff = unified_diff(OLD, NEW, "a", "b")
     assert unified_diff(gzip.compress(OLD), gzip.compress(NEW), "a", "b") == diff
     removed = [line for line in diff.split(b"\n")[2:] if line.startswith(b"-")]
-    assert removed == [b"-X = 2.000 mm\r", b"-X = 20.000 mm\r", b"-X = 39.000 mm\r"]
+    assert removed == [b"-X = 3.000 mm\r", b"-X = 20.000 mm\r", b"-X = 39.000 mm\r"]
     assert diff.count(b"@@ -") == 3
     assert b"! \x81ber \x84\r\n" in unified_diff(
         OLD, OLD.replace(b"X = 0.", b"X = 1."), "a", "b"
@@ -245,3 +248,27 @@ def test_a_new_place_keeps_what_came_meanwhile(tmp_path: Path) -> None:
     assert [path.name for path in (tmp_path / "out" / "deep").iterdir()] == ["a.ls"]
     with pytest.raises(FilesError):
         NewPlace(tmp_path / "a.ls", [source])
+
+
+def test_a_large_line_is_shared_out_and_comes_back_in_order(tmp_path: Path, monkeypatch) -> None:
+    sources = []
+    for i in range(40):
+        path = tmp_path / f"{i}.ls"
+        path.write_bytes(b"x" * (300 + i))
+        sources.append(Source(path, Path(path.name)))
+    one = list(shares.shared_out(_named, sources))
+    assert [name for part in one for name in part[1]] == [f"{i}.ls" for i in range(40)]
+    assert {part[0] for part in one} == {os.getpid()}
+    monkeypatch.setattr(shares, "_WORTH_BYTES", 1000)
+    monkeypatch.setattr(shares, "_AT_ONCE_BYTES", 1000)
+    monkeypatch.setattr(shares, "_processors", lambda: 2)
+    many = list(shares.shared_out(_named, sources))
+    assert [name for part in many for name in part[1]] == [f"{i}.ls" for i in range(40)]
+    assert len(many) > 10
+    assert os.getpid() not in {part[0] for part in many}
+    with pytest.raises(ZeroDivisionError):
+        list(shares.shared_out(lambda some: 1 // (len(some) - len(some)), sources))
+
+
+def _named(sources: Sequence[Source]) -> tuple[int, list[str]]:
+    return os.getpid(), [source.path.name for source in sources]
