@@ -8,12 +8,10 @@ one of the six has them, else nine decimals at least.
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from calibration.geometry import Array, exp_rotation, homogeneous, log_rotation
-from drivers.programs.numbers import NumberFormat
 
 LEAST_DECIMALS = 9  # a nanometre; 1e-9 rad
 DOUBLE_STEP = 1e-12  # m or rad: less is rounding, and keeps the old text
@@ -100,8 +98,10 @@ def _double_text(text: str, value: float) -> str:
 
 
 def _fixed_text(text: str, value: float) -> str:
-    form = NumberFormat.of(text)
-    decimals = max(form.decimals, LEAST_DECIMALS)
+    decimals = max(LEAST_DECIMALS, len(text.partition(".")[2]))
     if abs(value - float(text)) <= 0.5 * 10.0**-decimals * (1 - 1e-9):
         return text
-    return replace(form, decimals=decimals, point=True).write(value)
+    new = f"{value:.{decimals}f}"
+    if text.lstrip("+-").startswith("."):
+        new = new.replace("0.", ".", 1) if new.startswith(("0.", "-0.")) else new
+    return f"+{new}" if text.startswith("+") and not new.startswith("-") else new
