@@ -169,8 +169,8 @@ def _badly_known(result: BasesResult, spec: BaseToBaseSpec) -> RefusalError | No
                 f"{math.degrees(base.pose.angle_u_rad):.4f} deg (k=2); {spec.limits.origin_m * 1e3:.3f} mm and "
                 f"{math.degrees(spec.limits.angle_rad):.4f} deg are asked for",
                 code="procedure.undecided",
-                remedy="Align the robots again and have that go on for the bases (fixture_alignment, bases), with "
-                "more alignment points, more readings (samples), or a wire with a better certificate (scale_sigma).",
+                remedy="Align the robots again and go on for the bases (fixture_alignment, bases): first with "
+                "more alignment points (ten, spread wide), then with more readings (samples) and captures.",
                 evidence=result,
             )
     return None

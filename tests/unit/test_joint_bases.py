@@ -56,7 +56,7 @@ def test_two_wires_are_two_beliefs() -> None:
     assert right.points is not None
     other = replace(right, points=replace(right.points, wire="another"))
     shared, apart = (bases_together([left, r]).bases[0] for r in (right, other))
-    assert not np.allclose(shared.covariance, apart.covariance, rtol=1e-3)
+    assert not np.allclose(shared.covariance, apart.covariance, rtol=1e-3, atol=0.0)  # of 1e-8 m^2
     chained = bases_together([left, replace(right, points=None)]).bases[0]
     assert apart.origin_u_m == pytest.approx(chained.origin_u_m, rel=1e-3)
 

@@ -18,7 +18,11 @@ from fake_devices.world import World
 from tests.unit.helpers.fixture_world import ANCHOR, HOOK, MODEL, MOUTH, POINTS, PRIOR, candidates
 from tests.unit.helpers.recovery_cases import DRIVE
 
-SIX_POINTS = (*POINTS, (0.0, -0.45, 0.3), (0.0, 0.45, 0.3))
+TEN_POINTS = (
+    *POINTS,
+    *((0.0, -0.45, 0.3), (0.0, 0.45, 0.3), (-0.35, 0.0, 0.15), (0.35, 0.0, 0.15)),
+    *((0.0, -0.45, 0.0), (0.0, 0.45, 0.0)),
+)
 ROUGH = {"left": Pose((0.85, 0.0, -0.2)), "right": Pose((0.85, 0.0, -0.2), (0.0, 0.0, 0.0, 1.0))}  # they face
 HOME_MOUTH = (0.75, 0.0, 0.55)  # where the wire looks at home, as the cell file says
 READING_SIGMA_M, SEAT_SIGMA_M = 1e-4, 2e-5
@@ -40,7 +44,7 @@ class Effort:
 
 
 DEFAULT = Effort()
-FOR_BASES = Effort(SIX_POINTS, per_spot=40, record=30, samples=20)
+FOR_BASES = Effort(TEN_POINTS, per_spot=40, record=30, samples=20)  # points tell more than captures do
 
 
 @dataclass
