@@ -22,6 +22,7 @@ _BASE = {"fanuc": ("0",), "kuka": ("0",), "abb": ("wobj0",), "universal_robots":
 _MAKES = {"fanuc_": "fanuc", "kuka_": "kuka", "abb_": "abb", "ur": "universal_robots"}
 _NEAREST_M = 5e-3  # all points of a program within this of their frame's origin: another unit
 _FEWEST = 3
+_COMPARED, _ANOTHER_ARM_M = 7, 1e-4
 _FARTHEST = 3.0  # times the arm's length
 
 
@@ -161,6 +162,7 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
             f"this is a program of {program.brand}, the robot of {project.path.name} is a {model.name}.",
             remedy="Name the project of the robot that this program is for.",
         )
+    _refuse_other_kinematics(program, project)
     places = program.positions.frame_tip[[kind == CARTESIAN for kind in program.positions.kinds], :3, 3]
     if not len(places):
         return
@@ -177,6 +179,26 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
             name,
             f"all its {len(places)} points are within {sizes.max() * 1e3:.1f} mm of their frame's origin.",
             remedy="Numbers look a thousand times too small: metres written where millimetres belong?",
+        )
+
+
+def _refuse_other_kinematics(program: ProgramFile, project: Project) -> None:
+    """Compare the arm that a file says it was taught on with that of the project's controller."""
+    own = program.frames.kinematics
+    if own is None or own.axes != project.controller.axes:
+        return
+    still = np.linspace(-1.5, 1.5, _COMPARED)[:, None] * np.ones(own.axes)
+    apart = own.base_flange(still)[:, :3, 3] - project.controller.base_flange(still)[:, :3, 3]
+    most = float(np.linalg.norm(apart, axis=1).max())
+    if most > _ANOTHER_ARM_M:
+        cure = "Name the project of the robot it was taught on."
+        if not project.factory_known:
+            cure = "Name the controller's calibration.conf as factory under [robot]."
+        raise ProgramFileError(
+            program.name,
+            f"it holds the kinematics of an arm that is up to {most * 1e3:.1f} mm away from what the controller of "
+            f"{project.path.name} computes.",
+            remedy=cure,
         )
 
 

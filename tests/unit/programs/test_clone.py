@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from calibration.motion.collision import CellShape, Plane, arm_shape
 from drivers.fanuc.ls_program import read_ls
 from drivers.fanuc.programs import BRAND
 from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import Frames
 from service.programs.clone import clone_programs
 from service.programs.project_poses import ProjectError
 from service.programs.result import LEFT
@@ -238,3 +240,20 @@ def test_turn_numbers_are_derived_anew_where_an_axis_crosses_half_a_turn(cells: 
         assert posture[0, 5] > np.pi
         assert RULE.agrees(MODEL, posture, [after.configurations[i]]).all()
         assert np.abs(MODEL.base_flange(posture)[0] - flange[i]).max() < 1e-6
+
+
+def test_a_file_that_holds_another_arms_kinematics_is_refused(cells: Cells) -> None:
+    other = MODEL.with_dh_errors(1e-3 * np.ones((6, 5)))
+    program = SimpleNamespace(
+        name="A",
+        brand="fanuc",
+        positions=cells.program.positions,
+        remarks=(),
+        frames=Frames(kinematics=other),
+    )
+
+    with pytest.raises(ProgramFileError, match=r"mm away .* calibration\.conf"):
+        clone_programs([program], cells.master_project, cells.clone_project, RULE)
+    known = replace(cells.master_project, factory_known=True)
+    with pytest.raises(ProgramFileError, match="it was taught on"):
+        clone_programs([program], known, cells.clone_project, RULE)
