@@ -18,6 +18,7 @@ LEAST_ANGLE_DECIMALS = 4  # of a degree
 LEAST_QUATERNION_DECIMALS = 6
 UNUSED = 9e9  # the maker's value for an axis that is not there
 UNIT_WITHIN = 1e-3  # what rounding to three digits does to a quaternion's length
+_USUAL, _USUAL_DIGITS = 1e6, 20  # what lies beyond is looked at closer
 _NOTHING = (np.nan,) * 7
 _NO_AXES = (np.nan,) * 6
 _T = TypeVar("_T")
@@ -43,6 +44,7 @@ class Collected:
     fixed: dict[int, str] = field(default_factory=dict)  # rows that take no change, and why
     remarks: list[Remark] = field(default_factory=list)
     external_seen: bool = False
+    known_axes: dict[tuple[str, ...], list[float]] = field(default_factory=dict)  # most targets have the same
 
     def remark(self, place: int, code: str, text: str) -> None:
         """Note something that a person must know."""
@@ -51,7 +53,9 @@ class Collected:
     def add_robtarget(self, name: str, found: re.Match[str]) -> None:
         """Take a Cartesian target."""
         texts = found.groups()
-        values = [self._number(found, k) for k in range(7)]
+        values = [float(text) for text in texts[:7]]
+        if max(map(abs, values)) >= _USUAL or max(map(len, texts[:7])) > _USUAL_DIGITS:
+            values = [self._number(found, k) for k in range(7)]
         norm = float(np.sqrt(sum(value * value for value in values[3:])))
         taught = norm > 0.0
         if taught and abs(norm - 1.0) > UNIT_WITHIN:
@@ -141,7 +145,7 @@ class Collected:
     def _number(self, found: re.Match[str], k: int) -> float:
         text = found[k + 1]
         value = float(text)
-        if -1e6 < value < 1e6 and len(text) < 20:
+        if abs(value) < _USUAL and len(text) <= _USUAL_DIGITS:
             return value
         return self.source.number(found.start(k + 1), text)
 
@@ -149,7 +153,10 @@ class Collected:
         return np.nan if float(found[k + 1]) == UNUSED else self._number(found, k)
 
     def _add_external(self, name: str, found: re.Match[str], first: int) -> None:
-        values = [self._axis(found, first + k) for k in range(6)]
+        texts = found.groups()[first:]
+        values = self.known_axes.get(texts)
+        if values is None:
+            values = self.known_axes[texts] = [self._axis(found, first + k) for k in range(6)]
         self.external[-6:] = array("d", values)
         if not self.external_seen and any(value == value and value for value in values):  # noqa: PLR0124
             self.external_seen = True

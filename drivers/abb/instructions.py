@@ -23,6 +23,8 @@ _NEXT_STATEMENT = re.compile(
 )
 _INDEX = re.compile(r"\d+(?:,\d+)*")
 
+_CIRCLE = re.compile(r"^(?:move|trigg|arc|disp|paint|cap)c")
+_MANY_SIGNS = re.compile(r'[\[({"!]')
 _MOST_ARGUMENTS = 40
 _SHIFTED = ("offset", "This target is shifted while the program runs.")
 _COMPUTED = ("computed", "The target of this move is computed.")
@@ -87,6 +89,9 @@ def _of_axes(word: str) -> bool:
 def _arguments(source: Source, place: int, *, axes: bool) -> tuple[list[Argument], int]:
     """Cut the text up to the semicolon at its outer commas; targets in numbers are matched whole."""
     text, begin, depth = source.text, place, 0
+    end = text.find(";", place)
+    if end >= 0 and _MANY_SIGNS.search(text, place, end) is None:
+        return _plain_arguments(source, place, end), end + 1
     arguments: list[Argument] = []
     place = start = after_blanks(text, place)
     literal = _literal(source, place, axes=axes)
@@ -109,6 +114,20 @@ def _arguments(source: Source, place: int, *, axes: bool) -> tuple[list[Argument
     if token is None or missing is not None or len(arguments) > _MOST_ARGUMENTS:
         raise source.error(begin, "this instruction does not end with ';'.")
     return arguments, end
+
+
+def _plain_arguments(source: Source, place: int, end: int) -> list[Argument]:
+    """Cut arguments without brackets, strings and comments at their commas."""
+    text = source.text
+    if text.count(",", place, end) >= _MOST_ARGUMENTS or _NEXT_STATEMENT.search(text, place, end):
+        raise source.error(place, "this instruction does not end with ';'.")
+    arguments: list[Argument] = []
+    while place <= end:
+        comma = text.find(",", place, end)
+        stop = end if comma < 0 else comma
+        arguments.append(Argument(after_blanks(text, place), stop))
+        place = stop + 1
+    return arguments
 
 
 def _literal(source: Source, place: int, *, axes: bool) -> re.Match[str] | None:

@@ -45,6 +45,9 @@ class Collected:
     fixed: dict[int, str] = field(default_factory=dict)  # rows that take no change, and why
     remarks: list[Remark] = field(default_factory=list)
     external_seen: bool = False
+    known_axes: dict[tuple[str | None, ...], list[float]] = field(
+        default_factory=dict
+    )  # most points have the same
 
     def literal(self, start: int, end: int) -> Literal | None:
         """Read the struct at a place; None where it is computed, which is remarked.
@@ -179,9 +182,11 @@ class Collected:
     def _add_external(self, name: str, literal: Literal) -> None:
         if literal.external == _NO_EXTERNAL:
             return
-        given = [text for text in literal.external if text is not None]
-        self._values(given, literal)
-        values = [np.nan if text is None else float(text) for text in literal.external]
+        values = self.known_axes.get(literal.external)
+        if values is None:
+            self._values([text for text in literal.external if text is not None], literal)
+            values = [np.nan if text is None else float(text) for text in literal.external]
+            self.known_axes[literal.external] = values
         self.external[-6:] = array("d", values)
         if not self.external_seen and any(value for value in values if value == value):  # noqa: PLR0124  # not NaN
             self.external_seen = True

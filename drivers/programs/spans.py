@@ -80,7 +80,13 @@ def decimals_of(text: str) -> int:
 
 def finest(texts: Iterable[str], least: int) -> int:
     """Return the decimals that coordinates of one kind share: those of the finest, at least ``least``."""
-    return min(max(least, *(decimals_of(text) for text in texts)), _MOST_DIGITS)
+    most = least
+    for text in texts:
+        point = text.find(".")
+        plain = "e" not in text and "E" not in text
+        decimals = (len(text) - point - 1 if point >= 0 else 0) if plain else decimals_of(text)
+        most = decimals if decimals > most else most
+    return min(most, _MOST_DIGITS)
 
 
 def written(text: str, value: float, decimals: int) -> str:

@@ -116,19 +116,17 @@ def _move(rng: np.random.Generator, targets: list[str], axes: list[str]) -> str:
         int(rng.choice(4, p=[0.3, 0.4, 0.25, 0.05]))
     ]
     to = targets[int(rng.integers(len(targets)))] if targets and kind < 5 else _target(rng)
-    if kind == 0 and axes:
-        return f"        MoveAbsJ {axes[0]}\\NoEOffs,v1000,fine,{tool};"
-    if kind == 9:
-        return f"        MoveAbsJ {_axes(rng)},v1000,z50,tool0;"
-    if kind == 1:
-        return f"        MoveC {to}, {_target(rng)},\n          v500,z10,{tool}{frame};"
-    if kind == 2:
-        return f"        MoveLDO {to},v500,z10,{tool}{frame},doGun,1;"
-    if kind == 3:
-        return f"        ArcL {to},v100,seam1,weld1\\Weave:=weave1,fine,{tool}{frame};"
-    if kind == 4:
-        return f"        MoveL\\Conc,{to},[200,500,5000,1000],z10,{tool}{frame};"
-    return f"        Move{'LJ'[kind % 2]} {to},v1000\\T:=2,fine\\Inpos:=inpos50,{tool}{frame};"
+    target = _target(rng)
+    moves = (
+        f"MoveAbsJ {axes[0] if axes else _axes(rng)}\\NoEOffs,v1000,fine,{tool};",
+        f"MoveC {to}, {target},\n          v500,z10,{tool}{frame};",
+        f"MoveLDO {to},v500,z10,{tool}{frame},doGun,1;",
+        f"ArcL {to},v100,seam1,weld1\\Weave:=weave1,fine,{tool}{frame};",
+        f"MoveL\\Conc,{to},[200,500,5000,1000],z10,{tool}{frame};",
+        *[f"Move{'LJ'[kind % 2]} {to},v1000\\T:=2,fine\\Inpos:=inpos50,{tool}{frame};"] * 4,
+        f"MoveAbsJ {_axes(rng)},v1000,z50,tool0;",
+    )
+    return "        " + moves[kind]
 
 
 def _target(rng: np.random.Generator, *, broken: bool = False) -> str:
