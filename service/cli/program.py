@@ -190,7 +190,7 @@ def inspect(
     roundtrip
         Write each file as it was read and printed to this folder, under its own name, and compare the bytes.
     """
-    from service.cli.program_screen import InspectionScreen, counting
+    from service.cli.program_screen import InspectionScreen, counting, tell_passed_over
     from service.programs.inspect import Asked, inspect_programs, sources_of
 
     found, cell = sources_of(Asked(files, project, robot, roundtrip))
@@ -198,6 +198,7 @@ def inspect(
     with counting("inspecting", len(found.sources)) as counted:
         totals = inspect_programs(found, cell, roundtrip, counted(screen.add))
     screen.end(totals)
+    tell_passed_over(found)
     return totals.exit_code
 
 
@@ -259,7 +260,7 @@ def _change(
     from rich.console import Console
 
     from service.cli.printing import EN_ROUTE
-    from service.cli.program_screen import counting, tell_report
+    from service.cli.program_screen import counting, tell_passed_over, tell_report
     from service.programs.report_run import Wanted, change_programs
 
     wanted = Wanted(outputs.out, outputs.replace, outputs.json, outputs.csv, outputs.html, outputs.diff)
@@ -267,6 +268,7 @@ def _change(
         report = change_programs(found, carry, wanted, title, counted(lambda _: None), recorder)
     console = EN_ROUTE if wanted.fills_standard_output else Console(highlight=False)
     tell_report(report, most=outputs.top, console=console)
+    tell_passed_over(found)
     for path in (outputs.out, *wanted.reports):
         EN_ROUTE.print(f"written: {path}", markup=False, soft_wrap=True)
     return report

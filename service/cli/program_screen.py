@@ -14,7 +14,7 @@ from rich.table import Table
 from service.cli.printing import EN_ROUTE
 
 if TYPE_CHECKING:
-    from service.programs.files import Refused
+    from service.programs.files import Found, Refused
     from service.programs.inspect import Inspected, Totals
     from service.programs.report import PointLine, Report
     from service.programs.report_words import Note
@@ -51,6 +51,17 @@ def counting(title: str, total: int) -> Iterator[Callable[[Callable[[Item], None
             return told
 
         yield counted
+
+
+def tell_passed_over(found: "Found") -> None:
+    """Say which files of a folder look like programs by their suffix only."""
+    if found.passed_over:
+        from service.programs.report_words import plural
+
+        names = ", ".join(path.name for path in found.passed_over[:5])
+        more = ", …" if len(found.passed_over) > 5 else ""
+        count = plural(len(found.passed_over), "file")
+        EN_ROUTE.print(f"{count} passed over, no program inside: {names}{more}", markup=False, soft_wrap=True)
 
 
 @dataclass

@@ -58,6 +58,7 @@ class Found:
 
     sources: tuple[Source, ...]
     refused: tuple[Refused, ...]
+    passed_over: tuple[Path, ...] = ()  # below a folder, with a program's suffix, and no program inside
 
 
 def find_programs(named: Sequence[str], *, out: Path | None = None) -> Found:
@@ -70,16 +71,17 @@ def find_programs(named: Sequence[str], *, out: Path | None = None) -> Found:
         raise FilesError("No program was named.", remedy="Name files, folders, or patterns in quotes.")
     sources: dict[Path, Source] = {}
     refused: list[Refused] = []
+    passed: list[Path] = []
     for name in named:
         try:
-            for source in _of_name(name, out):
+            for source in _of_name(name, out, passed):
                 sources.setdefault(source.path.resolve(), source)
         except ProgramFileError as error:
             refused.append(Refused.because(name, error))
         except OSError as error:
             refused.append(Refused(name, f"{error.strerror or error}.", "Give a folder that may be read."))
     apart, clashing = _without_clashes(sources.values())
-    return Found(tuple(apart), (*refused, *clashing))
+    return Found(tuple(apart), (*refused, *clashing), tuple(passed))
 
 
 def read_bytes(path: Path) -> bytes:
@@ -205,10 +207,10 @@ def _put_where_nothing_is(draft: Path, path: Path) -> None:
         draft.replace(path)
 
 
-def _of_name(name: str, out: Path | None) -> list[Source]:
+def _of_name(name: str, out: Path | None, passed: list[Path]) -> list[Source]:
     path = Path(name)
     if path.is_dir():
-        return _below(path, out)
+        return _below(path, out, passed)
     if path.exists():
         return [_one(path)]
     if not _WILD & set(name):
@@ -228,16 +230,16 @@ def _one(path: Path) -> Source:
     return Source(path, PurePath(path.name))
 
 
-def _below(folder: Path, out: Path | None) -> list[Source]:
+def _below(folder: Path, out: Path | None, passed: list[Path]) -> list[Source]:
     suffixes = {suffix for brand in BRANDS for suffix in brand.suffixes}
-    found = [
-        Source(path, path.relative_to(folder))
+    named = [
+        path
         for path in sorted(folder.rglob("*"))
-        if path.suffix.lower() in suffixes
-        and not _earlier(path, folder, out)
-        and path.is_file()
-        and _is_program(path)
+        if path.suffix.lower() in suffixes and not _earlier(path, folder, out) and path.is_file()
     ]
+    found = [Source(path, path.relative_to(folder)) for path in named if _is_program(path)]
+    taken = {source.path for source in found}
+    passed += [path for path in named if path not in taken]
     if not found:
         raise ProgramFileError(
             str(folder),

@@ -5,6 +5,7 @@ The programs themselves are not kept: a line has a million points.
 
 from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ def entry_of(file: str, written: str, result: ProgramResult) -> ProgramEntry:
     return ProgramEntry(
         file=file,
         written=written,
-        program=result.name,
+        program=_name(result.name, file),
         brand=result.before.brand,
         points=result.before.positions.names,
         lines=result.before.positions.lines,
@@ -148,6 +149,12 @@ def largest(figures: Figures | Array, nothing: float = np.nan) -> float:
     """Return the largest figure that is known."""
     known = figures[np.isfinite(figures)]
     return float(known.max()) if len(known) else nothing
+
+
+def _name(program: str, file: str) -> str:
+    """Return a program's name, with its file's where that is called otherwise."""
+    path = PurePath(file)
+    return program if path.stem.casefold() == program.casefold() else f"{program} ({path.name})"
 
 
 def _small(figures: Array) -> Figures:

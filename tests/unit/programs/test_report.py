@@ -224,6 +224,7 @@ def test_files_folders_and_patterns_are_found_once(tmp_path: Path) -> None:
     found = find_programs(named[:2])
     assert [str(source.place) for source in found.sources] == ["a.ls", "sub/b.LS"]
     assert not found.refused
+    assert [path.name for path in found.passed_over] == ["alarms.ls"]
     globbed = find_programs(named[2:])
     assert [source.path.name for source in globbed.sources] == ["a.ls", "alarms.ls"]
     with pytest.raises(FilesError):
