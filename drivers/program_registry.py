@@ -10,8 +10,9 @@ from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import ProgramFile
 from drivers.universal_robots import programs as universal_robots
+from drivers.yaskawa import programs as yaskawa
 
-BRANDS: tuple[ProgramBrand, ...] = (abb.BRAND, fanuc.BRAND, kuka.BRAND, universal_robots.BRAND)
+BRANDS: tuple[ProgramBrand, ...] = (abb.BRAND, fanuc.BRAND, kuka.BRAND, universal_robots.BRAND, yaskawa.BRAND)
 
 
 def brand_of(name: str, data: bytes) -> ProgramBrand | None:

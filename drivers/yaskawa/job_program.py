@@ -1,0 +1,114 @@
+"""A Yaskawa job as positions in columns, and back: only numbers of changed positions differ."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration.geometry import Array, Pose
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import Change, Frames, Positions, Remark
+from drivers.yaskawa.job_columns import PULSES, SHIFT, kind_of, positions_of
+from drivers.yaskawa.job_edits import RATIOS_NEEDED, edits_of
+from drivers.yaskawa.job_remarks import remarks_of
+from drivers.yaskawa.job_text import ROBOT_ROWS, Job, Row, jobs_of
+
+
+@dataclass(frozen=True)
+class JobProgram:
+    """One .JBI file; ``drivers.programs.positions.ProgramFile``."""
+
+    file: str
+    data: bytes = field(repr=False)
+    name: str
+    positions: Positions = field(repr=False)
+    remarks: tuple[Remark, ...] = field(repr=False)
+    frames: Frames = field(repr=False)
+    rows: tuple[Row, ...] = field(repr=False)
+    pulses_per_rad: tuple[float, ...] | None = None
+    brand: str = "yaskawa"
+
+    def to_bytes(self) -> bytes:
+        """Return the file."""
+        return self.data
+
+    def changed(self, change: Change) -> "JobProgram":
+        """Return the file with new coordinates.
+
+        Raises
+        ------
+        ProgramFileError
+            A number that does not fit, a pulse position without ratios, another configuration or frame.
+        """
+        pieces, at = [], 0
+        for start, old, new in edits_of(self, change):
+            pieces += [self.data[at:start], new.encode("ascii")]
+            at = start + len(old)
+        data = b"".join([*pieces, self.data[at:]])
+        return read_job(self.file, data, pulses_per_rad=self.pulses_per_rad)
+
+
+def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array | None = None) -> JobProgram:
+    """Read a job.
+
+    Parameters
+    ----------
+    pulses_per_rad
+        Of each axis of the robot, with sign, so that pulses become the angles that the controller shows.
+
+    Raises
+    ------
+    ProgramFileError
+        The file is damaged or not understood, with line and column; or ratios that are none.
+    """
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise ProgramFileError(name, "this is UTF-16.", remedy="Save it as the controller writes it.")
+    ratios = None if pulses_per_rad is None else np.asarray(pulses_per_rad, dtype=float)
+    if ratios is not None and (ratios.ndim != 1 or not np.isfinite(ratios).all() or (ratios == 0).any()):
+        raise ProgramFileError(name, "pulses per radian must be finite and not zero, one for each axis.")
+    jobs = jobs_of(name, data.decode("latin-1"))
+    told = [remarks_of(job) for job in jobs]
+    rows = [row for job in jobs for row in job.rows if row.kind in ROBOT_ROWS]
+    kinds = [
+        kind_of(row, ratios, used.others, used.points)
+        for job, (_, used) in zip(jobs, told, strict=True)
+        for row in job.rows
+        if row.kind in ROBOT_ROWS
+    ]
+    positions = positions_of(name, jobs, rows, kinds, ratios)
+    remarks = [remark for notes, _ in told for remark in notes] + _kind_remarks(positions)
+    return JobProgram(
+        file=name,
+        data=data,
+        name=jobs[0].name or name,
+        positions=positions,
+        remarks=tuple(sorted(remarks, key=lambda remark: remark.line)),
+        frames=_frames(jobs),
+        rows=tuple(rows),
+        pulses_per_rad=None if ratios is None else tuple(float(ratio) for ratio in ratios),
+    )
+
+
+def _frames(jobs: list[Job]) -> Frames:
+    """Return the frames that need no number: the robot's own, and the base's where nothing carries the robot."""
+    carried = any(row.kind in ("BC", "BP") for job in jobs for row in job.rows)
+    own = {"ROBOT": Pose((0.0, 0.0, 0.0))}
+    return Frames(base_frame=own if carried else own | {"BASE": Pose((0.0, 0.0, 0.0))})
+
+
+def _kind_remarks(positions: Positions) -> list[Remark]:
+    remarks = []
+    if PULSES in positions.kinds:
+        line = int(positions.lines[positions.kinds.index(PULSES)])
+        remarks.append(Remark(line, "pulses", RATIOS_NEEDED))
+    shifts = [i for i, kind in enumerate(positions.kinds) if kind == SHIFT]
+    remarks += [
+        Remark(
+            int(positions.lines[i]),
+            "position_register",
+            f"{positions.names[i]} is a variable that no move of this job goes to, or that it also computes with: "
+            "it stays as written.",
+        )
+        for i in shifts
+    ]
+    return remarks
