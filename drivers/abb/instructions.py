@@ -23,7 +23,7 @@ _NEXT_STATEMENT = re.compile(
 )
 _INDEX = re.compile(r"\d+(?:,\d+)*")
 
-_CIRCLE = re.compile(r"^(?:move|trigg|arc|disp|paint|cap)c")
+_CIRCLE = re.compile(r"(?:move|trigg|arc|disp|paint|cap)c")
 _MANY_SIGNS = re.compile(r'[\[({"!]')
 _MOST_ARGUMENTS = 40
 _SHIFTED = ("offset", "This target is shifted while the program runs.")
@@ -74,10 +74,12 @@ def read_instruction(source: Source, word: str, place: int) -> Instruction:
     plain = [argument for argument in arguments if source.text[argument.start : argument.start + 1] != "\\"]
     held = [argument for argument in plain if argument.literal is None]
     tool, frame = _tool_and_frame(source.text, word, held)
+    named = len(plain) if word.startswith("search") else 2 if _CIRCLE.match(word) else 1
     targets = tuple(
         target
         for k, argument in enumerate(plain)
-        if (target := _target(source, word, k, argument)) is not None
+        if (k < named or argument.literal is not None)
+        and (target := _target(source, word, k, argument)) is not None
     )
     return Instruction(word, targets, tool, frame, end)
 

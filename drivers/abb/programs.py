@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import hypot, isnan
 from pathlib import PurePath
 from typing import Self
 
@@ -21,7 +22,7 @@ from drivers.abb.module import read_module
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
-from drivers.programs.spans import Edit, Source, checked_rows, finest, written
+from drivers.programs.spans import Edit, Source, Wanted, checked_rows, finest, written
 
 _MODULE = re.compile(rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:MODULE[ \t]++[A-Za-z]|%%%)", re.IGNORECASE | re.MULTILINE)
 _LOOKED_AT = 1 << 16  # bytes in which a module names itself
@@ -47,7 +48,25 @@ class AbbFile:
     def changed(self, change: Change) -> Self:
         """Return the file with new coordinates; see `drivers.programs.positions.ProgramFile`."""
         rows = checked_rows(self.source.name, self.positions, change)
-        edits = [edit for k, row in enumerate(rows.tolist()) for edit in self._edits(k, row, change)]
+        wanted = Wanted.of(self.positions, rows, change)
+        turns = _quaternions(len(rows), change.frame_tip).tolist()
+        edits: list[Edit] = []
+        for k, row in enumerate(rows.tolist()):
+            configuration = _new(change.configurations, k, self.positions.configurations[row])
+            frame = _new(change.user_frames, k, self.positions.user_frames[row] or "")
+            if not (
+                wanted.has_pose[k] or wanted.has_joints[k] or configuration is not None or frame is not None
+            ):
+                continue
+            self._refuse_unfit(row, pose=wanted.has_pose[k], joints=wanted.has_joints[k], frame=frame)
+            shape = "jointtarget" if self.positions.kinds[row] == JOINTS else "robtarget"
+            found = AGGREGATES[shape].match(self.source.text, int(self.starts[row]))
+            if wanted.has_pose[k]:
+                edits += self._pose_edits(row, found, wanted.place_mm[k], turns[k])
+            if wanted.has_joints[k]:
+                edits += self._joint_edits(row, found, wanted.joints_deg[k])
+            if configuration is not None:
+                edits += self._configuration_edits(row, found, configuration)
         return type(self).read(self.source.name, self.source.edited(edits))
 
     @classmethod
@@ -77,47 +96,37 @@ class AbbFile:
             fixed={k: found.fixed[row] for k, row in enumerate(order.tolist()) if row in found.fixed},
         )
 
-    def _edits(self, k: int, row: int, change: Change) -> Iterator[Edit]:
-        frame_tip, joints = _given(change.frame_tip, k), _given(change.joints, k)
-        configuration = _new(change.configurations, k, self.positions.configurations[row])
-        frame = _new(change.user_frames, k, self.positions.user_frames[row] or "")
-        if frame_tip is None and joints is None and configuration is None and frame is None:
-            return
+    def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, frame: str | None) -> None:
         kind = self.positions.kinds[row]
         if row in self.fixed:
             raise self._refusal(row, self.fixed[row])
         if frame is not None:
             raise self._refusal(row, "its work object stands in the moves, which are not rewritten")
-        if (frame_tip is not None and kind != CARTESIAN) or (joints is not None and kind != JOINTS):
+        if (pose and kind != CARTESIAN) or (joints and kind != JOINTS):
             raise self._refusal(row, f"it holds {kind} coordinates")
-        shape = "jointtarget" if kind == JOINTS else "robtarget"
-        found = AGGREGATES[shape].match(self.source.text, int(self.starts[row]))
-        if frame_tip is not None:
-            yield from self._pose_edits(row, found, frame_tip)
-        if joints is not None:
-            yield from self._joint_edits(row, found, joints)
-        if configuration is not None:
-            yield from self._configuration_edits(row, found, configuration)
 
-    def _pose_edits(self, row: int, found: re.Match[str], frame_tip: Array) -> Iterator[Edit]:
+    def _pose_edits(
+        self, row: int, found: re.Match[str], place_mm: list[float], turn: list[float]
+    ) -> Iterator[Edit]:
         texts = found.groups()[:7]
-        length, turn = finest(texts[:3], LEAST_LENGTH_DECIMALS), finest(texts[3:], LEAST_QUATERNION_DECIMALS)
-        yield from self._number_edits(row, found, 0, frame_tip[:3, 3] * 1e3, length)
-        old = np.array([float(text) for text in texts[3:]])
-        old /= np.linalg.norm(old)
-        new = quaternion_from_rotation(frame_tip[:3, :3])
-        new = -new if new @ old < 0 else new  # q and -q are one orientation; the file keeps its own
-        if np.abs(new - old).max() > 0.5 * 10.0**-turn:
-            yield from self._number_edits(row, found, 3, new, turn)
+        length, digits = (
+            finest(texts[:3], LEAST_LENGTH_DECIMALS),
+            finest(texts[3:], LEAST_QUATERNION_DECIMALS),
+        )
+        yield from self._number_edits(row, found, 0, place_mm, length)
+        old = [float(text) for text in texts[3:]]
+        norm = hypot(*old)
+        sign = -1.0 if sum(a * b for a, b in zip(turn, old, strict=True)) < 0 else 1.0
+        new = [sign * value for value in turn]  # q and -q are one orientation; the file keeps its own
+        if max(abs(a - b / norm) for a, b in zip(new, old, strict=True)) > 0.5 * 10.0**-digits:
+            yield from self._number_edits(row, found, 3, new, digits)
 
-    def _joint_edits(self, row: int, found: re.Match[str], joints: Array) -> Iterator[Edit]:
-        old = self.positions.joints[row]
-        if (np.isnan(old) & ~np.isnan(joints)).any():
+    def _joint_edits(self, row: int, found: re.Match[str], joints_deg: list[float]) -> Iterator[Edit]:
+        unused = np.isnan(self.positions.joints[row]).tolist()
+        if any(gone and not isnan(value) for gone, value in zip(unused, joints_deg, strict=True)):
             raise self._refusal(row, "an axis that it leaves out is given a value")
-        given = ~np.isnan(joints)
-        texts = [text for text, there in zip(found.groups()[:6], given.tolist(), strict=True) if there]
-        values = np.where(given, np.rad2deg(joints), np.nan)
-        yield from self._number_edits(row, found, 0, values, finest(texts, LEAST_ANGLE_DECIMALS))
+        texts = [text for text, gone in zip(found.groups()[:6], unused, strict=True) if not gone]
+        yield from self._number_edits(row, found, 0, joints_deg, finest(texts, LEAST_ANGLE_DECIMALS))
 
     def _configuration_edits(self, row: int, found: re.Match[str], text: str) -> Iterator[Edit]:
         if numbers_of(text) is None:
@@ -126,10 +135,10 @@ class AbbFile:
             yield *found.span(8 + k), part.strip()
 
     def _number_edits(
-        self, row: int, found: re.Match[str], first: int, values: Array, decimals: int
+        self, row: int, found: re.Match[str], first: int, values: list[float], decimals: int
     ) -> Iterator[Edit]:
-        for k, value in enumerate(values.tolist()):
-            if np.isnan(value):
+        for k, value in enumerate(values):
+            if isnan(value):
                 continue
             if not abs(value) < 1e7:
                 raise self._refusal(row, f"no robot has the coordinate {value:.0f}")
@@ -143,8 +152,13 @@ class AbbFile:
         )
 
 
-def _given(values: Array | None, k: int) -> Array | None:
-    return None if values is None or np.isnan(values[k]).all() else values[k]
+def _quaternions(count: int, frame_tip: Array | None) -> Array:
+    """Return (count, 4) quaternions of poses, NaN where there is none."""
+    quaternions = np.full((count, 4), np.nan)
+    if frame_tip is not None:
+        given = ~np.isnan(frame_tip).any(axis=(1, 2))
+        quaternions[given] = quaternion_from_rotation(frame_tip[given, :3, :3])
+    return quaternions
 
 
 def _new(texts: Sequence[str] | None, k: int, old: str) -> str | None:

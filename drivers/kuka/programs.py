@@ -1,8 +1,9 @@
 """KUKA programs and data lists as `ProgramFile`: lossless, span by span."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from math import isnan, radians
 from pathlib import PurePath
 from typing import Self
 
@@ -15,7 +16,6 @@ from drivers.kuka.collected import (
     LEAST_ANGLE_DECIMALS,
     LEAST_LENGTH_DECIMALS,
     Collected,
-    poses,
     refusal,
 )
 from drivers.kuka.configuration import KukaConfigurations, parts_of
@@ -25,7 +25,7 @@ from drivers.kuka.program import read_program
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
-from drivers.programs.spans import Edit, Source, checked_rows, finest, written
+from drivers.programs.spans import Edit, Source, Wanted, checked_rows, finest, written
 
 _DEFINED = re.compile(
     r"^[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT[ \t]++\w++|DEF)[ \t]++(\w++)", re.IGNORECASE | re.MULTILINE
@@ -33,6 +33,8 @@ _DEFINED = re.compile(
 _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
+Spans = dict[str, tuple[int, int]]
+_LEAST_TURN = 0.2  # of the last digit of an angle; half of it is what rounding hides
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
 
 
@@ -56,7 +58,24 @@ class KukaFile:
     def changed(self, change: Change) -> Self:
         """Return the file with new coordinates; see `drivers.programs.positions.ProgramFile`."""
         rows = checked_rows(self.source.name, self.positions, change)
-        edits = [edit for k, row in enumerate(rows.tolist()) for edit in self._edits(k, row, change)]
+        wanted = Wanted.of(self.positions, rows, change)
+        angles = _angles_deg(len(rows), change.frame_tip).tolist()
+        edits: list[Edit] = []
+        for k, row in enumerate(rows.tolist()):
+            configuration = _new_text(change.configurations, k, self.positions.configurations[row])
+            base = _new_text(change.user_frames, k, self.positions.user_frames[row] or "")
+            if not (
+                wanted.has_pose[k] or wanted.has_joints[k] or configuration is not None or base is not None
+            ):
+                continue
+            self._refuse_unfit(row, pose=wanted.has_pose[k], joints=wanted.has_joints[k], base=base)
+            spans = field_spans(self.source.text, int(self.starts[row]), len(self.source.text))
+            if wanted.has_pose[k]:
+                edits += self._pose_edits(row, spans, wanted, k, angles[k])
+            if wanted.has_joints[k]:
+                edits += self._joint_edits(row, spans, wanted.joints_deg[k])
+            if configuration is not None:
+                edits += self._state_edits(row, spans, configuration)
         return type(self).read(self.source.name, self.source.edited(edits))
 
     @classmethod
@@ -86,75 +105,49 @@ class KukaFile:
             fixed={k: found.fixed[row] for k, row in enumerate(rows.tolist()) if row in found.fixed},
         )
 
-    def _edits(self, k: int, row: int, change: Change) -> Iterator[Edit]:
-        frame_tip = _given(change.frame_tip, k)
-        joints = _given(change.joints, k)
-        configuration = self._new_text(change.configurations, k, self.positions.configurations[row])
-        base = self._new_text(change.user_frames, k, self.positions.user_frames[row] or "")
-        if frame_tip is None and joints is None and configuration is None and base is None:
-            return
+    def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, base: str | None) -> None:
         kind = self.positions.kinds[row]
         if row in self.fixed:
             raise self._refusal(row, self.fixed[row])
         if base is not None:
             raise self._refusal(row, "its base stands in its FDAT, which is not rewritten")
-        if (frame_tip is not None and kind != CARTESIAN) or (joints is not None and kind != JOINTS):
+        if (pose and kind != CARTESIAN) or (joints and kind != JOINTS):
             raise self._refusal(row, f"it holds {kind} coordinates")
-        text = self.source.text
-        spans = field_spans(text, int(self.starts[row]), len(text))
-        if frame_tip is not None:
-            yield from self._pose_edits(row, spans, frame_tip)
-        if joints is not None:
-            yield from self._joint_edits(row, spans, joints)
-        if configuration is not None:
-            yield from self._state_edits(row, spans, configuration)
 
-    def _pose_edits(self, row: int, spans: dict[str, tuple[int, int]], frame_tip: Array) -> Iterator[Edit]:
+    def _pose_edits(
+        self, row: int, spans: Spans, wanted: Wanted, k: int, angles: list[float]
+    ) -> Iterator[Edit]:
         texts = [self.source.text[slice(*spans[name])] for name in POSE_FIELDS]
         length, angle = finest(texts[:3], LEAST_LENGTH_DECIMALS), finest(texts[3:], LEAST_ANGLE_DECIMALS)
-        old = np.array([[float(text) for text in texts]])
-        moved = bool(np.abs(frame_tip[:3, 3] * 1e3 - old[0, :3]).max() > 0.5 * 10.0**-length * (1 - 1e-9))
-        turned = bool(np.abs(frame_tip - poses(old)[0])[:3, :3].max() > 1e-12)
-        if moved:
-            yield from self._number_edits(row, spans, POSE_FIELDS[:3], frame_tip[:3, 3] * 1e3, length)
-        if turned:  # A, B and C have a second spelling, which must not come of an unchanged orientation
-            angles = np.rad2deg(values_from("kuka_abc", frame_tip[:3, :3]))
+        if wanted.moved_mm[k] > 0.5 * 10.0**-length * (1 - 1e-9):
+            yield from self._number_edits(row, spans, POSE_FIELDS[:3], wanted.place_mm[k], length)
+        if wanted.turned[k] > _LEAST_TURN * radians(10.0**-angle):
+            # A, B and C have a second spelling, which must not come of an unchanged orientation.
             yield from self._number_edits(row, spans, POSE_FIELDS[3:], angles, angle)
 
-    def _joint_edits(self, row: int, spans: dict[str, tuple[int, int]], joints: Array) -> Iterator[Edit]:
-        if np.isnan(joints).any():
+    def _joint_edits(self, row: int, spans: Spans, joints_deg: list[float]) -> Iterator[Edit]:
+        if any(isnan(value) for value in joints_deg):
             raise self._refusal(row, "some of its new joints are not given")
         texts = [self.source.text[slice(*spans[name])] for name in AXIS_FIELDS]
         yield from self._number_edits(
-            row, spans, AXIS_FIELDS, np.rad2deg(joints), finest(texts, LEAST_ANGLE_DECIMALS)
+            row, spans, AXIS_FIELDS, joints_deg, finest(texts, LEAST_ANGLE_DECIMALS)
         )
 
     def _number_edits(
-        self,
-        row: int,
-        spans: dict[str, tuple[int, int]],
-        names: tuple[str, ...],
-        values: Array,
-        decimals: int,
+        self, row: int, spans: Spans, names: tuple[str, ...], values: list[float], decimals: int
     ) -> Iterator[Edit]:
-        for name, value in zip(names, values.tolist(), strict=True):
+        for name, value in zip(names, values, strict=True):
             start, end = spans[name]
             if not abs(value) < 1e7:
                 raise self._refusal(row, f"no robot has the coordinate {name} {value:.0f}")
             yield start, end, written(self.source.text[start:end], value, decimals)
 
-    def _state_edits(self, row: int, spans: dict[str, tuple[int, int]], text: str) -> Iterator[Edit]:
+    def _state_edits(self, row: int, spans: Spans, text: str) -> Iterator[Edit]:
         parts = parts_of(text)
         if parts is None or any((name in parts) != (name in spans) for name in STATE_FIELDS):
             raise self._refusal(row, f"{text!r} does not take the place of its S and T")
         for name, value in parts.items():
             yield *spans[name], value
-
-    @staticmethod
-    def _new_text(texts: object, k: int, old: str) -> str | None:
-        if not isinstance(texts, (tuple, list)) or texts[k] == old:
-            return None
-        return str(texts[k])
 
     def _refusal(self, row: int, why: str) -> ProgramFileError:
         return refusal(self.source, int(self.starts[row]), self.positions.names[row], why)
@@ -173,8 +166,17 @@ def _read_src(source: Source) -> _Read:
     return program.found, program.frames()
 
 
-def _given(values: Array | None, k: int) -> Array | None:
-    return None if values is None or np.isnan(values[k]).all() else values[k]
+def _angles_deg(count: int, frame_tip: Array | None) -> Array:
+    """Return (count, 3) angles A B C of poses, NaN where there is none."""
+    angles = np.full((count, 3), np.nan)
+    if frame_tip is not None:
+        given = ~np.isnan(frame_tip).any(axis=(1, 2))
+        angles[given] = np.rad2deg(values_from("kuka_abc", frame_tip[given, :3, :3])) if given.any() else 0.0
+    return angles
+
+
+def _new_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:
+    return None if texts is None or texts[k] == old else texts[k]
 
 
 def writes_program(data: bytes) -> bool:

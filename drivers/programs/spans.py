@@ -1,10 +1,12 @@
 """Text of a program with the places of its numbers: new numbers go in, every other byte stays."""
 
+import re
 from bisect import bisect_left
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import floor, isfinite, log10
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,7 @@ from drivers.programs.positions import Change, Positions
 
 Edit = tuple[int, int, str]  # from, to, what stands there from now on
 
+_PLAIN = re.compile(r"-?\d+(?:\.\d+)?")
 _LONGEST_NUMBER = 40  # characters; no controller writes more
 _LARGEST = 1e7  # mm or degrees; no robot goes there
 _MOST_DIGITS = 15
@@ -97,11 +100,42 @@ def written(text: str, value: float, decimals: int) -> str:
     """
     if abs(value - float(text)) <= 0.5 * 10.0**-decimals * (1 - 1e-9):
         return text
+    if _PLAIN.fullmatch(text):  # nearly all are
+        digits = min(max(len(text.partition(".")[2]), decimals), _MOST_DIGITS)
+        return f"{round(value, digits) + 0.0:.{digits}f}"  # no -0.000
     form = NumberFormat.of(text)
     digits = max(form.decimals, decimals + (floor(log10(abs(value))) if form.exponent and value else 0), 0)
     digits = min(digits, _MOST_DIGITS)
-    rounded = value if form.exponent else round(value, digits) + 0.0  # no -0.000
+    rounded = value if form.exponent else round(value, digits) + 0.0
     return replace(form, decimals=digits, point=form.point or digits > 0).write(rounded)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A change in the units of the file, row by row, as lists: a million rows are gone through one by one."""
+
+    has_pose: list[bool]
+    has_joints: list[bool]
+    place_mm: list[list[float]]
+    moved_mm: list[float]  # the largest of x, y and z
+    turned: list[float]  # the largest of the rotation's elements
+    joints_deg: list[list[float]]
+
+    @classmethod
+    def of(cls, positions: Positions, rows: NDArray[np.int64], change: Change) -> Self:
+        """Compare a change with what is there."""
+        nothing = np.full((len(rows), 4, 4), np.nan)
+        poses = nothing if change.frame_tip is None else change.frame_tip
+        joints = np.full((len(rows), 1), np.nan) if change.joints is None else change.joints
+        step = np.abs(poses - positions.frame_tip[rows])
+        return cls(
+            has_pose=np.asarray(np.isfinite(poses).any(axis=(1, 2))).tolist(),
+            has_joints=np.asarray(np.isfinite(joints).any(axis=1)).tolist(),
+            place_mm=(poses[:, :3, 3] * 1e3).tolist(),
+            moved_mm=(step[:, :3, 3].max(axis=1) * 1e3).tolist(),
+            turned=step[:, :3, :3].max(axis=(1, 2)).tolist(),
+            joints_deg=np.rad2deg(joints).tolist(),
+        )
 
 
 def checked_rows(name: str, positions: Positions, change: Change) -> NDArray[np.int64]:
