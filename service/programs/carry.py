@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.compensation.pose_gap import Arm
+from calibration.compensation.pose_gap import Arm, Flags
 from calibration.geometry import Array, inverse_transform
 from calibration.programs.transfer import Transferred, Way, same_place, tips, transfer
 from drivers.programs.brands import ConfigurationRule
@@ -259,14 +259,15 @@ class Carrier:
 
     def _told(self, points: Points, number: int, result: _Outcome, warnings: list[str]) -> ProgramResult:
         program = points.programs[number]
-        chosen = np.flatnonzero(points.of == number)
-        reasons = tuple(points.reasons[i] for i in chosen.tolist())
+        first, beyond = np.searchsorted(points.of, [number, number + 1]).tolist()
+        chosen = slice(first, beyond)  # views: a large file is not copied
+        reasons = tuple(points.reasons[chosen])
         _refuse_foreign_points(program, reasons, self._route.source)
         good = np.array([not reason for reason in reasons], dtype=bool)
-        rows = chosen[good]
+        rows = first + np.flatnonzero(good)
         after = program.changed(_change(points, rows, result)) if len(rows) else program
-        _check_written(program.name, after, points.row[rows], result.frame_tip[rows])
-        left = chosen[~good]
+        _check_written(program.name, after, points.row[rows], (result.frame_tip, rows))
+        left = first + np.flatnonzero(~good)
         for column in (result.shift_m, result.turn_rad, result.expected_m, result.uncorrected_m):
             column[left] = np.nan
         result.after[left] = np.nan
@@ -290,24 +291,25 @@ def _change(points: Points, rows: Rows, result: _Outcome) -> Change:
     texts = [result.texts.get(i, points.texts[i]) for i in rows.tolist()]
     return Change(
         rows=points.row[rows].astype(np.int64),
-        frame_tip=poses if np.isfinite(poses).any() else None,
-        joints=joints if np.isfinite(joints).any() else None,
+        frame_tip=poses if np.isfinite(poses[:, 0, 0]).any() else None,
+        joints=joints if np.isfinite(joints[:, 0]).any() else None,
         configurations=texts if any(i in result.texts for i in rows.tolist()) else None,
     )
 
 
-def _status(before: ProgramFile, after: ProgramFile, good: Array) -> tuple[str, ...]:
+def _status(before: ProgramFile, after: ProgramFile, good: Flags) -> tuple[str, ...]:
     old, new = before.positions, after.positions
-    same = (np.nan_to_num(old.frame_tip) == np.nan_to_num(new.frame_tip)).all(axis=(1, 2))
-    same &= (np.nan_to_num(old.joints) == np.nan_to_num(new.joints)).all(axis=1)
-    same &= np.array(
-        [a == b for a, b in zip(old.configurations, new.configurations, strict=True)], dtype=bool
-    )
+    same = np.array([a == b for a, b in zip(old.configurations, new.configurations, strict=True)], dtype=bool)
+    for first in range(0, len(same), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        for a, b in ((old.frame_tip[block], new.frame_tip[block]), (old.joints[block], new.joints[block])):
+            one = (a == b) | (np.isnan(a) & np.isnan(b))
+            same[block] &= one.reshape(len(a), -1).all(axis=1)
     words = np.where(good, np.where(same, UNCHANGED, CHANGED), LEFT)
     return tuple(words.tolist())
 
 
-def _check_written(name: str, after: ProgramFile, rows: Rows, frame_tip: Array) -> None:
+def _check_written(name: str, after: ProgramFile, rows: Rows, wanted: tuple[Array, Rows]) -> None:
     """Read back what was written: the file's numbers say the point, within their own resolution.
 
     Raises
@@ -315,19 +317,21 @@ def _check_written(name: str, after: ProgramFile, rows: Rows, frame_tip: Array) 
     ProgramFileError
         They do not; nothing of this file may be used.
     """
-    posed = np.isfinite(frame_tip).all(axis=(1, 2))
-    if not posed.any():
-        return
-    positions, rows = after.positions, rows[posed]
-    apart, turned = same_place(positions.frame_tip[rows], frame_tip[posed])
-    far = apart > 2.0 * positions.resolution_m[rows] + 1e-9
-    if (far | (turned > 4.0 * positions.resolution_rad[rows] + 1e-7)).any():
-        worst = positions.names[int(rows[np.argmax(apart)])]
-        raise ProgramFileError(
-            name,
-            f"the numbers written for {worst} are {apart.max() * 1e3:.4f} mm from the point.",
-            remedy="Do not use this file; report it with the program.",
-        )
+    positions, (poses, at) = after.positions, wanted
+    for first in range(0, len(rows), _BLOCK):
+        some, frame_tip = rows[first : first + _BLOCK], poses[at[first : first + _BLOCK]]
+        posed = np.isfinite(frame_tip).all(axis=(1, 2))
+        some = some[posed]
+        apart, turned = same_place(positions.frame_tip[some], frame_tip[posed])
+        far = apart > 2.0 * positions.resolution_m[some] + 1e-9
+        far |= turned > 4.0 * positions.resolution_rad[some] + 1e-7
+        if far.any():
+            worst = positions.names[int(some[np.argmax(apart)])]
+            raise ProgramFileError(
+                name,
+                f"the numbers written for {worst} are {apart.max() * 1e3:.4f} mm from the point.",
+                remedy="Do not use this file; report it with the program.",
+            )
 
 
 def _refuse_foreign_points(program: ProgramFile, reasons: Sequence[str], project: Project) -> None:

@@ -208,7 +208,7 @@ def arm_length(model: RobotModel) -> float:
 
 
 def _joined(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArray[Some]:
-    return np.concatenate([empty, *parts])
+    return parts[0] if len(parts) == 1 else np.concatenate([empty, *parts])  # a large file is not copied
 
 
 def _own(poses: Mapping[str, Pose], name: str, always: tuple[str, ...]) -> Array | None:
