@@ -90,18 +90,17 @@ def _given(program: Changeable, rows: NDArray[np.int64], values: Array, kind: st
     """Return which entries of a change bring coordinates; they must be finite and for positions of that kind."""
     flat = np.asarray(values, dtype=float).reshape(len(rows), -1)
     given = np.flatnonzero(~np.isnan(flat).all(axis=1)) if flat.size else np.zeros(0, dtype=np.int64)
-    for i in given.tolist():
-        row = int(rows[i])
-        held = program.positions.kinds[row]
-        if held != kind:
-            remedy = RATIOS_NEEDED if held == PULSES else "Leave this position out of the change."
+    kinds = program.positions.kinds
+    bad = np.isinf(flat).any(axis=1) | (np.isnan(flat).any(axis=1) & (kind == CARTESIAN))
+    for row, broken in zip(rows[given].tolist(), bad[given].tolist(), strict=True):
+        if kinds[row] != kind:
             raise ProgramFileError(
                 program.file,
-                f"{program.positions.names[row]} holds {held} and cannot take {kind} coordinates.",
+                f"{program.positions.names[row]} holds {kinds[row]} and cannot take {kind} coordinates.",
                 line=program.rows[row].line,
-                remedy=remedy,
+                remedy=RATIOS_NEEDED if kinds[row] == PULSES else "Leave this position out of the change.",
             )
-        if np.isinf(flat[i]).any() or (kind == CARTESIAN and np.isnan(flat[i]).any()):
+        if broken:
             raise ProgramFileError(
                 program.file,
                 f"{program.positions.names[row]}: a coordinate is not finite.",

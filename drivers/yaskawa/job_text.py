@@ -41,7 +41,6 @@ _LINE = re.compile(
 )
 _WORD = re.compile(r"(/{1,4})([A-Z]\w*)(?:[ \t]+(.*?))?[ \t]*\Z")
 _SLASHED = re.compile(r"^/[^\r\n]*", re.MULTILINE)
-_LONG = re.compile(rf"[^\n]{{{MAX_LINE + 1}}}")
 _WHOLE = re.compile(r"\d{1,9}\Z")
 _POSTYPES = ("PULSE", "ANGLE", "BASE", "ROBOT", "TOOL", "USER", "MTOOL")
 _CURE = "Save the job on the controller again, or correct the line; the file was not changed."
@@ -95,10 +94,10 @@ def jobs_of(name: str, text: str) -> list[Job]:
     if len(text) > MAX_BYTES:
         raise ProgramFileError(name, f"{len(text) >> 20} MB is no job.", remedy="Give the job itself.")
     reader = _Reader(name, text)
-    long = _LONG.search(text)
-    if long is not None:
-        line = text.count("\n", 0, long.start()) + 1
-        raise reader.error(line, MAX_LINE, f"the line has more than {MAX_LINE} characters")
+    widths = list(map(len, text.split("\n")))
+    if max(widths) > MAX_LINE:
+        line = next(i for i, width in enumerate(widths, 1) if width > MAX_LINE)
+        raise reader.error(line, MAX_LINE, f"the line has {widths[line - 1]} characters")
     reader.read()
     return reader.jobs
 
