@@ -56,7 +56,7 @@ def programs_mutated(count: int) -> Figures:
             f"{source.name} {total.files} damaged files: {len(total.failures)} crashes or changed points, "
             f"{total.refused} refused ({total.located} with a line), "
             f"{total.changed} read and changed in coordinates only, "
-            f"slowest {total.slowest_s:.2f} s (seed {total.slowest_seed})"
+            f"slowest {total.slowest_s:.2f} s CPU (seed {total.slowest_seed})"
         )
         _tell(total.failures)
     return Figures("programs_mutated: " + "; ".join(words), reached)
