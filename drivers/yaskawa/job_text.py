@@ -194,9 +194,13 @@ class _Reader:
         job, held = self.jobs[-1], self.held
         if word == "NPOS":
             counts = rest.split(",")
-            if job.counts is not None or len(counts) != 6 or not all(_WHOLE.match(n.strip()) for n in counts):
+            if (
+                job.counts is not None
+                or len(counts) != 6
+                or not all(_WHOLE.match(n.strip(" \t")) for n in counts)
+            ):
                 raise self.error(line, max(column, 1), f"///NPOS {rest[:40]} does not give six counts once")
-            job.counts = tuple(int(n) for n in counts)
+            job.counts = tuple(int(n.strip(" \t")) for n in counts)
         elif word in ("TOOL", "USER"):
             if not _WHOLE.match(rest):
                 raise self.error(line, max(column, 1), f"///{word} {rest[:40]} names no number")
@@ -206,7 +210,7 @@ class _Reader:
             self.held = Held(held.tool, held.user, rest, held.mode, held.configuration)
         elif word in MODES and not rest:
             self.held = Held(held.tool, held.user, held.postype, word, held.configuration)
-        elif word == "RCONF" and rest and all(_WHOLE.match(n.strip()) for n in rest.split(",")):
+        elif word == "RCONF" and rest and all(_WHOLE.match(n.strip(" \t")) for n in rest.split(",")):
             self.held = Held(held.tool, held.user, held.postype, held.mode, rest)
         else:
             raise self.error(line, 1, f"///{word} {rest[:40]} is not understood among positions")

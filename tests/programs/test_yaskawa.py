@@ -162,6 +162,7 @@ def test_free_numbers_take_what_is_asked(old: bytes, new: bytes) -> None:
     ("old", "new", "line", "words"),
     [
         (b"NPOS 3,1,1", b"NPOS 4,1,1", 1, "says 4 C positions, 3 are there"),
+        (b"NPOS 3,1,1", b"NPOS 3\x1d,1,1", 4, "does not give six counts"),
         (b"C00001=76697,-73189", b"C00001=76697;-73189", 10, "not understood"),
         (b"C00001=76697,", b"C00001=7669.7,", 10, "no ///PULSE position"),
         (b"C00002=410.000,", b"C00002=", 16, "no ///RECTAN position"),
