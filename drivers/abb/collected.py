@@ -166,6 +166,8 @@ class Collected:
 def pose_of(texts: tuple[str, ...]) -> Pose | None:
     """Return a pose from seven numbers [mm, 1]; None where they are none."""
     values: Array = np.array([float(text) for text in texts])
+    if not np.abs(values).max() < _USUAL:
+        return None
     norm = float(np.linalg.norm(values[3:]))
     if not abs(norm - 1.0) <= UNIT_WITHIN:
         return None
