@@ -34,7 +34,7 @@ from service.programs.postures import PostureSearch
 from service.programs.project import Project, Tool
 from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
 
-_BLOCK = 8192
+_BLOCK = 32768  # the few points that need many steps take them together
 _CONTRADICTS_M = 5e-4  # between the joints and the pose of one position
 _MOST_FOREIGN = 0.5  # of a program's points
 
@@ -75,7 +75,7 @@ class _Outcome:
     """Columns of all points, NaN where a point is left."""
 
     frame_tip: Array
-    joints: Array
+    joints: Array  # one row of NaN for all while no joints are written
     before: Array
     after: Array
     shift_m: Array
@@ -88,7 +88,7 @@ class _Outcome:
     def empty(cls, count: int, axes: int) -> "_Outcome":
         new, before, after = (np.full((count, 4, 4), np.nan) for _ in range(3))
         shift, turn, expected, uncorrected = (np.full(count, np.nan) for _ in range(4))
-        joints = np.full((count, axes), np.nan)
+        joints = np.broadcast_to(np.full(axes, np.nan), (count, axes))
         return cls(new, joints, before, after, shift, turn, expected, uncorrected)
 
 
@@ -254,7 +254,9 @@ class Carrier:
         )
         result.uncorrected_m[rows] = same_place(way.change @ before, found.base_tip)[0]
         written = ~posed | np.isfinite(points.joints[rows]).all(axis=1)
-        result.joints[rows[written]] = found.joints_rad[written]
+        if written.any():
+            result.joints = result.joints if result.joints.flags.writeable else result.joints.copy()
+            result.joints[rows[written]] = found.joints_rad[written]
         result.before[rows], result.after[rows] = before, found.base_tip
 
     def _told(self, points: Points, number: int, result: _Outcome, warnings: list[str]) -> ProgramResult:
@@ -287,7 +289,9 @@ class Carrier:
 
 
 def _change(points: Points, rows: Rows, result: _Outcome) -> Change:
-    poses, joints = result.frame_tip[rows], result.joints[rows]
+    whole = len(rows) == rows[-1] - rows[0] + 1
+    part = slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
+    poses, joints = result.frame_tip[part], result.joints[part]
     texts = [result.texts.get(i, points.texts[i]) for i in rows.tolist()]
     return Change(
         rows=points.row[rows].astype(np.int64),

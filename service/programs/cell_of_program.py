@@ -218,6 +218,8 @@ def _own(poses: Mapping[str, Pose], name: str, always: tuple[str, ...]) -> Array
 
 
 def _six(joints: Array, axes: int) -> Array:
+    if joints.shape[1] == axes:
+        return joints
     wide = np.full((len(joints), axes), np.nan)
     wide[:, : min(axes, joints.shape[1])] = joints[:, :axes]
     return wide
