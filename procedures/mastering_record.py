@@ -191,10 +191,13 @@ def shown(plan: MotionPlan) -> Instruction:
     """Return the plan as a question for the technician."""
     minutes = plan.travel_rad / plan.speed_rad_s / 60.0
     degrees = float(np.degrees(plan.speed_rad_s))
+    details = "; ".join(plan.not_checked)
     return Instruction(
         "accept_plan",
-        f"The robot will move to {len(plan.poses_rad)} poses at up to {degrees:.1f} deg/s per joint, about "
-        f"{minutes:.0f} minutes. {'; '.join(plan.not_checked)}. May it move?",
+        f"The robot will move to {len(plan.poses_rad)} poses, about {minutes:.0f} minutes.\n"
+        f"No joint turns faster than {degrees:.1f} deg/s; planned ways keep limits, distances and the wire's range.\n"
+        "Look: is nobody near, is the wire free, are no cables or hoses in the way? May it move?\n"
+        f"What the plan did not check: {details or 'nothing is left out'}.",
     )
 
 

@@ -17,12 +17,19 @@ _SPARE_WINDING_RAD = 0.2  # detours and stops from below wind it a little differ
 def travel_order(
     model: RobotModel, start_rad: Joints, poses: Array, limits: MotionLimits, *, one_by_one: bool = False
 ) -> list[Array]:
-    """Order poses by nearest neighbour along allowed ways; poses that cannot be reached are left out."""
-    here, left, ordered = np.array(start_rad), list(poses), []
+    """Order poses by nearest neighbour along allowed ways; poses that cannot be reached are left out.
+
+    A wire winds up over many legs: each leg is looked at with all before it.
+    """
+    start = np.array(start_rad)
+    here, left = start, list(poses)
+    ordered: list[Array] = []
     while left:
         left.sort(key=lambda pose: travel_rad(here, pose, one_by_one))
         reachable = (
-            k for k, pose in enumerate(left) if way_allowed(model, here, pose, limits, one_by_one=one_by_one)
+            k
+            for k, pose in enumerate(left)
+            if walk_allowed(model, start, [*ordered, pose], limits, one_by_one=one_by_one)
         )
         nearest = next(reachable, None)
         if nearest is None:
@@ -60,11 +67,13 @@ def arrive(model: RobotModel, limits: MotionLimits, here: Array, there: Array, w
     return float(total[-1]) if np.abs(total).max() <= limits.wire.wrap_rad - _SPARE_WINDING_RAD else None
 
 
-def walk_allowed(model: RobotModel, here: Array, walk: list[Array], limits: MotionLimits) -> bool:
+def walk_allowed(
+    model: RobotModel, here: Array, walk: list[Array], limits: MotionLimits, *, one_by_one: bool = True
+) -> bool:
     """Tell whether a walk from pose to pose keeps every limit as a whole: a wire winds up over many legs."""
     corners, stops, at = [], [], here
     for there in walk:
-        leg = corners_of(at, there, True)
+        leg = corners_of(at, there, one_by_one)
         corners.append(leg)
         stops += [*(False for _ in leg[1:]), True]
         at = there

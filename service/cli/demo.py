@@ -24,7 +24,8 @@ def demo(
     headless
         Tell the story in the terminal.
     loss
-        turns (battery), motor:J1 … motor:J6 (motor exchanged), all (every reference gone), crash (arm bent).
+        turns (battery), motor:J1 … motor:J6 (motor exchanged), all (every reference gone), crash (arm bent),
+        memory (the controller forgot), backup (an old one was loaded), swap (another arm).
     seed
         The world's hidden truth; another seed is another robot.
     time_factor

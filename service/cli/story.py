@@ -78,6 +78,8 @@ class Teller:
         console.print(
             f"{report.captures} captures, joints turned for {minutes} min {seconds} s; story {report.seconds:.1f} s"
         )
+        if report.clock is not None:
+            console.print(report.clock.sentence())
 
 
 def _joints(report: DemoReport) -> Table:

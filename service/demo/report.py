@@ -3,6 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from service.demo.timing import RobotTime
+
 
 @dataclass(frozen=True, slots=True)
 class JointReport:
@@ -37,6 +39,7 @@ class DemoReport:
     reason: str
     seconds: float
     robot_time_s: float = 0.0  # of turning joints; rests, index runs and computing not counted
+    clock: RobotTime | None = None  # of the whole recovery
     gate: tuple[tuple[str, bool, str], ...] = field(default=())
 
     def as_object(self) -> dict[str, Any]:
@@ -60,4 +63,6 @@ class DemoReport:
             "verdict": self.verdict,
             "reason": self.reason,
             "robot_time_s": self.robot_time_s,
+            "clock_s": None if self.clock is None else self.clock.total_s,
+            "clock_parts_s": {} if self.clock is None else dict(self.clock.parts_s),
         }

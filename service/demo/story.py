@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from service.demo.door import Door
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.demo.report import DemoReport, JointReport, TcpError
 from service.demo.technician import DemoTechnician
+from service.demo.timing import RobotTime, StepClock
 from service.runs.cell import lend_record, open_cell, open_journal
 from service.runs.check import check_cell
 from service.runs.conduct import Conditions, Outcome, Verdict, run_procedure
@@ -53,6 +54,7 @@ class _Told:
     error_after: TcpError
     drive: DriveTrain
     seconds: float
+    robot_time: RobotTime
 
 
 async def tell_story(folder: Path, plot: Plot) -> DemoReport:
@@ -65,46 +67,55 @@ async def tell_story(folder: Path, plot: Plot) -> DemoReport:
     async with running_fakes(path) as door:
         await _reach_everything(config, plot)
         with open_journal(config) as journal:
-            async with open_cell(config, DemoTechnician(door, plot.say), ROBOT) as cell:
+            async with open_cell(config, _technician(door, plot), ROBOT) as cell:
                 await _take_record(config, cell, journal, plot)
                 loss = await _lose_and_notice(config, cell, door, fault, plot)
                 truth_before, error_before = await _truth_of(door), await _tcp_error(door)
-                outcome = await _recover(config, cell, journal, plot)
+                outcome, robot_time = await _recover_timed(config, cell, journal, door, plot)
                 truth_after, error_after = await _truth_of(door), await _tcp_error(door)
                 assert cell.mastering is not None
                 drive = await cell.mastering.drive_train()
     seconds = time.monotonic() - started_s
     truths = (truth_before, truth_after, error_before, error_after)
-    told = _Told(loss, outcome, *truths, drive, seconds)
+    told = _Told(loss, outcome, *truths, drive, seconds, robot_time)
     return _report(plot, told)
 
 
+_FAULTS: dict[str, tuple[str, dict[str, Any], str]] = {
+    "turns": ("battery_loss", {"axes": "all"}, "the encoder battery is pulled, and the arm sags a little"),
+    "all": ("reference_loss", {}, "every encoder loses its reference"),
+    "crash": ("crash", {}, "the arm hits something, bends, and loses its encoder battery"),
+    "memory": ("memory_loss", {}, "the controller forgets its mastering data"),
+    "backup": ("old_backup", {}, "a backup from before the last mastering is loaded: J3 is wrong, no alarm"),
+    "swap": ("swapped_arm", {}, "another arm of the same type is put under the same cabinet"),
+}
+_WITHOUT_ALARM = "backup"
+
+
 def fault_of(loss: str) -> tuple[str, dict[str, Any]]:
-    """Return the world's fault for a loss: turns, motor:J3, all, crash."""
-    if loss == "turns":
-        return "battery_loss", {"axes": "all"}
-    if loss == "all":
-        return "reference_loss", {}
-    if loss == "crash":
-        return "crash", {}
+    """Return the world's fault for a loss: turns, motor:J3, all, crash, memory, backup, swap."""
+    if loss in _FAULTS:
+        return _FAULTS[loss][:2]
     kind, _, axis = loss.partition(":")
     if kind == "motor" and axis in {f"J{i}" for i in range(1, 7)}:
         return "motor_exchange", {"axis": axis}
+    names = ", ".join(_FAULTS)
     raise CellError(
-        f"there is no loss {loss!r}", remedy="Choose turns, motor:J1 … motor:J6, all or crash.", code="usage"
+        f"there is no loss {loss!r}", remedy=f"Choose {names} or motor:J1 … motor:J6.", code="usage"
     )
 
 
 def told_loss(loss: str) -> str:
     """Return what the world does, in words."""
-    words = {
-        "turns": "the encoder battery is pulled, and the arm sags a little",
-        "all": "every encoder loses its reference",
-        "crash": "the arm hits something, bends, and loses its encoder battery",
-    }
-    return words.get(
-        loss, f"the motor of {loss.removeprefix('motor:')} is exchanged, and the battery was out"
-    )
+    if loss in _FAULTS:
+        return _FAULTS[loss][2]
+    return f"the motor of {loss.removeprefix('motor:')} is exchanged, and the battery was out"
+
+
+def _technician(door: Door, plot: Plot) -> DemoTechnician:
+    """Return the pair of hands; after a swap the plate on the arm is not the one that is asked for."""
+    says_no = {"compare_plate"} if plot.loss == "swap" else frozenset[str]()
+    return DemoTechnician(door, plot.say, says_no=frozenset(says_no))
 
 
 async def _reach_everything(config: CellConfig, plot: Plot) -> None:
@@ -148,6 +159,14 @@ async def _lose_and_notice(
         following = tasks.create_task(watch.run())
         plot.say(f"Behind the service's back: {told_loss(plot.loss)}.")
         await door.fault(fault[0], **fault[1])
+        if plot.loss == _WITHOUT_ALARM:
+            following.cancel()
+            plot.say(
+                "No alarm tells of it: the technician sees that the programs are off, and starts a recovery."
+            )
+            return PositionLoss(
+                ROBOT, "the technician; the controller reports nothing", (), memory.load(ROBOT)
+            )
         async with asyncio.timeout(NOTICE_WITHIN_S):
             seen = await noticed
         following.cancel()
@@ -162,6 +181,21 @@ async def _recover(config: CellConfig, cell: Cell, journal: Journal, plot: Plot)
     return await run_procedure(await lend_record(cell, journal), "mastering_recovery", spec, journal, how=how)
 
 
+async def _recover_timed(
+    config: CellConfig, cell: Cell, journal: Journal, door: Door, plot: Plot
+) -> tuple[Outcome, RobotTime]:
+    """Recover, and read the world's clock before and after."""
+    clock = StepClock(plot.time_factor)
+
+    def on_event(event: Progress) -> None:
+        clock.on_event(event)
+        plot.on_event(event)
+
+    began_s = (await door.truth())["time_s"]
+    outcome = await _recover(config, cell, journal, replace(plot, on_event=on_event))
+    return outcome, clock.told((await door.truth())["time_s"] - began_s)
+
+
 async def _truth_of(door: Door) -> dict[str, Any]:
     truth: dict[str, Any] = (await door.truth())["robots"][ROBOT]
     return truth
@@ -174,6 +208,8 @@ async def _tcp_error(door: Door) -> TcpError:
 
 def _report(plot: Plot, told: "_Told") -> DemoReport:
     result: RecoveryResult | None = told.outcome.result
+    if result is None and told.outcome.verdict is Verdict.DECLINED:
+        return _declined(plot, told)
     if result is None:
         outcome = told.outcome
         raise CellError(f"the recovery broke off: {outcome.reason}", remedy=outcome.remedy, code=outcome.code)
@@ -198,5 +234,29 @@ def _report(plot: Plot, told: "_Told") -> DemoReport:
         reason=result.reason if passed else f"{told.outcome.reason} {told.outcome.remedy}".strip(),
         seconds=told.seconds,
         robot_time_s=result.robot_seconds,
+        clock=told.robot_time,
         gate=tuple((check.name, check.passed, check.sentence) for check in result.gate),
+    )
+
+
+def _declined(plot: Plot, told: "_Told") -> DemoReport:
+    """Return the end of a recovery that the technician stopped before anything was written."""
+    wrong = told.drive.joints(
+        np.array(told.truth_after["true_counts_at_zero"]), np.array(told.truth_after["counts_at_zero"])
+    )
+    lost = told.truth_before["turns_lost"]
+    return DemoReport(
+        loss=plot.loss,
+        detected_by=told.loss.detected_by,
+        captures=0,
+        joints=tuple(
+            JointReport(f"J{k}", turns, 0, float(error), 0.0)
+            for k, (turns, error) in enumerate(zip(lost, wrong, strict=True), 1)
+        ),
+        tcp_error_before_m=told.error_before,
+        tcp_error_after_m=told.error_after,
+        verdict="REFUSED",
+        reason=f"{told.outcome.reason} {told.outcome.remedy}".strip(),
+        seconds=told.seconds,
+        clock=told.robot_time,
     )

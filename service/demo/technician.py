@@ -4,6 +4,7 @@ import asyncio
 import re
 from collections.abc import Awaitable, Callable
 
+from drivers.errors import RefusedError
 from drivers.interfaces import Answer, Instruction, Question
 from service.demo.door import Door
 
@@ -13,11 +14,18 @@ _MOUTH = re.compile(r"towards x (-?\d+), y (-?\d+), z (-?\d+) mm")
 
 
 class DemoTechnician:
-    """Says yes, and does what the instruction asks. ``say`` shows what he was asked."""
+    """Says yes but to ``says_no``, and does what the instruction asks. ``say`` shows what he was asked."""
 
     name = "technician"
 
-    def __init__(self, door: Door, say: Callable[[str], None], wire: str | None = None) -> None:
+    def __init__(
+        self,
+        door: Door,
+        say: Callable[[str], None],
+        wire: str | None = None,
+        says_no: frozenset[str] = frozenset(),
+    ) -> None:
+        self._says_no = says_no  # to which instructions
         self._door, self._say, self._wire = door, say, wire  # which wire his hands are on; None: the only one
         self._hands: dict[str, Callable[[], Awaitable[object]]] = {
             "new_battery": lambda: door.fault("new_battery"),
@@ -27,6 +35,8 @@ class DemoTechnician:
     async def confirm(self, instruction: Instruction) -> Answer:
         """Do it, then say yes."""
         self._say(f"to the technician: {instruction.text}")
+        if instruction.key in self._says_no:
+            raise RefusedError(self.name, "no")
         hands = self._hands.get(instruction.key)
         if hands is not None:
             await hands()

@@ -10,6 +10,7 @@ import pytest
 KEYS = {
     *("loss", "detected_by", "captures", "joints", "verdict", "reason"),
     *("tcp_error_before_m", "tcp_error_after_m", "robot_time_s"),
+    *("clock_s", "clock_parts_s"),
 }
 JOINT_KEYS = {"name", "turns_lost", "turns_restored", "offset_error_rad", "offset_u_rad"}
 
@@ -62,6 +63,24 @@ def test_a_bent_arm_is_refused_and_nothing_is_written() -> None:
     code, told = demo("crash", 41)
     assert (code, told["verdict"]) == (4, "REFUSED")
     assert "full calibration" in told["reason"]
+    assert all(joint["turns_restored"] == 0 for joint in told["joints"])
+
+
+@pytest.mark.parametrize("loss", ["memory", "backup"])
+def test_mastering_data_that_are_wrong_without_a_lost_encoder_are_put_right(loss: str) -> None:
+    code, told = demo(loss, 5)
+    assert (code, told["verdict"]) == (0, "PASS")
+    assert told["tcp_error_before_m"]["max"] > 1e-3
+    assert told["tcp_error_after_m"]["max"] < 1e-9
+    assert all(joint["turns_lost"] == joint["turns_restored"] == 0 for joint in told["joints"])
+    assert told["clock_s"] > 0.0
+    assert sum(told["clock_parts_s"].values()) == pytest.approx(told["clock_s"], rel=0.05)
+
+
+def test_another_arm_under_the_same_cabinet_gets_no_mastering() -> None:
+    code, told = demo("swap", 5)
+    assert (code, told["verdict"]) == (4, "REFUSED")
+    assert told["tcp_error_after_m"] == told["tcp_error_before_m"]
     assert all(joint["turns_restored"] == 0 for joint in told["joints"])
 
 

@@ -26,6 +26,8 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "motor": (stories.motor, 50),
     "all": (stories.all_references, 50),
     "crash": (stories.crash, 40),
+    "memory": (stories.memory, 20),
+    "swap": (stories.swap, 20),
     "many": (losses.many, 1000),
     "outlier": (losses.outlier, 200),
     "poor": (losses.poor, 200),

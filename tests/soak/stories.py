@@ -62,6 +62,25 @@ def crash(seeds: int) -> Figures:
     return Figures(line, len(refused) == seeds and len(advised) >= 0.95 * seeds)
 
 
+def memory(seeds: int) -> Figures:
+    """The controller forgot, or an old backup was loaded: what was right before is right again, exactly."""
+    stories = [*tell_all("memory", seeds), *tell_all("backup", seeds)]
+    accepted = [story for story in stories if story["verdict"] == "PASS"]
+    exact = [story for story in accepted if all(_exact(joint) for joint in story["joints"])]
+    line = (
+        f"memory: {len(exact)} of {len(accepted)} accepted exact, {len(accepted)} of {len(stories)} accepted"
+    )
+    return Figures(line, len(exact) == len(accepted) and len(accepted) >= 0.95 * len(stories))
+
+
+def swap(seeds: int) -> Figures:
+    """Another arm under the same cabinet: never mastered."""
+    stories = tell_all("swap", seeds)
+    refused = [story for story in stories if story["verdict"] == "REFUSED"]
+    line = f"swap: {len(refused)} of {seeds} refused"
+    return Figures(line, len(refused) == seeds)
+
+
 def tell_all(loss: str, seeds: int) -> list[Story]:
     """Tell the story of one loss for seeds 1..n, a few at once."""
     return asyncio.run(_tell_all(loss, seeds))
@@ -94,7 +113,7 @@ async def _tell(loss: str, seed: int) -> Story:
         sys.stderr.write(f"{loss}, seed {seed}: exit {process.returncode}: {' / '.join(last)}\n")
         return {"verdict": "BROKEN", "reason": " / ".join(last), "joints": [], "captures": 0}
     story: Story = json.loads(out)
-    if story["verdict"] != "PASS" and loss != "crash":
+    if story["verdict"] != "PASS" and loss not in ("crash", "swap"):
         sys.stderr.write(f"{loss}, seed {seed}: {story['verdict']}: {story['reason']}\n")
     return story
 
