@@ -23,6 +23,7 @@ from calibration.arm.robot_models import model_names
 from calibration.errors import CellError
 from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
 from service.configuration.motion_config import MOTION_KEYS, RobotMotion, read_motion
+from service.configuration.site_config import SiteTable
 
 Triple = tuple[float, float, float]
 
@@ -163,6 +164,7 @@ class CellConfig:
     trackers: tuple[TrackerEntry, ...] = ()
     probes: tuple[ProbeEntry, ...] = ()
     motions: Mapping[str, RobotMotion] = field(default_factory=dict)  # by the robot's name
+    site: SiteTable | None = None
 
     @property
     def sha256(self) -> str:
@@ -226,7 +228,7 @@ def _text_of(path: Path) -> str:
 
 _NAME = re.compile(r"\w[\w .-]*")
 _MOST_BYTES = 1_000_000
-_TABLES = ("cell", "robot", "gauge", "tracker", "probe", "watch", "fake")
+_TABLES = ("cell", "robot", "gauge", "tracker", "probe", "watch", "site", "fake")
 
 
 class _Reader:
@@ -251,6 +253,7 @@ class _Reader:
         trackers = self._placed(document, "tracker", TrackerConfig, TrackerEntry, TrackerSetup)
         probes = self._placed(document, "probe", ProbeConfig, ProbeEntry, ProbeSetup)
         watch = self._model(WatchTable, document.get("watch", {}), "watch")
+        site = self._model(SiteTable, document["site"], "site") if "site" in document else None
         self._models(robots)
         if not robots and "robot" not in dict(self.faults):
             self.faults.append(("robot", "a cell needs at least one [[robot]]"))
@@ -276,6 +279,7 @@ class _Reader:
             tuple(trackers),
             tuple(probes),
             motions,
+            None if site is None else site.seen_from(self.path),
         )
 
     def _robot(self, table: dict[str, Any], where: str) -> Any:

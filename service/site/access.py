@@ -1,0 +1,128 @@
+"""Who may say and ask what on the bus, and the zenoh configurations that hold it.
+
+Default is deny. A cell may put under its own name and nowhere else; the monitor may ask and put nothing; nobody may
+put anything towards a cell, so there is no key that could command one. Every subject carries a common name: an empty
+property of a subject would be a wildcard.
+
+Asking is given for the whole site in one rule: access is by inclusion, and the monitor's one subscription for all
+cells would silently be unserved by rules that name one cell each. Only the monitor may begin to ask.
+"""
+
+from typing import Any
+
+from service.site.keys import MONITOR_NAME, ROOT, ROUTER_NAME, StationKeys, everything_below
+
+SAYING = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
+ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]
+LEASE_MS = 2500  # after a cable is pulled nobody says goodbye
+_RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
+_MOST_SESSIONS = 10_000
+
+Config = dict[str, Any]
+
+
+def router_config(site: str, listen: str, cells: list[str]) -> Config:
+    """Return the configuration of the site's router: the only listener."""
+    return _common("router", ROUTER_NAME) | {
+        "listen": {"endpoints": [f"tls/{listen}"]},
+        "transport": _transport(ROUTER_NAME)
+        | {"unicast": {"max_sessions": _MOST_SESSIONS, "accept_pending": 1000}},
+        "access_control": router_access(site, cells),
+    }
+
+
+def cell_config(site: str, cell: str, endpoint: str) -> Config:
+    """Return the configuration of a cell: a peer that nobody can connect to, and that opens without a router."""
+    return _common("peer", cell) | {
+        "listen": {"endpoints": []},
+        "connect": {
+            "endpoints": [f"tls/{endpoint}"],
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+            "retry": _RETRY,
+        },
+        "access_control": cell_access(site, cell),
+    }
+
+
+def monitor_config(endpoint: str) -> Config:
+    """Return the configuration of a monitor: a client, since a router forwards nothing from peer to peer."""
+    return _common("client", MONITOR_NAME) | {
+        "connect": {"endpoints": [f"tls/{endpoint}"], "timeout_ms": 2000, "retry": _RETRY},
+    }
+
+
+def router_access(site: str, cells: list[str]) -> Config:
+    """Return the router's rules: one block per cell for what it says, one for all asking."""
+    whole_site = everything_below(f"{ROOT}/{site}")
+    rules = [
+        _rule("cells-are-asked", "egress", ASKING, whole_site),
+        _rule("monitor-asks", "ingress", ASKING, whole_site),
+        _rule("monitor-receives", "egress", SAYING, whole_site),
+    ]
+    subjects = [_subject("monitor", MONITOR_NAME)]
+    policies = [{"rules": ["monitor-asks", "monitor-receives"], "subjects": ["monitor"]}]
+    for cell in cells:
+        says = f"cell-{cell}-says"
+        rules.append(_rule(says, "ingress", SAYING, everything_below(StationKeys(site, cell).base)))
+        subjects.append(_subject(f"cell-{cell}", cell))
+        policies.append({"rules": [says, "cells-are-asked"], "subjects": [f"cell-{cell}"]})
+    return _access(rules, subjects, policies)
+
+
+def cell_access(site: str, cell: str) -> Config:
+    """Return the cell's own rules: whatever the router is made to do, nothing but questions comes in."""
+    rules = [
+        _rule("says", "egress", SAYING, everything_below(StationKeys(site, cell).base)),
+        _rule("is-asked", "ingress", ASKING, everything_below(f"{ROOT}/{site}")),
+    ]
+    return _access(
+        rules, [_subject("router", ROUTER_NAME)], [{"rules": ["says", "is-asked"], "subjects": ["router"]}]
+    )
+
+
+def _access(rules: list[Config], subjects: list[Config], policies: list[Config]) -> Config:
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> Config:
+    return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+
+
+def _subject(name: str, common_name: str) -> Config:
+    return {"id": name, "cert_common_names": [common_name]}
+
+
+def _common(mode: str, name: str) -> Config:
+    return {
+        "mode": mode,
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "adminspace": {"enabled": False},
+        "transport": _transport(name),
+    }
+
+
+def _transport(name: str) -> Config:
+    return {
+        "shared_memory": {"enabled": False},  # on, sessions fail beyond some 350
+        "link": {
+            "protocols": ["tls"],
+            "tx": {"lease": LEASE_MS},
+            "tls": {
+                "root_ca_certificate": "ca.pem",
+                "enable_mtls": True,
+                "listen_private_key": f"{name}.key",
+                "listen_certificate": f"{name}.pem",
+                "connect_private_key": f"{name}.key",
+                "connect_certificate": f"{name}.pem",
+                "verify_name_on_connect": True,
+                "close_link_on_expiration": True,
+            },
+        },
+    }

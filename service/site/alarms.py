@@ -1,0 +1,81 @@
+"""What the site must hear of at once: derived from what the desk tells, raised once and cleared once.
+
+An alarm on the bus informs people. It is no safety function, and nothing acts on it.
+"""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+CALM_S = 2.0  # a device that flaps is one alarm
+_QUIET = ("ready", "unknown")
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One thing that is wrong."""
+
+    code: str
+    source: str
+    text: str
+    remedy: str = ""
+
+    @property
+    def id(self) -> str:
+        """What makes it the same alarm again."""
+        return f"{self.code}:{self.source}"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as the bus carries it."""
+        return {"id": self.id, **asdict(self)}
+
+
+class Alarms:
+    """Which alarms are up."""
+
+    def __init__(self) -> None:
+        self._up: dict[str, tuple[Alarm, float]] = {}  # with when it was last true
+
+    @property
+    def up(self) -> list[Alarm]:
+        """Every alarm that is up."""
+        return [alarm for alarm, _ in self._up.values()]
+
+    def look(self, wrong: Iterable[Alarm], now_s: float) -> list[tuple[Alarm, bool]]:
+        """Take in all that is wrong now; return what was raised (True) or cleared (False) by it."""
+        changes = []
+        for alarm in wrong:
+            if alarm.id not in self._up:
+                changes.append((alarm, True))
+            self._up[alarm.id] = (alarm, now_s)
+        for name, (alarm, true_at_s) in list(self._up.items()):
+            if now_s - true_at_s > CALM_S:
+                del self._up[name]
+                changes.append((alarm, False))
+        return changes
+
+
+def wrong_in(session: dict[str, Any] | None, live: dict[str, Any] | None) -> list[Alarm]:
+    """Return what is wrong by the desk's session and live values; nothing while there is no desk."""
+    if session is None:
+        return []
+    found = []
+    connection = session.get("connection", {})
+    if not connection.get("connected") and connection.get("message") not in ("", "connecting"):
+        found.append(
+            Alarm("cell.unreachable", session["cell"], connection["message"], connection.get("remedy", ""))
+        )
+    found += [
+        Alarm("position.lost", loss["robot"], f"{loss['detected_by']}; {loss['words']}")
+        for loss in session.get("losses", [])
+    ]
+    outcome = (session.get("run") or {}).get("outcome") or {}
+    if outcome.get("verdict") in ("broken", "cell_failed"):
+        found.append(
+            Alarm("run.broken", session["run"]["procedure"], outcome["reason"], outcome.get("remedy", ""))
+        )
+    return found + [
+        Alarm(f"device.{device['state']}", device["name"], device["message"], device["remedy"])
+        for device in (live or {}).get("devices", [])
+        if device["state"] not in _QUIET
+    ]

@@ -1,0 +1,97 @@
+"""What a cell answers when the site asks: its outbox, its runs, its certificates. Every verb reads."""
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from service.runs.journal import Event
+from service.site.journal_tail import told
+from service.site.keys import SiteError
+from service.site.ledger import Ledger
+from service.site.outbox import read_only, rows_between
+
+MOST_ROWS = 500
+ASKABLE = ("from", "most", "id", "after")
+LONGEST_DOCUMENT = 16_000_000
+_RUN_ID = re.compile(r"[A-Za-z0-9_-]{1,100}")
+_EVENTS = (
+    "SELECT seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, actor, prev, hash FROM event"
+    " WHERE run_id = ? AND seq > ? ORDER BY seq LIMIT ?"
+)
+
+
+class Answers:
+    """The verbs. Each gives JSON bodies to be signed, or messages that are signed already."""
+
+    def __init__(self, journal: Path, outbox: Path, certificates: Path, ledger: Ledger) -> None:
+        self._journal, self._outbox, self._certificates, self._ledger = journal, outbox, certificates, ledger
+        self.verbs: Mapping[str, Callable[[Mapping[str, str]], Iterator[dict[str, Any] | bytes]]] = {
+            "outbox": self._rows,
+            "runs": self._runs,
+            "run": self._run,
+        }
+
+    def answer(self, verb: str, asked: Mapping[str, str]) -> Iterator[dict[str, Any] | bytes]:
+        """Return the answer to a question.
+
+        Raises
+        ------
+        SiteError
+            There is no such verb, or the question is not understood.
+        """
+        if verb not in self.verbs:
+            raise SiteError(f"there is no verb {verb!r}; there are {', '.join(self.verbs)}.")
+        return self.verbs[verb](asked)
+
+    def certificate(self, run_id: str) -> bytes:
+        """Return the signed document of a run, as it was issued.
+
+        Raises
+        ------
+        SiteError
+            None was issued.
+        """
+        if _RUN_ID.fullmatch(run_id) is not None:
+            for name in (f"{run_id}.json", f"{run_id}-refused.json"):
+                path = self._certificates / name
+                if path.is_file() and path.stat().st_size <= LONGEST_DOCUMENT:
+                    return path.read_bytes()
+        raise SiteError(f"no certificate of the run {run_id[:100]!r} was issued.")
+
+    def _rows(self, asked: Mapping[str, str]) -> Iterator[dict[str, Any] | bytes]:
+        first = _number(asked, "from", 1)
+        most = min(_number(asked, "most", MOST_ROWS), MOST_ROWS)
+        for row in rows_between(self._outbox, first, most):
+            yield row.message
+
+    def _runs(self, asked: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+        del asked
+        yield {"runs": self._ledger.runs()}
+
+    def _run(self, asked: Mapping[str, str]) -> Iterator[dict[str, Any]]:
+        run_id, after = asked.get("id", ""), _number(asked, "after", 0)
+        if not self._journal.exists():
+            return
+        database = read_only(self._journal)
+        try:
+            rows = database.execute(_EVENTS, (run_id, after, MOST_ROWS)).fetchall()
+        finally:
+            database.close()
+        for row in rows:
+            yield told(Event(*row))
+
+
+def _number(asked: Mapping[str, str], name: str, otherwise: int) -> int:
+    text = asked.get(name, "")
+    if not text:
+        return otherwise
+    if not text.isascii() or not text.isdecimal() or len(text) > 18:
+        raise SiteError(f"{name} must be a whole number.")
+    return int(text)
+
+
+def as_error(error: SiteError) -> bytes:
+    """Return an error as an answer."""
+    return json.dumps({"code": error.code, "message": error.message}).encode()

@@ -1,0 +1,223 @@
+"""What a monitor knows of every cell of its site, and how sure it is of that.
+
+Samples come in by the thousand a second; a signature costs about a fifth of a millisecond. So the newest sample of a
+key replaces the one before unread, and is opened when somebody looks. Nothing is shown that was not opened. Whether
+a cell is there is not signed: it is what the router says, and only a state that was opened makes a cell online.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any
+
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+from service.site.keys import StationKeys, cell_of
+from service.site.link_files import StationsFile
+from service.site.sealed import Flaw, Message, opened, public_key, wall_utc
+from service.site.site_store import Reach
+
+SILENT_S = 4.0  # a state comes every second; without a goodbye this tells a cable that was pulled
+_MOST_KEYS = 200
+_FLAWS_KEPT = 200
+OPENED_A_LOOK = 250
+
+
+@dataclass(slots=True)
+class _Station:
+    public: Ed25519PublicKey
+    alive: bool = False
+    samples: int = 0
+    heard_s: float | None = None  # anything, unopened
+    state_s: float | None = None  # when the state that was opened arrived
+    state: Message | None = None
+    clock_off_s: float = 0.0
+    alarms: dict[str, dict[str, Any]] = field(default_factory=dict)
+    waiting: dict[str, tuple[bytes, float]] = field(default_factory=dict)
+    values: dict[str, Message] = field(default_factory=dict)
+    reach: Reach = field(default_factory=Reach)
+
+
+@dataclass(frozen=True, slots=True)
+class CellView:
+    """One line of the table."""
+
+    cell: str
+    name: str
+    link: str  # online, silent, offline, never
+    age_s: float | None  # of the last sample
+    alarms: tuple[Mapping[str, Any], ...]
+    run: Mapping[str, Any] | None
+    asks: Mapping[str, Any] | None
+    attended: bool
+    drift: tuple[Mapping[str, Any], ...]
+    certificate: Mapping[str, Any] | None
+    due: tuple[Mapping[str, str], ...]
+    events: Reach
+    clock_off_s: float
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for other programs."""
+        told = {name: getattr(self, name) for name in self.__slots__ if name != "events"}
+        return told | {
+            "alarms": list(self.alarms),
+            "drift": list(self.drift),
+            "due": list(self.due),
+            "events": {"have": self.events.upto, "known": self.events.known, "lost": self.events.lost},
+        }
+
+
+class Fleet:
+    """Every enrolled cell. ``sample`` and ``liveliness`` are called by zenoh's threads, the rest by one other."""
+
+    def __init__(self, known: StationsFile) -> None:
+        self.site = known.site
+        self._stations = {cell: _Station(public_key(who.public_key)) for cell, who in known.cells.items()}
+        self._turn = 0
+        self._lock = threading.Lock()
+        self.flaws: deque[dict[str, str]] = deque(maxlen=_FLAWS_KEPT)
+        self.flaw_count = 0
+
+    # what comes in
+
+    def sample(self, key: str, raw: bytes, now_s: float) -> None:
+        """Take the newest of a key; the one before, if nobody looked, is gone."""
+        station = self._stations.get(cell_of(key))
+        if station is None:
+            return
+        station.samples += 1
+        station.heard_s = now_s
+        if key in station.waiting or len(station.waiting) < _MOST_KEYS:
+            station.waiting[key] = (raw, now_s)
+
+    def liveliness(self, key: str, *, alive: bool) -> None:
+        """Note that a cell came or went; the same twice changes nothing."""
+        station = self._stations.get(cell_of(key))
+        if station is not None:
+            station.alive = alive
+
+    def opened(self, key: str, raw: bytes) -> Message | None:
+        """Open a message; one that is not believed is named, and dropped."""
+        cell = cell_of(key)
+        station = self._stations.get(cell)
+        if station is None:
+            self.name_flaw(cell, "is not enrolled")
+            return None
+        found = opened(raw, key, cell, station.public)
+        if isinstance(found, Flaw):
+            self.name_flaw(cell, f"{key}: {found.sentence}")
+            return None
+        return found
+
+    def name_flaw(self, cell: str, sentence: str) -> None:
+        """Keep a sentence about what was not believed, or contradicts."""
+        with self._lock:
+            self.flaw_count += 1
+            self.flaws.append({"wall": wall_utc(), "cell": cell, "what": sentence})
+
+    def note_alarm(self, message: Message) -> None:
+        """Take an alarm's event."""
+        body = message.body
+        if not isinstance(body, dict) or not isinstance(body.get("id"), str):
+            return
+        alarms = self._stations[message.station].alarms
+        if body.get("active"):
+            alarms[body["id"]] = body
+        else:
+            alarms.pop(body["id"], None)
+
+    def note_reach(self, cell: str, reach: Reach) -> None:
+        """Take note of how far a cell's events are here."""
+        self._stations[cell].reach = reach
+
+    # looking
+
+    def look(self, most: int = OPENED_A_LOOK) -> list[Message]:
+        """Open the newest states that came since the last look, of so many cells; return them."""
+        names = list(self._stations)
+        found: list[Message] = []
+        for _ in range(len(names)):
+            cell = names[self._turn % len(names)]
+            self._turn += 1
+            state = self._look_at(cell)
+            found += [state] * (state is not None)
+            most -= state is not None
+            if most <= 0:
+                break
+        return found
+
+    def value(self, key: str) -> Message | None:
+        """Return the newest believable message of a key: joints, a device's value or state."""
+        station = self._stations.get(cell_of(key))
+        if station is None:
+            return None
+        waiting = station.waiting.pop(key, None)
+        message = None if waiting is None else self.opened(key, waiting[0])
+        kept = station.values.get(key)
+        if message is not None and (kept is None or message.place > kept.place):
+            station.values[key] = message
+        return station.values.get(key)
+
+    def views(self, now_s: float) -> list[CellView]:
+        """Return every cell as it stands."""
+        return [_view(cell, station, now_s) for cell, station in sorted(self._stations.items())]
+
+    def samples(self) -> dict[str, int]:
+        """Return how many samples of each cell came in."""
+        return {cell: station.samples for cell, station in self._stations.items()}
+
+    def is_alive(self, cell: str) -> bool:
+        """Whether the router says that a cell is there."""
+        return self._stations[cell].alive
+
+    def _look_at(self, cell: str) -> Message | None:
+        station = self._stations[cell]
+        key = StationKeys(self.site, cell).state
+        waiting = station.waiting.pop(key, None)
+        if waiting is None:
+            return None
+        message = self.opened(key, waiting[0])
+        if message is None or not isinstance(message.body, dict):
+            return None
+        if station.state is not None and message.place <= station.state.place:
+            return None  # older than what is known: a repetition
+        station.state, station.state_s = message, waiting[1]
+        station.clock_off_s = _seconds_from_now(message.wall)
+        station.alarms = {alarm["id"]: alarm for alarm in message.body.get("alarms", [])}
+        return message
+
+
+def _view(cell: str, station: _Station, now_s: float) -> CellView:
+    body: Mapping[str, Any] = station.state.body if station.state is not None else {}
+    return CellView(
+        cell=cell,
+        name=str(body.get("cell", cell)),
+        link=_link(station, now_s),
+        age_s=None if station.heard_s is None else round(now_s - station.heard_s, 2),
+        alarms=tuple(station.alarms.values()),
+        run=body.get("run"),
+        asks=body.get("asks"),
+        attended=bool(body.get("attended")),
+        drift=tuple(body.get("drift", ())),
+        certificate=body.get("certificate"),
+        due=tuple(body.get("due", ())),
+        events=station.reach,
+        clock_off_s=station.clock_off_s,
+    )
+
+
+def _link(station: _Station, now_s: float) -> str:
+    if station.state_s is None:
+        return "silent" if station.alive else "never"
+    if not station.alive:
+        return "offline"
+    return "online" if now_s - station.state_s <= SILENT_S else "silent"
+
+
+def _seconds_from_now(wall: str) -> float:
+    try:
+        return round((datetime.now(UTC) - datetime.fromisoformat(wall)).total_seconds(), 1)
+    except (ValueError, TypeError):
+        return 0.0

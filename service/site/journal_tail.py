@@ -1,0 +1,90 @@
+"""Follows a cell's journal, read only: whoever writes it is not disturbed and cannot be harmed."""
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+from service.runs.journal import Event
+from service.site.outbox import read_only
+
+_COLUMNS = "seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, actor, prev, hash"
+LONGEST_BODY = 1_000_000
+
+
+class JournalTail:
+    """What was appended since the last look. A journal that is not there yet has no events."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._database: sqlite3.Connection | None = None
+        self.trouble = ""
+
+    def after(self, seq: int, most: int = 500) -> list[Event]:
+        """Return the next events behind one; none while the journal cannot be read, and ``trouble`` says why."""
+        try:
+            database = self._opened()
+            if database is None:
+                return []
+            sql = f"SELECT {_COLUMNS} FROM event WHERE seq > ? ORDER BY seq LIMIT ?"
+            rows = database.execute(sql, (seq, most)).fetchall()
+        except sqlite3.Error as error:
+            self.trouble = f"the journal cannot be read: {error}"
+            self.close()
+            return []
+        self.trouble = ""
+        return [Event(*row) for row in rows]
+
+    def close(self) -> None:
+        """Let go of the file; the next look opens it again."""
+        if self._database is not None:
+            self._database.close()
+            self._database = None
+
+    def _opened(self) -> sqlite3.Connection | None:
+        if self._database is None and self._path.exists():
+            self._database = read_only(self._path)
+        return self._database
+
+
+def told(event: Event) -> dict[str, Any]:
+    """Return an event for the site: all that its hash covers, so that the chain can be checked there too.
+
+    A body that is too long for a message is left out and named; the run's certificate carries what counts of it.
+    """
+    whole = len(event.body) <= LONGEST_BODY
+    return {
+        "journal_seq": event.seq,
+        "run_id": event.run_id,
+        "idx": event.idx,
+        "kind": event.kind,
+        "idem": event.idem,
+        "body": event.body if whole else None,
+        "body_bytes": len(event.body.encode()),
+        "wall_utc": event.wall_utc,
+        "mono_ns": event.mono_ns,
+        "boot_id": event.boot_id,
+        "actor": event.actor,
+        "prev": event.prev.hex(),
+        "hash": event.hash.hex(),
+    }
+
+
+def chain_flaw(body: dict[str, Any]) -> str:
+    """Return what is wrong with an event as the site got it; nothing where its hash covers it."""
+    if body.get("body") is None:
+        return ""
+    event = Event(
+        seq=body["journal_seq"],
+        run_id=body["run_id"],
+        idx=body["idx"],
+        kind=body["kind"],
+        idem=body["idem"],
+        body=body["body"],
+        wall_utc=body["wall_utc"],
+        mono_ns=body["mono_ns"],
+        boot_id=body["boot_id"],
+        actor=body["actor"],
+        prev=bytes.fromhex(body["prev"]),
+        hash=bytes.fromhex(body["hash"]),
+    )
+    return "" if event.hash == event.expected_hash() else f"event {event.seq} is not what its hash says"

@@ -1,0 +1,115 @@
+"""What the site is told of a cell's history at a glance: the last certificate, the trend of drift, the run under way.
+
+A fold over the journal's events, one at a time, so that a long journal is read once.
+"""
+
+import json
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from procedures.past import Kind
+from service.runs.journal import Event
+
+_RUNS_KEPT = 100
+_TREND_KEPT = 20
+_ENDED_WELL = "passed"
+_WITH_A_RECORD = ("refused", "out_of_tolerance")  # their certificate is the record of a refusal
+
+
+@dataclass(slots=True)
+class _Run:
+    run_id: str
+    procedure: str
+    robot_serial: str
+    started_utc: str
+    state: str = "interrupted"
+    word: str = ""
+    ended_utc: str = ""
+    reason: str = ""
+    step: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+@dataclass(slots=True)
+class Ledger:
+    """Grows with every event of the journal; ``head`` is the last one taken."""
+
+    head: int = 0
+    head_hash: str = ""
+    certificate: dict[str, Any] | None = None
+    drift: deque[dict[str, Any]] = field(default_factory=lambda: deque(maxlen=_TREND_KEPT))
+    _runs: dict[str, _Run] = field(default_factory=dict)
+
+    def take(self, event: Event) -> None:
+        """Take the next event."""
+        self.head, self.head_hash = event.seq, event.hash.hex()
+        if event.kind == Kind.STARTED:
+            self._begin(event, json.loads(event.body))
+            return
+        run = self._runs.get(event.run_id)
+        if run is None:
+            return
+        if event.kind in (Kind.ENTERED, Kind.INTENT):
+            run.step = str(json.loads(event.body)["step"])
+        elif event.kind in (Kind.RESUMED, Kind.FORGOTTEN):
+            run.state, run.word, run.ended_utc, run.reason = "interrupted", "", "", ""
+        elif event.kind == Kind.ENDED:
+            self._end(run, event, json.loads(event.body))
+
+    def runs(self) -> list[dict[str, Any]]:
+        """Return the newest runs, newest first."""
+        return [run.as_json() for run in reversed(list(self._runs.values()))]  # zenoh's threads ask, too
+
+    def _begin(self, event: Event, header: dict[str, Any]) -> None:
+        serial = _at(header, "cell", "devices", 0, "identity", "serial")
+        self._runs[event.run_id] = _Run(
+            event.run_id, str(header["procedure"]), str(serial or ""), event.wall_utc
+        )
+        while len(self._runs) > _RUNS_KEPT:
+            self._runs.pop(next(iter(self._runs)))
+
+    def _end(self, run: _Run, event: Event, body: dict[str, Any]) -> None:
+        run.state, run.reason = str(body.get("verdict", "")), str(body.get("reason", ""))
+        run.ended_utc = event.wall_utc
+        run.word = str(_at(body, "judgement", "word") or "")
+        if run.state == _ENDED_WELL:
+            self._certified(run, run.word or "undecided")
+            self._drifted(run, body)
+        elif run.state in _WITH_A_RECORD:
+            self._certified(run, "refused")
+
+    def _certified(self, run: _Run, word: str) -> None:
+        self.certificate = {
+            "run_id": run.run_id,
+            "procedure": run.procedure,
+            "robot_serial": run.robot_serial,
+            "word": word,
+            "ended_utc": run.ended_utc,
+        }
+
+    def _drifted(self, run: _Run, body: dict[str, Any]) -> None:
+        change_m = _at(body, "result", "look", "finding", "change_rms_m")
+        if isinstance(change_m, int | float):
+            self.drift.append(
+                {
+                    "run_id": run.run_id,
+                    "robot_serial": run.robot_serial,
+                    "ended_utc": run.ended_utc,
+                    "change_rms_m": change_m,
+                    "change_max_m": _at(body, "result", "look", "finding", "change_max_m"),
+                    "word": run.word,
+                }
+            )
+
+
+def _at(value: Any, *path: str | int) -> Any:
+    """Return what stands at a path of a JSON value, or None."""
+    for part in path:
+        try:
+            value = value[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return value

@@ -1,0 +1,137 @@
+"""The folder that one part of the site is given: its zenoh configuration, its key and certificates.
+
+Paths in a configuration are relative to its folder, which may be carried anywhere; ``zenohd -c router.json5`` reads
+the same file when started in that folder.
+"""
+
+import contextlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import zenoh
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from service.site.keys import SiteError
+
+ROUTER_FILE, CELL_FILE, MONITOR_FILE = "router.json5", "cell.json5", "monitor.json5"
+STATION_FILE, STATIONS_FILE = "station.json", "stations.json"
+_TLS_FILES = (
+    "root_ca_certificate",
+    "listen_private_key",
+    "listen_certificate",
+    "connect_private_key",
+    "connect_certificate",
+)
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class StationFile(_Table):
+    """Who a cell is on the bus."""
+
+    site: str
+    cell: str
+
+
+class Enrolled(_Table):
+    """A cell as the site knows it. ``public_key`` is the one that signs its certificates and messages."""
+
+    public_key: str
+    enrolled_utc: str
+
+
+class StationsFile(_Table):
+    """Every cell that a monitor believes."""
+
+    site: str
+    cells: dict[str, Enrolled]
+
+
+_Known = TypeVar("_Known", bound=_Table)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkFolder:
+    """One part's folder."""
+
+    path: Path
+    config: dict[str, Any]
+
+    @property
+    def certificate(self) -> Path:
+        """Return this part's own certificate."""
+        return Path(self.config["transport"]["link"]["tls"]["connect_certificate"])
+
+    def zenoh_config(self, changes: Iterable[tuple[str, Any]] = ()) -> zenoh.Config:
+        """Return the configuration as zenoh takes it, with absolute paths."""
+        config = zenoh.Config.from_json5(json.dumps(self.config))
+        for key, value in changes:
+            config.insert_json5(key, json.dumps(value))
+        return config
+
+
+def close(session: zenoh.Session) -> None:
+    """Close a session; without that a process whose callbacks are Python's never ends."""
+    with contextlib.suppress(zenoh.ZError):
+        session.close()  # type: ignore[no-untyped-call]  # zenoh's stubs
+
+
+def read_link_folder(folder: Path, name: str) -> LinkFolder:
+    """Read a folder's zenoh configuration.
+
+    Raises
+    ------
+    SiteError
+        It is not there, is no configuration of ours, lacks a file, or its key is open to others.
+    """
+    path = folder / name
+    try:
+        config = json.loads(path.read_text(encoding="utf-8"))
+        tls = config["transport"]["link"]["tls"]
+        files = {key: (folder / tls[key]).absolute() for key in _TLS_FILES}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SiteError(
+            f"{path} is no configuration that `cellcal site enroll` wrote: {error}.",
+            remedy="Copy the folder that it made, whole.",
+            code="config",
+        ) from error
+    for file in files.values():
+        if not file.is_file():
+            raise SiteError(
+                f"{file} is not there.", remedy="Copy the folder that enroll made, whole.", code="config"
+            )
+    key = files["connect_private_key"]
+    if key.stat().st_mode & 0o077:
+        raise SiteError(
+            f"other users of this computer may read the private key {key}.",
+            remedy=f"`chmod 600 {key}`; if others may have read it, enrol the cell anew.",
+            code="config",
+        )
+    tls.update({key: str(file) for key, file in files.items()})
+    return LinkFolder(folder, config)
+
+
+def read_station(folder: Path) -> StationFile:
+    """Return who the cell of a folder is."""
+    return _read(folder / STATION_FILE, StationFile)
+
+
+def read_stations(folder: Path) -> StationsFile:
+    """Return whom the monitor of a folder believes."""
+    return _read(folder / STATIONS_FILE, StationsFile)
+
+
+def _read(path: Path, what: type[_Known]) -> _Known:
+    try:
+        return what.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise SiteError(
+            f"{path} cannot be used: {error}.",
+            remedy="Copy the folder that `cellcal site enroll` made, whole.",
+            code="config",
+        ) from error

@@ -1,0 +1,313 @@
+"""A monitor's end of the bus: hears all cells, keeps their events, asks for what is missing. It puts nothing.
+
+Zenoh's threads only hand over; one thread opens and stores, another asks cells for what they still hold.
+"""
+
+import contextlib
+import logging
+import queue
+import sqlite3
+import threading
+import time
+from pathlib import Path
+from typing import Any, Self
+
+import orjson
+import zenoh
+from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
+
+from service.certificates.signing import Checked, check
+from service.site.fleet import Fleet
+from service.site.journal_tail import chain_flaw
+from service.site.keys import SiteError, StationKeys, checked_identifier
+from service.site.link_files import MONITOR_FILE, close, read_link_folder, read_stations
+from service.site.sealed import Message
+from service.site.site_store import Received, SiteStore
+
+_LOG = logging.getLogger(__name__)
+_BATCH_S = 0.1
+_LOOK_S = 1.0
+_MOST_WAITING = 100_000
+_SETTLE_S = 1.5  # a short hole is mended from the cell's memory without being asked for
+_AGAIN_S = 3.0
+_ASK_S = 10.0
+_PAGE = 500
+_RETRY_S = 1.0
+
+
+class Listener:
+    """Listens for as long as it is open.
+
+    Raises
+    ------
+    SiteError
+        The folder is not whole, the store cannot be used, or no router answers within ``patience_s``.
+    """
+
+    def __init__(self, folder: Path, store: Path, *, patience_s: float = 5.0) -> None:
+        link, known = read_link_folder(folder, MONITOR_FILE), read_stations(folder)
+        self.fleet = Fleet(known)
+        self._cells = sorted(known.cells)
+        self._keys_of = {cell: StationKeys(known.site, cell) for cell in self._cells}
+        self._public = {cell: who.public_key for cell, who in known.cells.items()}
+        self._all = StationKeys(known.site, "*")
+        self._waiting: queue.Queue[tuple[str, bytes]] = queue.Queue(_MOST_WAITING)
+        self._leave = threading.Event()
+        self._missing: dict[str, tuple[str, float]] = {}  # since when, and of which outbox
+        self._ask_after_s: dict[str, float] = {}
+        self._store = SiteStore(store)
+        self._store_lock = threading.Lock()
+        try:
+            self._session = _connected(link.zenoh_config(), patience_s, self._where(link.config))
+        except BaseException:
+            self._store.close()
+            raise
+        self._hearing = self._subscribe()
+        self._threads = [
+            threading.Thread(target=self._guarded, args=(work,), name=work.__name__, daemon=True)
+            for work in (self._keep_storing, self._keep_looking, self._keep_asking)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the bus, store what has come, and let go of the file."""
+        self._leave.set()
+        close(self._session)
+        for thread in self._threads:
+            thread.join(_ASK_S + 5.0)
+        with self._store_lock:
+            self._store.close()
+
+    @property
+    def linked(self) -> bool:
+        """Whether the router is connected."""
+        return bool(self._session.info.routers_zid())
+
+    def numbers(self, cell: str) -> list[int]:
+        """Return the numbers of a cell's events that are stored."""
+        with self._store_lock:
+            return self._store.numbers(cell)
+
+    def events(self, cell: str, most: int = 100) -> list[dict[str, Any]]:
+        """Return a cell's newest events that are stored, newest first."""
+        with self._store_lock:
+            return [orjson.loads(raw) for raw in self._store.events(cell, most)]
+
+    def ask(self, cell: str, verb: str, **asked: str | int) -> list[Message]:
+        """Ask a cell one of its reading verbs; answers whose signature is not the cell's are named and left out."""
+        key = self._keys(cell).answer(verb)
+        replies = self._get(key, ";".join(f"{name}={value}" for name, value in asked.items()))
+        opened = [self.fleet.opened(key, raw) for raw in replies]
+        return [message for message in opened if message is not None]
+
+    def certificate(self, cell: str, run_id: str) -> tuple[bytes, Checked]:
+        """Fetch a certificate from its cell, with what a check of it against the cell's key ends with."""
+        keys = self._keys(cell)
+        checked_run = "".join(letter for letter in run_id if letter.isalnum() or letter in "_-")
+        replies = self._get(keys.certificate(checked_run), "")
+        if not replies:
+            raise SiteError(f"{cell} does not answer.", remedy="See whether it is online.", code="device")
+        return replies[0], check(replies[0], expected_key=self._public[cell])
+
+    def _keys(self, cell: str) -> StationKeys:
+        if cell not in self._keys_of:
+            checked_identifier(cell, "cell")
+            raise SiteError(f"there is no cell {cell!r} on this site.", remedy="See `cellcal monitor`.")
+        return self._keys_of[cell]
+
+    def _get(self, key: str, parameters: str) -> list[bytes]:
+        selector = f"{key}?{parameters}" if parameters else key
+        replies = self._session.get(
+            selector, consolidation=zenoh.ConsolidationMode.NONE, timeout=_ASK_S
+        )  # the default gives the newest of a key only
+        found = []
+        for reply in replies:
+            if reply.ok is not None:
+                found.append(reply.ok.payload.to_bytes())
+            elif reply.err is not None:
+                words = _words_of(reply.err.payload.to_bytes())
+                raise SiteError(f"{key}: {words}", remedy="See whether the cell is online.", code="device")
+        return found
+
+    # hearing, in zenoh's threads
+
+    def _subscribe(self) -> list[Any]:
+        history = HistoryConfig(detect_late_publishers=True, max_samples=1000)
+        newest = HistoryConfig(detect_late_publishers=True, max_samples=1)
+        recovery = RecoveryConfig(periodic_queries=None, heartbeat=True)
+        everyone = self._all
+        events = [
+            declare_advanced_subscriber(
+                self._session, key, self._hear_event, history=history, recovery=recovery
+            )
+            for key in (everyone.any_session_event, everyone.alarm)
+        ]
+        latest = [
+            declare_advanced_subscriber(self._session, key, self._hear, history=newest)
+            for key in (everyone.state, f"{everyone.base}/device/*/state")
+        ]
+        values = [
+            self._session.declare_subscriber(key, self._hear)
+            for key in (everyone.joints, f"{everyone.base}/device/*/value")
+        ]
+        alive = self._session.liveliness().declare_subscriber(
+            everyone.alive, self._hear_liveliness, history=True
+        )
+        return [*events, *latest, *values, alive]
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        self.fleet.sample(str(sample.key_expr), sample.payload.to_bytes(), time.monotonic())
+
+    def _hear_event(self, sample: zenoh.Sample) -> None:
+        with contextlib.suppress(queue.Full):  # then the hole is seen, and asked for
+            self._waiting.put_nowait((str(sample.key_expr), sample.payload.to_bytes()))
+
+    def _hear_liveliness(self, sample: zenoh.Sample) -> None:
+        self.fleet.liveliness(str(sample.key_expr), alive=sample.kind == zenoh.SampleKind.PUT)
+
+    # our own threads
+
+    def _guarded(self, work: Any) -> None:
+        while not self._leave.is_set():
+            try:
+                work()
+            except (sqlite3.Error, SiteError, zenoh.ZError) as error:
+                if not self._leave.is_set():
+                    self.fleet.name_flaw("", f"the monitor cannot go on with its work just now: {error}")
+            self._leave.wait(_RETRY_S)
+
+    def _keep_storing(self) -> None:
+        while not (self._leave.is_set() and self._waiting.empty()):
+            try:
+                batch = [self._waiting.get(timeout=_BATCH_S)]
+            except queue.Empty:
+                continue
+            with contextlib.suppress(queue.Empty):
+                while len(batch) < _PAGE:
+                    batch.append(self._waiting.get_nowait())
+            self._store_all(batch)
+
+    def _store_all(self, batch: list[tuple[str, bytes]]) -> None:
+        received = []
+        for key, raw in batch:
+            message = self.fleet.opened(key, raw)
+            if message is None or not self._whole(message):
+                continue
+            received.append(Received(message, raw))
+            if key == self._keys_of[message.station].alarm:
+                self.fleet.note_alarm(message)
+        if not received:
+            return
+        with self._store_lock:
+            for sentence in self._store.add(received):
+                self.fleet.name_flaw(received[0].message.station, sentence)
+            for cell, epoch in {(each.message.station, each.message.epoch) for each in received}:
+                self.fleet.note_reach(cell, self._store.reach(cell, epoch))
+
+    def _whole(self, message: Message) -> bool:
+        body = message.body
+        try:
+            flaw = chain_flaw(body) if isinstance(body, dict) and "journal_seq" in body else ""
+        except (KeyError, ValueError, TypeError, AttributeError):
+            flaw = "an event has not the parts of one"
+        if flaw:
+            self.fleet.name_flaw(message.station, flaw)
+        return not flaw
+
+    def _keep_looking(self) -> None:
+        while not self._leave.wait(_LOOK_S):
+            for state in self.fleet.look():
+                self._compare(state)
+
+    def _compare(self, state: Message) -> None:
+        """Compare what a cell says it has with what is here."""
+        has = state.body.get("outbox", {})
+        first, last = int(has.get("first", 1)), int(has.get("last", 0))
+        with self._store_lock:
+            reach = self._store.know(state.station, state.epoch, first, last)
+        self.fleet.note_reach(state.station, reach)
+        if not reach.missing:
+            self._missing.pop(state.station, None)
+        elif state.station not in self._missing:
+            self._missing[state.station] = (state.epoch, time.monotonic())
+
+    def _keep_asking(self) -> None:
+        while not self._leave.wait(_BATCH_S):
+            for cell, (epoch, since_s) in list(self._missing.items()):
+                now_s = time.monotonic()
+                due = max(since_s + _SETTLE_S, self._ask_after_s.get(cell, 0.0))
+                if now_s >= due and self.fleet.is_alive(cell) and not self._leave.is_set():
+                    self._recover(cell, epoch)
+
+    def _recover(self, cell: str, epoch: str) -> None:
+        """Fetch what is missing of a cell, page by page."""
+        self._ask_after_s[cell] = time.monotonic() + _AGAIN_S
+        while not self._leave.is_set():
+            with self._store_lock:
+                reach = self._store.reach(cell, epoch)
+            if not reach.missing:
+                self._missing.pop(cell, None)
+                return
+            found = self._page(cell, reach.upto + 1)
+            if not found:
+                return
+            with self._store_lock:
+                flaws = self._store.add(found)
+                after = self._store.reach(cell, epoch)
+            for sentence in flaws:
+                self.fleet.name_flaw(cell, sentence)
+            self.fleet.note_reach(cell, after)
+            if after.upto <= reach.upto:
+                return
+
+    def _page(self, cell: str, first: int) -> list[Received]:
+        found = []
+        for raw in self._get(self._keys_of[cell].answer("outbox"), f"from={first};most={_PAGE}"):
+            key = _key_of(raw)
+            message = self.fleet.opened(key, raw) if key.startswith(self._keys_of[cell].base + "/") else None
+            if message is not None and self._whole(message):
+                found.append(Received(message, raw))
+        return found
+
+    @staticmethod
+    def _where(config: dict[str, Any]) -> str:
+        return ", ".join(config["connect"]["endpoints"])
+
+
+def _connected(config: zenoh.Config, patience_s: float, where: str) -> zenoh.Session:
+    """Open the session; a client cannot be opened while no router answers."""
+    until_s = time.monotonic() + patience_s
+    while True:
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            if time.monotonic() > until_s:
+                raise SiteError(
+                    f"the site's router at {where} does not answer: {error}.",
+                    remedy="Start `cellcal site router`, and see that this computer reaches it. A certificate that is "
+                    "not of this site is refused without a word.",
+                    code="device.unreachable",
+                ) from error
+            time.sleep(min(_RETRY_S, patience_s / 5))
+
+
+def _key_of(raw: bytes) -> str:
+    try:
+        told = orjson.loads(raw)
+    except orjson.JSONDecodeError:
+        return ""
+    return str(told.get("key", "")) if isinstance(told, dict) else ""
+
+
+def _words_of(raw: bytes) -> str:
+    try:
+        return str(orjson.loads(raw)["message"])
+    except (orjson.JSONDecodeError, KeyError, TypeError):
+        return "the question was not answered in time"

@@ -1,0 +1,179 @@
+"""The outbox: every event that the site should have, numbered and signed, for as long as it takes to be asked for.
+
+A short loss of the link is mended from the publisher's memory. After hours the site asks for what it misses by
+number: rows stay here whatever the link does. Numbers begin at 1 and have no holes.
+"""
+
+import fcntl
+import itertools
+import os
+import secrets
+import sqlite3
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Self
+
+from service.site.keys import SiteError
+
+OUTBOX_NAME = "site_outbox.sqlite"
+KEPT_ROWS = 200_000
+_LIVE_BITS = 40  # room for live messages between two starts
+_SCHEMA = (
+    "CREATE TABLE IF NOT EXISTS outbox(seq INTEGER PRIMARY KEY, key TEXT NOT NULL, journal_seq INTEGER UNIQUE,"
+    " message BLOB NOT NULL) STRICT",
+    "CREATE TABLE IF NOT EXISTS counter(epoch TEXT NOT NULL, starts INTEGER NOT NULL) STRICT",
+)
+_PRAGMAS = (
+    "PRAGMA busy_timeout=5000",
+    "PRAGMA journal_mode=WAL",
+    "PRAGMA synchronous=FULL",
+    "PRAGMA trusted_schema=OFF",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ToSend:
+    """An event without its number yet. ``journal_seq`` keeps one of the journal from being sent under two."""
+
+    key: str
+    seal: Callable[[int], bytes]  # from its number to the signed message
+    journal_seq: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A numbered, signed event."""
+
+    seq: int
+    key: str
+    message: bytes
+
+
+class Outbox:
+    """One cell's outbox. Only one process may hold it: two would give the same numbers to different events."""
+
+    def __init__(self, data_dir: Path, *, kept_rows: int = KEPT_ROWS) -> None:
+        data_dir.mkdir(parents=True, exist_ok=True)
+        self.path = data_dir / OUTBOX_NAME
+        self._kept_rows = kept_rows
+        self._lock = _locked(self.path)
+        try:
+            self._database = sqlite3.connect(self.path, isolation_level=None)
+            for sql in (*_PRAGMAS, *_SCHEMA):
+                self._database.execute(sql).fetchall()
+            self.epoch, self._starts = self._begin()
+        except sqlite3.Error as error:
+            os.close(self._lock)
+            raise SiteError(
+                f"the outbox {self.path} cannot be used: {error}.",
+                remedy="Free the disk, or move the file away: a new one is begun from the journal.",
+                code="store",
+            ) from error
+        self._live = itertools.count((self._starts << _LIVE_BITS) + 1)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._database.close()
+        os.close(self._lock)
+
+    def add(self, events: Sequence[ToSend]) -> list[Sent]:
+        """Keep events, numbered and signed, all or none; one of the journal that is here already is left out.
+
+        Raises
+        ------
+        SiteError
+            The disk is full or failing.
+        """
+        try:
+            return self._add(events)
+        except sqlite3.Error as error:
+            raise SiteError(
+                f"the outbox {self.path} cannot be written: {error}.", remedy="Free the disk.", code="store"
+            ) from error
+
+    def _add(self, events: Sequence[ToSend]) -> list[Sent]:
+        sent: list[Sent] = []
+        self._database.execute("BEGIN IMMEDIATE")
+        try:
+            last = self.bounds()[1]
+            for event in events:
+                if event.journal_seq is not None and self._knows(event.journal_seq):
+                    continue
+                last += 1
+                sent.append(Sent(last, event.key, event.seal(last)))
+                row = (last, event.key, event.journal_seq, sent[-1].message)
+                self._database.execute("INSERT INTO outbox VALUES(?, ?, ?, ?)", row)
+            self._database.execute("DELETE FROM outbox WHERE seq <= ?", (last - self._kept_rows,))
+            self._database.execute("COMMIT")
+        except BaseException:
+            self._database.execute("ROLLBACK")
+            raise
+        return sent
+
+    def bounds(self) -> tuple[int, int]:
+        """Return the first and last number that are kept; (1, 0) while it is empty."""
+        first, last = self._database.execute("SELECT min(seq), max(seq) FROM outbox").fetchone()
+        return (1, 0) if last is None else (first, last)
+
+    def journalled(self) -> int:
+        """Return the last event of the journal that is here."""
+        found = self._database.execute("SELECT max(journal_seq) FROM outbox").fetchone()[0]
+        return int(found or 0)
+
+    def next_live(self) -> int:
+        """Return a number for a message that is not kept: higher than any before, also of an earlier start."""
+        return next(self._live)  # from any thread
+
+    def _knows(self, journal_seq: int) -> bool:
+        sql = "SELECT 1 FROM outbox WHERE journal_seq = ?"
+        return self._database.execute(sql, (journal_seq,)).fetchone() is not None
+
+    def _begin(self) -> tuple[str, int]:
+        row = self._database.execute("SELECT epoch, starts FROM counter").fetchone()
+        if row is None:
+            epoch = f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}-{secrets.token_hex(3)}"
+            self._database.execute("INSERT INTO counter VALUES(?, 1)", (epoch,))
+            return epoch, 1
+        self._database.execute("UPDATE counter SET starts = starts + 1")
+        return str(row[0]), int(row[1]) + 1
+
+
+def rows_between(path: Path, first: int, most: int) -> list[Sent]:
+    """Return kept events from a number on; read only, from any thread."""
+    database = read_only(path)
+    try:
+        sql = "SELECT seq, key, message FROM outbox WHERE seq >= ? ORDER BY seq LIMIT ?"
+        return [Sent(*row) for row in database.execute(sql, (first, most)).fetchall()]
+    finally:
+        database.close()
+
+
+def read_only(path: Path) -> sqlite3.Connection:
+    """Open a database that this process must not change."""
+    database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
+    database.execute("PRAGMA busy_timeout=5000")
+    database.execute("PRAGMA query_only=ON")
+    database.execute("PRAGMA trusted_schema=OFF")
+    return database
+
+
+def _locked(path: Path) -> int:
+    descriptor = os.open(path.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        raise SiteError(
+            "another process already tells the site of this cell.",
+            remedy="`cellcal serve` does it by itself; end it, or the other `cellcal site publish`.",
+            code="busy",
+        ) from error
+    return descriptor

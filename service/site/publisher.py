@@ -1,0 +1,260 @@
+"""Tells the site of one cell: follows its journal, read only, and what its desk says; a process of its own.
+
+The desk's words come in on standard input, a JSON line each as the desk itself writes them: the service that keeps
+the desk passes them on (``feed.py``). That way nobody has to sign in, no port is opened, and no page or run waits: the
+pipe is written without waiting, and what does not fit is left out. Without a desk the journal alone is told.
+
+Whatever fails here, the cell goes on: nothing reads what this process writes, but the site.
+"""
+
+import logging
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import orjson
+import zenoh
+
+from service.certificates.certificate import certificates_folder
+from service.certificates.signing import station_key
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.runs.cell import journal_path
+from service.runs.journal import Event
+from service.site.alarms import Alarm, Alarms, wrong_in
+from service.site.answers import Answers
+from service.site.journal_tail import JournalTail, told
+from service.site.keys import SiteError, StationKeys
+from service.site.ledger import Ledger
+from service.site.link_files import CELL_FILE, read_link_folder, read_station
+from service.site.outbox import Outbox, Sent, ToSend
+from service.site.sealed import Sealer
+from service.site.standing import due_dates, overdue, state_of
+from service.site.station import Station
+
+_LOG = logging.getLogger(__name__)
+PERIOD_S = 0.1
+STATE_EVERY_S = 1.0
+JOURNAL_EVERY_S = 0.2
+DEVICE_STATE_EVERY_S = 10.0
+DESK_SILENT_S = 5.0
+LONGEST_LINE = 1 << 20
+
+
+class DeskTap:
+    """The newest that the desk said. A thread reads; older lines are left out, never waited for."""
+
+    def __init__(self, stream: BinaryIO | None, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._session: tuple[float, dict[str, Any]] | None = None
+        self._live: tuple[float, dict[str, Any]] | None = None
+        self.ended = threading.Event()
+        if stream is not None:
+            threading.Thread(target=self._read, args=(stream,), name="desk tap", daemon=True).start()
+
+    def session(self) -> dict[str, Any] | None:
+        """Return the desk's session; None while there is no desk, or it is silent."""
+        kept, live = self._session, self._live
+        if kept is None or self._clock() - max(kept[0], live[0] if live else 0.0) > DESK_SILENT_S:
+            return None
+        return kept[1]
+
+    def live(self) -> dict[str, Any] | None:
+        """Return the newest live values; None while there are none that are new enough."""
+        kept = self._live
+        return None if kept is None or self._clock() - kept[0] > DESK_SILENT_S else kept[1]
+
+    def take(self, line: bytes) -> None:
+        """Take in one line."""
+        try:
+            said = orjson.loads(line)
+            kind, content = said["told"], said["content"]
+        except (orjson.JSONDecodeError, KeyError, TypeError):
+            return
+        if kind == "live":
+            self._live = (self._clock(), content)
+        elif kind == "session":
+            self._session = (self._clock(), content)
+        elif kind == "gone":
+            self._session = self._live = None
+
+    def _read(self, stream: BinaryIO) -> None:
+        while line := stream.readline(LONGEST_LINE):
+            self.take(line)
+        self.ended.set()
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What the publisher works with."""
+
+    config: CellConfig
+    keys: StationKeys
+    sealer: Sealer
+    outbox: Outbox
+    tap: DeskTap
+    due: list[dict[str, str]]
+
+
+class Publisher:
+    """One turn of the loop at a time; `publish` below runs it."""
+
+    def __init__(self, parts: Parts, ledger: Ledger, clock: Callable[[], float] = time.monotonic) -> None:
+        self._parts, self._ledger, self._clock = parts, ledger, clock
+        self._tail = JournalTail(journal_path(parts.config))
+        self._alarms = Alarms()
+        self._state_at_s = self._journal_at_s = float("-inf")
+        self._shown: Any = None
+        self._live_seen: Any = None
+        self._devices: dict[str, tuple[float, Any]] = {}
+
+    def catch_up(self) -> None:
+        """Read the whole journal, and put into the outbox what is not there: the site will ask for it."""
+        outbox, known = self._parts.outbox, self._parts.outbox.journalled()
+        while events := self._tail.after(self._ledger.head):
+            for event in events:
+                self._ledger.take(event)
+            outbox.add([self._of_journal(event) for event in events if event.seq > known])
+
+    def turn(self, station: Station) -> None:
+        """Tell what is new."""
+        now_s = self._clock()
+        for sent in [*self._new_events(now_s), *self._new_alarms(now_s)]:
+            station.tell_event(sent)
+        self._tell_live(station, now_s)
+        self._tell_state(station, now_s)
+
+    def close(self) -> None:
+        """Let go of the journal."""
+        self._tail.close()
+
+    def _new_events(self, now_s: float) -> list[Sent]:
+        if now_s - self._journal_at_s < JOURNAL_EVERY_S:
+            return []
+        self._journal_at_s = now_s
+        events = self._tail.after(self._ledger.head)
+        for event in events:
+            self._ledger.take(event)
+        return self._parts.outbox.add([self._of_journal(event) for event in events]) if events else []
+
+    def _of_journal(self, event: Event) -> ToSend:
+        key = self._parts.keys.session_event(event.run_id)
+        return ToSend(key, lambda seq: self._parts.sealer.seal(key, seq, told(event)), event.seq)
+
+    def _new_alarms(self, now_s: float) -> list[Sent]:
+        tap = self._parts.tap
+        wrong = [*wrong_in(tap.session(), tap.live()), *self._own_troubles()]
+        changes = self._alarms.look(wrong, now_s)
+        return self._parts.outbox.add([self._of_alarm(*change) for change in changes]) if changes else []
+
+    def _own_troubles(self) -> list[Alarm]:
+        late = [
+            Alarm("due", told["what"], f"was due on {told['due']}", "Have it renewed.")
+            for told in overdue(self._parts.due, datetime.now(UTC).date())
+        ]
+        broken = [Alarm("journal", self._parts.config.cell.name, self._tail.trouble)] * bool(
+            self._tail.trouble
+        )
+        return late + broken
+
+    def _of_alarm(self, alarm: Alarm, raised: bool) -> ToSend:
+        key, body = self._parts.keys.alarm, alarm.as_json() | {"active": raised}
+        return ToSend(key, lambda seq: self._parts.sealer.seal(key, seq, body))
+
+    def _tell_live(self, station: Station, now_s: float) -> None:
+        live = self._parts.tap.live()
+        if live is None or live is self._live_seen:
+            return
+        self._live_seen = live
+        for device in live["devices"]:
+            self._tell_device(station, device, now_s)
+
+    def _tell_device(self, station: Station, device: dict[str, Any], now_s: float) -> None:
+        keys, value = self._parts.keys, device["value"]
+        facts = {key: device[key] for key in ("name", "role", "age_s")}
+        if value is not None and device["role"] == "robot":
+            station.tell_value(keys.joints, facts | value)
+        elif value is not None:
+            station.tell_value(keys.device(device["name"], "value"), facts | value)
+        state = {key: device[key] for key in ("name", "role", "state", "message", "remedy")}
+        told_at_s, before = self._devices.get(device["name"], (float("-inf"), None))
+        if state != before or now_s - told_at_s > DEVICE_STATE_EVERY_S:
+            self._devices[device["name"]] = (now_s, state)
+            station.tell_latest(keys.device(device["name"], "state"), state)
+
+    def _tell_state(self, station: Station, now_s: float) -> None:
+        parts = self._parts
+        body = state_of(parts.config, parts.tap.session(), self._ledger, self._alarms.up, parts.due)
+        if body == self._shown and now_s - self._state_at_s < STATE_EVERY_S:
+            return
+        self._shown, self._state_at_s = body, now_s
+        first, last = parts.outbox.bounds()
+        station.tell_state(body | {"outbox": {"first": first, "last": last}})
+
+
+def publish(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) -> None:
+    """Tell the site of a cell until ``leave`` is set, or the stream of the desk's words ends.
+
+    Raises
+    ------
+    SiteError
+        The cell file names no site, its folder is not whole, or another process tells the site already.
+    """
+    folder = site_folder(config)
+    link, who = read_link_folder(folder, CELL_FILE), read_station(folder)
+    keys = StationKeys(who.site, who.cell)
+    with Outbox(config.cell.data_dir) as outbox:
+        sealer = Sealer(station_key(config.cell.data_dir), who.cell, outbox.epoch)
+        tap = DeskTap(stream)
+        parts = Parts(config, keys, sealer, outbox, tap, due_dates(config, link.certificate))
+        ledger = Ledger()
+        publisher = Publisher(parts, ledger)
+        answers = Answers(journal_path(config), outbox.path, certificates_folder(config), ledger)
+        publisher.catch_up()
+        try:
+            with Station(_zenoh(link.zenoh_config), keys, sealer, outbox, answers) as station:
+                while not (leave.is_set() or tap.ended.is_set()):
+                    publisher.turn(station)
+                    leave.wait(PERIOD_S)
+        finally:
+            publisher.close()
+
+
+def site_folder(config: CellConfig) -> Path:
+    """Return the folder that the cell was given for the bus.
+
+    Raises
+    ------
+    SiteError
+        The cell file has no ``[site]`` table.
+    """
+    if config.site is None:
+        raise SiteError(
+            f"{config.path} tells no site: it has no [site] table.",
+            remedy='Add [site] with folder = "…", the folder that `cellcal site enroll` made for this cell.',
+            code="usage",
+        )
+    return config.site.folder
+
+
+def _zenoh(make: Callable[[], zenoh.Config]) -> zenoh.Config:
+    try:
+        return make()
+    except zenoh.ZError as error:
+        raise SiteError(
+            f"zenoh does not take the configuration: {error}.", remedy="Enrol the cell anew."
+        ) from error
+
+
+def main(path: str) -> None:
+    """Tell the site until standard input ends."""
+    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="site: %(message)s")
+    publish(read_cell_file(path), sys.stdin.buffer, threading.Event())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,118 @@
+"""Signed messages: what a cell says on the bus, so that not even the router can say it in the cell's name.
+
+A message is one JSON object {body, ed25519, epoch, key, seq, station, wall}. The signature is over the canonical JSON
+of the rest. ``key`` is the key it was published under: a message is good there and nowhere else. ``epoch`` names the
+outbox that counted ``seq``: a cell that lost its outbox begins a later epoch, and nothing is taken for a repetition.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+from procedures.canonical import canonical_json
+from service.certificates.signing import StationKey
+
+LONGEST_MESSAGE = 2_000_000
+ENCODING = "application/json;schema=cellcal.sealed.v1"
+_PARTS = {"body", "ed25519", "epoch", "key", "seq", "station", "wall"}
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """What a cell said, its signature checked."""
+
+    station: str
+    epoch: str
+    seq: int
+    wall: str
+    key: str
+    body: Any
+
+    @property
+    def place(self) -> tuple[str, int]:
+        """Where it stands in the order of what was said; an older epoch stands before a newer one."""
+        return self.epoch, self.seq
+
+
+@dataclass(frozen=True, slots=True)
+class Flaw:
+    """Why a message is not believed."""
+
+    key: str
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Sealer:
+    """Signs in the name of one station."""
+
+    key: StationKey
+    station: str
+    epoch: str
+
+    def seal(self, key: str, seq: int, body: Mapping[str, Any], wall: str | None = None) -> bytes:
+        """Return a message as it goes over the wire.
+
+        Raises
+        ------
+        ValueError
+            The body holds NaN or infinity.
+        """
+        told = {
+            "body": body,
+            "epoch": self.epoch,
+            "key": key,
+            "seq": seq,
+            "station": self.station,
+            "wall": wall or wall_utc(),
+        }
+        signed = canonical_json(told)
+        signature = self.key.private.sign(signed.encode()).hex()
+        return f'{signed[:-1]},"ed25519":"{signature}"}}'.encode()
+
+
+def wall_utc() -> str:
+    """Return the time of day as messages carry it."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def public_key(hexadecimal: str) -> Ed25519PublicKey:
+    """Return a station's public key from its 64 hexadecimal digits."""
+    return Ed25519PublicKey.from_public_bytes(bytes.fromhex(hexadecimal))
+
+
+def opened(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -> Message | Flaw:
+    """Check a message that arrived under a key, and return what it says or why it is not believed."""
+    if len(raw) > LONGEST_MESSAGE:
+        return Flaw(key, f"a message of {len(raw)} bytes is longer than any of ours")
+    try:
+        told = json.loads(raw, parse_constant=_not_finite)
+    except (ValueError, RecursionError):
+        return Flaw(key, "a message is no JSON")
+    if not isinstance(told, dict) or told.keys() != _PARTS or not _typed(told):
+        return Flaw(key, "a message has not the parts of a signed one")
+    signature = told.pop("ed25519")
+    try:
+        public.verify(bytes.fromhex(signature), canonical_json(told).encode())
+    except (InvalidSignature, ValueError, RecursionError):
+        return Flaw(
+            key, "the signature does not belong to the message: it was changed, or another key signed it"
+        )
+    if (told["key"], told["station"]) != (key, station):
+        return Flaw(key, f"a message that {told['station']} signed for {told['key']} was put here")
+    return Message(station, told["epoch"], told["seq"], told["wall"], key, told["body"])
+
+
+def _typed(told: dict[str, Any]) -> bool:
+    texts = all(isinstance(told[key], str) for key in ("ed25519", "epoch", "key", "station", "wall"))
+    seq = told["seq"]
+    return texts and isinstance(seq, int) and not isinstance(seq, bool) and 0 < seq < 2**63
+
+
+def _not_finite(name: str) -> float:
+    raise ValueError(f"{name} is no fact")

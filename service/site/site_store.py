@@ -1,0 +1,178 @@
+"""What a monitor has received: events as they were signed, each once, and which are missing.
+
+A file that is lost costs nothing but time: cells keep their outboxes, and are asked again.
+"""
+
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from service.site.keys import SiteError
+from service.site.sealed import Message
+
+_SCHEMA = (
+    "CREATE TABLE IF NOT EXISTS event(station TEXT NOT NULL, epoch TEXT NOT NULL, seq INTEGER NOT NULL,"
+    " key TEXT NOT NULL, wall TEXT NOT NULL, message BLOB NOT NULL,"
+    " journal_seq INTEGER, prev TEXT, hash TEXT, PRIMARY KEY(station, epoch, seq)) STRICT",
+    "CREATE INDEX IF NOT EXISTS by_journal ON event(station, journal_seq)",
+    "CREATE TABLE IF NOT EXISTS reach(station TEXT NOT NULL, epoch TEXT NOT NULL, upto INTEGER NOT NULL,"
+    " known INTEGER NOT NULL, lost INTEGER NOT NULL, PRIMARY KEY(station, epoch)) STRICT",
+)
+_PRAGMAS = (
+    "PRAGMA busy_timeout=5000",
+    "PRAGMA journal_mode=WAL",
+    "PRAGMA synchronous=NORMAL",
+    "PRAGMA trusted_schema=OFF",
+)
+_INSERT = "INSERT INTO event VALUES(?, ?, ?, ?, ?, ?, ?, ?, ?)"
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """An event whose signature was checked, with the bytes that were signed."""
+
+    message: Message
+    raw: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How far a station's events are here: all up to ``upto``; ``known`` exist; ``lost`` cannot be had any more."""
+
+    upto: int = 0
+    known: int = 0
+    lost: int = 0
+
+    @property
+    def missing(self) -> int:
+        """How many are behind the first hole, at most."""
+        return max(self.known - self.upto, 0)
+
+
+class SiteStore:
+    """One monitor's file. Used by one thread at a time."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+            for sql in (*_PRAGMAS, *_SCHEMA):
+                self._database.execute(sql).fetchall()
+        except (OSError, sqlite3.Error) as error:
+            raise SiteError(
+                f"the monitor's store {path} cannot be used: {error}.",
+                remedy="Name another with --store, or move it away: cells are asked again.",
+                code="store",
+            ) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._database.close()
+
+    def add(self, received: Sequence[Received]) -> list[str]:
+        """Keep events, each once; return sentences about what contradicts what is here."""
+        flaws: list[str] = []
+        self._database.execute("BEGIN IMMEDIATE")
+        try:
+            for each in received:
+                flaws += self._add(each)
+            for station, epoch in {(each.message.station, each.message.epoch) for each in received}:
+                self._advance(station, epoch)
+            self._database.execute("COMMIT")
+        except BaseException:
+            self._database.execute("ROLLBACK")
+            raise
+        return flaws
+
+    def reach(self, station: str, epoch: str) -> Reach:
+        """Return how far a station's events of one outbox are here."""
+        sql = "SELECT upto, known, lost FROM reach WHERE station = ? AND epoch = ?"
+        row = self._database.execute(sql, (station, epoch)).fetchone()
+        return Reach() if row is None else Reach(*row)
+
+    def know(self, station: str, epoch: str, first: int, last: int) -> Reach:
+        """Take note of what a station has; what it no longer has is lost to us, and counted."""
+        reach = self.reach(station, epoch)
+        if reach.known >= last and first <= reach.upto + 1:
+            return reach
+        gone = max(0, first - 1 - reach.upto)
+        held = self._count(station, epoch, reach.upto + 1, first - 1) if gone else 0
+        upto = max(reach.upto, first - 1)
+        self._put(station, epoch, Reach(upto, max(reach.known, last), reach.lost + gone - held))
+        self._advance(station, epoch)
+        return self.reach(station, epoch)
+
+    def events(self, station: str, most: int = 100) -> list[bytes]:
+        """Return a station's newest events as they were signed, newest first."""
+        sql = "SELECT message FROM event WHERE station = ? ORDER BY epoch DESC, seq DESC LIMIT ?"
+        return [row[0] for row in self._database.execute(sql, (station, most)).fetchall()]
+
+    def numbers(self, station: str) -> list[int]:
+        """Return the numbers of a station's events, in order."""
+        sql = "SELECT seq FROM event WHERE station = ? ORDER BY epoch, seq"
+        return [row[0] for row in self._database.execute(sql, (station,)).fetchall()]
+
+    def _add(self, each: Received) -> list[str]:
+        message = each.message
+        place = (message.station, message.epoch, message.seq)
+        sql = "SELECT message FROM event WHERE station = ? AND epoch = ? AND seq = ?"
+        held = self._database.execute(sql, place).fetchone()
+        if held is not None:
+            if held[0] == each.raw:
+                return []
+            return [
+                f"tells another event under the number {message.seq} of an earlier one: its outbox was restored "
+                "from a copy. Move site_outbox.sqlite away at the cell."
+            ]
+        link = _journal_link(message.body)
+        flaws = self._chain_flaws(message.station, *link)
+        self._database.execute(_INSERT, (*place, message.key, message.wall, each.raw, *link))
+        return flaws
+
+    def _chain_flaws(self, station: str, seq: int | None, prev: str | None, own: str | None) -> list[str]:
+        """Compare with its neighbours in the cell's journal: who rewrites a journal contradicts what is here."""
+        if seq is None:
+            return []
+        sql = "SELECT journal_seq, prev, hash FROM event WHERE station = ? AND journal_seq BETWEEN ? AND ?"
+        for other, before, hashed in self._database.execute(sql, (station, seq - 1, seq + 1)).fetchall():
+            agrees = {seq - 1: hashed == prev, seq: hashed == own, seq + 1: before == own}[other]
+            if not agrees:
+                return [
+                    f"event {seq} of its journal does not follow from what it told before: it was rewritten."
+                ]
+        return []
+
+    def _advance(self, station: str, epoch: str) -> None:
+        reach = self.reach(station, epoch)
+        upto = reach.upto
+        sql = "SELECT seq FROM event WHERE station = ? AND epoch = ? AND seq > ? ORDER BY seq"
+        for (seq,) in self._database.execute(sql, (station, epoch, upto)):
+            if seq != upto + 1:
+                break
+            upto = seq
+        highest = self._database.execute(
+            "SELECT max(seq) FROM event WHERE station = ? AND epoch = ?", (station, epoch)
+        ).fetchone()[0]
+        self._put(station, epoch, Reach(upto, max(reach.known, highest or 0), reach.lost))
+
+    def _put(self, station: str, epoch: str, reach: Reach) -> None:
+        row = (station, epoch, reach.upto, reach.known, reach.lost)
+        self._database.execute("INSERT OR REPLACE INTO reach VALUES(?, ?, ?, ?, ?)", row)
+
+    def _count(self, station: str, epoch: str, first: int, last: int) -> int:
+        sql = "SELECT count(*) FROM event WHERE station = ? AND epoch = ? AND seq BETWEEN ? AND ?"
+        return int(self._database.execute(sql, (station, epoch, first, last)).fetchone()[0])
+
+
+def _journal_link(body: Any) -> tuple[int | None, str | None, str | None]:
+    if not isinstance(body, dict) or not isinstance(body.get("journal_seq"), int):
+        return None, None, None
+    return body["journal_seq"], str(body.get("prev")), str(body.get("hash"))

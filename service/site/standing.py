@@ -1,0 +1,64 @@
+"""The state of a cell as the site sees it: one message, whole, so that the newest one is enough."""
+
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from service.configuration.cell_file import CellConfig
+from service.site.alarms import Alarm
+from service.site.authority import valid_until
+from service.site.ledger import Ledger
+
+
+def due_dates(config: CellConfig, link_certificate: Path) -> list[dict[str, str]]:
+    """Return what becomes due in this cell: the calibration of its gauges, and its certificate on the bus."""
+    due = [
+        {"what": f"calibration of {gauge.device.name}", "due": gauge.setup.certificate.due.isoformat()}
+        for gauge in config.gauges
+        if gauge.setup.certificate is not None
+    ]
+    ends = valid_until(link_certificate).date()
+    return sorted(
+        [*due, {"what": "certificate on the bus", "due": ends.isoformat()}], key=lambda told: told["due"]
+    )
+
+
+def overdue(due: list[dict[str, str]], today: date) -> list[dict[str, str]]:
+    """Return what is past its date."""
+    return [told for told in due if date.fromisoformat(told["due"]) < today]
+
+
+def state_of(
+    config: CellConfig,
+    session: Mapping[str, Any] | None,
+    ledger: Ledger,
+    alarms: list[Alarm],
+    due: list[dict[str, str]],
+) -> dict[str, Any]:
+    """Return the body of the state message, without what the outbox holds."""
+    told: Mapping[str, Any] = session or {}
+    run, prompt = told.get("run"), told.get("prompt")
+    return {
+        "cell": config.cell.name,
+        "robots": [
+            {"name": robot.name, "model": robot.model, "serial": robot.serial} for robot in config.robots
+        ],
+        "attended": session is not None,  # whether the service of this cell runs
+        "connection": told.get("connection"),
+        "robot": told.get("robot"),
+        "level": told.get("level"),
+        "run": None if run is None else _short(run),
+        "asks": None if prompt is None else {"key": prompt["key"], "step": prompt["step"]},
+        "alarms": [alarm.as_json() for alarm in alarms],
+        "certificate": ledger.certificate,
+        "drift": list(ledger.drift),
+        "due": due,
+        "journal": {"head": ledger.head, "hash": ledger.head_hash},
+    }
+
+
+def _short(run: Mapping[str, Any]) -> dict[str, Any]:
+    keys = ("id", "procedure", "title", "state", "step", "index", "expected")
+    outcome = run.get("outcome") or {}
+    return {key: run[key] for key in keys} | {"verdict": outcome.get("verdict")}

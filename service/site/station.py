@@ -1,0 +1,141 @@
+"""A cell on the bus: a liveliness token, publishers, and answers. No subscriber: nothing said to it is heard."""
+
+import logging
+import sqlite3
+from collections import OrderedDict
+from typing import Any, Self
+
+import zenoh
+from zenoh.ext import (
+    AdvancedPublisher,
+    CacheConfig,
+    MissDetectionConfig,
+    declare_advanced_publisher,
+)
+
+from service.site.answers import ASKABLE, Answers, as_error
+from service.site.keys import SiteError, StationKeys
+from service.site.link_files import close
+from service.site.outbox import Outbox, Sent
+from service.site.sealed import ENCODING, Sealer
+
+_LOG = logging.getLogger(__name__)
+_HEARTBEAT_S = 0.5
+_EVENTS_CACHED = 1000
+_SESSIONS_OPEN = 8  # runs whose publisher is kept; older ones are mended from the outbox
+_BLOCK, _DROP = zenoh.CongestionControl.BLOCK, zenoh.CongestionControl.DROP
+
+
+class Station:
+    """Publishes what it is given; answers what it is asked."""
+
+    def __init__(
+        self, config: zenoh.Config, keys: StationKeys, sealer: Sealer, outbox: Outbox, answers: Answers
+    ) -> None:
+        self._keys, self._sealer, self._outbox, self._answers = keys, sealer, outbox, answers
+        self._session = zenoh.open(config)
+        self._token = self._session.liveliness().declare_token(keys.alive)
+        self._state = self._advanced(keys.state, 1)
+        self._alarm = self._advanced(
+            keys.alarm, _EVENTS_CACHED, _BLOCK, zenoh.Priority.INTERACTIVE_HIGH, heartbeat=True
+        )
+        self._latest: dict[str, AdvancedPublisher] = {}
+        self._events: OrderedDict[str, AdvancedPublisher] = OrderedDict()
+        self._queryables = [
+            self._session.declare_queryable(keys.answer("*"), self._asked),
+            self._session.declare_queryable(keys.certificate("*"), self._asked_for_certificate),
+        ]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the bus. Without it the process would not end."""
+        close(self._session)
+
+    @property
+    def linked(self) -> bool:
+        """Whether a router is connected."""
+        return bool(self._session.info.routers_zid())
+
+    def tell_state(self, body: dict[str, Any]) -> None:
+        """Publish how the cell stands."""
+        self._state.put(self._live(self._keys.state, body), encoding=ENCODING)
+
+    def tell_value(self, key: str, body: dict[str, Any]) -> None:
+        """Publish a value that the next one replaces; lost where the link is."""
+        self._session.put(key, self._live(key, body), encoding=ENCODING, congestion_control=_DROP)
+
+    def tell_latest(self, key: str, body: dict[str, Any]) -> None:
+        """Publish a value that somebody who comes later must get, too."""
+        if key not in self._latest:
+            self._latest[key] = self._advanced(key, 1)
+        self._latest[key].put(self._live(key, body), encoding=ENCODING)
+
+    def tell_event(self, sent: Sent) -> None:
+        """Publish an event of the outbox."""
+        publisher = self._alarm if sent.key == self._keys.alarm else self._publisher_of(sent.key)
+        publisher.put(sent.message, encoding=ENCODING)
+
+    def _live(self, key: str, body: dict[str, Any]) -> bytes:
+        return self._sealer.seal(key, self._outbox.next_live(), body)
+
+    def _publisher_of(self, key: str) -> AdvancedPublisher:
+        if key not in self._events:
+            self._events[key] = self._advanced(key, _EVENTS_CACHED, _BLOCK, heartbeat=True)
+            while len(self._events) > _SESSIONS_OPEN:
+                self._events.popitem(last=False)[1].undeclare()  # type: ignore[no-untyped-call]  # zenoh
+        self._events.move_to_end(key)
+        return self._events[key]
+
+    def _advanced(
+        self,
+        key: str,
+        cached: int,
+        congestion: zenoh.CongestionControl = _DROP,
+        priority: zenoh.Priority = zenoh.Priority.DATA,
+        *,
+        heartbeat: bool = False,
+    ) -> AdvancedPublisher:
+        detection = MissDetectionConfig(heartbeat=_HEARTBEAT_S, sporadic_heartbeat=None)
+        return declare_advanced_publisher(
+            self._session,
+            key,
+            congestion_control=congestion,
+            priority=priority,
+            cache=CacheConfig(cached),
+            sample_miss_detection=detection if heartbeat else None,
+            publisher_detection=True,
+        )
+
+    # questions; these run in zenoh's threads, where an exception would only be printed
+
+    def _asked(self, query: zenoh.Query) -> None:
+        verb = str(query.key_expr).rpartition("/")[2]
+        key = self._keys.answer(verb)
+        try:
+            if "*" in verb:
+                raise SiteError(f"ask for one verb: {', '.join(self._answers.verbs)}.")
+            given = {name: query.parameters.get(name) for name in ASKABLE}
+            asked = {name: value for name, value in given.items() if value is not None}
+            for told in self._answers.answer(verb, asked):
+                query.reply(
+                    key, told if isinstance(told, bytes) else self._live(key, told), encoding=ENCODING
+                )
+        except SiteError as error:
+            query.reply_err(as_error(error))
+        except (OSError, sqlite3.Error, zenoh.ZError) as error:
+            _LOG.warning("a question of the site (%s) could not be answered: %s", verb, error)
+            query.reply_err(as_error(SiteError(f"the cell cannot read its records: {error}.")))
+
+    def _asked_for_certificate(self, query: zenoh.Query) -> None:
+        run_id = str(query.key_expr).rpartition("/")[2]
+        try:
+            query.reply(self._keys.certificate(run_id), self._answers.certificate(run_id))
+        except SiteError as error:
+            query.reply_err(as_error(error))
+        except (OSError, zenoh.ZError) as error:
+            _LOG.warning("the certificate of %s could not be sent: %s", run_id, error)
