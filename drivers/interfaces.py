@@ -10,6 +10,7 @@ flag                           Protocol
 ``writes_mastering``           ``MasteringStore``
 ``writes_tool_frame``          ``ToolFrameStore``
 ``writes_user_frame``          ``UserFrameStore``
+``tells_active_frames``        ``KnowsActiveFrames``
 ``measures_poses``             ``MeasuresPoses``
 =============================  ==========================
 
@@ -90,6 +91,7 @@ class RobotCapabilities:
     writes_mastering: bool = False
     writes_tool_frame: bool = False
     writes_user_frame: bool = False
+    tells_active_frames: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +183,24 @@ class UserFrameStore(Protocol):
     async def read_user_frame(self, number: int) -> Pose: ...
     async def write_user_frame(self, number: int, base_user: Pose) -> Pose:
         """Write, read back, return what was read."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveFrames:
+    """What the controller works with at one moment; None is what it does not tell."""
+
+    tool_number: int | None = None  # None also where tools have no numbers
+    flange_tool: Pose | None = None  # the active tool itself, seen from the flange
+    user_frame_number: int | None = None  # 0: the base itself, also where there is no other frame to work in
+    payload_kg: float | None = None
+
+
+class KnowsActiveFrames(Protocol):
+    """Robots with capabilities.tells_active_frames."""
+
+    async def active_frames(self) -> ActiveFrames:
+        """Return the tool, user frame and payload that are active. Fresh: read after the call began."""
         ...
 
 

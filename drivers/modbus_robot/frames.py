@@ -7,6 +7,7 @@ import numpy as np
 from calibration.geometry import Pose, homogeneous
 from calibration.orientation import rotation_from, values_from
 from drivers.errors import RefusedError
+from drivers.interfaces import ActiveFrames
 from drivers.modbus_robot.panel import Block, Panel
 
 Kind = Literal["tool", "user"]
@@ -65,6 +66,13 @@ async def flange_pose(panel: Panel, position: Block) -> Pose:
     if tool:
         pose = pose @ (await read_frame(panel, "tool", tool)).inverse()
     return pose
+
+
+async def active_frames(panel: Panel, position: Block) -> ActiveFrames:
+    """Return the numbers that are active, and the tool behind its number. No payload is assigned."""
+    user, tool = position.integer("user_number"), position.integer("tool_number")
+    flange_tool = await read_frame(panel, "tool", tool) if tool else Pose((0.0, 0.0, 0.0))
+    return ActiveFrames(tool, flange_tool, user)
 
 
 def _same(found: Pose, sent: Pose) -> bool:

@@ -14,6 +14,7 @@ from calibration.geometry import Pose
 from calibration.mastering.counts import DriveTrain
 from drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError
 from drivers.interfaces import (
+    ActiveFrames,
     Condition,
     Counts,
     Identity,
@@ -24,7 +25,7 @@ from drivers.interfaces import (
     RobotCapabilities,
 )
 from drivers.modbus_robot.condition import judge, read_alarms
-from drivers.modbus_robot.frames import flange_pose, read_frame, write_frame
+from drivers.modbus_robot.frames import active_frames, flange_pose, read_frame, write_frame
 from drivers.modbus_robot.mastering import (
     read_drive_train,
     read_mastering,
@@ -61,11 +62,12 @@ def capabilities_of(profile: Profile) -> RobotCapabilities:
         writes_mastering=True,
         writes_tool_frame=True,
         writes_user_frame=True,
+        tells_active_frames=True,
     )
 
 
 class ModbusRobot:
-    """Robot, JogsAxes, MasteringStore, ToolFrameStore and UserFrameStore over one profile."""
+    """Robot and all its optional abilities over one profile."""
 
     def __init__(self, panel: Panel, program: CellProgram, options: MotionOptions) -> None:
         self._panel, self._program, self._options = panel, program, options
@@ -203,6 +205,11 @@ class ModbusRobot:
         with self._alone("user frame"):
             async with self._deadline("writing a user frame"):
                 return await write_frame(self._panel, "user", number, base_user)
+
+    async def active_frames(self) -> ActiveFrames:
+        async with self._deadline("reading the active tool"):
+            position, _ = await self._status()
+            return await active_frames(self._panel, position)
 
     async def _status(self) -> tuple[Block, ProgramState]:
         """Read position and counts between two looks at the program's counter."""

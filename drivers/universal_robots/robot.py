@@ -21,7 +21,15 @@ from drivers.errors import (
     RefusedError,
     UnreachableError,
 )
-from drivers.interfaces import Condition, Identity, JointReading, Joints, Readiness, RobotCapabilities
+from drivers.interfaces import (
+    ActiveFrames,
+    Condition,
+    Identity,
+    JointReading,
+    Joints,
+    Readiness,
+    RobotCapabilities,
+)
 from drivers.universal_robots.contact import Contact
 from drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
 from drivers.universal_robots.health import LOCAL, condition_of, error_of, stop_of
@@ -63,11 +71,11 @@ class MotionOptions:
     tolerances: Tolerances
 
 
-CAPABILITIES = RobotCapabilities(axes=6, hand_guiding=True)
+CAPABILITIES = RobotCapabilities(axes=6, hand_guiding=True, tells_active_frames=True)
 
 
 class UniversalRobot:
-    """Robot over RTDE. What it does not offer, a UR cannot do without a person or a program of its own."""
+    """Robot and KnowsActiveFrames over RTDE. The rest a UR cannot do without a person or its own program."""
 
     def __init__(self, contact: Contact, session: SessionOptions, options: MotionOptions) -> None:
         self._contact, self._session_options, self._options = contact, session, options
@@ -117,6 +125,13 @@ class UniversalRobot:
     async def flange_pose(self) -> Pose:
         sample = await self._read("reading the pose")
         return _pose(sample.tcp_pose) @ _pose(sample.tcp_offset).inverse()
+
+    async def active_frames(self) -> ActiveFrames:
+        sample = await self._read("reading the active tool")
+        if not all(map(math.isfinite, (*sample.tcp_offset, sample.payload_kg))):
+            raise RefusedError(self.name, "the controller tells a tool or payload that is not a number.",
+                               remedy="Set TCP and payload anew on the pendant.")  # fmt: skip
+        return ActiveFrames(None, _pose(sample.tcp_offset), 0, sample.payload_kg)  # poses are in the base
 
     async def factory_kinematics(self) -> FactoryKinematics:
         """Return the arm's kinematics as measured by the maker and used by the controller."""

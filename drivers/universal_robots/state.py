@@ -35,10 +35,11 @@ _RECIPE: tuple[tuple[str, str], ...] = (
     ("runtime_state", "UINT32"),
     ("robot_status_bits", "UINT32"),
     ("safety_status_bits", "UINT32"),
+    ("payload", "DOUBLE"),  # since PolyScope 5.6, the oldest that we know
 )
 _NAMES = ",".join(name for name, _ in _RECIPE)
 _TYPES = ",".join(kind for _, kind in _RECIPE)
-_PACKET = struct.Struct(">Bd6d6d6d6dddiIII")  # recipe id, then the fields
+_PACKET = struct.Struct(">Bd6d6d6d6dddiIIId")  # recipe id, then the fields
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -58,6 +59,7 @@ class Sample:
     runtime_state: int
     robot_status_bits: int
     safety_status_bits: int
+    payload_kg: float  # the active one
     received_at_s: float  # host monotonic clock
     raw: bytes
 
@@ -242,6 +244,7 @@ def _sample(payload: bytes) -> Sample:
         runtime_state=values[29],
         robot_status_bits=values[30],
         safety_status_bits=values[31],
+        payload_kg=values[32],
         received_at_s=time.monotonic(),
         raw=payload,
     )

@@ -20,6 +20,7 @@ import numpy as np
 
 from fake_devices.device import FaultRefusedError, JsonObject
 from fake_devices.encoders import PulseCoders
+from fake_devices.kinematics import matrix_from_xyzwpr
 from fake_devices.modbus_robot.controller import Controller
 from fake_devices.modbus_robot.registers import POSITION, Block, IllegalValueError, RegisterMap, Words
 from fake_devices.modbus_robot.server import ModbusError, ModbusServer, link_faults
@@ -179,6 +180,12 @@ class ModbusRobot:
             "established": [bool(value) for value in coders.established],
             "epoch": controller.epoch,
             "powered": controller.powered,
+            "active": {
+                "tool_number": controller.tool_number,
+                "user_frame_number": controller.frame_number,
+                "flange_tool": matrix_from_xyzwpr(controller.tools[controller.tool_number - 1]).tolist(),
+                "payload_kg": None,
+            },
             "moving": arm.moving,
             "mode": controller.mode,
             "emergency_stop": controller.emergency_stop,

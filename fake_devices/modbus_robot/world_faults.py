@@ -17,7 +17,7 @@ import numpy as np
 
 from fake_devices.arm_models import COUNTS_PER_TURN
 from fake_devices.device import FaultRefusedError, JsonObject
-from fake_devices.modbus_robot.controller import AUTO, T1, T2, Controller
+from fake_devices.modbus_robot.controller import AUTO, T1, T2, TOOLS, Controller
 from fake_devices.modbus_robot.program import RefusedError
 from fake_devices.world import World
 
@@ -57,6 +57,7 @@ class WorldFaults:
             "press_reset": self._press_reset,
             "partial_write": self._partial_write,
             "select": self._select,
+            "tool_switched": self._tool_switched,
             "early_stop": self._early_stop,
         }
 
@@ -225,6 +226,14 @@ class WorldFaults:
             self._controller.select_tool(int(given.pop("tool")))
         if "frame" in given:
             self._controller.select_frame(int(given.pop("frame")))
+
+    def _tool_switched(self, given: dict[str, Any]) -> None:
+        """Somebody selects another tool at the pendant: ``number``, or the next one."""
+        number = int(given.pop("number", self._controller.tool_number % TOOLS + 1))
+        try:
+            self._controller.select_tool(number)
+        except RefusedError as refused:
+            raise FaultRefusedError(f"there is no tool {number}") from refused
 
     def _early_stop(self, _given: dict[str, Any]) -> None:
         """End a motion early, for no reason that the program knows: it will say done."""

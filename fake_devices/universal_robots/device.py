@@ -67,6 +67,12 @@ class UniversalRobot:
             "nominal_dh": arm.nominal_dh.tolist(),
             "base_flange": arm.base_flange().tolist(),
             "tcp": list(c.tcp),
+            "active": {
+                "tool_number": None,
+                "user_frame_number": 0,
+                "flange_tool": [list(row) for row in c.flange_tool],
+                "payload_kg": c.payload_kg,
+            },
             "robot_mode": c.robot_mode.name,
             "safety_mode": c.safety_mode.name,
             "runtime": c.runtime.name,

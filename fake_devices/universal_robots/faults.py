@@ -41,6 +41,7 @@ FAULTS: dict[str, dict[str, Any]] = {
     "ik_failure": {},
     "late_script": {"delay_s": 2.0},
     "touch": {},
+    "tool_switched": {"tcp": (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), "payload_kg": None},
 }
 
 
@@ -83,6 +84,7 @@ class Faults:
             "ik_failure": self._ik_failure,
             "late_script": self._late_script,
             "touch": self._touch,
+            "tool_switched": self._tool_switched,
         }
 
     async def happen(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
@@ -158,6 +160,15 @@ class Faults:
 
     def _touch(self, _: Mapping[str, Any]) -> None:
         self._c.contact_steps = 1
+
+    def _tool_switched(self, parameters: Mapping[str, Any]) -> None:
+        """Somebody chooses another TCP of the installation at the pendant, and perhaps another payload."""
+        tcp = tuple(float(value) for value in parameters["tcp"])
+        if len(tcp) != 6:
+            raise FaultRefusedError("tcp is x, y, z [m] and a rotation vector [rad]")
+        self._c.set_tcp(tcp)
+        if parameters["payload_kg"] is not None:
+            self._c.payload_kg = float(parameters["payload_kg"])
 
     def _other_client_moves(self, parameters: Mapping[str, Any]) -> None:
         c = self._c

@@ -131,6 +131,7 @@ async def _heal_universal_robot(door: Door, robot: Any) -> None:
     await door.fault("unlock_protective_stop", device="ur")
     await door.fault("release_emergency_stop", device="ur")
     await door.fault("program_stop", device="ur")
+    await door.fault("tool_switched", device="ur", tcp=[0.0] * 6, payload_kg=0.0)
     await until_ready(robot, Readiness.READY)
 
 

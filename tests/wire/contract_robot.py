@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError, WrongDeviceError
-from drivers.interfaces import Readiness
+from drivers.interfaces import ActiveFrames, Readiness
 from service.configuration.cell_file import CellConfig
 from service.demo.door import Door
 from tests.wire.cases import RobotCase, until, until_ready
@@ -18,6 +18,7 @@ ABILITIES = {
     "writes_mastering": ("encoder_counts", "mastering", "drive_train", "write_mastering"),
     "writes_tool_frame": ("read_tool_frame", "write_tool_frame"),
     "writes_user_frame": ("read_user_frame", "write_user_frame"),
+    "tells_active_frames": ("active_frames",),
 }
 
 
@@ -32,6 +33,16 @@ async def moving(door: Door, case: RobotCase, *, expected: bool = True) -> None:
         return bool((await truth_of(door, case))["moving"]) is expected
 
     await until(as_expected)
+
+
+def refuse_other_frames(told: ActiveFrames, truth: dict[str, Any]) -> None:
+    """Compare what a robot tells of its tool, frame and payload with the truth."""
+    assert told.tool_number == truth["tool_number"]
+    assert told.user_frame_number == truth["user_frame_number"]
+    assert told.payload_kg == truth["payload_kg"]
+    assert told.flange_tool is not None
+    for shown, true in zip(told.flange_tool.matrix()[:3], truth["flange_tool"], strict=False):
+        assert list(shown) == pytest.approx(true, abs=1e-6)
 
 
 async def until_reading_fails(robot: Any) -> None:
@@ -138,6 +149,17 @@ class RobotContract:
         for row in range(3):  # the world's hidden errors are some millimetres and tenths of a degree
             assert pose.position_m[row] == pytest.approx(truth[row][3], abs=0.03)
             assert list(pose.rotation()[row]) == pytest.approx(truth[row][:3], abs=0.03)
+
+    async def test_the_active_tool_is_the_controllers_and_a_switch_is_seen(
+        self, robot: Any, robot_case: RobotCase, door: Door
+    ) -> None:
+        pose, before = await robot.flange_pose(), await robot.active_frames()
+        refuse_other_frames(before, (await truth_of(door, robot_case))["active"])
+        await door.fault("tool_switched", device=robot_case.name)
+        after = await robot.active_frames()
+        refuse_other_frames(after, (await truth_of(door, robot_case))["active"])
+        assert after.flange_tool.position_m != pytest.approx(before.flange_tool.position_m, abs=1e-3)
+        assert (await robot.flange_pose()).position_m == pytest.approx(pose.position_m, abs=1e-5)
 
     @pytest.mark.parametrize("bad", [math.nan, math.inf])
     async def test_a_target_that_is_no_number_is_refused_and_nothing_moves(

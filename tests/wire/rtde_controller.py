@@ -7,10 +7,10 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 
 PORT = 30004
-TYPES = "DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D,VECTOR6D,DOUBLE,DOUBLE,INT32,UINT32,UINT32,UINT32"
+TYPES = "DOUBLE,VECTOR6D,VECTOR6D,VECTOR6D,VECTOR6D,DOUBLE,DOUBLE,INT32,UINT32,UINT32,UINT32,DOUBLE"
 NAMES = (
     "timestamp,actual_q,actual_qd,actual_TCP_pose,tcp_offset,speed_scaling,target_speed_fraction,"
-    "robot_mode,runtime_state,robot_status_bits,safety_status_bits"
+    "robot_mode,runtime_state,robot_status_bits,safety_status_bits,payload"
 )
 RECIPE = 7
 
@@ -22,7 +22,9 @@ def message(kind: str, payload: bytes) -> bytes:
 def state(timestamp_s: float, joint_1_rad: float = 0.0) -> bytes:
     """Return one data message: an arm at rest, ready."""
     vectors = [joint_1_rad, *[0.0] * 23]
-    return message("U", struct.pack(">Bd24dddiIII", RECIPE, timestamp_s, *vectors, 1.0, 1.0, 7, 1, 3, 1))
+    return message(
+        "U", struct.pack(">Bd24dddiIIId", RECIPE, timestamp_s, *vectors, 1.0, 1.0, 7, 1, 3, 1, 0.0)
+    )
 
 
 class Controller:

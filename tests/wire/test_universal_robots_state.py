@@ -44,7 +44,7 @@ async def test_the_handshake_is_the_one_of_the_document(controller: Controller, 
 
 async def test_each_field_comes_from_its_place(controller: Controller, client: StateClient) -> None:
     numbers = [float(k) for k in range(1, 28)]
-    data = struct.pack(">Bd24dddiIII", RECIPE, *numbers[:25], 0.5, 0.25, -1, 2, 3, 1 << 2)
+    data = struct.pack(">Bd24dddiIIId", RECIPE, *numbers[:25], 0.5, 0.25, -1, 2, 3, 1 << 2, 1.25)
     controller.on_start = lambda: message("U", data)
     await client.connect(deadline_s=LONG_S)
     sample = client.samples[-1]
@@ -56,6 +56,7 @@ async def test_each_field_comes_from_its_place(controller: Controller, client: S
     assert (sample.speed_scaling, sample.speed_fraction) == (0.5, 0.25)
     assert (sample.robot_mode, sample.runtime_state, sample.robot_status_bits) == (-1, 2, 3)
     assert sample.safety_status_bits == 4
+    assert sample.payload_kg == 1.25
     assert sample.raw == data
 
 
@@ -149,7 +150,7 @@ async def test_a_lost_link_that_nobody_noticed_is_told_once(
     ("data", "says"),
     [
         (message("U", b"\x07" + bytes(10)), "a state of 11 bytes"),
-        (message("U", bytes([RECIPE + 1]) + bytes(236)), "a state of 237 bytes"),
+        (message("U", bytes([RECIPE + 1]) + bytes(244)), "a state of 245 bytes"),
         (struct.pack(">HB", 2, ord("U")), "a message of 2 bytes"),
         (state(2.0, math.nan), "not a number"),
         (state(2.0, math.inf), "not a number"),
