@@ -1,0 +1,101 @@
+"""What a printed certificate is made of, before anybody decides how it looks: page and PDF draw the same blocks.
+
+Every figure in a block is text already, so that no two pages can round it differently.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Tone = Literal["plain", "quiet", "strong"]
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One cell of a table: what it says, and in a smaller line below it, why."""
+
+    text: str
+    below: str = ""
+    number: bool = False  # at the right, digits below digits
+    word: str = ""  # pass | fail | undecided | refused: drawn as such
+
+
+@dataclass(frozen=True, slots=True)
+class Paragraph:
+    """A paragraph."""
+
+    text: str
+    tone: Tone = "plain"
+    kind: Literal["paragraph"] = "paragraph"
+
+
+@dataclass(frozen=True, slots=True)
+class Bullets:
+    """A list."""
+
+    lines: tuple[str, ...]
+    kind: Literal["bullets"] = "bullets"
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Names and what they are."""
+
+    rows: tuple[tuple[str, str], ...]
+    kind: Literal["facts"] = "facts"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table; ``shares`` are the widths of its columns, in parts of the whole."""
+
+    head: tuple[Cell, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    shares: tuple[int, ...]
+    caption: str
+    kind: Literal["table"] = "table"
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A drawing: SVG with its words, and what it shows for whoever cannot see it."""
+
+    svg: str
+    alt: str
+    caption: str
+    kind: Literal["picture"] = "picture"
+
+
+@dataclass(frozen=True, slots=True)
+class Fields:
+    """Lines for a person's name, date and signature, below what the person signs for."""
+
+    statement: str
+    kind: Literal["fields"] = "fields"
+
+
+Block = Paragraph | Bullets | Facts | Table | Picture | Fields
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A heading and what stands below it."""
+
+    title: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A whole certificate or refusal record."""
+
+    heading: str  # Calibration report, or Refusal record
+    title: str
+    status: str
+    word: str  # pass | fail | undecided | refused
+    verdict: str  # as people read it
+    rule: str
+    run_id: str
+    sha256: str
+    ended_utc: str
+    qr: Picture
+    sections: tuple[Section, ...]

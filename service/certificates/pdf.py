@@ -1,0 +1,106 @@
+"""A certificate as PDF/A-2b, set by typst from the same blocks as the HTML page: fonts inside, no date of today.
+
+The fonts are those that typst carries, so that the same certificate is the same file on every computer. Names in
+other scripts take a font of this computer; where none has the characters, nothing is written.
+"""
+
+from dataclasses import asdict
+from datetime import datetime
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+import orjson
+import typst
+
+from calibration.errors import CellError
+from service.certificates.blocks import Page
+
+_TEMPLATE = Path(__file__).with_name("certificate.typ")
+_LETTERS = "Libertinus Serif"
+_STANDARD: Literal["a-2b"] = "a-2b"
+_MORE_SCRIPTS = (
+    "Noto Serif CJK SC",
+    "Noto Sans CJK SC",
+    "Source Han Serif SC",
+    "Source Han Sans SC",
+    "WenQuanYi Micro Hei",
+    "WenQuanYi Zen Hei",
+    "Noto Serif",
+    "Noto Sans",
+    "DejaVu Serif",
+    "DejaVu Sans",
+)
+
+
+class PdfError(CellError):
+    """A certificate cannot be set as PDF."""
+
+    code = "certificate.pdf"
+
+
+def as_pdf(page: Page) -> bytes:
+    """Return the PDF; the same page gives the same bytes.
+
+    Raises
+    ------
+    PdfError
+        The text holds characters that no font of this computer has.
+    """
+    try:
+        return _set(page, of_computer=False)
+    except typst.TypstError as error:
+        if not _lacks_letters(error):
+            raise _broken(error) from error
+    try:
+        return _set(page, of_computer=True)
+    except typst.TypstError as error:
+        raise (_unknown_letters(error) if _lacks_letters(error) else _broken(error)) from error
+
+
+def as_pictures(page: Page, *, ppi: float = 80.0) -> list[bytes]:
+    """Return the sheets as PNG, to be looked at."""
+    found = _compiler(page, of_computer=True).compile(format="png", ppi=ppi)
+    return found if isinstance(found, list) else [found or b""]
+
+
+def _set(page: Page, *, of_computer: bool) -> bytes:
+    ended = datetime.fromisoformat(page.ended_utc)
+    compiler = _compiler(page, of_computer=of_computer)
+    found = compiler.compile(format="pdf", pdf_standards=_STANDARD, timestamp=int(ended.timestamp()))
+    assert isinstance(found, bytes)
+    return found
+
+
+def _compiler(page: Page, *, of_computer: bool) -> typst.Compiler:
+    fonts = _fonts(of_computer=of_computer)
+    families = set(fonts.families())
+    letters = [_LETTERS, *(family for family in _MORE_SCRIPTS if family in families)]
+    given = {"page": orjson.dumps(_as_data(page)).decode(), "fonts": orjson.dumps(letters).decode()}
+    return typst.Compiler(_TEMPLATE.read_bytes(), font_paths=fonts, sys_inputs=given)
+
+
+@cache
+def _fonts(*, of_computer: bool) -> typst.Fonts:
+    return typst.Fonts(include_system_fonts=of_computer, include_embedded_fonts=True)
+
+
+def _as_data(page: Page) -> dict[str, Any]:
+    day = datetime.fromisoformat(page.ended_utc)
+    return asdict(page) | {"day": [day.year, day.month, day.day], "short_status": "not accredited"}
+
+
+def _lacks_letters(error: typst.TypstError) -> bool:
+    return "could not be displayed" in error.diagnostic
+
+
+def _unknown_letters(error: typst.TypstError) -> PdfError:
+    return PdfError(
+        f"the certificate holds characters that no font of this computer has: {error.message}.",
+        remedy="Install one that has them (Debian: `apt install fonts-noto-cjk`, or fonts-noto for other scripts), "
+        "then ask for the PDF again. The JSON, text and HTML are complete without.",
+    )
+
+
+def _broken(error: typst.TypstError) -> PdfError:
+    return PdfError(f"the PDF could not be set: {error.message}.", remedy="Report this with the JSON file.")

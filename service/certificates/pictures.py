@@ -1,0 +1,335 @@
+"""Small drawings for certificates: figures against their limits, errors point by point, before and after.
+
+Dots on linear axes that begin at zero: a bar on a logarithmic axis has no honest length. Shapes differ beside
+colours, so that a copy in grey tells the same.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+from service.certificates.blocks import Picture
+from service.quantities import quantity
+
+# After M. Okabe, K. Ito, Color Universal Design, 2008.
+_AFTER, _BEFORE, _LIMIT, _INK, _GRID = "#0072b2", "#6b6b6b", "#c04a00", "#222222", "#d9d9d9"
+_WIDTH, _ROW, _LEFT, _RIGHT = 560.0, 22.0, 218.0, 22.0
+_LONGEST_NAME = 38  # characters beside a drawing
+_MOST_POINTS = 400  # dots of one drawing: more are one blot
+_MOST_LIMITS_SHOWN = 4.0  # beyond so many limits, a dot stands at the edge with its figure
+
+
+def pictures_of(content: Mapping[str, Any]) -> list[Picture]:
+    """Return every drawing that the content has figures for."""
+    result = content["result"]
+    found = [against_limits(content["verdict"]["characteristics"]), *before_and_after(content)]
+    found += [errors_by_point(each) for each in errors_in(result)]
+    found += [scatter_of(content["points"])]
+    return [picture for picture in found if picture is not None]
+
+
+def against_limits(characteristics: Sequence[Mapping[str, Any]]) -> Picture | None:
+    """Draw every judged figure with its U as a share of its limit, so that all fit on one axis."""
+    judged = [figure for figure in characteristics if _has_share(figure)]
+    if not judged:
+        return None
+    shares = [abs(figure["value"]) / figure["limit"] for figure in judged]
+    spreads = [_spread(figure) / figure["limit"] for figure in judged]
+    most = max(share + spread for share, spread in zip(shares, spreads, strict=True))
+    axis = _Axis(0.0, min(max(1.2, 1.05 * most), _MOST_LIMITS_SHOWN), _LEFT, _WIDTH - _RIGHT)
+    drawing = _Drawing(28.0 + _ROW * len(judged) + 38.0)
+    bottom = 28.0 + _ROW * len(judged)
+    _grid(drawing, axis, (18.0, bottom), _Scale("%", 100.0, axis.high))
+    x = axis.at(1.0)
+    drawing.line((x, 18.0), (x, bottom), _LIMIT, 1.6, dashed=True)
+    drawing.text((x, 12.0), "limit", "middle", _LIMIT)
+    for row, (figure, share, spread) in enumerate(zip(judged, shares, spreads, strict=True)):
+        y = 28.0 + _ROW * (row + 0.5)
+        drawing.text((_LEFT - 10.0, y + 3.5), _short(figure["name"]), "end")
+        drawing.line((axis.at(share - spread), y), (axis.at(share + spread), y), _AFTER, 2.0)
+        drawing.dot((axis.at(share), y), _AFTER)
+    drawing.text(((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), "share of the limit [%]", "middle")
+    told = "; ".join(f"{figure['name']}: {_percent(s)}" for figure, s in zip(judged, shares, strict=True))
+    return drawing.picture(
+        "Judged figures as shares of their limits; the line through a dot is U.",
+        f"Dots on an axis from 0 to the limit. {told}.",
+    )
+
+
+def before_and_after(content: Mapping[str, Any]) -> Iterator[Picture]:
+    """Draw errors at poses that took no part in a fit; where there are none, what the run changed."""
+    result = content["result"]
+    identified = result.get("identified") if isinstance(result, dict) else None
+    out = identified.get("hold_out") if isinstance(identified, dict) else None
+    if isinstance(out, dict):
+        rows = [
+            _Pair(f"{name} error at check poses", out[f"before_{key}"], out[f"after_{key}"])
+            for name, key in (("RMS", "rms_m"), ("largest", "max_m"))
+        ]
+        caption = f"Before and after at {out['captures']} check poses that took no part in the fit."
+        yield _pairs(rows, "m", caption)
+        return
+    for unit, what in (("m", "lengths"), ("rad", "angles")):
+        changes = [c for c in content["verdict"].get("changes", []) if c["unit"] == unit]
+        known = [c for c in changes if c["before"] is not None and c["after"] is not None]
+        if len(known) > 1:
+            rows = [_Pair(c["name"], c["before"], c["after"]) for c in known]
+            yield _pairs(rows, unit, f"What this run changed: {what} before and after.")
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """One figure before and after."""
+
+    name: str
+    before: float
+    after: float
+
+
+def _pairs(rows: Sequence[_Pair], unit: str, caption: str) -> Picture:
+    """Draw two marks a row, joined, on an axis that has zero on it."""
+    values = [value for row in rows for value in (row.before, row.after)]
+    scale = _Scale.of(max(map(abs, values)), unit)
+    low, high = (scale.top if any(sign * v > 0 for v in values) else 0.0 for sign in (-1.0, 1.0))
+    axis = _Axis(-low, high or scale.top, _LEFT, _WIDTH - _RIGHT)
+    bottom = 28.0 + _ROW * len(rows)
+    drawing = _Drawing(bottom + 38.0)
+    _grid(drawing, axis, (18.0, bottom), scale)
+    for number, row in enumerate(rows):
+        y = 28.0 + _ROW * (number + 0.5)
+        drawing.text((_LEFT - 10.0, y + 3.5), _short(row.name), "end")
+        drawing.line((axis.at(row.before), y), (axis.at(row.after), y), _GRID, 2.0)
+        drawing.ring((axis.at(row.before), y), _BEFORE)
+        drawing.dot((axis.at(row.after), y), _AFTER)
+    drawing.key((_LEFT, 12.0), "before", "after")
+    drawing.text(((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), f"[{scale.unit}]", "middle")
+    told = "; ".join(
+        f"{row.name}: {quantity(row.before, unit)} before, {quantity(row.after, unit)} after" for row in rows
+    )
+    return drawing.picture(caption, f"Two marks a row. {told}.")
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Magnitudes of the errors of one list of points [m]."""
+
+    what: str
+    values_m: tuple[float, ...]
+    names: tuple[str, ...] = ()
+
+
+def errors_in(result: Any, where: str = "") -> Iterator[Errors]:
+    """Find lists of errors in a result: residuals of points, and poses of an accuracy test."""
+    if not isinstance(result, dict):
+        return
+    residuals, poses = result.get("residuals_m"), result.get("poses")
+    if isinstance(residuals, list) and _are_points(residuals):
+        names = tuple(map(str, result.get("tags") or ()))
+        about = where.replace("_", " ") or "points"
+        yield Errors(f"{about}: what each point misses by", tuple(map(_length, residuals)), names)
+    if isinstance(poses, list) and poses and all(isinstance(p, dict) and "ap_m" in p for p in poses):
+        for key, word in (("ap_m", "accuracy AP"), ("rp_m", "repeatability RP")):
+            values = tuple(float(pose[key]) for pose in poses if pose.get(key) is not None)
+            if values:
+                yield Errors(f"{where.replace('_', ' ')} model: {word} of each test pose".strip(), values)
+    for key, value in result.items():
+        yield from errors_in(value, key)
+
+
+def errors_by_point(errors: Errors) -> Picture | None:
+    """Draw one dot a point."""
+    if not 0 < len(errors.values_m) <= _MOST_POINTS:
+        return None
+    scale = _Scale.of(max(errors.values_m))
+    axis = _Axis(0.0, scale.top, 120.0, 16.0)
+    drawing, places = _upright(axis, scale, len(errors.values_m), errors.names)
+    for x, value in zip(places, errors.values_m, strict=True):
+        drawing.dot((x, axis.at(value)), _AFTER)
+    worst = max(range(len(errors.values_m)), key=errors.values_m.__getitem__)
+    name = errors.names[worst] if worst < len(errors.names) else str(worst + 1)
+    return drawing.picture(
+        f"{errors.what[:1].upper()}{errors.what[1:]}.",
+        f"One dot a point, {len(errors.values_m)} points; the largest is {quantity(errors.values_m[worst], 'm')} "
+        f"at {name}.",
+    )
+
+
+def scatter_of(points: Sequence[Mapping[str, Any]]) -> Picture | None:
+    """Draw what samples of one length differ from their mean, reading by reading."""
+    taken = [(point["used"], samples) for point in points if len(samples := _samples(point)) > 1]
+    spread = [[value - sum(samples) / len(samples) for value in samples] for _, samples in taken]
+    most = max((abs(value) for each in spread for value in each), default=0.0)
+    if not most > 1e-9 or sum(map(len, spread)) > _MOST_POINTS:
+        return None
+    scale = _Scale.of(most)
+    axis = _Axis(-scale.top, scale.top, 120.0, 16.0)
+    drawing, places = _upright(axis, scale, len(taken))
+    for x, (used, _), samples in zip(places, taken, spread, strict=True):
+        for value in samples:
+            (drawing.dot if used else drawing.ring)((x, axis.at(value)), _AFTER if used else _LIMIT)
+    drawing.key((130.0, 12.0), "not used", "used", _LIMIT)
+    return drawing.picture(
+        "Samples of each reading: what they differ from their mean.",
+        f"{len(taken)} readings; the largest difference is {quantity(most, 'm')}.",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    """From a value to a place on paper; values outside stand at the edge."""
+
+    low: float
+    high: float
+    begin: float
+    end: float
+
+    def at(self, value: float) -> float:
+        share = (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
+        return self.begin + share * (self.end - self.begin)
+
+    def ticks(self, factor: float = 1.0) -> list[float]:
+        """Return values that are round when multiplied by a factor."""
+        step = _step((self.high - self.low) * factor) / factor
+        first = math.ceil(self.low / step - 1e-9)
+        return [k * step for k in range(first, math.floor(self.high / step + 1e-9) + 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Scale:
+    """A unit in which figures are written with few digits, and where an axis of them ends."""
+
+    unit: str
+    factor: float
+    top: float
+
+    @classmethod
+    def of(cls, most: float, unit: str = "m") -> "_Scale":
+        top = 1.08 * most if most > 1e-9 else 1e-6
+        if unit == "rad":
+            return cls("deg", math.degrees(1.0), top)
+        return cls("mm", 1e3, top) if top >= 2e-4 else cls("µm", 1e6, top)
+
+    def shown(self, value: float) -> str:
+        return f"{value * self.factor:.6g}"
+
+
+@dataclass(slots=True)
+class _Drawing:
+    """SVG being written."""
+
+    height: float
+    parts: list[str] = field(default_factory=list)
+
+    def line(
+        self,
+        one: tuple[float, float],
+        other: tuple[float, float],
+        colour: str,
+        width: float,
+        *,
+        dashed: bool = False,
+    ) -> None:
+        dashes = ' stroke-dasharray="5 3"' if dashed else ""
+        ends = f'x1="{one[0]:.1f}" y1="{one[1]:.1f}" x2="{other[0]:.1f}" y2="{other[1]:.1f}"'
+        self.parts.append(f'<line {ends} stroke="{colour}" stroke-width="{width}"{dashes}/>')
+
+    def dot(self, at: tuple[float, float], colour: str) -> None:
+        self.parts.append(f'<circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="3.4" fill="{colour}"/>')
+
+    def ring(self, at: tuple[float, float], colour: str) -> None:
+        self.parts.append(
+            f'<circle cx="{at[0]:.1f}" cy="{at[1]:.1f}" r="3.4" fill="#ffffff" stroke="{colour}" stroke-width="1.5"/>'
+        )
+
+    def text(self, at: tuple[float, float], words: str, anchor: str, colour: str = _INK) -> None:
+        self.parts.append(
+            f'<text x="{at[0]:.1f}" y="{at[1]:.1f}" text-anchor="{anchor}" fill="{colour}">{escape(words)}</text>'
+        )
+
+    def key(self, at: tuple[float, float], ring: str, dot: str, colour: str = _BEFORE) -> None:
+        x, y = at
+        self.ring((x, y - 3.5), colour)
+        self.text((x + 8.0, y), ring, "start")
+        self.dot((x + 78.0, y - 3.5), _AFTER)
+        self.text((x + 86.0, y), dot, "start")
+
+    def picture(self, caption: str, alt: str) -> Picture:
+        size = f'width="{_WIDTH:.0f}" height="{self.height:.0f}" viewBox="0 0 {_WIDTH:.0f} {self.height:.0f}"'
+        letters = 'font-family="Libertinus Serif" font-size="11"'
+        svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size} {letters}>{"".join(self.parts)}</svg>'
+        return Picture(svg, alt, caption)
+
+
+def _upright(
+    axis: _Axis, scale: _Scale, count: int, names: Sequence[str] = ()
+) -> tuple[_Drawing, list[float]]:
+    """Begin a drawing with values upwards and points from left to right; return it and the points' places."""
+    left, right = 64.0, _WIDTH - _RIGHT
+    drawing = _Drawing(158.0)
+    for value in axis.ticks(scale.factor):
+        drawing.line((left, axis.at(value)), (right, axis.at(value)), _GRID, 0.8)
+        drawing.text((left - 6.0, axis.at(value) + 3.5), scale.shown(value), "end")
+    drawing.text((8.0, 12.0), f"[{scale.unit}]", "start")
+    width = (right - left) / count
+    places = [left + width * (k + 0.5) for k in range(count)]
+    every = max(1, math.ceil(count / 25))
+    for k in range(0, count, every):
+        name = names[k] if k < len(names) and len(names[k]) <= 6 else str(k + 1)
+        drawing.text((places[k], axis.begin + 18.0), name, "middle")
+    drawing.text(((left + right) / 2, axis.begin + 35.0), "point", "middle")
+    return drawing, places
+
+
+def _grid(drawing: _Drawing, axis: _Axis, between: tuple[float, float], scale: _Scale) -> None:
+    for value in axis.ticks(scale.factor):
+        x = axis.at(value)
+        drawing.line((x, between[0]), (x, between[1]), _GRID, 0.8)
+        drawing.text((x, between[1] + 15.0), scale.shown(value), "middle")
+
+
+def _step(span: float) -> float:
+    """Return a round distance of ticks that gives three to seven of them."""
+    power = 10.0 ** math.floor(math.log10(span / 3.0))
+    return max(factor for factor in (1.0, 2.0, 5.0) if factor * power <= span / 3.0) * power
+
+
+def _has_share(figure: Mapping[str, Any]) -> bool:
+    """Tell whether a limit is an upper one of a figure with an uncertainty; of others nobody knows the side."""
+    return bool(
+        figure["decision"] and (figure["limit"] or 0.0) > 0.0 and figure["expanded_uncertainty"] > 0.0
+    )
+
+
+def _spread(figure: Mapping[str, Any]) -> float:
+    expanded = float(figure["expanded_uncertainty"])
+    return 0.0 if figure["value"] == expanded else expanded
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if share >= 0.01 or share == 0.0 else f"{100.0 * share:.1g} %"
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1].rstrip()}…"
+
+
+def _are_points(value: list[Any]) -> bool:
+    return bool(value) and all(
+        isinstance(row, list) and len(row) == 3 and all(map(_is_number, row)) for row in value
+    )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, float | int) and math.isfinite(value)
+
+
+def _length(point: Sequence[float]) -> float:
+    return math.hypot(*point)
+
+
+def _samples(point: Mapping[str, Any]) -> list[float]:
+    value = point.get("value")
+    samples = value.get("readings_m") if isinstance(value, dict) else None
+    return [float(v) for v in samples] if isinstance(samples, list) and all(map(_is_number, samples)) else []

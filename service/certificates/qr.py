@@ -1,0 +1,25 @@
+"""The square code of a certificate: its id and its hash, for whoever holds the paper and has the JSON file."""
+
+import io
+
+import segno
+
+from service.certificates.blocks import Picture
+
+_QUIET_ZONE = 4  # modules of white around it, after ISO/IEC 18004
+
+
+def code_text(file_stem: str, sha256: str) -> str:
+    """Return what the code says; `cellcal verify` prints the same hash."""
+    return f"cellcal {file_stem} sha256:{sha256}"
+
+
+def code_of(file_stem: str, sha256: str) -> Picture:
+    """Draw the code of a certificate or a refusal record."""
+    said = code_text(file_stem, sha256)
+    file = io.BytesIO()
+    segno.make(said, error="m", micro=False, boost_error=False).save(
+        file, kind="svg", border=_QUIET_ZONE, light="#ffffff", omitsize=True, xmldecl=False, nl=False,
+        svgclass=None, lineclass=None,
+    )  # fmt: skip
+    return Picture(file.getvalue().decode(), f"Square code that says: {said}", "id and hash")

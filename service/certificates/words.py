@@ -1,0 +1,164 @@
+"""A certificate's content in words and rounded figures: what the text, the page and the PDF say alike."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from service.quantities import quantity
+
+WORDS = {
+    "pass": "PASS",
+    "fail": "FAIL",
+    "undecided": "UNDECIDED - measure more",
+    "refused": "REFUSED - nothing is claimed",
+    None: "-",
+}
+NO_TEMPERATURE = "No temperature was recorded: nothing is corrected for it."
+WHOLE_RESULT = "The whole result is in the JSON file of the same name."
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One characteristic in words; empty where there is nothing to say."""
+
+    name: str
+    word: str  # PASS, FAIL, UNDECIDED, stated
+    found: str
+    expanded: str  # "U = … (k = …)"
+    limit: str
+    rule: str
+    budget: tuple[tuple[str, str, str], ...]  # contribution, u, source
+
+    @property
+    def told(self) -> str:
+        """Found, U and limit on one line."""
+        parts = (("found ", self.found), ("", self.expanded), ("limit ", self.limit))
+        return "; ".join(before + text for before, text in parts if text)
+
+
+def figure_in_words(figure: Mapping[str, Any]) -> Figure:
+    """Return a characteristic as people read it; a judged uncertainty is itself what was found."""
+    unit, expanded, limit = figure["unit"], figure["expanded_uncertainty"], figure["limit"]
+    bare = limit is None and (unit, figure["value"]) == ("1", 1.0)  # a fact, no figure
+    shown = not bare and not figure["value"] == expanded > 0.0
+    return Figure(
+        name=figure["name"],
+        word="stated" if figure["decision"] is None else figure["decision"].upper(),
+        found=quantity(figure["value"], unit) if shown else "",
+        expanded=f"U = {quantity(expanded, unit)} (k = {figure['coverage']:.2f})" if expanded else "",
+        limit="" if limit is None else quantity(limit, unit),
+        rule=figure["rule"],
+        budget=tuple(
+            (part["name"], quantity(part["standard_uncertainty"], unit), part["source"])
+            for part in figure["budget"]
+        ),
+    )
+
+
+def head_rows(content: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what was calibrated, with what, and when."""
+    run, devices = content["run"], content["devices"]
+    return [
+        ("procedure", f"{run['title']} ({run['procedure']}, version {run['procedure_version']})"),
+        ("robot", _who_is(devices[0]["identity"])),
+        *((device["role"], _who_is(device["identity"])) for device in devices[1:]),
+        ("cell", content["cell"]["name"]),
+        ("encoder epoch", f"{content['encoder_epoch_at_start']} at the start"),
+        ("run", run["run_id"]),
+        ("from, to (UTC)", f"{at_time(run['started_utc'])}, {at_time(run['ended_utc'])}"),
+    ]
+
+
+def change_rows(changes: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
+    """Return name, before and after of what changed."""
+
+    def shown(value: float | None, unit: str) -> str:
+        return "not read" if value is None else quantity(value, unit)
+
+    return [
+        (change["name"], shown(change["before"], change["unit"]), shown(change["after"], change["unit"]))
+        for change in changes
+    ]
+
+
+def short_facts(result: Any) -> Iterator[tuple[str, str]]:
+    """Return what of a result, or of settings, fits on a line: single values and poses."""
+    for key, value in result.items() if isinstance(result, dict) else ():
+        if is_pose(value):
+            yield _name(key), pose_in_words(value)
+        elif isinstance(value, bool | int | float | str) and value != "":
+            yield _name(key), _scalar(key, value)
+        elif isinstance(value, dict):
+            yield from short_facts({k: v for k, v in value.items() if is_pose(v)})
+
+
+def pose_in_words(pose: Mapping[str, Any]) -> str:
+    """Return a pose in millimetres, with its quaternion."""
+    q = ", ".join(f"{v:+.7f}" for v in pose["quaternion"])
+    return f"{place_in_words(pose['position_m'])}; quaternion w x y z {q}"
+
+
+def place_in_words(position_m: Sequence[float]) -> str:
+    """Return a place in millimetres."""
+    x, y, z = (f"{1e3 * v:.3f}" for v in position_m)
+    return f"x {x}, y {y}, z {z} mm"
+
+
+def is_pose(value: Any) -> bool:
+    """Tell a pose from other objects."""
+    return isinstance(value, dict) and {"position_m", "quaternion"} <= value.keys()
+
+
+def answers_by_person(
+    people: Sequence[Mapping[str, str]],
+) -> Iterator[tuple[str, Sequence[Mapping[str, str]]]]:
+    """Return every person once, with all that he or she answered."""
+    for who in dict.fromkeys(answer["who"] for answer in people):
+        yield who, [answer for answer in people if answer["who"] == who]
+
+
+def accepted_by(answers: Iterable[Mapping[str, str]]) -> str:
+    """Return what a person accepted, separated by commas."""
+    steps = (answer["step"] for answer in answers)
+    return ", ".join(step.removeprefix("accept ") for step in steps if step.startswith("accept"))
+
+
+def made_with_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return software, solver and definition, once for every software that had a part in the run."""
+    return [
+        (
+            f"cellcal {made.get('software', '?')}, {made.get('solver', 'solver not recorded')}",
+            made.get("definition_sha256", "not recorded"),
+        )
+        for made in run["made_with"]
+    ]
+
+
+def at_time(wall_utc: str) -> str:
+    """Return date and time to the second."""
+    return wall_utc[:19].replace("T", " ")
+
+
+def file_stem(content: Mapping[str, Any]) -> str:
+    """Return the name of a run's files; a refused run may be resumed and end well, so its record has another."""
+    run_id = str(content["run"]["run_id"])
+    return f"{run_id}-refused" if "refusal" in content else run_id
+
+
+def _scalar(key: str, value: bool | int | float | str) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        unit = next((unit for unit in ("rad", "m") if key.endswith(f"_{unit}")), "")
+        return quantity(value, unit) if unit else f"{value:.6g}"
+    return str(value)
+
+
+def _name(key: str) -> str:
+    for unit in ("_rad", "_m"):
+        key = key.removesuffix(unit)
+    return key.replace("_", " ")
+
+
+def _who_is(identity: Mapping[str, str]) -> str:
+    return f"{identity['vendor']} {identity['model']}, serial {identity['serial']}, {identity['firmware']}"
