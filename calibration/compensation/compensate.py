@@ -138,10 +138,12 @@ def reach_poses(
     start_rad: Array,
     *,
     limits: CompensationLimits = CompensationLimits(),
+    careful: bool = True,
 ) -> Compensation:
     """Find the joints that bring an arm's tip to poses (N, 4, 4) [m], from postures near by (N, n) [rad].
 
-    As `compensate`, with poses in place of the other arm.
+    As `compensate`, with poses in place of the other arm. Without care only the points that arrive within a few
+    steps are answered; the others stay where they began.
 
     Raises
     ------
@@ -158,11 +160,16 @@ def reach_poses(
         axes = np.ascontiguousarray(poses[:, :3, :3].transpose(2, 1, 0))
         return Target(axes, np.ascontiguousarray(poses[:, :3, 3].T))
 
-    return _solved(moved, target, start, limits)
+    return _solved(moved, target, start, limits, careful=careful)
 
 
 def _solved(
-    moved: Arm, target: Callable[[Rows], Target], start: Array, limits: CompensationLimits
+    moved: Arm,
+    target: Callable[[Rows], Target],
+    start: Array,
+    limits: CompensationLimits,
+    *,
+    careful: bool = True,
 ) -> Compensation:
     outcome = _Outcome.empty(np.ascontiguousarray(start.T))
     rest = np.zeros(len(start), dtype=bool)
@@ -171,7 +178,8 @@ def _solved(
         rest[block] = _go_quickly(moved, target(block), outcome.of(block), limits)
     # Together, because many steps of a few points cost as much as many steps of a block.
     left = np.flatnonzero(rest)
-    for first in range(0, len(left), _BLOCK):
+    outcome.status[left] = PointStatus.SINGULAR
+    for first in range(0, len(left) if careful else 0, _BLOCK):
         rows = left[first : first + _BLOCK]
         _go_carefully(moved, target(rows), outcome, rows, limits)
     return Compensation(

@@ -53,6 +53,7 @@ def transfer(
     *,
     start_rad: Array | None = None,
     limits: CompensationLimits = EXACTLY,
+    careful: bool = True,
 ) -> Transferred:
     """Find the joints with which the target's real tip is where the source's is.
 
@@ -66,6 +67,8 @@ def transfer(
         Where the search begins; the source's joints, which suit cells that are nearly alike.
     limits : CompensationLimits
         Tolerances [m, rad]; no joint goes farther than ``branch_rad`` from its start. Joint limits are not heeded.
+    careful : bool
+        Whether the few points that do not arrive at once are searched for.
 
     Raises
     ------
@@ -78,7 +81,7 @@ def transfer(
     """
     wanted = way.change @ tips(way.source, joints_rad)
     start = joints_rad if start_rad is None else start_rad
-    found = reach_poses(_unlimited(way.target), wanted, start, limits=limits)
+    found = reach_poses(_unlimited(way.target), wanted, start, limits=limits, careful=careful)
     return Transferred(
         found.joints_rad, tips(way.written, found.joints_rad), wanted, found.converged, found.position_error_m
     )

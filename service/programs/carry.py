@@ -209,7 +209,7 @@ class Carrier:
 
     def _transferred(self, points: Points, rows: Rows, joints: Array, way: Way) -> Transferred:
         """Transfer points; those that do not arrive from their old joints begin at that posture of the new pose."""
-        found = transfer(way, joints)
+        found = transfer(way, joints, careful=False)
         left = np.flatnonzero(~found.reached)
         if not len(left):
             return found
@@ -218,17 +218,12 @@ class Carrier:
         texts = [points.texts[i] for i in rows[left].tolist()]
         named = points.cartesian[rows[left]] & np.array([bool(text) for text in texts])
         if self._rule is not None and named.any():
-            again, _ = self._back.joints(
-                flange[named], [t for t, n in zip(texts, named, strict=True) if n], None
-            )
+            said = [text for text, there in zip(texts, named.tolist(), strict=True) if there]
+            again, _ = self._back.joints(flange[named], said, None)
             start[named] = np.where(np.isfinite(again), again, start[named])
-        some = np.isfinite(start).all(axis=1)
-        other = transfer(way, joints[left[some]], start_rad=start[some])
-        rows_there = left[some][other.reached]
-        found.joints_rad[rows_there] = other.joints_rad[other.reached]
-        found.base_tip[rows_there] = other.base_tip[other.reached]
-        found.left_m[rows_there] = other.left_m[other.reached]
-        found.reached[rows_there] = True
+        other = transfer(way, joints[left], start_rad=np.where(np.isfinite(start), start, joints[left]))
+        found.joints_rad[left], found.base_tip[left] = other.joints_rad, other.base_tip
+        found.reached[left], found.left_m[left] = other.reached, other.left_m
         return found
 
     def _keep(
