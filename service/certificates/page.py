@@ -111,7 +111,7 @@ def _figures(characteristics: Sequence[Mapping[str, Any]]) -> tuple[Section, ...
             (
                 Cell(told.name, told.rule),
                 Cell(told.found, number=True),
-                Cell(told.expanded.removeprefix("U = "), number=True),
+                Cell(told.expanded, told.coverage, number=True),
                 Cell(told.limit, number=True),
                 Cell(told.word, word=figure["decision"] or ""),
             )
@@ -124,7 +124,7 @@ def _figures(characteristics: Sequence[Mapping[str, Any]]) -> tuple[Section, ...
         Cell("Decision"),
     )
     caption = "Figures with expanded uncertainty U = k u, about 95 % coverage. Stated: nothing judges it."
-    return (Section("What was decided", (Table(head, tuple(rows), (44, 14, 18, 13, 13), caption),)),)
+    return (Section("What was decided", (Table(head, tuple(rows), (48, 14, 13, 13, 12), caption),)),)
 
 
 def _budget(characteristics: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
@@ -167,7 +167,8 @@ def _drawings(content: Mapping[str, Any]) -> tuple[Section, ...]:
 def _rejected(points: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
     unused = [point for point in points if not point["used"]]
     used = len(points) - len(unused)
-    said = Paragraph(f"{len(points)} readings, {used} used; each one is in the JSON file.")
+    number = f"{len(points)} readings" if len(points) != 1 else "1 reading"
+    said = Paragraph(f"{number}, {used} used; each one is in the JSON file.")
     if not unused:
         return (Section("Readings that were not used", (said, Paragraph("None was set aside."))),)
     head = (Cell("Reading"), Cell("At (UTC)"), Cell("Why it was not used"))

@@ -53,7 +53,7 @@ def against_limits(characteristics: Sequence[Mapping[str, Any]]) -> Picture | No
     drawing.text(((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), "share of the limit [%]", "middle")
     told = "; ".join(f"{figure['name']}: {_percent(s)}" for figure, s in zip(judged, shares, strict=True))
     return drawing.picture(
-        "Judged figures as shares of their limits; the line through a dot is U.",
+        "Judged figures as shares of their limits. The line through a dot is U; without one, the dot is U itself.",
         f"Dots on an axis from 0 to the limit. {told}.",
     )
 
@@ -127,8 +127,8 @@ def errors_in(result: Any, where: str = "") -> Iterator[Errors]:
     residuals, poses = result.get("residuals_m"), result.get("poses")
     if isinstance(residuals, list) and _are_points(residuals):
         names = tuple(map(str, result.get("tags") or ()))
-        about = where.replace("_", " ") or "points"
-        yield Errors(f"{about}: what each point misses by", tuple(map(_length, residuals)), names)
+        about = "" if where in ("", "found", "placed") else f"{where.replace('_', ' ')}: "
+        yield Errors(f"{about}what each point misses by", tuple(map(_length, residuals)), names)
     if isinstance(poses, list) and poses and all(isinstance(p, dict) and "ap_m" in p for p in poses):
         for key, word in (("ap_m", "accuracy AP"), ("rp_m", "repeatability RP")):
             values = tuple(float(pose[key]) for pose in poses if pose.get(key) is not None)

@@ -24,7 +24,8 @@ class Figure:
     name: str
     word: str  # PASS, FAIL, UNDECIDED, stated
     found: str
-    expanded: str  # "U = … (k = …)"
+    expanded: str  # U
+    coverage: str  # k of U
     limit: str
     rule: str
     budget: tuple[tuple[str, str, str], ...]  # contribution, u, source
@@ -32,7 +33,8 @@ class Figure:
     @property
     def told(self) -> str:
         """Found, U and limit on one line."""
-        parts = (("found ", self.found), ("", self.expanded), ("limit ", self.limit))
+        expanded = f"{self.expanded} ({self.coverage})" if self.expanded else ""
+        parts = (("found ", self.found), ("U = ", expanded), ("limit ", self.limit))
         return "; ".join(before + text for before, text in parts if text)
 
 
@@ -45,7 +47,8 @@ def figure_in_words(figure: Mapping[str, Any]) -> Figure:
         name=figure["name"],
         word="stated" if figure["decision"] is None else figure["decision"].upper(),
         found=quantity(figure["value"], unit) if shown else "",
-        expanded=f"U = {quantity(expanded, unit)} (k = {figure['coverage']:.2f})" if expanded else "",
+        expanded=quantity(expanded, unit) if expanded else "",
+        coverage=f"k = {figure['coverage']:.2f}" if expanded else "",
         limit="" if limit is None else quantity(limit, unit),
         rule=figure["rule"],
         budget=tuple(
@@ -157,7 +160,8 @@ def _scalar(key: str, value: bool | int | float | str) -> str:
 def _name(key: str) -> str:
     for unit in ("_rad", "_m"):
         key = key.removesuffix(unit)
-    return key.replace("_", " ")
+    speed = " [rad/s]" if key.endswith("_rad_s") else ""
+    return key.removesuffix("_rad_s").replace("_", " ") + speed
 
 
 def _who_is(identity: Mapping[str, str]) -> str:

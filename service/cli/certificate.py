@@ -18,7 +18,16 @@ Json = Annotated[
 
 
 @certificate.default
-def write(run_id: str, /, *, cell: CellFile, out: Path | None = None, as_json: Json = False) -> int:
+def write(
+    run_id: str,
+    /,
+    *,
+    cell: CellFile,
+    out: Path | None = None,
+    pdf: Path | None = None,
+    html: Path | None = None,
+    as_json: Json = False,
+) -> int:
     """Write the certificate of a finished run as JSON and as text, and print the text.
 
     The same run gives the same bytes, whenever it is asked for.
@@ -29,11 +38,16 @@ def write(run_id: str, /, *, cell: CellFile, out: Path | None = None, as_json: J
         A run from `cellcal runs`, or `last`; `key` shows the cell's public key instead.
     out
         Folder to write to; the cell's own (data_dir/certificates) when not said.
+    pdf
+        Write it to this file as well, as PDF/A with drawings and a square code.
+    html
+        Write it to this file as well, as one page that needs no other file and no other host.
     """
     import sys
 
     from service.certificates.certificate import issue
-    from service.cli.printing import print_json
+    from service.certificates.printing import html_from, pdf_from, write_sheet
+    from service.cli.printing import EN_ROUTE, print_json
     from service.configuration.cell_file import read_cell_file
 
     issued = issue(read_cell_file(cell), run_id, out)
@@ -42,6 +56,10 @@ def write(run_id: str, /, *, cell: CellFile, out: Path | None = None, as_json: J
     else:
         sys.stdout.write(issued.text_path.read_text(encoding="utf-8"))
     tell_issued(issued)
+    for path, sheet in ((html, html_from), (pdf, pdf_from)):
+        if path is not None:
+            write_sheet(path, sheet(issued.json_path))
+            EN_ROUTE.print(f"printed: {path}", markup=False, soft_wrap=True)
     return 0
 
 
@@ -117,6 +135,7 @@ def issue_after_run(config: Any, run_id: str, *, quiet: bool = False) -> "Issued
     """Write the certificate at the end of a run; that it could not be written changes nothing about the run."""
     from calibration.errors import CellError
     from service.certificates.certificate import issue
+    from service.certificates.printing import print_beside
     from service.cli.printing import EN_ROUTE
 
     try:
@@ -124,8 +143,14 @@ def issue_after_run(config: Any, run_id: str, *, quiet: bool = False) -> "Issued
     except CellError as error:
         EN_ROUTE.print(f"No certificate: {error}", style="bold red", markup=False)
         return None
+    printed = print_beside(issued.json_path)
+    if printed.trouble:
+        EN_ROUTE.print(f"Not printed: {printed.trouble}", style="bold yellow", markup=False)
     if not quiet:
         tell_issued(issued)
+        for path in (printed.html_path, printed.pdf_path):
+            if path is not None:
+                EN_ROUTE.print(f"to print: {path}", markup=False, soft_wrap=True)
     return issued
 
 

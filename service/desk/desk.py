@@ -22,6 +22,7 @@ from procedures.cell import Cell
 from procedures.entry import Phase
 from procedures.progress import Gate, Progress
 from service.certificates.certificate import issue
+from service.certificates.printing import print_beside
 from service.configuration.cell_file import CellConfig
 from service.desk.asking import DeskOperator
 from service.desk.held import HeldRobot, Hold
@@ -305,6 +306,7 @@ class Desk:
         try:
             issued = await asyncio.to_thread(issue, self._config, outcome.run_id)
             told["certificate"] = issued.json_path.name
+            await asyncio.to_thread(print_beside, issued.json_path)
         except CellError as error:
             told["certificate"], told["no_certificate"] = None, error.message
         return told

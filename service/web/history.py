@@ -10,9 +10,12 @@ from service.certificates.certificate import issue
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import open_journal
 from service.runs.store import RunView, Store
+from service.web import certificates, parameters
 from service.web.door import Who, house_of
 
 router = APIRouter()
+router.include_router(certificates.router)
+router.include_router(parameters.router)
 
 
 @router.get("/runs")

@@ -1,0 +1,101 @@
+"""Paper of a certificate: the page and the PDF, made from the signed file after it was checked."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibration.errors import CellError
+from service.certificates.signing import check, read_document
+from service.files import replace_file
+
+if TYPE_CHECKING:
+    from service.certificates.blocks import Page
+
+
+class PrintingError(CellError):
+    """A certificate cannot be printed, or not be written where it was wanted."""
+
+    code = "certificate"
+
+
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """What lies beside a certificate; None for what could not be made, with the reason."""
+
+    html_path: Path | None
+    pdf_path: Path | None
+    trouble: str = ""
+
+
+def page_from(json_path: Path) -> "Page":
+    """Return the page of a signed certificate on disk.
+
+    Raises
+    ------
+    PrintingError
+        The file cannot be read, or is not what was signed: nothing is printed from it.
+    """
+    from service.certificates.page import page_of  # noqa: PLC0415  drawings and codes only where they are wanted
+
+    raw = read_document(json_path)
+    checked = check(raw) if isinstance(raw, bytes) else raw
+    if checked.content is None:
+        raise PrintingError(
+            f"{json_path}: {checked.sentence} Nothing is printed from it.",
+            remedy="Write the certificate again with `cellcal certificate`.",
+        )
+    return page_of(checked.content, checked.sha256, checked.public_key)
+
+
+def html_from(json_path: Path) -> str:
+    """Return a signed certificate as one HTML page."""
+    from service.certificates.html import as_html  # noqa: PLC0415
+
+    return as_html(page_from(json_path))
+
+
+def pdf_from(json_path: Path) -> bytes:
+    """Return a signed certificate as PDF/A.
+
+    Raises
+    ------
+    PrintingError
+        As ``page_from``.
+    PdfError
+        No font of this computer has some of its characters.
+    """
+    from service.certificates.pdf import as_pdf  # noqa: PLC0415  typst is a large library
+
+    return as_pdf(page_from(json_path))
+
+
+def print_beside(json_path: Path) -> Printed:
+    """Write page and PDF beside a certificate; what hinders that is told and harms nothing else."""
+    trouble: list[str] = []
+    made: dict[str, Path | None] = {}
+    for suffix, content in ((".html", html_from), (".pdf", pdf_from)):
+        path = json_path.with_suffix(suffix)
+        try:
+            write_sheet(path, content(json_path))
+            made[suffix] = path
+        except CellError as error:
+            trouble.append(str(error))
+            made[suffix] = None
+    return Printed(made[".html"], made[".pdf"], " ".join(trouble))
+
+
+def write_sheet(path: Path, content: str | bytes) -> None:
+    """Write a page or a PDF, whole or not at all.
+
+    Raises
+    ------
+    PrintingError
+        It cannot be written there.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, content)
+    except OSError as error:
+        raise PrintingError(
+            f"{path} cannot be written: {error.strerror}.", remedy="Give a folder that may be written."
+        ) from error
