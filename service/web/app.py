@@ -14,7 +14,7 @@ from fastapi.responses import JSONResponse
 
 from calibration.errors import CellError
 from service.configuration.cell_file import CellConfig, read_cell_file
-from service.web import commands, history, outlook, screen
+from service.web import commands, history, models, outlook, screen
 from service.web.link import DeskGoneError, DeskLink
 from service.web.pages import add_pages
 from service.web.screens import Screens
@@ -68,7 +68,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.house = house
     app.add_exception_handler(CellError, _told)
     app.add_exception_handler(RequestValidationError, _not_understood)
-    for router in (screen.router, commands.router, outlook.router, history.router):
+    for router in (screen.router, commands.router, outlook.router, history.router, models.router):
         app.include_router(router, prefix="/api")
     add_pages(app)
     return app

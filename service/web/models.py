@@ -1,0 +1,222 @@
+"""The robot as a picture: a description of cylinders and balls, and what stands around it.
+
+The description comes from the same model table that the solver uses, and from the same shapes that plans are
+checked with: the picture and the mathematics cannot disagree. It shows the nominal arm, not the calibrated one: the
+difference is less than a pixel.
+"""
+
+import asyncio
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+from xml.etree import ElementTree as ET
+
+import numpy as np
+from defusedxml.ElementTree import fromstring  # ships no types
+from fastapi import APIRouter, Path, Request, Response
+
+from service.configuration.cell_file import CellConfig, GaugeEntry
+from service.web.door import Who, house_of
+
+if TYPE_CHECKING:
+    from calibration.arm.kinematics import RobotModel
+    from calibration.geometry import Array
+    from calibration.motion.collision import Capsule
+    from procedures.motion.surroundings import Surroundings
+
+router = APIRouter()
+Triple = tuple[float, float, float]
+RobotName = Annotated[str, Path(max_length=64)]
+
+_TOOL = "tool"
+_COLOURS = {"arm": "0.96 0.65 0.14 1", "joint": "0.27 0.33 0.38 1", _TOOL: "0.55 0.60 0.65 1"}
+_HOUSING_RADIUS, _HOUSING_LENGTH = 1.12, 2.5  # of a joint, as a share of its link's radius: for the eye only
+_SMALL_RADIUS_M = 0.03  # of a joint's housing where no shape of the arm is known
+
+
+@dataclass(frozen=True, slots=True)
+class BoxSeen:
+    """A box that stands in the cell."""
+
+    name: str
+    base_box: tuple[float, ...]  # (4, 4) row by row: its centre and axes [m]
+    size_m: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class BallSeen:
+    """A ball that stands in the cell."""
+
+    name: str
+    centre_in_base_m: Triple
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneSeen:
+    """A floor or wall: solid on the other side from its normal."""
+
+    name: str
+    point_in_base_m: Triple
+    normal_in_base: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class WireSeen:
+    """The draw-wire as the cell file places it: from its anchor in the base to its hook on the flange."""
+
+    name: str
+    anchor_in_base_m: Triple
+    hook_in_flange_m: Triple
+
+
+@dataclass(frozen=True, slots=True)
+class CellSeen:
+    """All that a picture of one robot in its cell needs beside the description.
+
+    The description's joints are ``description_from_controller @ joints_rad``: a description cannot couple joints,
+    a controller does (FANUC's J3 is told against the horizon).
+    """
+
+    robot: str
+    model: str
+    title: str
+    joints: tuple[str, ...]
+    description_from_controller: tuple[tuple[float, ...], ...]
+    boxes: tuple[BoxSeen, ...]
+    balls: tuple[BallSeen, ...]
+    planes: tuple[PlaneSeen, ...]
+    wire: WireSeen | None
+    remarks: tuple[str, ...]  # what of the shapes was assumed
+
+
+class _Description(Response):
+    media_type = "application/xml"
+
+
+@router.get("/models/{robot}.urdf", response_class=_Description)
+async def description(robot: RobotName, request: Request, who: Who) -> _Description:
+    """Return a robot of this cell as a URDF of cylinders and balls; links ``base``, ``link_1`` …, ``flange``."""
+    del who
+    return _Description(await asyncio.to_thread(primitive_urdf, house_of(request).config, robot))
+
+
+@router.get("/models/{robot}.json")
+async def cell_seen(robot: RobotName, request: Request, who: Who) -> CellSeen:
+    """Return what stands around a robot, its wire, and how its joints drive the description."""
+    del who
+    return await asyncio.to_thread(seen_cell, house_of(request).config, robot)
+
+
+def primitive_urdf(config: CellConfig, robot: str) -> str:
+    """Return the description of one robot: each shape of its links as a cylinder with a ball at either end.
+
+    Raises
+    ------
+    CellError
+        There is no such robot in the cell.
+    """
+    from calibration.arm.urdf import bare_urdf  # noqa: PLC0415  # heavy: not at the start of the service
+
+    model, shapes, _ = _shapes(config, robot)
+    root: ET.Element = fromstring(bare_urdf(model, geometric_joints=True))
+    for name, rgba in _COLOURS.items():
+        ET.SubElement(ET.SubElement(root, "material", name=name), "color", rgba=rgba)
+    links = {str(link.get("name")): link for link in root.findall("link")}
+    for capsule in shapes:
+        at = "base" if capsule.link == 0 else f"link_{capsule.link}"
+        # The capsule's frame lies behind the placement that ends the link, the description's link before it.
+        _draw_capsule(links[at], capsule, model.placements[capsule.link])
+    radius = min((c.radius_m for c in shapes if c.name != _TOOL), default=_SMALL_RADIUS_M)
+    for joint in range(1, model.axes + 1):
+        _draw_cylinder(
+            links[f"link_{joint}"],
+            np.zeros(3),
+            np.array([0.0, 0.0, _HOUSING_LENGTH * radius]),
+            _HOUSING_RADIUS * radius,
+            "joint",
+        )
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def seen_cell(config: CellConfig, robot: str) -> CellSeen:
+    """Return what stands around one robot, as its cell file tells.
+
+    Raises
+    ------
+    CellError
+        There is no such robot in the cell.
+    """
+    from calibration.arm.urdf import bare_urdf  # noqa: PLC0415  # heavy: not at the start of the service
+
+    model, _, remarks = _shapes(config, robot)
+    space, gauge = _space(config, robot), config.gauge_for(robot)
+    bare: ET.Element = fromstring(bare_urdf(model, geometric_joints=True))
+    signs = [float(str(axis.get("xyz")).split()[2]) for axis in bare.iter("axis")]
+    driven = np.array(signs)[:, None] * model.joint_coupling
+    return CellSeen(
+        robot=robot,
+        model=config.robot(robot).model,
+        title=model.title,
+        joints=model.joint_names,
+        description_from_controller=tuple(tuple(float(v) for v in row) for row in driven),
+        boxes=tuple(
+            BoxSeen(box.name, tuple(float(v) for v in box.base_box.matrix().ravel()), box.size_m)
+            for box in space.blocks
+        ),
+        balls=tuple(BallSeen(ball.name, ball.centre_in_base_m, ball.radius_m) for ball in space.balls),
+        planes=tuple(PlaneSeen(p.name, p.point_in_base_m, p.normal_in_base) for p in space.planes),
+        wire=None if gauge is None else _wire_seen(gauge),
+        remarks=remarks,
+    )
+
+
+def _wire_seen(gauge: GaugeEntry) -> WireSeen:
+    return WireSeen(gauge.device.name, gauge.setup.anchor_in_base_m, gauge.setup.hook_in_flange_m)
+
+
+def _space(config: CellConfig, robot: str) -> "Surroundings":
+    return config.motion_of(robot).surroundings
+
+
+def _shapes(config: CellConfig, robot: str) -> tuple["RobotModel", tuple["Capsule", ...], tuple[str, ...]]:
+    from calibration.arm.kinematics import load_model  # noqa: PLC0415  # heavy, as above
+    from procedures.motion.surroundings import cell_shape  # noqa: PLC0415  # heavy, as above
+
+    model = load_model(config.robot(robot).model)
+    gauge = config.gauge_for(robot)
+    space = _space(config, robot)
+    hook = None if gauge is None else gauge.setup.hook_in_flange_m
+    shape = cell_shape(model, space, None, space.tip_in_flange_m or hook)
+    return model, shape.arm, shape.assumed
+
+
+def _draw_capsule(link: ET.Element, capsule: "Capsule", link_frame: "Array") -> None:
+    ends = [
+        link_frame[:3, :3] @ np.array(end) + link_frame[:3, 3] for end in (capsule.start_m, capsule.end_m)
+    ]
+    colour = _TOOL if capsule.name == _TOOL else "arm"
+    middle, along = (ends[0] + ends[1]) / 2, ends[1] - ends[0]
+    _draw_cylinder(link, middle, along, capsule.radius_m, colour)
+    for end in ends:
+        ball = _visual(link, end, (0.0, 0.0, 0.0), colour)
+        ET.SubElement(ball, "sphere", radius=f"{capsule.radius_m:.6g}")
+
+
+def _draw_cylinder(link: ET.Element, middle: "Array", along: "Array", radius_m: float, colour: str) -> None:
+    """Draw a round bar of the length of ``along``; a description's cylinder lies along its own z."""
+    length = float(np.linalg.norm(along))
+    x, y, z = along
+    turn = (0.0, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x)))
+    bar = _visual(link, middle, turn, colour)
+    ET.SubElement(bar, "cylinder", radius=f"{radius_m:.6g}", length=f"{length:.6g}")
+
+
+def _visual(link: ET.Element, xyz: "Array", rpy: Triple, colour: str) -> ET.Element:
+    visual = ET.SubElement(link, "visual")
+    ET.SubElement(
+        visual, "origin", xyz=" ".join(f"{v:.6g}" for v in xyz), rpy=" ".join(f"{v:.6g}" for v in rpy)
+    )
+    geometry = ET.SubElement(visual, "geometry")
+    ET.SubElement(visual, "material", name=colour)
+    return geometry
