@@ -23,6 +23,7 @@ from service.cli.mastering import mastering
 from service.cli.models import models
 from service.cli.outlook import procedures
 from service.cli.parameters import parameters
+from service.cli.people import people
 from service.cli.poses import poses
 from service.cli.program import program
 from service.cli.runs import resume, run, runs, show
@@ -46,6 +47,7 @@ for command in (
     check,
     watch,
     serve,
+    people,
     procedures,
     run,
     runs,

@@ -1,41 +1,67 @@
 """``cellcal serve``: the service and its pages for one cell."""
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 
-def serve(cell: Path, /, *, host: str = "127.0.0.1", port: int = 8470) -> int:
+def serve(
+    cell: Path,
+    /,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8470,
+    tls_cert: Path | None = None,
+    tls_key: Path | None = None,
+    allow_host: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+) -> int:
     """Serve a cell to browsers: the wizard, its live values, its history.
+
+    On this computer, open the address that is printed; it works once, and the next one is printed then. Before
+    people are set up (`cellcal people add`) it makes its browser the local technician; afterwards it asks for a PIN.
 
     Parameters
     ----------
     cell
         The cell file (TOML).
     host
-        The address to listen on. Anything but loopback is refused until TLS, people and allowed hosts are set up.
+        The address to listen on. Anything but loopback is refused without a TLS certificate and key, an
+        administrator, and --allow-host.
     port
         The port to listen on.
+    tls_cert
+        The service's certificate with its chain (PEM).
+    tls_key
+        The certificate's private key (PEM, without a password).
+    allow_host
+        A name that browsers use for this service; may be given more than once.
     """
-    import ipaddress
-
     import uvicorn
 
-    from calibration.errors import CellError
     from service.cli.printing import EN_ROUTE
+    from service.cli.serve_checks import Listening, refuse_unguarded
     from service.web.app import Settings, create_app
 
-    try:
-        on_loopback = ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        on_loopback = host == "localhost"
-    if not on_loopback:
-        raise CellError(
-            f"{host} is not this computer alone, and the service has no people and no TLS to guard it with.",
-            remedy="Serve on 127.0.0.1.",
-            code="usage",
+    listening = Listening(host, tls_cert, tls_key, tuple(name.lower() for name in allow_host))
+    refuse_unguarded(cell, listening)
+    address = f"{listening.scheme}://{listening.name}:{port}"
+
+    def show(token: str) -> None:
+        EN_ROUTE.print(
+            f"Open once: {address}/api/sign-in/console?token={token}", markup=False, soft_wrap=True
         )
-    app = create_app(Settings(cell))
-    EN_ROUTE.print(f"cellcal serves {cell} on http://{host}:{port} (Ctrl+C ends it).")
+
+    known = Settings(
+        cell, tls=tls_cert is not None, allowed_hosts=listening.hosts,
+        on_console_token=show if listening.on_loopback else None,
+    )  # fmt: skip
+    app = create_app(known)
+    EN_ROUTE.print(f"cellcal serves {cell} on {address} (Ctrl+C ends it).", markup=False, soft_wrap=True)
+    if listening.on_loopback:
+        show(app.state.house.entrance.console_token())
     uvicorn.run(
-        app, host=host, port=port, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=5
-    )
+        app, host=host, port=port, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=5,
+        ssl_certfile=tls_cert, ssl_keyfile=tls_key, server_header=False, proxy_headers=False,
+    )  # fmt: skip
     return 0

@@ -14,9 +14,13 @@ from fastapi.responses import JSONResponse
 
 from calibration.errors import CellError
 from service.configuration.cell_file import CellConfig, read_cell_file
-from service.web import commands, history, models, outlook, screen
+from service.people.entrance import Entrance
+from service.people.errors import PeopleError
+from service.people.permits import Permits
+from service.web import commands, history, outlook, screen, sign_in
+from service.web.guard import Guard
 from service.web.link import DeskGoneError, DeskLink
-from service.web.pages import add_pages
+from service.web.pages import add_pages, page_paths
 from service.web.screens import Screens
 
 Heard = Callable[[str, dict[str, Any]], None]
@@ -24,20 +28,30 @@ Heard = Callable[[str, dict[str, Any]], None]
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How the service is run."""
+    """How the service is run.
+
+    ``open_access`` lets everybody in as the local technician: for demos on loopback, where no robot is. Names other
+    than this computer's own loopback ones are answered only where they stand in ``allowed_hosts``.
+    """
 
     cell_file: Path
     demo: bool = False
+    open_access: bool = False
+    tls: bool = False
+    allowed_hosts: tuple[str, ...] = ()
+    on_console_token: Callable[[str], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class House:
-    """What every route is lent: the cell's file, its desk, the open screens."""
+    """What every route is lent: the cell's file, its desk, the open screens, who may come in."""
 
     settings: Settings
     config: CellConfig
     link: DeskLink
     screens: Screens
+    entrance: Entrance
+    permits: Permits
 
 
 def create_app(settings: Settings) -> FastAPI:
@@ -54,7 +68,10 @@ def create_app(settings: Settings) -> FastAPI:
     def heard(kind: str, content: dict[str, Any]) -> None:
         screens.show(kind, content)
 
-    house = House(settings, config, DeskLink(settings.cell_file, heard), screens)
+    entrance = Entrance(
+        config.cell.data_dir, settings.open_access, on_console_token=settings.on_console_token
+    )
+    house = House(settings, config, DeskLink(settings.cell_file, heard), screens, entrance, Permits())
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -68,15 +85,19 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.house = house
     app.add_exception_handler(CellError, _told)
     app.add_exception_handler(RequestValidationError, _not_understood)
-    for router in (screen.router, commands.router, outlook.router, history.router, models.router):
+    rooms = (screen, commands, outlook, history, sign_in)
+    for router in (room.router for room in rooms):
         app.include_router(router, prefix="/api")
     add_pages(app)
+    app.add_middleware(Guard, pages=page_paths(), hosts=settings.allowed_hosts, tls=settings.tls)
     return app
 
 
 def _told(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, CellError)
     body = {"code": error.code, "message": error.message, "remedy": error.remedy}
+    if isinstance(error, PeopleError):
+        return JSONResponse(body, status_code=error.status)
     return JSONResponse(body, status_code=503 if isinstance(error, DeskGoneError) else 422)
 
 

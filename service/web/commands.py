@@ -36,8 +36,10 @@ class Obeyed(BaseModel):
 )
 async def command(pressed: Pressed, request: Request, who: Who) -> Any:
     """Do what a person asks for; the same id sent again is done once. 409 carries the present session."""
-    link = house_of(request).link
-    reply = await link.order({**pressed.model_dump(mode="json"), "who": who.name})
+    house = house_of(request)
+    link = house.link
+    name = house.permits.granted(who, pressed.id, pressed.rev, pressed.order, link.session)
+    reply = await link.order({**pressed.model_dump(mode="json"), "who": name})
     if reply["ok"]:
         return reply
     return JSONResponse({"session": link.session, **reply}, status_code=409)

@@ -1,21 +1,14 @@
 """What routes ask of a request: the house, and who is asking."""
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, cast
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from service.people.entrance import Person
+
 if TYPE_CHECKING:
     from service.web.app import House
-
-
-@dataclass(frozen=True, slots=True)
-class Person:
-    """Who sits at a screen."""
-
-    name: str
-    role: str  # viewer, technician, engineer, admin
 
 
 def house_of(connection: HTTPConnection) -> "House":
@@ -23,10 +16,30 @@ def house_of(connection: HTTPConnection) -> "House":
     return cast("House", connection.app.state.house)
 
 
+def cookie_of(connection: HTTPConnection) -> str:
+    """Return the name of the session's cookie: with TLS one that no other host and no plain page can set.
+
+    Cookies do not know ports, so the name does: two cells on one computer do not sign each other out.
+    """
+    server = connection.scope.get("server") or ("", None)
+    name = f"cellcal-{server[1] or 0}"
+    return f"__Host-{name}" if house_of(connection).settings.tls else name
+
+
+def token_of(connection: HTTPConnection) -> str | None:
+    """Return the token of the session, None where there is none."""
+    return connection.cookies.get(cookie_of(connection))
+
+
 def person_of(connection: HTTPConnection) -> Person:
-    """Return who asks. On loopback, before people are set up, it is the technician at this computer."""
-    del connection
-    return Person("local technician", "technician")
+    """Return who asks, as it is at this moment.
+
+    Raises
+    ------
+    NotSignedInError
+        Nobody that is known.
+    """
+    return house_of(connection).entrance.present(token_of(connection))
 
 
 Who = Annotated[Person, Depends(person_of)]

@@ -13,6 +13,12 @@ _NOT_BUILT = (
 )
 
 
+def page_paths() -> frozenset[str]:
+    """Return the paths at which built files are served; everybody may read them, they say nothing of the cell."""
+    files = (file.relative_to(DIST).as_posix() for file in DIST.rglob("*") if file.is_file())
+    return frozenset({"/", *(f"/{name}" for name in files)})
+
+
 def add_pages(app: FastAPI) -> None:
     """Serve the pages at the root; say how to build them where they are missing."""
     if (DIST / "index.html").is_file():

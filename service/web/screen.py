@@ -1,5 +1,6 @@
 """What a screen sees: the session whenever it changes, live values ten times a second."""
 
+import asyncio
 import contextlib
 from typing import Any
 
@@ -7,11 +8,13 @@ from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from pydantic import TypeAdapter, ValidationError
 
 from service.desk.messages import Hold
-from service.web.door import Who, house_of, person_of
+from service.people.errors import NotSignedInError, PeopleError
+from service.web.door import Who, house_of, person_of, token_of
 from service.web.link import DeskGoneError
 from service.web.screens import Screen, framed
 
 router = APIRouter()
+_LOOK_S = 5.0
 _HOLD: TypeAdapter[Hold] = TypeAdapter(Hold)
 
 
@@ -21,7 +24,7 @@ async def session(request: Request, who: Who) -> dict[str, Any]:
     house = house_of(request)
     return {
         "session": house.link.session,
-        "person": {"name": who.name, "role": who.role},
+        "person": {"name": who.name, "role": who.role, "locked": who.locked},
         "demo": house.settings.demo,
     }
 
@@ -36,9 +39,13 @@ async def screen(socket: WebSocket) -> None:
         shown.show("session", framed("session", house.link.session))
 
     async def receive() -> None:
-        with contextlib.suppress(WebSocketDisconnect):
+        with contextlib.suppress(WebSocketDisconnect, NotSignedInError):
             while True:
-                await _take(socket, await socket.receive_text())
+                person_of(socket)  # a session that has ended, or whose device was revoked, sees nothing more
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(_LOOK_S):
+                        text = await socket.receive_text()
+                    await _take(socket, text)
 
     await house.screens.attend(shown, receive)
 
@@ -49,6 +56,8 @@ async def _take(socket: WebSocket, text: str) -> None:
         hold = _HOLD.validate_json(text)
     except ValidationError:
         return  # a screen that babbles moves nothing
-    command = {"id": "hold", "rev": 0, "who": who.name, "order": hold.model_dump()}
-    with contextlib.suppress(DeskGoneError):
-        await house.link.order(command)
+    with contextlib.suppress(DeskGoneError, PeopleError):
+        name = house.permits.granted(who, "hold", 0, hold, None)
+        if hold.held:
+            house.entrance.busy(token_of(socket))
+        await house.link.order({"id": "hold", "rev": 0, "who": name, "order": hold.model_dump()})

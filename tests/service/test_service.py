@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import httpx
 import pytest
@@ -36,12 +37,28 @@ async def serving(
     )  # fmt: skip
     try:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as client:
+            assert (await client.get(await _address_of(process))).status_code == 303
             await _connected(client)
             yield process, client
     finally:
         with suppress(ProcessLookupError):
             process.send_signal(signal.SIGINT)
         await process.communicate()
+
+
+async def _address_of(process: asyncio.subprocess.Process) -> str:
+    """Read the address that opens the service once, when it answers."""
+    assert process.stderr is not None
+    async with asyncio.timeout(PATIENCE_S):
+        while b"Open once: " not in (line := await process.stderr.readline()):
+            assert line
+        address = line.decode().partition("Open once: ")[2].strip()
+        while True:
+            with suppress(OSError):
+                _, writer = await asyncio.open_connection("127.0.0.1", urlsplit(address).port)
+                writer.close()
+                return address
+            await asyncio.sleep(0.05)
 
 
 async def _connected(client: httpx.AsyncClient) -> dict[str, Any]:
@@ -94,7 +111,11 @@ async def test_a_killed_service_comes_back_to_the_same_step_with_every_point(tmp
 async def test_two_screens_see_the_same_and_a_double_tap_counts_once(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, _), serving(path, free_port()) as (_, client):
         url = str(client.base_url).replace("http", "ws") + "/api/screen"
-        async with connect(url) as left, connect(url) as right:
+        known = {"cookie": "; ".join(f"{name}={token}" for name, token in client.cookies.items())}
+        async with (
+            connect(url, additional_headers=known) as left,
+            connect(url, additional_headers=known) as right,
+        ):
             rev = (await _seen(left, lambda _: True))["rev"]
             tap = {"id": "tap", "rev": rev, "order": RECORD}
             answers = await asyncio.gather(*(client.post("/api/commands", json=tap) for _ in range(2)))
@@ -139,7 +160,7 @@ async def test_questions_that_have_no_answer_say_so(tmp_path: Path) -> None:
 @asynccontextmanager
 async def without_a_desk(folder: Path) -> AsyncIterator[httpx.AsyncClient]:
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
-    transport = httpx.ASGITransport(create_app(Settings(path)))
+    transport = httpx.ASGITransport(create_app(Settings(path, open_access=True)))
     async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
         yield client
 

@@ -1,0 +1,216 @@
+"""``cellcal people``: who may sign in at a cell, with which role, on which devices."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import App, Parameter
+
+if TYPE_CHECKING:
+    from service.people.hashing import Hasher
+    from service.people.register import Register
+    from service.people.roles import Role
+
+people = App(name="people", help="People, roles, PINs and enrolled devices of a cell's service.")
+
+CellFile = Annotated[Path, Parameter(name="--cell", help="The cell file (TOML).")]
+RoleName = Annotated[
+    Literal["viewer", "technician", "engineer", "admin"],
+    Parameter(
+        name="--role",
+        help="viewer looks on and stops; technician runs procedures; engineer also writes alone and changes "
+        "limits; admin keeps people and devices and runs nothing.",
+    ),
+]
+FromInput = Annotated[
+    bool, Parameter(name="--secret-stdin", negative=(), help="Read the PIN from standard input, one line.")
+]
+Json = Annotated[
+    bool, Parameter(name="--json", negative=(), help="Print one JSON object on standard output.")
+]
+
+
+@people.command
+def add(name: str, /, *, cell: CellFile, role: RoleName, secret_stdin: FromInput = False) -> int:
+    """Add a person; the PIN or passphrase is asked for.
+
+    Parameters
+    ----------
+    name
+        As it will stand in runs and certificates; never given to somebody else again.
+    """
+    register, hasher = _kept(cell)
+    kept_name = register.add(name, _role(role), _asked(hasher, _role(role), secret_stdin), _administrator())
+    _say(f"{kept_name} may sign in as {role}.")
+    return 0
+
+
+@people.command
+def reset(
+    name: str, /, *, cell: CellFile, role: RoleName | None = None, secret_stdin: FromInput = False
+) -> int:
+    """Set a person's PIN anew, and the role where one is given; wrong guesses are forgotten, sessions end.
+
+    Parameters
+    ----------
+    name
+        The person.
+    """
+    from service.people.errors import PeopleError
+
+    register, hasher = _kept(cell)
+    known = register.person(name)
+    if known is None:
+        raise PeopleError(f"there is no {name!r} here.", remedy="`cellcal people list` names everybody.")
+    new = known.role if role is None else _role(role)
+    register.reset(name, new, _asked(hasher, new, secret_stdin), _administrator())
+    _say(f"{known.name} may sign in as {new}, with the new PIN.")
+    return 0
+
+
+@people.command
+def remove(name: str, /, *, cell: CellFile) -> int:
+    """Let a person sign in no longer. The name stays in what was signed, and is not given again.
+
+    Parameters
+    ----------
+    name
+        The person.
+    """
+    _register(cell).remove(name, _administrator())
+    _say(f"{name} may sign in no longer; sessions have ended.")
+    return 0
+
+
+@people.command(name="list")
+def list_(*, cell: CellFile, as_json: Json = False) -> int:
+    """List people and devices."""
+    import sys
+    from datetime import UTC, datetime
+
+    from service.cli.printing import print_json
+
+    register = _register(cell)
+    who = [{"name": each.name, "role": each.role} for each in register.people()]
+    devices = [
+        {
+            "id": each.id,
+            "name": each.name,
+            "enrolled_utc": datetime.fromtimestamp(each.enrolled_at, UTC).isoformat(timespec="seconds"),
+        }
+        for each in register.devices()
+    ]
+    if as_json:
+        print_json({"people": who, "devices": devices})
+        return 0
+    lines = [f"{each['name']:<30} {each['role']}" for each in who]
+    lines += [f"device {each['id']}  {each['name']:<30} since {each['enrolled_utc']}" for each in devices]
+    sys.stdout.write(
+        "\n".join(lines or ["Nobody is set up; the browser at this computer is the technician."])
+    )
+    sys.stdout.write("\n")
+    return 0
+
+
+@people.command
+def enrol_device(name: str, /, *, cell: CellFile, url: str = "http://localhost:8470") -> int:
+    """Print an address, and its QR code, that enrols one browser within ten minutes; it works once.
+
+    Parameters
+    ----------
+    name
+        What the device is called, for example "tablet 3".
+    url
+        The service's address as the device sees it.
+    """
+    import sys
+    from urllib.parse import urlsplit
+
+    import segno
+
+    from calibration.errors import CellError
+    from service.web.guard import is_loopback
+
+    parts = urlsplit(url)
+    usable = parts.scheme == "https" or (parts.scheme == "http" and is_loopback(parts.hostname or ""))
+    if not usable or not parts.hostname:
+        raise CellError(
+            f"--url {url} is no address that a device can be enrolled at: browsers make keys for https only.",
+            remedy="Give https://NAME:PORT of the service.",
+            code="usage",
+        )
+    token = _register(cell).enrolment(name, _administrator())
+    address = f"{parts.scheme}://{parts.netloc}/#/enrol/{token}"
+    if sys.stdout.isatty():
+        segno.make(address, error="m").terminal(sys.stdout, compact=True)
+    sys.stdout.write(f"{address}\n")
+    _say("Open it on the device within ten minutes; it works once.")
+    return 0
+
+
+@people.command
+def revoke_device(device_id: str, /, *, cell: CellFile) -> int:
+    """Let a lost device in no longer; its sessions end at once.
+
+    Parameters
+    ----------
+    device_id
+        As `cellcal people list` shows it.
+    """
+    device = _register(cell).revoke(device_id, _administrator())
+    _say(f"{device.name} ({device.id}) is let in no longer.")
+    return 0
+
+
+def _register(cell: Path) -> "Register":
+    from service.configuration.cell_file import read_cell_file
+    from service.people.register import Register
+
+    return Register(read_cell_file(cell).cell.data_dir)
+
+
+def _kept(cell: Path) -> "tuple[Register, Hasher]":
+    from service.people.hashing import Hasher, pepper_of
+
+    register = _register(cell)
+    hasher = Hasher(pepper_of(register.path.parent))
+    register.hold_to_pepper(hasher.pepper_mark)
+    return register, hasher
+
+
+def _role(name: str) -> "Role":
+    from service.people.roles import Role
+
+    return Role(name)
+
+
+def _asked(hasher: "Hasher", role: "Role", from_input: bool) -> str:
+    """Ask for a PIN twice, unseen, and return what is kept of it."""
+    import sys
+    from getpass import getpass
+
+    from calibration.errors import CellError
+    from service.people.naming import refuse_weak
+
+    if from_input:
+        secret = sys.stdin.readline().rstrip("\r\n")
+    elif sys.stdin.isatty():
+        secret = getpass("PIN or passphrase: ")
+        if getpass("Once more: ") != secret:
+            raise CellError("the two are not the same.", remedy="Try again.", code="usage")
+    else:
+        raise CellError("there is no terminal to ask for a PIN.", remedy="Give --secret-stdin.", code="usage")
+    refuse_weak(secret, role)
+    return hasher.hashed(secret)
+
+
+def _administrator() -> str:
+    """Return who types here, for the log: the user of this computer."""
+    from getpass import getuser
+
+    return f"{getuser()} (command line)"
+
+
+def _say(text: str) -> None:
+    from service.cli.printing import EN_ROUTE
+
+    EN_ROUTE.print(text, markup=False, soft_wrap=True)

@@ -1,0 +1,79 @@
+"""What the door says to people: each names what is wrong and the cure, never what an attacker could use."""
+
+from calibration.errors import CellError
+
+
+class PeopleError(CellError):
+    """Somebody may not do what was asked. ``status`` is the answer's status over HTTP."""
+
+    code = "people"
+    status = 403
+
+
+class NotSignedInError(PeopleError):
+    """Nobody known asks."""
+
+    code = "people.sign_in"
+    status = 401
+
+    def __init__(self) -> None:
+        super().__init__(
+            "nobody is signed in here.",
+            remedy="Use the address that `cellcal serve` printed, or sign in on an enrolled device.",
+        )
+
+
+class WrongSecretError(PeopleError):
+    """A PIN, token or signature that is not right; it is not said which part."""
+
+    code = "people.wrong"
+    status = 403
+
+    def __init__(self, what: str, remedy: str) -> None:
+        super().__init__(f"{what} is not right, or no longer valid.", remedy=remedy)
+
+
+class TooManyGuessesError(PeopleError):
+    """Further guesses have to wait. Looking on and asking for a stop stay possible."""
+
+    code = "people.wait"
+    status = 429
+
+    def __init__(self, wait_s: float) -> None:
+        minutes = max(1, round(wait_s / 60.0 + 0.5))
+        super().__init__(
+            f"too many wrong PINs; the next try is possible in {minutes} min.",
+            remedy="Wait, or let an administrator run `cellcal people reset`. Stop works all the time.",
+        )
+
+
+class NotAllowedError(PeopleError):
+    """The person's role does not include it."""
+
+    code = "people.role"
+
+    def __init__(self, name: str, role: str, what: str, remedy: str) -> None:
+        super().__init__(f"{name} ({role}) may not {what}.", remedy=remedy)
+
+
+class PinAgainError(PeopleError):
+    """The PIN is wanted again: the screen was left alone, or what is approved is weighty."""
+
+    code = "people.pin"
+    status = 401
+
+    def __init__(self, why: str) -> None:
+        super().__init__(f"{why} the PIN is asked for again.", remedy="Enter the PIN, then press once more.")
+
+
+class SecondPersonError(PeopleError):
+    """A first approval is noted; another person has to give the second."""
+
+    code = "people.second_person"
+    status = 409
+
+    def __init__(self, name: str) -> None:
+        super().__init__(
+            f"the approval of {name} is noted; writing to a controller takes an engineer or a second person.",
+            remedy="Let an engineer, or another technician, sign in and approve the same question.",
+        )

@@ -1,0 +1,60 @@
+"""Names of people and devices, and what a PIN must be."""
+
+import unicodedata
+
+from service.people.errors import PeopleError
+from service.people.roles import Role
+
+LONGEST_NAME = 60
+LOCAL = "local technician"
+_RESERVED = frozenset({LOCAL, "service", "console"})
+_PIN_DIGITS = 6
+_PASSPHRASE = 12
+LONGEST_SECRET = 200
+
+
+def clean_name(given: str) -> str:
+    """Return a name as it is kept.
+
+    Raises
+    ------
+    PeopleError
+        Empty, too long, taken by the service itself, or with characters that cannot be seen.
+    """
+    name = unicodedata.normalize("NFC", given).strip()
+    unseen = [each for each in name if unicodedata.category(each)[0] == "C" or each in "\u2028\u2029"]
+    if not name or len(name) > LONGEST_NAME or unseen:
+        raise PeopleError(
+            f"a name has 1 to {LONGEST_NAME} characters that can be seen.", remedy="Give another name."
+        )
+    if folded(name) in _RESERVED:
+        raise PeopleError(f"the name {name!r} is the service's own.", remedy="Give the person's full name.")
+    return name
+
+
+def folded(name: str) -> str:
+    """Return what two names that look alike to a person have in common."""
+    return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
+
+
+def refuse_weak(secret: str, role: Role) -> None:
+    """Refuse a PIN or passphrase that is guessed at once.
+
+    Raises
+    ------
+    PeopleError
+        A viewer or technician has fewer than six digits, or a PIN that is tried first; an engineer or
+        administrator has no passphrase of twelve characters.
+    """
+    wordy = role in (Role.ENGINEER, Role.ADMIN)
+    if len(secret) > LONGEST_SECRET:
+        raise PeopleError(f"that is longer than {LONGEST_SECRET} characters.", remedy="Give a shorter one.")
+    if wordy and len(secret) < _PASSPHRASE:
+        raise PeopleError(
+            f"the passphrase of an {role} has at least {_PASSPHRASE} characters.",
+            remedy="Four words that do not belong together are good.",
+        )
+    if not wordy and len(secret) < _PIN_DIGITS:
+        raise PeopleError(f"a PIN has at least {_PIN_DIGITS} digits.", remedy="Give a longer one.")
+    if len(set(secret)) < 3 or secret in "01234567890123456789" or secret in "98765432109876543210":
+        raise PeopleError("such a PIN is the first that is tried.", remedy="Give one without a pattern.")

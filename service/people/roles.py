@@ -1,0 +1,81 @@
+"""Who may do what: four roles, and the right that each order needs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from types import MappingProxyType
+from typing import Any
+
+from service.desk.messages import AnswerIt, Hold, Order, Start, Stop
+
+
+class Role(StrEnum):
+    """What somebody is at this cell. An administrator runs no procedure: the two are kept apart."""
+
+    VIEWER = "viewer"
+    TECHNICIAN = "technician"
+    ENGINEER = "engineer"
+    ADMIN = "admin"
+
+
+class Right(StrEnum):
+    """What can be allowed."""
+
+    SEE = "look on"
+    STOP = "ask for a stop"
+    RUN = "run procedures"
+    CHANGE_LIMITS = "change limits or go on against a verdict"
+    WRITE_ALONE = "let master data be written alone"
+
+
+_EVERYBODY = frozenset({Right.SEE, Right.STOP})
+RIGHTS: Mapping[Role, frozenset[Right]] = MappingProxyType(
+    {
+        Role.VIEWER: _EVERYBODY,
+        Role.TECHNICIAN: _EVERYBODY | {Right.RUN},
+        Role.ENGINEER: _EVERYBODY | {Right.RUN, Right.CHANGE_LIMITS, Right.WRITE_ALONE},
+        Role.ADMIN: _EVERYBODY,
+    }
+)
+
+# What a yes to a procedure's question brings. A test holds these tables against the procedures' own texts.
+WRITES = frozenset({"accept_mastering", "accept_zeros", "accept_tool", "accept_frame", "accept_offset"})
+KEEPS = frozenset({"accept_alignment", "accept_bases", "accept_parameters", "accept_part"})
+MOVES = frozenset({"accept_plan", "approve_move", "may_move"})
+_WEIGHTY = ("accept", "approve", "may_", "write", "sign")
+LIMIT_SETTINGS = frozenset({"limits", "write_anyway"})
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """What an order takes: a right; the PIN just entered; for writing, the right to do it alone or two people."""
+
+    right: Right
+    fresh_pin: bool = False
+    writes: bool = False
+
+
+def need_of(order: Order, prompt: Mapping[str, Any] | None) -> Need:
+    """Return what an order takes.
+
+    Parameters
+    ----------
+    order
+        As it came in.
+    prompt
+        The question that the order answers, None where there is none.
+    """
+    if isinstance(order, Stop) or (isinstance(order, Hold) and not order.held):
+        return Need(Right.STOP)
+    if isinstance(order, Start) and LIMIT_SETTINGS & {key for key, value in order.settings.items() if value}:
+        return Need(Right.CHANGE_LIMITS)
+    if isinstance(order, AnswerIt) and prompt is not None:
+        return _need_of_yes(str(prompt["key"]))
+    return Need(Right.RUN)
+
+
+def _need_of_yes(key: str) -> Need:
+    if key in MOVES | KEEPS:
+        return Need(Right.RUN, fresh_pin=True)
+    writes = key in WRITES or key.startswith(_WEIGHTY)  # one that these tables do not know may write
+    return Need(Right.RUN, fresh_pin=writes, writes=writes)

@@ -1,0 +1,100 @@
+"""Who sits where: sessions in this process only, so that a restart asks everybody to sign in again.
+
+A session begins with a device (enrolled, or this computer's console) and may get a person. Left alone for five
+minutes it is locked: it still shows and still stops; the PIN opens it again. After twelve hours it is over.
+"""
+
+import hashlib
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+IDLE_S = 300.0
+WHOLE_S = 12 * 3600.0
+FRESH_S = 120.0  # how long an entered PIN counts for an approval
+CONSOLE = "console"
+_MOST = 1000
+
+
+@dataclass(slots=True)
+class Session:
+    """One browser. ``epoch`` is that of the person's entry when the PIN was entered."""
+
+    device: str
+    opened_s: float
+    used_s: float
+    person: str | None = None
+    epoch: int = 0
+    confirmed_s: float = float("-inf")
+
+
+class Sessions:
+    """All of them, found by the hash of their 256-bit token."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._open: dict[str, Session] = {}
+
+    def __len__(self) -> int:
+        """Return how many are kept."""
+        return len(self._open)
+
+    def begin(self, device: str) -> str:
+        """Open a session without a person and return its token."""
+        now = self._clock()
+        return self._keep(Session(device, now, now))
+
+    def find(self, token: str | None) -> Session | None:
+        """Return the session of a token, None when it is unknown or over."""
+        if not token:
+            return None
+        key = _hash(token)
+        session = self._open.get(key)
+        if session is not None and self._clock() - session.opened_s > WHOLE_S:
+            del self._open[key]
+            return None
+        return session
+
+    def enter(self, token: str, person: str, epoch: int) -> str:
+        """Let a person in after the PIN; the token changes, so that one known before is worth nothing."""
+        now = self._clock()
+        device = self._open.pop(_hash(token)).device
+        return self._keep(Session(device, now, now, person, epoch, now))
+
+    def leave(self, token: str) -> str:
+        """Let the person go; the device goes on looking on, under a new token and until its old end."""
+        old = self._open.pop(_hash(token))
+        return self._keep(Session(old.device, old.opened_s, self._clock()))
+
+    def end(self, token: str) -> None:
+        """Forget a session."""
+        self._open.pop(_hash(token), None)
+
+    def use(self, session: Session) -> None:
+        """Note that a person does something. What is locked stays locked."""
+        if not self.locked(session):
+            session.used_s = self._clock()
+
+    def locked(self, session: Session) -> bool:
+        """Whether nobody has done anything for five minutes."""
+        return self._clock() - session.used_s > IDLE_S
+
+    def fresh(self, session: Session) -> bool:
+        """Whether the PIN was entered just now."""
+        return self._clock() - session.confirmed_s <= FRESH_S
+
+    def confirm(self, session: Session) -> None:
+        """Note that the PIN was entered again."""
+        session.used_s = session.confirmed_s = self._clock()
+
+    def _keep(self, session: Session) -> str:
+        while len(self._open) >= _MOST:
+            self._open.pop(next(iter(self._open)))
+        token = secrets.token_urlsafe(32)
+        self._open[_hash(token)] = session
+        return token
+
+
+def _hash(token: str) -> str:
+    return hashlib.sha256(token.encode()).hexdigest()

@@ -1,0 +1,133 @@
+r"""Signing in: this computer's console, enrolled devices, people with a PIN.
+
+What a page does: ``GET /api/sign-in`` says what is wanted. A device that was enrolled asks for a challenge, signs
+``cellcal device sign-in\n<origin>\n<challenge>`` with its key and sends it; it may look on and stop. Then a person
+gives name and PIN. ``POST /api/sign-in/confirm`` is the PIN again: after idling, and before an approval.
+"""
+
+import asyncio
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse, RedirectResponse, Response
+from pydantic import BaseModel, ConfigDict, StringConstraints
+
+from service.people.errors import NotSignedInError
+from service.people.naming import LONGEST_NAME, LONGEST_SECRET
+from service.people.sessions import WHOLE_S
+from service.web.door import Who, cookie_of, house_of, token_of
+
+router = APIRouter()
+Token = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Secret = Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_SECRET)]
+
+
+class _Given(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class NewDevice(_Given):
+    """A browser that an administrator invited; its public key as SPKI in base64url."""
+
+    token: Token
+    public_key: Annotated[str, StringConstraints(max_length=400)]
+
+
+class Proof(_Given):
+    """A device's signature of a challenge (r and s, 64 bytes, base64url)."""
+
+    device: Token
+    challenge: Token
+    signature: Token
+
+
+class NameAndPin(_Given):
+    """Who wants in."""
+
+    name: Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_NAME)]
+    secret: Secret
+
+
+class PinAgain(_Given):
+    """The PIN of whoever is signed in."""
+
+    secret: Secret
+
+
+@router.get("/sign-in")
+async def state(request: Request) -> dict[str, Any]:
+    """Return what is wanted next: a device's proof, a person, the PIN again, or nothing."""
+    entrance = house_of(request).entrance
+    try:
+        who = entrance.present(token_of(request))
+    except NotSignedInError:
+        return {"wanted": "device", "person": None}
+    session = entrance.sessions.find(token_of(request))
+    person = None if session is None else session.person
+    wanted = "pin" if who.locked else "person" if person is None and not who.alone else "nothing"
+    return {"wanted": wanted, "person": {"name": who.name, "role": who.role, "locked": who.locked}}
+
+
+@router.get("/sign-in/console", response_class=RedirectResponse, include_in_schema=False)
+async def console(request: Request, token: Token) -> Response:
+    """Open a session with the address that the console showed; it works once."""
+    session = house_of(request).entrance.from_console(token)
+    return _with_session(RedirectResponse("/", status_code=303), request, session)
+
+
+@router.get("/sign-in/people")
+async def people(request: Request, who: Who) -> list[dict[str, str]]:
+    """Return who may sign in here, for a list to pick from."""
+    del who
+    return [{"name": each.name, "role": each.role} for each in house_of(request).entrance.register.people()]
+
+
+@router.post("/sign-in/devices")
+async def enrol(given: NewDevice, request: Request) -> dict[str, str]:
+    """Enrol this browser; the token of the address works once."""
+    device = house_of(request).entrance.enrol(given.token, given.public_key)
+    return {"device": device.id, "name": device.name}
+
+
+@router.post("/sign-in/challenges")
+async def challenge(request: Request) -> dict[str, str]:
+    """Return what a device has to sign within a minute, and the address that it has to name."""
+    return {"challenge": house_of(request).entrance.challenge()}
+
+
+@router.post("/sign-in/device")
+async def device(given: Proof, request: Request) -> Response:
+    """Open a session for an enrolled device: it may look on and ask for a stop."""
+    origin = f"{request.url.scheme}://{request.headers['host']}"
+    session = house_of(request).entrance.from_device(given.device, given.challenge, given.signature, origin)
+    return _with_session(JSONResponse({"ok": True}), request, session)
+
+
+@router.post("/sign-in/person")
+async def person(given: NameAndPin, request: Request) -> Response:
+    """Let a person in on this device."""
+    entrance = house_of(request).entrance
+    session = await asyncio.to_thread(entrance.sign_in, token_of(request), given.name, given.secret)
+    return _with_session(JSONResponse({"ok": True}), request, session)
+
+
+@router.post("/sign-in/confirm")
+async def confirm(given: PinAgain, request: Request) -> dict[str, bool]:
+    """Take the PIN again: it unlocks the screen, and counts two minutes for an approval."""
+    await asyncio.to_thread(house_of(request).entrance.confirm, token_of(request), given.secret)
+    return {"ok": True}
+
+
+@router.post("/sign-in/leave")
+async def leave(request: Request) -> Response:
+    """Sign the person out; the device goes on looking on, and the run goes on."""
+    session = house_of(request).entrance.leave(token_of(request))
+    return _with_session(JSONResponse({"ok": True}), request, session)
+
+
+def _with_session(response: Response, request: Request, token: str) -> Response:
+    response.set_cookie(
+        cookie_of(request), token, max_age=int(WHOLE_S), path="/", httponly=True, samesite="strict",
+        secure=house_of(request).settings.tls,
+    )  # fmt: skip
+    return response
