@@ -45,6 +45,7 @@ _BY_CODE = {
     "store.damaged": ExitCode.SIGNATURE,
     "signature": ExitCode.SIGNATURE,
     "certificate": ExitCode.REFUSED,
+    "site": ExitCode.REFUSED,
     "store.busy": ExitCode.BUSY,
     "store.conflict": ExitCode.BUSY,
     "store.no_such_run": ExitCode.USAGE,

@@ -21,6 +21,7 @@ from service.cli.demo import demo
 from service.cli.identify import identify
 from service.cli.mastering import mastering
 from service.cli.models import models
+from service.cli.monitor import monitor
 from service.cli.outlook import procedures
 from service.cli.parameters import parameters
 from service.cli.people import people
@@ -29,6 +30,7 @@ from service.cli.program import program
 from service.cli.runs import resume, run, runs, show
 from service.cli.serve import serve
 from service.cli.simulate_cell import simulate_cell
+from service.cli.site import site
 from service.cli.watch import watch
 from service.exit_codes import ExitCode, exit_code_of
 
@@ -48,6 +50,8 @@ for command in (
     watch,
     serve,
     people,
+    site,
+    monitor,
     procedures,
     run,
     runs,

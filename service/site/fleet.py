@@ -23,6 +23,7 @@ SILENT_S = 4.0  # a state comes every second; without a goodbye this tells a cab
 _MOST_KEYS = 200
 _FLAWS_KEPT = 200
 OPENED_A_LOOK = 250
+_STATE_PARTS = {"cell", "alarms", "run", "asks", "attended", "drift", "certificate", "due", "outbox"}
 
 
 @dataclass(slots=True)
@@ -142,9 +143,9 @@ class Fleet:
             cell = names[self._turn % len(names)]
             self._turn += 1
             state = self._look_at(cell)
-            found += [state] * (state is not None)
-            most -= state is not None
-            if most <= 0:
+            if state is not None:
+                found.append(state)
+            if len(found) >= most:
                 break
         return found
 
@@ -179,13 +180,16 @@ class Fleet:
         if waiting is None:
             return None
         message = self.opened(key, waiting[0])
-        if message is None or not isinstance(message.body, dict):
+        if message is None:
+            return None
+        if not isinstance(message.body, dict) or not message.body.keys() >= _STATE_PARTS:
+            self.name_flaw(cell, "its state has not the parts of one: another version?")
             return None
         if station.state is not None and message.place <= station.state.place:
             return None  # older than what is known: a repetition
         station.state, station.state_s = message, waiting[1]
         station.clock_off_s = _seconds_from_now(message.wall)
-        station.alarms = {alarm["id"]: alarm for alarm in message.body.get("alarms", [])}
+        station.alarms = {str(alarm["id"]): alarm for alarm in message.body["alarms"]}
         return message
 
 

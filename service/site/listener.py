@@ -228,8 +228,10 @@ class Listener:
 
     def _compare(self, state: Message) -> None:
         """Compare what a cell says it has with what is here."""
-        has = state.body.get("outbox", {})
-        first, last = int(has.get("first", 1)), int(has.get("last", 0))
+        has = state.body.get("outbox") or {}
+        first, last = has.get("first"), has.get("last")
+        if not (isinstance(first, int) and isinstance(last, int)):
+            return  # another version of ours
         with self._store_lock:
             reach = self._store.know(state.station, state.epoch, first, last)
         self.fleet.note_reach(state.station, reach)
@@ -291,8 +293,8 @@ def _connected(config: zenoh.Config, patience_s: float, where: str) -> zenoh.Ses
             if time.monotonic() > until_s:
                 raise SiteError(
                     f"the site's router at {where} does not answer: {error}.",
-                    remedy="Start `cellcal site router`, and see that this computer reaches it. A certificate that is "
-                    "not of this site is refused without a word.",
+                    remedy="Start `cellcal site router`, and see that this computer reaches it. A certificate that "
+                    "is not of this site is refused without a word.",
                     code="device.unreachable",
                 ) from error
             time.sleep(min(_RETRY_S, patience_s / 5))

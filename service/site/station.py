@@ -100,14 +100,15 @@ class Station:
         *,
         heartbeat: bool = False,
     ) -> AdvancedPublisher:
-        detection = MissDetectionConfig(heartbeat=_HEARTBEAT_S, sporadic_heartbeat=None)
+        beat_s = _HEARTBEAT_S if heartbeat else None
+        detection = MissDetectionConfig(heartbeat=beat_s, sporadic_heartbeat=None)  # numbers, not clocks
         return declare_advanced_publisher(
             self._session,
             key,
             congestion_control=congestion,
             priority=priority,
             cache=CacheConfig(cached),
-            sample_miss_detection=detection if heartbeat else None,
+            sample_miss_detection=detection,
             publisher_detection=True,
         )
 

@@ -1,0 +1,191 @@
+"""``cellcal monitor``: every cell of a site in one table."""
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    import threading
+
+    from rich.table import Table
+
+    from service.site.fleet import CellView
+    from service.site.listener import Listener
+
+_STYLES = {"online": "green", "silent": "yellow", "offline": "red", "never": "dim"}
+_COLUMNS = (
+    "cell",
+    "link",
+    "age",
+    "alarms",
+    "run",
+    "drift RMS / mm",
+    "last certificate",
+    "next due",
+    "events",
+)
+_FLAWS_SHOWN = 5
+_SPARKS = "▁▂▃▄▅▆▇█"
+_SKEW_S = 5.0
+
+
+def monitor(  # a command's options are its arguments
+    site: Path,
+    /,
+    *,
+    store: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
+    wait_s: float = 3.0,
+    certificate: str = "",
+) -> int:
+    """Show the cells of a site: which are there, alarms, runs, drift, last certificate, what is due.
+
+    A table that follows on a terminal; one picture of now where the output goes into a file or a pipe.
+
+    Parameters
+    ----------
+    site
+        The site's folder, or its monitor/ alone.
+    store
+        Where received events are kept; beside the monitor's files when not said.
+    as_json
+        Print one JSON object and end.
+    wait_s
+        How long to listen before one picture is given.
+    certificate
+        CELL/RUN: fetch that certificate from its cell, check it against the cell's key, and print it.
+    """
+    from service.cli.site import interrupted, part_of
+    from service.site.link_files import MONITOR_FILE
+    from service.site.listener import Listener
+
+    folder = part_of(site, "monitor", MONITOR_FILE)
+    with (
+        interrupted() as leave,
+        Listener(folder, store or folder / "received.sqlite") as listener,
+    ):
+        if certificate:
+            return _print_certificate(listener, certificate)
+        if as_json or not sys.stdout.isatty():
+            leave.wait(wait_s)
+            return _print_picture(listener, as_json=as_json)
+        _follow(listener, leave)
+    return 0
+
+
+def _follow(listener: "Listener", leave: "threading.Event") -> None:
+    from rich.console import Console
+    from rich.live import Live
+
+    with Live(_screen(listener), console=Console(), refresh_per_second=2, screen=False) as live:
+        while not leave.wait(1.0):
+            live.update(_screen(listener))
+
+
+def _print_picture(listener: "Listener", *, as_json: bool) -> int:
+    from rich.console import Console
+
+    from service.cli.printing import print_json
+
+    views = listener.fleet.views(time.monotonic())
+    if as_json:
+        flaws = list(listener.fleet.flaws)
+        told = {"site": listener.fleet.site, "router": listener.linked}
+        print_json(told | {"cells": [view.as_json() for view in views], "not_believed": flaws})
+        return 0
+    out = Console(width=None if sys.stdout.isatty() else 160)
+    out.print(_table(views))
+    for sentence in _flaws(listener):
+        out.print(sentence, style="bold red", markup=False)
+    return 0
+
+
+def _print_certificate(listener: "Listener", named: str) -> int:
+    from service.certificates.signing import Finding
+    from service.cli.printing import EN_ROUTE
+    from service.exit_codes import ExitCode
+
+    cell, _, run_id = named.partition("/")
+    raw, checked = listener.certificate(cell, run_id)
+    EN_ROUTE.print(f"{checked.sentence} Key: {checked.public_key or 'none'}.", markup=False)
+    if checked.finding is not Finding.INTACT:
+        return ExitCode.SIGNATURE
+    sys.stdout.write(raw.decode())
+    return ExitCode.PASS
+
+
+def _screen(listener: "Listener") -> Any:
+    from rich.console import Group
+    from rich.text import Text
+
+    views = listener.fleet.views(time.monotonic())
+    router = Text("" if listener.linked else "The site's router does not answer.", style="bold red")
+    return Group(router, _table(views), *(Text(words, style="bold red") for words in _flaws(listener)))
+
+
+def _flaws(listener: "Listener") -> list[str]:
+    newest = list(listener.fleet.flaws)[-_FLAWS_SHOWN:]
+    return [f"{flaw['wall']} {flaw['cell']}: not believed: {flaw['what']}" for flaw in newest]
+
+
+def _table(views: list["CellView"]) -> "Table":
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(*_COLUMNS, box=box.SIMPLE_HEAD, pad_edge=False)
+    for view in views:
+        cells = [Text(text) for text in _row(view)]
+        cells[1].stylize(_STYLES[view.link])
+        cells[3].stylize("bold red")
+        table.add_row(*cells)
+    return table
+
+
+def _row(view: "CellView") -> tuple[str, ...]:
+    name = view.cell if view.name == view.cell else f"{view.cell} ({view.name})"
+    link = view.link if abs(view.clock_off_s) < _SKEW_S else f"{view.link}, clock {view.clock_off_s:+.0f} s"
+    return (
+        name,
+        link,
+        "" if view.age_s is None else f"{view.age_s:.1f} s",
+        "; ".join(f"{alarm['source']}: {alarm['text']}" for alarm in view.alarms),
+        _run(view),
+        _trend(view),
+        _certificate(view),
+        "; ".join(f"{told['due']} {told['what']}" for told in view.due[:1]),
+        _events(view),
+    )
+
+
+def _run(view: "CellView") -> str:
+    if view.run is None:
+        return "" if view.attended or view.link == "never" else "service not running"
+    run = view.run
+    place = f" {run['index']}/{run['expected']}" if run["expected"] else ""
+    asks = ", waits for a person" if view.asks is not None else ""
+    return f"{run['procedure']}: {run['verdict'] or run['state']}, {run['step']}{place}{asks}"
+
+
+def _trend(view: "CellView") -> str:
+    sizes_mm = [told["change_rms_m"] * 1e3 for told in view.drift]
+    if not sizes_mm:
+        return ""
+    most = max(*sizes_mm, 1e-12)
+    sparks = "".join(_SPARKS[min(int(size / most * 8), 7)] for size in sizes_mm[-10:])
+    return f"{sparks} {sizes_mm[-1]:.3f}"
+
+
+def _certificate(view: "CellView") -> str:
+    held = view.certificate
+    return "" if held is None else f"{held['word'].upper()} {held['procedure']} {held['ended_utc'][:10]}"
+
+
+def _events(view: "CellView") -> str:
+    reach = view.events
+    missing = f", {reach.missing} to come" if reach.missing else ""
+    lost = f", {reach.lost} lost" if reach.lost else ""
+    return f"{reach.upto}{missing}{lost}"

@@ -1,0 +1,114 @@
+"""``cellcal site enroll | router | publish``: the view of many cells from afar."""
+
+import contextlib
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+
+site = App(
+    name="site", help="Let a site see its cells from afar. Nothing that is said there reaches a robot."
+)
+_FOLDER = Path("site")
+
+
+@site.command
+def enroll(*cell: str, folder: Path = _FOLDER, name: str = "", endpoint: str = "", listen: str = "") -> int:
+    """Begin a site, and add cells to it: keys, certificates, rules. Nothing is ever written over.
+
+    Parameters
+    ----------
+    cell
+        Cell files of this computer, or ID=PUBLIC_KEY of cells elsewhere (`cellcal certificate key` prints it there).
+    folder
+        Where the site's files are kept.
+    name
+        The site's name, at its beginning.
+    endpoint
+        HOST:PORT as cells reach the site's router, at its beginning.
+    listen
+        HOST:PORT where the router listens, where that is another one (0.0.0.0:7447).
+    """
+    from service.cli.printing import EN_ROUTE
+    from service.site.enrolment import NewSite, applicant, enroll
+
+    new = NewSite(name, endpoint, listen) if name or endpoint or listen else None
+    made = enroll(folder, [applicant(word) for word in cell], new)
+    for path in made:
+        EN_ROUTE.print(
+            f"{path.name}: carry {path} to the cell's computer over a safe way and delete it here. In the cell file:"
+            f'\n\\[site]\nfolder = "{path.name}"'
+        )
+    EN_ROUTE.print(
+        f"The router is started with `cellcal site router --folder {folder}`; one that runs takes new cells in. "
+        f"Keep {folder / 'ca.key'} where nobody else comes: who has it can add cells."
+    )
+    return 0
+
+
+@site.command
+def router(*, folder: Path = _FOLDER) -> int:
+    """Host the site's router until interrupted: the only part of the site that listens.
+
+    Parameters
+    ----------
+    folder
+        The site's folder, or its router/ alone.
+    """
+    from service.cli.printing import EN_ROUTE
+    from service.site.link_files import ROUTER_FILE
+    from service.site.router import host_router
+
+    with interrupted() as leave:
+        host_router(part_of(folder, "router", ROUTER_FILE), leave, EN_ROUTE.print)
+    return 0
+
+
+@site.command
+def publish(cell: Path, /, *, from_desk: Annotated[bool, Parameter(negative=())] = False) -> int:
+    """Tell the site of a cell whose service does not run; `cellcal serve` does it by itself.
+
+    Without a desk the site sees the journal: runs, certificates, drift. Joints and devices need the service.
+
+    Parameters
+    ----------
+    cell
+        The cell file (TOML) with a [site] table.
+    from_desk
+        Read what a desk (`python -m service.desk`) writes from standard input, and end with it.
+    """
+    import sys
+
+    from service.cli.printing import EN_ROUTE
+    from service.configuration.cell_file import read_cell_file
+    from service.site.publisher import publish
+
+    config = read_cell_file(cell)
+    EN_ROUTE.print(f"Telling the site of {config.cell.name}. Ctrl+C ends it.")
+    with interrupted() as leave:
+        publish(config, sys.stdin.buffer if from_desk else None, leave)
+    return 0
+
+
+def part_of(folder: Path, part: str, file: str) -> Path:
+    """Return a part's folder from itself, or from the site's."""
+    return folder if (folder / file).exists() else folder / part
+
+
+@contextlib.contextmanager
+def interrupted() -> Iterator[threading.Event]:
+    """Lend an event that an interrupt or a request to end sets, so that sessions are closed: else nothing ends."""
+    leave = threading.Event()
+
+    def set_it(*_: Any) -> None:
+        leave.set()
+
+    before = {number: signal.signal(number, set_it) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield leave
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

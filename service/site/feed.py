@@ -1,0 +1,85 @@
+"""Keeps the publisher of a cell's site beside the web service, and passes the desk's words on to it.
+
+The web process only writes lines into a pipe and never waits for it: what does not fit is left out, since the next
+line is newer anyway. zenoh, signatures and files are in the publisher's process.
+"""
+
+import asyncio
+import contextlib
+import logging
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+_LOG = logging.getLogger(__name__)
+_MOST_WAITING = 1 << 20  # bytes in the pipe
+_RESTART_S = 5.0
+_LEAVE_S = 5.0
+_SESSION_AGAIN_S = 2.0
+
+
+class SiteFeed:
+    """Runs ``python -m service.site.publisher`` for one cell file; one that ends is started again."""
+
+    def __init__(self, cell_file: Path) -> None:
+        self._cell_file = cell_file
+        self._process: asyncio.subprocess.Process | None = None
+        self._session: bytes = b""
+
+    def heard(self, kind: str, content: dict[str, Any]) -> None:
+        """Pass on what the desk said."""
+        line = orjson.dumps({"told": kind, "content": content}) + b"\n"
+        if kind != "live":
+            self._session = line
+        self._write(line)
+
+    async def keep(self) -> None:
+        """Keep the publisher until cancelled."""
+        again = asyncio.create_task(self._say_session_again(), name="site feed")
+        try:
+            while True:
+                code = await self._run_once()
+                _LOG.warning("what tells the site of %s ended with code %s", self._cell_file, code)
+                await asyncio.sleep(_RESTART_S)
+        finally:
+            again.cancel()
+            await asyncio.gather(again, return_exceptions=True)
+            await self._leave()
+
+    async def _run_once(self) -> int:
+        self._process = process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "service.site.publisher", str(self._cell_file),
+            stdin=asyncio.subprocess.PIPE, start_new_session=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
+        self._write(self._session)
+        return await process.wait()
+
+    async def _say_session_again(self) -> None:
+        while True:  # a line may have been left out, and a publisher that was started again has heard none
+            await asyncio.sleep(_SESSION_AGAIN_S)
+            self._write(self._session)
+
+    def _write(self, line: bytes) -> None:
+        process = self._process
+        if not line or process is None or process.returncode is not None or process.stdin is None:
+            return
+        if process.stdin.transport.get_write_buffer_size() < _MOST_WAITING:
+            with contextlib.suppress(ConnectionError, RuntimeError):
+                process.stdin.write(line)
+
+    async def _leave(self) -> None:
+        process = self._process
+        if process is None or process.returncode is not None:
+            return
+        if process.stdin is not None:
+            process.stdin.close()
+        try:
+            async with asyncio.timeout(_LEAVE_S):
+                await process.wait()
+        except TimeoutError:
+            process.kill()
+            await process.wait()

@@ -1,0 +1,187 @@
+"""A site on loopback with mutual TLS: its files, its router as a process, cells that publish, for tests."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from service.certificates.signing import station_key
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.demo.fake_cell import write_cell_file
+from service.runs.cell import open_journal
+from service.runs.journal import NewEvent
+from service.site.enrolment import Applicant, NewSite, enroll
+from service.site.keys import StationKeys
+from service.site.link_files import CELL_FILE, MONITOR_FILE, close, read_link_folder
+from service.site.publisher import publish
+
+SITE = "hall-3"
+PATIENCE_S = 30.0
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def until(true: Callable[[], Any], patience_s: float = PATIENCE_S) -> Any:
+    """Wait for something to become true; nothing here is a claim about time."""
+    ends_s = time.monotonic() + patience_s
+    while not (found := true()):
+        assert time.monotonic() < ends_s, "it never came true"
+        time.sleep(0.02)
+    return found
+
+
+class Site:
+    """One site's folder with its cells."""
+
+    def __init__(self, folder: Path, *cells: str) -> None:
+        self.folder, self.port = folder / "site", free_port()
+        self.cells: dict[str, CellConfig] = {}
+        self._root = folder
+        self.add(*cells, new=NewSite(SITE, f"127.0.0.1:{self.port}"))
+
+    @property
+    def monitor(self) -> Path:
+        return self.folder / "monitor"
+
+    def add(self, *cells: str, new: NewSite | None = None) -> None:
+        made = []
+        for name in cells:
+            path = write_cell_file(self._root / name, "127.0.0.1", seed=1, time_factor=1.0)
+            with path.open("a", encoding="utf-8") as file:
+                file.write(f"\n[site]\nfolder = {json.dumps(str(self.folder / 'cells' / name))}\n")
+            self.cells[name] = read_cell_file(path)
+            made.append(Applicant(name, station_key(self.cells[name].cell.data_dir).public))
+        enroll(self.folder, made, new)
+
+    def keys(self, cell: str) -> StationKeys:
+        return StationKeys(SITE, cell)
+
+    def zenoh_of(self, cell: str) -> zenoh.Config:
+        """Return the link of a cell as it was enrolled, for whoever stole it."""
+        return read_link_folder(self.folder / "cells" / cell, CELL_FILE).zenoh_config()
+
+    def zenoh_of_monitor(self) -> zenoh.Config:
+        return read_link_folder(self.monitor, MONITOR_FILE).zenoh_config()
+
+    def journal(self, cell: str, run_id: str, count: int, first: int = 0) -> None:
+        """Append facts to a cell's journal, as a run does."""
+        with open_journal(self.cells[cell]) as journal:
+            for k in range(first, first + count):
+                journal.append_all(run_id, [NewEvent("finding", {"step": f"capture {k}", "value": k * 0.1})])
+
+    @contextmanager
+    def router(self) -> Iterator[subprocess.Popen[str]]:
+        """Run `cellcal site router` until the block ends."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", "service", "site", "router", "--folder", str(self.folder)],
+            stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "300"},
+        )  # fmt: skip
+        try:
+            assert process.stderr is not None
+            line = process.stderr.readline()
+            assert "listens" in line, line + process.stderr.read()
+            yield process
+        finally:
+            process.terminate()
+            process.communicate(timeout=PATIENCE_S)
+
+    @contextmanager
+    def publishing(self, cell: str) -> Iterator[Callable[[str, dict[str, Any]], None]]:
+        """Run the publisher of a cell; what is yielded says what its desk would."""
+        reading, writing = os.pipe()
+        leave = threading.Event()
+        failed: list[BaseException] = []
+
+        def work() -> None:
+            try:
+                with os.fdopen(reading, "rb") as stream:
+                    publish(self.cells[cell], stream, leave)
+            except BaseException as error:
+                failed.append(error)
+
+        def say(kind: str, content: dict[str, Any]) -> None:
+            os.write(writing, json.dumps({"told": kind, "content": content}).encode() + b"\n")
+
+        thread = threading.Thread(target=work)
+        thread.start()
+        try:
+            yield say
+        finally:
+            os.close(writing)
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive(), "a publisher whose desk is gone must end"
+            assert not failed, failed
+
+
+@contextmanager
+def opened(config: zenoh.Config) -> Iterator[zenoh.Session]:
+    session = zenoh.open(config)
+    try:
+        yield session
+    finally:
+        close(session)
+
+
+class Ear:
+    """Everything that the monitor's right lets one hear of a site."""
+
+    def __init__(self, session: zenoh.Session, keys: str = f"cellcal/v1/{SITE}/**") -> None:
+        self.heard: list[str] = []
+        self._subscriber = session.declare_subscriber(keys, self._hear)
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        self.heard.append(f"{sample.key_expr} {sample.payload.to_bytes()!r}")
+
+    def has(self, word: str) -> bool:
+        return any(word in line for line in self.heard)
+
+
+def session_of(cell: str, **changes: Any) -> dict[str, Any]:
+    """Return a desk's session as `service/desk/desk.py` writes it, with nothing under way."""
+    return {
+        "rev": 1,
+        "cell": cell,
+        "robots": [],
+        "robot": "fanuc",
+        "level": "commanded",
+        "connection": {"connected": True, "message": "", "remedy": ""},
+        "run": None,
+        "prompt": None,
+        "waits_for_hold": False,
+        "losses": [],
+    } | changes
+
+
+def live_of(
+    *, at_s: float = 0.0, state: str = "ready", joints: tuple[float, ...] = (0.1,) * 6
+) -> dict[str, Any]:
+    """Return a desk's live message of a robot and a wire."""
+    robot = {
+        "role": "robot",
+        "name": "fanuc",
+        "state": state,
+        "message": "" if state == "ready" else "E-stop.",
+    }
+    wire = {"role": "gauge", "name": "wire", "state": "ready", "message": ""}
+    rest = {"remedy": "", "age_s": 0.01}
+    return {
+        "rev": 1,
+        "at_s": at_s,
+        "devices": [
+            robot | rest | {"value": {"joints_rad": list(joints), "moving": False}},
+            wire | rest | {"value": {"length_m": 1.25, "sigma_m": 0.0002}},
+        ],
+    }

@@ -1,0 +1,243 @@
+"""The bus over real sockets with mutual TLS: nothing is lost, nothing foreign arrives, nothing commands a cell."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from calibration.errors import CellError
+from service.certificates.signing import station_key
+from service.site.authority import new_authority, read_authority
+from service.site.keys import MONITOR_NAME
+from service.site.link_files import MONITOR_FILE, read_link_folder
+from service.site.listener import Listener
+from service.site.outbox import Outbox
+from service.site.sealed import Sealer
+from tests.service.sites import PATIENCE_S, Ear, Site, live_of, opened, session_of, until
+
+RUN = "drift_check-0123456789ab"
+
+
+def view(listener: Listener, cell: str):
+    return next(one for one in listener.fleet.views(time.monotonic()) if one.cell == cell)
+
+
+def test_a_cell_is_seen_with_its_state_alarms_joints_and_events(tmp_path: Path) -> None:
+    site = Site(tmp_path, "cell-07")
+    with site.router(), Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
+        assert view(listener, "cell-07").link == "never"
+        with site.publishing("cell-07") as say:
+            say("session", session_of("cell-07"))
+            say("live", live_of())
+            until(lambda: view(listener, "cell-07").link == "online" and view(listener, "cell-07").attended)
+            joints = until(lambda: listener.fleet.value(site.keys("cell-07").joints))
+            assert joints.body["joints_rad"] == [0.1] * 6
+            wire = until(lambda: listener.fleet.value(site.keys("cell-07").device("wire", "value")))
+            assert wire.body["length_m"] == 1.25
+            site.journal("cell-07", RUN, 5)
+            say("live", live_of(state="stopped"))
+            until(lambda: view(listener, "cell-07").alarms)
+            assert view(listener, "cell-07").alarms[0]["text"] == "E-stop."
+            until(lambda: len(listener.numbers("cell-07")) == 6)
+        until(lambda: view(listener, "cell-07").link == "offline")
+        assert listener.fleet.flaw_count == 0, list(listener.fleet.flaws)
+
+
+def test_a_router_that_is_killed_costs_no_event(tmp_path: Path) -> None:
+    site = Site(tmp_path, "cell-07")
+    with site.publishing("cell-07"):
+        site.journal("cell-07", RUN, 5)
+        with site.router() as router:
+            listener = Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S)
+            with listener:
+                site.journal("cell-07", RUN, 10, first=5)
+                until(lambda: listener.numbers("cell-07") == list(range(1, 16)))
+                router.kill()
+                router.wait()
+                site.journal("cell-07", RUN, 20, first=15)
+                until(lambda: view(listener, "cell-07").link != "online")
+                with site.router():
+                    site.journal("cell-07", RUN, 5, first=35)
+                    until(lambda: listener.numbers("cell-07") == list(range(1, 41)))
+                assert listener.fleet.flaw_count == 0, list(listener.fleet.flaws)
+
+
+def test_after_hours_without_a_link_the_site_asks_for_what_it_misses(tmp_path: Path) -> None:
+    site = Site(tmp_path, "cell-07")
+    site.journal("cell-07", RUN, 700)  # more than a page, and nothing of it is in any publisher's memory
+    with site.publishing("cell-07"):
+        until((site.cells["cell-07"].cell.data_dir / "site_outbox.sqlite").exists)
+    with (
+        site.router(),
+        site.publishing("cell-07"),
+        Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
+    ):
+        until(lambda: listener.numbers("cell-07") == list(range(1, 701)))
+        assert view(listener, "cell-07").events.missing == 0
+        newest = listener.events("cell-07", 1)[0]["body"]
+        assert newest["journal_seq"] == 700
+        runs = listener.ask("cell-07", "runs")
+        assert runs[0].body == {"runs": []}  # findings alone are no run
+        told = listener.ask("cell-07", "run", id=RUN, after=690)
+        assert [message.body["journal_seq"] for message in told] == list(range(691, 701))
+        with pytest.raises(CellError, match="there is no verb 'move'"):
+            listener.ask("cell-07", "move")
+        with pytest.raises(CellError, match="no certificate"):
+            listener.certificate("cell-07", RUN)
+
+
+def test_a_monitor_that_comes_again_keeps_what_it_had(tmp_path: Path) -> None:
+    site = Site(tmp_path, "cell-07")
+    with site.router(), site.publishing("cell-07"):
+        site.journal("cell-07", RUN, 8)
+        for first in (8, 12):
+            with Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
+                until(lambda count=first: listener.numbers("cell-07") == list(range(1, count + 1)))
+            site.journal("cell-07", RUN, 4, first=first)
+
+
+def test_foreign_puts_reach_nobody_and_no_cell_hears_anything(tmp_path: Path) -> None:
+    site = Site(tmp_path, "cell-07", "cell-08")
+    read_authority(site.folder).issue("laptop", tmp_path)  # certified, but no rule names it
+    seven, eight = site.keys("cell-07"), site.keys("cell-08")
+    with (
+        site.router(),
+        opened(site.zenoh_of_monitor()) as monitor,
+        opened(site.zenoh_of("cell-07")) as thief,
+        opened(site.zenoh_of("cell-08")) as victim,
+        opened(_as(site, tmp_path / "laptop")) as laptop,
+    ):
+        site_ear, laptop_ear = Ear(monitor), Ear(laptop)
+        cell_ear = Ear(victim, f"{eight.base}/**")
+        until(lambda: (thief.put(seven.state, "control"), site_ear.has("control"))[1])
+        until(lambda: (victim.put(eight.state, "own voice"), site_ear.has("own voice"))[1])
+        for who, name in ((thief, "thief"), (monitor, "monitor"), (laptop, "laptop")):
+            for key in (eight.state, eight.alarm, eight.answer("move"), f"{eight.base}/command"):
+                who.put(key, f"forged by {name}")
+        replies = list(laptop.get(eight.answer("runs"), timeout=1.0))
+        before = len(site_ear.heard)
+        until(lambda: (thief.put(seven.state, "the last"), site_ear.has("the last"))[1])
+        # a session hears its own puts: what the monitor itself said did not go through the router
+        foreign = [line for line in site_ear.heard if "forged" in line and "by monitor" not in line]
+        assert foreign == []
+        assert [line for line in cell_ear.heard if "forged" in line] == []
+        assert [line for line in laptop_ear.heard if "by laptop" not in line] == []
+        assert [reply for reply in replies if reply.ok is not None] == []
+        assert before >= 2
+
+
+def _as(site: Site, certificate: Path) -> zenoh.Config:
+    link = read_link_folder(site.monitor, MONITOR_FILE)
+    tls = "transport/link/tls"
+    files = [("private_key", ".key"), ("certificate", ".pem")]
+    changes = [
+        (f"{tls}/{way}_{what}", f"{certificate}{end}") for way in ("connect", "listen") for what, end in files
+    ]
+    return link.zenoh_config(changes)
+
+
+def test_without_a_certificate_or_with_another_authority_nobody_comes_in(tmp_path: Path) -> None:
+    site = Site(tmp_path, "cell-07")
+    other = tmp_path / "other"
+    other.mkdir()
+    authority = new_authority("hall-3", other)  # of the same name
+    authority.issue(MONITOR_NAME, other)
+    link = read_link_folder(site.monitor, MONITOR_FILE)
+    tls = "transport/link/tls"
+    without = [(f"{tls}/enable_mtls", False)] + [
+        (f"{tls}/{way}_{what}", None)
+        for way in ("connect", "listen")
+        for what in ("private_key", "certificate")
+    ]
+    with site.router():
+        with opened(link.zenoh_config()):
+            pass  # the control: with the right files the door opens
+        for config in (link.zenoh_config(without), _as(site, other / MONITOR_NAME)):
+            with pytest.raises(zenoh.ZError):
+                zenoh.open(config)
+        plain = zenoh.Config()
+        for key, value in (
+            ("mode", '"client"'),
+            ("connect/endpoints", f'["tcp/127.0.0.1:{site.port}"]'),
+            ("connect/timeout_ms", "1000"),
+            ("scouting/multicast/enabled", "false"),
+        ):
+            plain.insert_json5(key, value)
+        with pytest.raises(zenoh.ZError):
+            zenoh.open(plain)
+
+
+def test_a_message_that_was_changed_or_moved_is_named_and_dropped(tmp_path: Path) -> None:
+    site = Site(tmp_path, "cell-07", "cell-08")
+    keys, config = site.keys("cell-07"), site.cells["cell-07"]
+    with Outbox(config.cell.data_dir) as outbox:
+        epoch = outbox.epoch
+    sealer = Sealer(station_key(config.cell.data_dir), "cell-07", epoch)
+    other = Sealer(station_key(site.cells["cell-08"].cell.data_dir), "cell-07", epoch)
+    body = {"id": "x:y", "active": True, "source": "y", "text": "true", "code": "x", "remedy": ""}
+    good = sealer.seal(keys.alarm, 1, body)
+    bad = {
+        "the signature does not belong": good.replace(b'"true"', b'"lies"'),
+        "another key signed": other.seal(keys.alarm, 2, body),
+        "was put here": sealer.seal(keys.session_event(RUN), 3, body),
+        "no JSON": b"\xff\xfe",
+        "has not the parts": b'{"seq": 1}',
+    }
+    with (
+        site.router(),
+        Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
+        opened(site.zenoh_of("cell-07")) as stolen,
+    ):
+        until(lambda: (stolen.put(keys.alarm, good), listener.numbers("cell-07"))[1])
+        for raw in bad.values():
+            stolen.put(keys.alarm, raw)
+        until(lambda: listener.fleet.flaw_count >= len(bad))
+        told = " ".join(flaw["what"] for flaw in listener.fleet.flaws)
+        assert all(words in told for words in bad)
+        assert listener.numbers("cell-07") == [1]
+        assert [alarm["text"] for alarm in view(listener, "cell-07").alarms] == ["true"]
+
+
+def test_a_router_takes_in_a_new_cell_while_it_runs(tmp_path: Path) -> None:
+    site = Site(tmp_path, "cell-07")
+    with site.router(), site.publishing("cell-07"):
+        site.add("cell-08")
+        with (
+            Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
+            site.publishing("cell-08"),
+        ):
+            until(lambda: [one.link for one in listener.fleet.views(time.monotonic())] == ["online"] * 2)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_every_process_of_the_site_ends_when_asked(tmp_path: Path, number: signal.Signals) -> None:
+    site = Site(tmp_path, "cell-07")
+    cell_file = site.cells["cell-07"].path
+    with site.router() as router:
+        commands = [
+            ["site", "publish", str(cell_file)],
+            ["monitor", str(site.folder), "--json", "--wait-s", "99"],
+        ]
+        processes = [
+            subprocess.Popen(
+                [sys.executable, "-m", "service", *words],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                env=os.environ,
+            )
+            for words in commands
+        ]
+        until((site.cells["cell-07"].cell.data_dir / "site_outbox.sqlite").exists)
+        until((site.monitor / "received.sqlite").exists)
+        time.sleep(0.5)
+        for process in (*processes, router):
+            process.send_signal(number)
+        for process in processes:
+            assert process.communicate(timeout=PATIENCE_S)[1] is not None
+            assert process.returncode == 0
+        assert router.wait(PATIENCE_S) == 0
