@@ -10,10 +10,12 @@ from calibration.mastering.counts import MasteringRecord
 from calibration.points.alignment import Alignment
 from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import (
+    ActiveFrames,
     DistanceGauge,
     Identity,
     JogsAxes,
     Joints,
+    KnowsActiveFrames,
     MasteringStore,
     Operator,
     Robot,
@@ -55,6 +57,7 @@ class MotionMemory:
 
     approved: bool = False  # a person has said yes to the plan, or to moving from where the robot stands
     epoch: int | None = None
+    frames: ActiveFrames | None = None  # None: nobody has looked
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +117,7 @@ class Fingerprint:
     devices: tuple[DeviceMark, ...]
     config_sha256: str
     encoder_epoch: int | None = None
+    active_frames: ActiveFrames | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +131,7 @@ class Cell:
     mastering: MasteringStore | None = None
     tool_frames: ToolFrameStore | None = None
     user_frames: UserFrameStore | None = None
+    frames: KnowsActiveFrames | None = None
     gauge: DistanceGauge | None = None
     gauge_setup: GaugeSetup | None = None
     tracker: Tracker | None = None
@@ -161,4 +166,5 @@ async def fingerprint(cell: Cell) -> Fingerprint:
     if cell.dial is not None:
         marks.append(DeviceMark("dial", await cell.dial.identify()))
     epoch = await cell.mastering.encoder_epoch() if cell.mastering is not None else None
-    return Fingerprint(cell.name, tuple(marks), cell.config_sha256, epoch)
+    frames = await cell.frames.active_frames() if cell.frames is not None else None
+    return Fingerprint(cell.name, tuple(marks), cell.config_sha256, epoch, frames)

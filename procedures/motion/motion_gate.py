@@ -19,6 +19,7 @@ from calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePat
 from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from drivers.interfaces import Instruction, JointReading, Joints, Readiness
 from procedures.cell import Cell, MotionLevel
+from procedures.motion.active_frames import same_frames
 from procedures.motion.by_hand import jog_by_hand, move_by_hand
 from procedures.motion.surroundings import clearances
 from procedures.run import NeedsUnmetError, ProcedureError
@@ -77,6 +78,8 @@ async def move_along(
         The robot is not ready, or not heard.
     PositionLostAgainError
         The encoders are not those that this run began with.
+    FramesChangedError
+        The active tool, user frame or payload is not the one that this run began with.
     """
     here = await _ready(cell, Readiness.READY)
     speed = _capped(cell, care, here.joints_rad, way_rad, speed_rad_s)
@@ -212,6 +215,7 @@ async def _ready(cell: Cell, *allowed: Readiness) -> JointReading:
             raise MotionStoppedError(name, words, remedy=remedy)
         raise RefusedError(name, words or "the robot is not ready to move", remedy=remedy)
     await _same_encoders(cell)
+    await same_frames(cell)
     if Readiness.POSITION_LOST in allowed:
         return JointReading((), moving=False, taken_at_s=_now())
     reading = await cell.robot.joints()
@@ -228,6 +232,7 @@ async def _still_ours(cell: Cell) -> None:
     """Look right before a command at what may have changed while a person was asked or a corner was gone."""
     _hold(cell)
     await _same_encoders(cell)
+    await same_frames(cell)
 
 
 async def _same_encoders(cell: Cell) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from calibration.mastering.counts import WireCapture
 from drivers.interfaces import Counts, Joints
 from procedures.cell import Cell
+from procedures.motion.active_frames import same_frames
 from procedures.run import ProcedureError
 from procedures.steps.mastering import length_gauge, motor_store
 
@@ -40,6 +41,7 @@ async def capture(
         await asyncio.sleep(cell.limits.settle_s)
         found = await _look(cell, label, samples, settled_from)
         if _at_rest(found, tolerance_counts, length_gauge(cell).capabilities.sigma_m):
+            await same_frames(cell)
             return found
     raise NotAtRestError(
         f"{label}: counts went from {found.wire.counts} to {found.counts_after}, lengths spread by "

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from drivers.interfaces import Joints
 from procedures.cell import Cell
+from procedures.motion.active_frames import same_frames
 from procedures.steps.capture import SPREAD_SIGMAS, TRIES, NotAtRestError
 from procedures.steps.mastering import length_gauge
 from procedures.steps.teach import still
@@ -35,6 +36,7 @@ async def capture_length(cell: Cell, label: str, samples: int) -> LengthCapture:
         values = tuple(reading.value_m for reading in readings)
         spread = max(values) - min(values)
         if still(before, after) and spread <= SPREAD_SIGMAS * gauge.capabilities.sigma_m:
+            await same_frames(cell)
             noise = max(gauge.capabilities.sigma_m / 2.0, statistics.stdev(values) if samples > 1 else 0.0)
             sigma = math.hypot(noise / math.sqrt(samples), gauge.capabilities.resolution_m)
             raw = tuple(reading.raw for reading in readings)

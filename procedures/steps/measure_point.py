@@ -12,6 +12,7 @@ from calibration.geometry import Array, Pose
 from drivers.interfaces import Air, JointReading, Joints, MeasuresPoses, PointReading, PoseReading, Tracker
 from procedures.cell import Cell
 from procedures.entry import NEEDS
+from procedures.motion.active_frames import same_frames
 from procedures.run import NeedsUnmetError, ProcedureError
 from procedures.steps.capture import SPREAD_SIGMAS, TRIES, NotAtRestError
 
@@ -93,6 +94,7 @@ async def measure_point(
         after = await cell.robot.joints()
         one_station((reading.station for reading in readings), station)
         if _stood(before, after) and _agree(readings):
+            await same_frames(cell)
             return _point(label, after.joints_rad, readings)
     raise _not_at_rest(label)
 
@@ -110,6 +112,7 @@ async def measure_pose(cell: Cell, label: str, *, station: int | None = None) ->
         after = await cell.robot.joints()
         one_station((reading.station,), station)
         if _stood(before, after):
+            await same_frames(cell)
             return PoseCapture(
                 label,
                 after.joints_rad,

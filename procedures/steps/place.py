@@ -5,6 +5,7 @@ from typing import Literal
 from calibration.mastering.counts import PlaceCapture
 from drivers.interfaces import Instruction
 from procedures.cell import Cell
+from procedures.motion.active_frames import same_frames
 from procedures.run import ProcedureError
 from procedures.steps.ask import ask
 from procedures.steps.capture import NotAtRestError
@@ -45,6 +46,7 @@ async def visit_place(
         sigma = max(sigma_m, max(seen.covariance_m2[k][k] for k in range(3)) ** 0.5)
         return PlaceCapture(kind, number, tuple(after), sigma, 0.0, seen.position_m, label)
     await _refuse_open(cell, kind, label)
+    await same_frames(cell)
     after = await store.encoder_counts()
     _refuse_moving(label, before, after, tolerance_counts)
     return PlaceCapture(

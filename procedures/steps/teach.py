@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from calibration.geometry import Pose
 from drivers.interfaces import Instruction, JointReading, Joints
 from procedures.cell import Cell
+from procedures.motion.active_frames import same_frames
 from procedures.run import ProcedureError
 from procedures.steps.ask import ask
 
@@ -37,6 +38,7 @@ async def teach(cell: Cell, instruction: Instruction) -> TaughtPose:
         base_flange = await cell.robot.flange_pose()
         after = await cell.robot.joints()
         if still(before, after):
+            await same_frames(cell)
             return TaughtPose(base_flange, after.joints_rad, answer.who)
         await asyncio.sleep(STILL_PAUSE_S)
     raise StillMovingError("the arm is still moving", remedy="Let it come to rest, then confirm again.")

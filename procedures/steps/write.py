@@ -1,6 +1,7 @@
 """Steps that change a controller: each states a goal, writes only what does not hold yet, reads all back."""
 
 import math
+from dataclasses import replace
 
 from calibration.geometry import Pose
 from drivers.interfaces import Counts, MasteringData
@@ -25,7 +26,11 @@ async def write_and_read_back(cell: Cell, number: int, flange_tool: Pose) -> Pos
     found = await store.read_tool_frame(number)
     if not same_pose(found, flange_tool):
         found = await store.write_tool_frame(number, flange_tool)
-    return _kept(f"tool frame {number}", found, flange_tool)
+    kept = _kept(f"tool frame {number}", found, flange_tool)
+    active = cell.motion.frames
+    if active is not None and active.tool_number == number:
+        cell.motion.frames = replace(active, flange_tool=kept)  # our own change is not somebody else's
+    return kept
 
 
 async def read_tool_frame(cell: Cell, number: int) -> Pose:

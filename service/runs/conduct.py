@@ -14,11 +14,12 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 
 from calibration.errors import CalibrationError, CellError
-from drivers.interfaces import Answer, Instruction, Operator, Question
+from drivers.interfaces import ActiveFrames, Answer, Instruction, Operator, Question
 from procedures.canonical import alike
 from procedures.catalogue import entry_named
 from procedures.cell import Cell, Fingerprint, MotionMemory, fingerprint
 from procedures.entry import Entry, Phase, refuse_unmet
+from procedures.motion.active_frames import changes, cure, told, untold
 from procedures.past import Kind, Past
 from procedures.progress import Gate, Progress, ignore
 from procedures.run import (
@@ -121,12 +122,13 @@ async def run_procedure(
     run_id = f"{name}-{uuid4().hex[:12]}"
     serial = (await cell.robot.identify()).serial
     with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
-        cell = permitted(cell, held)
+        mark = await fingerprint(cell)
+        cell = permitted(cell, held, mark)
         header = {
             "procedure": entry.name,
             "version": entry.version,
             "spec": to_jsonable_python(spec),
-            "cell": to_jsonable_python(await fingerprint(cell)),
+            "cell": to_jsonable_python(mark),
             **software(),
         }
         journal.append(run_id, Kind.STARTED, header, key="started", actor=how.actor)
@@ -156,7 +158,7 @@ async def resume(
     spec = _spec_of(view, entry)
     serial = (await cell.robot.identify()).serial
     with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
-        cell = permitted(cell, held)
+        cell = permitted(cell, held, now)
         view = Store(journal).run(run_id)  # its holder may have gone on until the lease was ours
         body = {"cell": to_jsonable_python(now), **software()}
         journal.append(run_id, Kind.RESUMED, body, actor=how.actor)
@@ -182,9 +184,9 @@ def forget_from(journal: Journal, run_id: str, step: str, *, actor: str = "servi
     journal.append(run_id, Kind.FORGOTTEN, {"keep": names.index(step), "step": step}, actor=actor)
 
 
-def permitted(cell: Cell, held: Lease) -> Cell:
-    """Return the cell for one entry into a run: motion needs the lease, and nothing was approved or seen yet."""
-    return replace(cell, permit=held, motion=MotionMemory())
+def permitted(cell: Cell, held: Lease, mark: Fingerprint) -> Cell:
+    """Return the cell for one entry into a run: motion needs the lease, and nothing was approved yet."""
+    return replace(cell, permit=held, motion=MotionMemory(frames=mark.active_frames))
 
 
 class _Conductor:
@@ -214,7 +216,9 @@ class _Conductor:
         if self._entry.verdict is None:
             return None
         try:
-            return self._entry.verdict(spec, result).as_object()
+            verdict = self._entry.verdict(spec, result)
+            unseen = untold(self._cell.motion.frames)
+            return replace(verdict, not_verified=(*verdict.not_verified, *unseen)).as_object()
         except Exception:  # noqa: BLE001  a result that was written to a robot is journalled, judged or not
             _log.exception("the verdict of run %s could not be given", self._run_id)
             return None
@@ -326,13 +330,27 @@ def _refuse_difference(view: RunView, entry: Entry, now: Fingerprint) -> None:
     was, present = dict(view.cell), to_jsonable_python(now)
     if entry.epoch_may_change:
         was, present = was | {"encoder_epoch": None}, present | {"encoder_epoch": None}
-    changed = [key for key in present if not alike(was.get(key), present[key])]
+    changed = [key for key in present if key != "active_frames" and not alike(was.get(key), present[key])]
     differences += [_difference(key, was.get(key), present[key]) for key in changed]
+    switched = _switched(entry, was.get("active_frames"), now.active_frames)
+    remedy = "Restore what was changed, or start a new run; the stored points stay readable."
+    if switched:
+        remedy = remedy if differences else cure(switched)
+        differences.append(told(switched))
     if differences:
         raise ReplayMismatchError(
-            f"run {view.run_id} cannot be continued: {'; '.join(differences)}",
-            remedy="Restore what was changed, or start a new run; the stored points stay readable.",
+            f"run {view.run_id} cannot be continued: {'; '.join(differences)}", remedy=remedy
         )
+
+
+def _switched(entry: Entry, was: Any, now: ActiveFrames | None) -> tuple[tuple[str, str], ...]:
+    """Return what is active on the controller and was not when the run began; its own write does not count."""
+    if was is None or now is None:
+        return ()  # a run from before the robot could be asked
+    before = TypeAdapter(ActiveFrames).validate_python(was)
+    if "writes_tool_frame" in (*entry.needs, *entry.wants):
+        before = replace(before, flange_tool=None)
+    return changes(before, now)
 
 
 def _difference(key: str, was: object, present: object) -> str:

@@ -64,6 +64,7 @@ def scene(spec: Any = None) -> Scene:
         mastering=arm,
         tool_frames=arm,
         user_frames=arm,
+        frames=arm,
         gauge=wire,
         tracker=IdealTracker(arm),
         tracker_setup=TrackerSetup(TARGET),

@@ -16,6 +16,7 @@ from calibration.geometry import Pose
 from calibration.mastering.counts import DriveTrain
 from drivers.errors import RefusedError
 from drivers.interfaces import (
+    ActiveFrames,
     Alarm,
     Answer,
     Condition,
@@ -64,6 +65,9 @@ class IdealArm:
     unestablished: set[int] = field(default_factory=set)
     tools: dict[int, Pose] = field(default_factory=dict)
     frames: dict[int, Pose] = field(default_factory=dict)
+    active_tool: int = 1
+    user_frame: int = 0
+    payload_kg: float | None = 1.5
     taught: Pose | None = None  # where the technician has put the flange
     moves: list[str] = field(default_factory=list)
     stops: int = 0
@@ -79,6 +83,7 @@ class IdealArm:
             writes_mastering=True,
             writes_tool_frame=True,
             writes_user_frame=True,
+            tells_active_frames=True,
         )
 
     def lose_encoders(self, turns: Counts) -> None:
@@ -204,6 +209,10 @@ class IdealArm:
         self.writes += 1
         self.tools[number] = flange_tool
         return flange_tool
+
+    async def active_frames(self) -> ActiveFrames:
+        tool = await self.read_tool_frame(self.active_tool)
+        return ActiveFrames(self.active_tool, tool, self.user_frame, self.payload_kg)
 
     async def read_user_frame(self, number: int) -> Pose:
         await asyncio.sleep(0)

@@ -1,0 +1,110 @@
+"""What stays selected on the controller while a run goes on: tool, user frame and payload.
+
+A joint target means the same with any tool. But who switches the tool while a run is under way has changed what
+hangs at the flange, or is working at this robot: points from before and after do not belong together.
+"""
+
+from collections.abc import Iterable
+
+from calibration.geometry import Pose
+from drivers.interfaces import ActiveFrames
+from procedures.cell import Cell
+from procedures.run import ProcedureError
+from procedures.steps.write import same_pose
+
+PAYLOAD_KG = 1e-3  # what a pendant shows
+_UNTOLD = "Whether {what} was changed on the controller during the run: this robot does not tell it."
+
+
+Change = tuple[str, str]  # a sentence, and what undoes it
+
+
+class FramesChangedError(ProcedureError):
+    """Another tool, user frame or payload is active than before."""
+
+    code = "procedure.frames_changed"
+
+
+async def same_frames(cell: Cell) -> None:
+    """Hold that the tool, user frame and payload are those that this run began with.
+
+    Raises
+    ------
+    FramesChangedError
+        Something else is active. What was measured before is kept.
+    """
+    if cell.frames is None:
+        return
+    now = await cell.frames.active_frames()
+    if cell.motion.frames is None:
+        cell.motion.frames = now
+    changed = changes(cell.motion.frames, now)
+    if changed:
+        raise FramesChangedError(
+            f"the robot does not work with what this run began with: {told(changed)}", remedy=cure(changed)
+        )
+
+
+def changes(was: ActiveFrames, now: ActiveFrames) -> tuple[Change, ...]:
+    """Return each difference as a sentence, and what undoes it. What one of them does not tell is no difference."""
+    found = (
+        _selected("tool", was.tool_number, now.tool_number),
+        _edited(was, now),
+        _selected("user frame", was.user_frame_number, now.user_frame_number),
+        _loaded(was.payload_kg, now.payload_kg),
+    )
+    return tuple(change for change in found if change is not None)
+
+
+def told(changed: Iterable[Change]) -> str:
+    """Return all differences as one clause."""
+    return "; ".join(sentence for sentence, _ in changed)
+
+
+def cure(changed: Iterable[Change]) -> str:
+    """Return what a technician does about the differences."""
+    words = ", ".join(undo for _, undo in changed)
+    return f"{words[:1].upper()}{words[1:]}, then resume."
+
+
+def untold(frames: ActiveFrames | None) -> tuple[str, ...]:
+    """Return, for a certificate, what this robot could not be asked while the run went on."""
+    known = frames or ActiveFrames()
+    parts = (
+        ("the tool", known.tool_number is None and known.flange_tool is None),
+        ("the user frame", known.user_frame_number is None),
+        ("the payload", known.payload_kg is None),
+    )
+    unknown = [what for what, missing in parts if missing]
+    return (_UNTOLD.format(what=" or ".join(unknown)),) if unknown else ()
+
+
+def _selected(what: str, was: int | None, now: int | None) -> Change | None:
+    if was is None or now is None or was == now:
+        return None
+    return f"{what} {was} was active, {what} {now} is now", f"select {what} {was} on the pendant again"
+
+
+def _edited(was: ActiveFrames, now: ActiveFrames) -> Change | None:
+    before, after = was.flange_tool, now.flange_tool
+    if before is None or after is None or was.tool_number != now.tool_number or same_pose(before, after):
+        return None
+    name = "the active tool" if was.tool_number is None else f"tool {was.tool_number}"
+    undo = f"set {name} to {_place(before)} on the pendant again"
+    return f"{name} was at {_place(before)}, it is at {_place(after)} now", undo
+
+
+def _loaded(was: float | None, now: float | None) -> Change | None:
+    if was is None or now is None or abs(was - now) <= PAYLOAD_KG:
+        return None
+    return (
+        f"the payload was {was:.3f} kg, it is {now:.3f} kg now",
+        f"set the payload to {was:.3f} kg on the pendant again",
+    )
+
+
+def _place(pose: Pose) -> str:
+    x, y, z = (value * 1e3 for value in pose.position_m)
+    w, *turn = pose.quaternion
+    turned = ", ".join(f"{value:.5f}" for value in (w, *turn))
+    return f"x {x:.3f}, y {y:.3f}, z {z:.3f} mm (quaternion {turned})"

@@ -1,0 +1,241 @@
+"""Tool, user frame and payload are those that a run began with: before each move, in each capture, after a resume."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.geometry import Pose
+from drivers.interfaces import ActiveFrames, Instruction
+from procedures.cell import Cell
+from procedures.mastering_record import MasteringRecordSpec
+from procedures.motion.active_frames import FramesChangedError, changes, cure, told, untold
+from procedures.motion.motion_gate import Jog, jog_axis, move_along
+from procedures.progress import Progress
+from procedures.run import ReplayMismatchError
+from procedures.steps.capture import capture
+from procedures.steps.length import capture_length
+from procedures.steps.measure_point import measure_point
+from procedures.steps.place import visit_place
+from procedures.steps.teach import teach
+from procedures.steps.write import write_and_read_back
+from service.runs.conduct import Conditions, Verdict, resume, run_procedure
+from service.runs.journal import Journal
+from service.runs.store import Store
+from tests.procedures.cells import Scene, pointing, scene, touching
+from tests.procedures.ideal import IdealArm
+
+HERE = (0.2, 0.1, -0.3, 0.4, 0.5, -0.6)
+THERE = (0.5, 0.2, -0.2, 0.4, 0.6, -0.5)
+TOOL = Pose((0.01, 0.0, 0.12))
+QUICK = Conditions(free_bytes=0, actor="anna")
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Iterator[Journal]:
+    with Journal.open(tmp_path / "journal.db") as opened:
+        yield opened
+
+
+def standing() -> Scene:
+    made = scene()
+    made.arm.put(np.array(HERE))
+    return made
+
+
+def switch(arm: IdealArm) -> None:
+    arm.active_tool = 3
+
+
+def edit(arm: IdealArm) -> None:
+    arm.tools[1] = TOOL
+
+
+def select_frame(arm: IdealArm) -> None:
+    arm.user_frame = 4
+
+
+def load(arm: IdealArm) -> None:
+    arm.payload_kg = 1.8
+
+
+HAPPENINGS = [
+    (switch, "tool 1 was active, tool 3 is now", "Select tool 1 on the pendant again, then resume."),
+    (
+        edit,
+        r"tool 1 was at x 0.000, y 0.000, z 0.000 mm .*, it is at x 10.000, y 0.000, z 120.000 mm",
+        "Set tool 1",
+    ),
+    (
+        select_frame,
+        "user frame 0 was active, user frame 4 is now",
+        "Select user frame 0 on the pendant again",
+    ),
+    (
+        load,
+        "the payload was 1.500 kg, it is 1.800 kg now",
+        "Set the payload to 1.500 kg on the pendant again",
+    ),
+]
+
+
+@pytest.mark.parametrize(("happens", "says", "undo"), HAPPENINGS)
+async def test_no_move_with_a_foreign_tool(happens: Callable[[IdealArm], None], says: str, undo: str) -> None:
+    made = standing()
+    await move_along(made.cell, [THERE], 0.1)
+    happens(made.arm)
+    with pytest.raises(FramesChangedError, match=says) as refused:
+        await move_along(made.cell, [HERE], 0.1)
+    assert refused.value.remedy.startswith(undo)
+    with pytest.raises(FramesChangedError, match=says):
+        await jog_axis(made.cell, Jog(2, 0.05, 0.03))
+    assert made.arm.moves == ["move"]
+
+
+async def test_a_switch_between_two_corners_stops_before_the_second() -> None:
+    made = standing()
+    move = made.arm.move_joints
+
+    async def meanwhile(target: tuple[float, ...], *, speed_rad_s: float) -> None:
+        await move(target, speed_rad_s=speed_rad_s)
+        switch(made.arm)
+
+    made.arm.move_joints = meanwhile  # type: ignore[assignment,method-assign]
+    with pytest.raises(FramesChangedError):
+        await move_along(made.cell, [THERE, HERE], 0.1)
+    assert made.arm.moves == ["move"]
+
+
+@pytest.mark.parametrize(
+    "captured",
+    [
+        lambda cell: capture(cell, "here", 1, 4),
+        lambda cell: capture_length(cell, "here", 1),
+        lambda cell: measure_point(cell, "here"),
+        lambda cell: teach(cell, Instruction("touch", "Touch.")),
+        lambda cell: visit_place(cell, ("seat", 0, "seat"), 1e-4, 1e-4, 4),
+    ],
+    ids=["wire", "length", "point", "taught", "seat"],
+)
+async def test_no_capture_with_a_foreign_tool(captured: Callable[[Cell], object]) -> None:
+    made = standing()
+    await captured(made.cell)  # type: ignore[misc]
+    switch(made.arm)
+    with pytest.raises(FramesChangedError, match="tool 1 was active, tool 3 is now"):
+        await captured(made.cell)  # type: ignore[misc]
+    made.arm.active_tool = 1
+    await captured(made.cell)  # type: ignore[misc]
+
+
+async def test_our_own_write_of_the_active_tool_is_no_foreign_tool() -> None:
+    made = standing()
+    await move_along(made.cell, [THERE], 0.1)
+    await write_and_read_back(made.cell, 1, TOOL)
+    await move_along(made.cell, [HERE], 0.1)
+    await write_and_read_back(made.cell, 5, TOOL)  # another one than the active one
+    made.arm.tools[1] = Pose((0.0, 0.0, 0.2))
+    with pytest.raises(FramesChangedError):
+        await move_along(made.cell, [THERE], 0.1)
+
+
+async def test_a_robot_that_cannot_tell_is_moved() -> None:
+    made = standing()
+    made.cell = replace(made.cell, frames=None)
+    await move_along(made.cell, [THERE], 0.1)
+    switch(made.arm)
+    await move_along(made.cell, [HERE], 0.1)
+    assert made.arm.moves == ["move", "move"]
+
+
+@dataclass
+class SwitchedDuring:
+    """Somebody switches the tool when a step begins, once."""
+
+    arm: IdealArm
+    step: str
+    done: bool = False
+
+    def __call__(self, progress: Progress) -> None:
+        if not self.done and progress.kind == "started" and progress.step == self.step:
+            self.done, self.arm.active_tool = True, 3
+
+
+async def test_a_switch_in_a_run_is_refused_and_the_points_are_kept(journal: Journal) -> None:
+    made = scene(MasteringRecordSpec(poses=16, samples=2))
+    how = replace(QUICK, on_event=SwitchedDuring(made.arm, "capture 5"))
+    outcome = await run_procedure(made.cell, "mastering_record", made.spec, journal, how=how)
+    assert outcome.verdict is Verdict.CELL_FAILED
+    assert (outcome.code, outcome.remedy) == (
+        "procedure.frames_changed",
+        "Select tool 1 on the pendant again, then resume.",
+    )
+    kept = Store(journal).run(outcome.run_id).past.findings
+    assert "capture 4" in [finding.step for finding in kept]
+    with pytest.raises(ReplayMismatchError, match="tool 1 was active, tool 3 is now") as refused:
+        await resume(made.cell, outcome.run_id, journal, how=QUICK)
+    assert refused.value.remedy == "Select tool 1 on the pendant again, then resume."
+    made.arm.active_tool = 1
+    passed = await resume(made.cell, outcome.run_id, journal, how=QUICK)
+    assert passed.verdict is Verdict.PASSED
+    assert Store(journal).run(outcome.run_id).past.findings[: len(kept)] == kept
+
+
+async def test_what_was_active_is_taken_when_the_run_begins_not_at_its_first_move(journal: Journal) -> None:
+    made = pointing()
+    made.hands.does["pointer_is_mounted"] = lambda: switch(made.arm)
+    outcome = await run_procedure(made.cell, "three_point_frame", made.spec, journal, how=QUICK)
+    assert (outcome.verdict, outcome.code) == (Verdict.CELL_FAILED, "procedure.frames_changed")
+
+
+async def test_a_procedure_may_teach_the_active_tool_and_be_resumed_afterwards(journal: Journal) -> None:
+    made = touching()
+    made.arm.active_tool = made.spec.tool_number
+    write = made.arm.write_tool_frame
+
+    async def cut(number: int, flange_tool: Pose) -> Pose:
+        await write(number, flange_tool)
+        made.arm.write_tool_frame = write  # type: ignore[method-assign]
+        raise FramesChangedError("the cable was cut after the write")
+
+    made.arm.write_tool_frame = cut  # type: ignore[method-assign]
+    outcome = await run_procedure(made.cell, "six_point_tcp", made.spec, journal, how=QUICK)
+    assert outcome.reason == "the cable was cut after the write"
+    assert (await resume(made.cell, outcome.run_id, journal, how=QUICK)).verdict is Verdict.PASSED
+
+
+async def test_a_run_from_before_the_robot_could_be_asked_goes_on(journal: Journal) -> None:
+    made = pointing()
+    made.hands.refuses = {"accept_frame"}
+    blind = replace(made.cell, frames=None)
+    outcome = await run_procedure(blind, "three_point_frame", made.spec, journal, how=QUICK)
+    made.hands.refuses = set()
+    resumed = await resume(made.cell, outcome.run_id, journal, how=QUICK)
+    assert resumed.verdict is Verdict.PASSED
+
+
+@pytest.mark.parametrize("blind", [False, True])
+async def test_a_certificate_says_what_the_robot_does_not_tell(journal: Journal, blind: bool) -> None:
+    made = pointing()
+    made.arm.payload_kg = None
+    cell = replace(made.cell, frames=None if blind else made.arm)
+    outcome = await run_procedure(cell, "three_point_frame", made.spec, journal, how=QUICK)
+    what = "the tool or the user frame or the payload" if blind else "the payload"
+    said = f"Whether {what} was changed on the controller during the run: this robot does not tell it."
+    assert outcome.judgement["not_verified"][-1] == said
+
+
+def test_only_what_both_tell_is_compared() -> None:
+    known = ActiveFrames(3, TOOL, 0, 1.5)
+    assert changes(known, known) == changes(known, ActiveFrames()) == changes(ActiveFrames(), known) == ()
+    assert changes(known, replace(known, payload_kg=1.5004)) == ()
+    both = changes(known, ActiveFrames(5, Pose((0.0, 0.0, 0.0)), 2, 1.5))
+    assert told(both) == "tool 3 was active, tool 5 is now; user frame 0 was active, user frame 2 is now"
+    assert cure(both) == (
+        "Select tool 3 on the pendant again, select user frame 0 on the pendant again, then resume."
+    )
+    nameless = changes(replace(known, tool_number=None), ActiveFrames(None, Pose((0.0, 0.0, 0.1))))
+    assert told(nameless).startswith("the active tool was at x 10.000, y 0.000, z 120.000 mm")
+    assert untold(known) == ()
+    assert untold(replace(known, tool_number=None)) == ()
