@@ -31,6 +31,7 @@ from tests.procedures.cells import (
     touching,
 )
 from tests.procedures.certified import HOW, cell_config, run_in
+from tests.service.printed import verify_paper
 
 NAMES = [entry.name for entry in ENTRIES]
 TROUBLED = ("mastering_record", "mastering_recovery")  # certified below, with a wire that kinked once
@@ -77,6 +78,7 @@ def verify_certificate(config: CellConfig, outcome: Outcome) -> None:
     ] == issued.word
     assert SAFETY.split(".")[0] in " ".join(text.split())
     assert checked.sha256 in text
+    verify_paper(issued.json_path)
 
 
 def result_of(config: CellConfig, run_id: str) -> Any:

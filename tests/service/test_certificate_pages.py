@@ -1,0 +1,343 @@
+"""What customers see: page and PDF say what was signed, figure by figure, and fetch nothing from anywhere."""
+
+import json
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import pytest
+from fastapi import FastAPI
+
+from calibration.errors import CellError
+from service.certificates.blocks import Page
+from service.certificates.certificate import FORMAT, Issued, issue
+from service.certificates.html import as_html
+from service.certificates.page import page_of
+from service.certificates.pdf import PdfError, as_pdf
+from service.certificates.pictures import Errors, against_limits, errors_by_point, pictures_of, scatter_of
+from service.certificates.printing import PrintingError, page_from, print_beside
+from service.certificates.qr import code_of, code_text
+from service.certificates.signing import Finding, check, station_key
+from service.configuration.cell_file import CellConfig
+from service.parameters.parameter_sets import ParameterSet, ParameterSets, Value
+from service.web import history
+from service.web.app import _told
+from service.web.door import Person, person_of
+from tests.procedures.cells import pointing
+from tests.procedures.certified import cell_config, run_in
+from tests.service.printed import HtmlText, Pdf, squeezed, verify_paper
+from tests.service.square_code import read_svg
+
+HOSTILE = '<script>alert(1)</script> #image("/etc/passwd") *bold* $x$ \\ "quoted" & \'done\' {{7*7}}'
+
+
+async def framed(folder: Path) -> tuple[CellConfig, Issued]:
+    """Return a cell whose last run taught a frame, and its certificate."""
+    config = cell_config(folder)
+    outcome = await run_in(config, pointing(), "three_point_frame")
+    return config, issue(config, outcome.run_id)
+
+
+def content_of(issued: Issued) -> dict[str, Any]:
+    content = json.loads(issued.json_path.read_text())["content"]
+    assert isinstance(content, dict)
+    return content
+
+
+def paper_of(content: dict[str, Any]) -> Page:
+    return page_of(content, "ab" * 32, "cd" * 32)
+
+
+async def test_page_and_pdf_lie_beside_the_signed_file_and_are_the_same_each_time(tmp_path: Path) -> None:
+    _, issued = await framed(tmp_path)
+    verify_paper(issued.json_path)
+    first = print_beside(issued.json_path)
+    assert first.trouble == ""
+    assert first.html_path == issued.json_path.with_suffix(".html")
+    assert first.pdf_path == issued.json_path.with_suffix(".pdf")
+    sheets = [path.read_bytes() for path in (first.html_path, first.pdf_path)]
+    print_beside(issued.json_path)
+    assert [path.read_bytes() for path in (first.html_path, first.pdf_path)] == sheets
+
+
+async def test_nothing_is_printed_of_a_file_with_a_flipped_byte(tmp_path: Path) -> None:
+    _, issued = await framed(tmp_path)
+    raw = bytearray(issued.json_path.read_bytes())
+    place = raw.index(b'"pass"') + 1
+    raw[place] ^= 1
+    issued.json_path.write_bytes(raw)
+    assert check(bytes(raw)).finding is Finding.TAMPERED
+    with pytest.raises(PrintingError, match="Nothing is printed"):
+        page_from(issued.json_path)
+    printed = print_beside(issued.json_path)
+    assert (printed.html_path, printed.pdf_path) == (None, None)
+    assert "Nothing is printed" in printed.trouble
+
+
+async def test_the_code_on_page_and_paper_says_run_and_hash(tmp_path: Path) -> None:
+    _, issued = await framed(tmp_path)
+    page = page_from(issued.json_path)
+    said = f"cellcal {issued.run_id} sha256:{issued.sha256}"
+    assert read_svg(page.qr.svg) == said
+    html = as_html(page)
+    drawn = re.search(r"<header.*?(<svg.*?</svg>)", html, re.DOTALL)
+    assert drawn
+    assert read_svg(drawn[1]) == said
+
+
+@pytest.mark.parametrize("name", ["end_effector_points", "base_to_base", "a_procedure_with_a_long_name"])
+def test_codes_of_all_lengths_are_read(name: str) -> None:
+    stem = f"{name}-0123456789ab-refused"
+    assert read_svg(code_of(stem, "5e" * 32).svg) == code_text(stem, "5e" * 32)
+
+
+async def test_what_people_typed_is_text_and_nothing_else(tmp_path: Path) -> None:
+    _, issued = await framed(tmp_path)
+    content = content_of(issued)
+    content["people"] = [{"who": HOSTILE, "step": "accept the frame", "at_utc": content["run"]["ended_utc"]}]
+    content["cell"]["name"] = HOSTILE
+    figure = content["verdict"]["characteristics"][0]
+    figure["name"] = HOSTILE
+    page = paper_of(content)
+    html = HtmlText.of(as_html(page))
+    assert html.asks_for == []
+    times = 3 + len(figure["budget"])
+    assert squeezed(html.text).count(squeezed(HOSTILE)) == times
+    assert squeezed(Pdf(as_pdf(page)).text()).count(squeezed(HOSTILE)) == times
+
+
+async def test_a_page_allows_itself_no_script_and_no_other_host(tmp_path: Path) -> None:
+    _, issued = await framed(tmp_path)
+    html = as_html(page_from(issued.json_path))
+    assert "default-src 'none'" in html
+    assert "script" not in html
+    hosts = set(re.findall(r"https?://[^\"'\s<]+", html))
+    assert hosts == {"http://www.w3.org/2000/svg"}  # a name, never asked
+
+
+async def test_names_in_other_scripts_are_set_or_refused_with_the_cure(tmp_path: Path) -> None:
+    _, issued = await framed(tmp_path)
+    content = content_of(issued)
+    content["people"] = [{"who": "李工", "step": "accept", "at_utc": content["run"]["ended_utc"]}]
+    page = paper_of(content)
+    assert "李工" in as_html(page)
+    told = set_or_cure(page)
+    if isinstance(told, str):  # this computer has no such font
+        assert "fonts-noto-cjk" in told
+        return
+    assert "李工" in told.text()
+    assert len(told.fonts()) == 3
+    assert all(told.fonts().values())
+
+
+def set_or_cure(page: Page) -> Pdf | str:
+    try:
+        return Pdf(as_pdf(page))
+    except PdfError as refused:
+        return refused.remedy
+
+
+async def test_characters_that_no_font_has_are_refused_and_the_page_is_kept(tmp_path: Path) -> None:
+    _, issued = await framed(tmp_path)
+    content = content_of(issued)
+    content["cell"]["name"] = "\U0010fffd"
+    with pytest.raises(PdfError) as refused:
+        as_pdf(paper_of(content))
+    assert "fonts-noto-cjk" in refused.value.remedy
+    path = tmp_path / "odd.json"
+    path.write_text(station_key(tmp_path).sign(FORMAT, content))
+    printed = print_beside(path)
+    assert printed.pdf_path is None
+    assert "no font" in printed.trouble
+    assert printed.html_path is not None
+    assert "\U0010fffd" in printed.html_path.read_text()
+
+
+async def test_a_refusal_is_printed_as_one(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), pointing()
+    made.hands.does["touch_above"] = made.hands.does["touch_origin"]
+    outcome = await run_in(config, made, "three_point_frame")
+    issued = issue(config, outcome.run_id)
+    assert issued.word == "refused"
+    verify_paper(issued.json_path)
+    page = page_from(issued.json_path)
+    assert page.heading == "Refusal record"
+    assert read_svg(page.qr.svg).split()[1] == f"{outcome.run_id}-refused"
+    assert "PASS" not in Pdf(as_pdf(page)).text()
+
+
+def figure_of(value: float, u: float, limit: float | None, decision: str | None = "pass") -> dict[str, Any]:
+    return {
+        "name": f"figure {value}",
+        "value": value,
+        "unit": "m",
+        "standard_uncertainty": u / 2,
+        "expanded_uncertainty": u,
+        "coverage": 2.0,
+        "limit": limit,
+        "decision": decision,
+        "rule": "",
+        "budget": [],
+    }
+
+
+def dots_of(svg: str) -> list[tuple[float, float]]:
+    found = re.findall(r'<circle cx="([\d.]+)" cy="([\d.]+)" r="3.4" fill="#0072b2"', svg)
+    return [(float(x), float(y)) for x, y in found]
+
+
+def words_at(svg: str) -> dict[str, tuple[float, float]]:
+    found = re.findall(r'<text x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', svg)
+    return {words: (float(x), float(y)) for x, y, words in found}
+
+
+def test_dots_stand_where_their_figures_are() -> None:
+    figures = [figure_of(0.0002, 0.0001, 0.001), figure_of(-0.0015, 0.0002, 0.001, "fail")]
+    drawn = against_limits([*figures, figure_of(0.5, 0.1, None), figure_of(0.9, 0.0, 0.5)])
+    assert drawn is not None
+    words = words_at(drawn.svg)
+    zero, limit = words["0"][0], words["limit"][0]
+    shares = [(x - zero) / (limit - zero) for x, _ in dots_of(drawn.svg)]
+    assert shares == pytest.approx(
+        [0.2, 1.5], abs=1e-3
+    )  # what has no limit or no U has no place on this axis
+    assert words["100"][0] == pytest.approx(limit, abs=0.11)
+
+
+def test_errors_stand_on_a_linear_axis_from_zero() -> None:
+    values = (0.0001, 0.0004, 0.0, 0.0008)
+    drawn = errors_by_point(Errors("what each point misses by", values))
+    assert drawn is not None
+    words = words_at(drawn.svg)
+    zero, tick = words["0"][1] - 3.5, words["0.2"][1] - 3.5
+    heights = [0.0002 * (zero - y) / (zero - tick) for _, y in dots_of(drawn.svg)]
+    assert heights == pytest.approx(values, abs=2e-6)
+    assert "0.800 mm at 4" in drawn.alt
+
+
+def test_samples_that_agree_are_not_drawn_and_those_that_differ_are() -> None:
+    def taken(*samples: float, used: bool = True) -> dict[str, Any]:
+        return {"used": used, "value": {"readings_m": list(samples)}}
+
+    assert scatter_of([taken(1.0, 1.0), taken(2.0)]) is None
+    drawn = scatter_of([taken(1.0, 1.00002), taken(1.0, 1.0001, used=False)])
+    assert drawn is not None
+    assert len(dots_of(drawn.svg)) == 2 + 1  # two samples, and the key
+    assert "0.050 mm" in drawn.alt
+
+
+def test_check_poses_are_told_from_fitted_ones() -> None:
+    out = {
+        "captures": 9,
+        "before_rms_m": 0.002,
+        "before_max_m": 0.004,
+        "after_rms_m": 1e-4,
+        "after_max_m": 2e-4,
+    }
+    content = {
+        "result": {"identified": {"hold_out": out}},
+        "verdict": {"characteristics": [], "changes": []},
+        "points": [],
+    }
+    (drawn,) = pictures_of(content)
+    assert "9 check poses that took no part in the fit" in drawn.caption
+    assert "RMS error at check poses: 2.000 mm before, 0.100 mm after" in drawn.alt
+
+
+@asynccontextmanager
+async def asking(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
+    """Lend the routes to a viewer: reading is all that they let anybody do."""
+    app = FastAPI()
+    app.include_router(history.router, prefix="/api")
+    app.add_exception_handler(CellError, _told)
+    app.dependency_overrides[person_of] = lambda: Person("vera", "viewer")
+    app.state.house = SimpleNamespace(config=config)
+    transport = httpx.ASGITransport(app=app)
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+        yield client
+
+
+async def test_a_certificate_is_read_in_every_form(tmp_path: Path) -> None:
+    config, issued = await framed(tmp_path)
+    async with asking(config) as client:
+        answers = {
+            form: await client.get(f"/api/runs/{issued.run_id}/certificate.{form}")
+            for form in ("json", "pdf", "html", "txt")
+        }
+        lost = await client.get("/api/runs/three_point_frame-none/certificate.pdf")
+    assert {form: answer.status_code for form, answer in answers.items()} == dict.fromkeys(answers, 200)
+    assert check(answers["json"].content).finding is Finding.INTACT
+    assert issued.sha256 in squeezed(Pdf(answers["pdf"].content).text())
+    assert issued.run_id in answers["pdf"].headers["content-disposition"]
+    assert issued.sha256 in answers["html"].text
+    assert answers["html"].headers["content-security-policy"].startswith("default-src 'none'")
+    assert answers["txt"].text == issued.text_path.read_text()
+    assert lost.status_code == 422
+    assert lost.json()["remedy"]
+
+
+def kept_twice(config: CellConfig) -> None:
+    first = ParameterSet(
+        robot_serial="F-1",
+        model="fanuc_m6ib",
+        nominal_sha256="0" * 64,
+        made_at="2026-01-01T00:00:00+00:00",
+        made_by="anna",
+        source="robot_calibration",
+        values=(Value("J1 offset", "rad", 0.001, 0.0001), Value("J2 offset", "rad", 0.002)),
+    )
+    sets = ParameterSets(config.path.parent / "parameter_sets")
+    sets.save(first)
+    sets.save(
+        replace(first, made_by="bert", values=(Value("J1 offset", "rad", 0.0015, 0.0001), first.values[1]))
+    )
+
+
+async def test_parameter_sets_and_what_changed_between_them(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    async with asking(config) as client:
+        assert (await client.get("/api/parameters")).json() == []
+        kept_twice(config)
+        listed = (await client.get("/api/parameters")).json()
+        changed = (await client.get("/api/parameters/diff", params={"robot_serial": "F-1"})).json()
+        whole = (await client.get("/api/parameters/F-1", params={"version": 1})).json()
+        wrong = [
+            await client.get("/api/parameters/diff", params={"robot_serial": "F-1", "after": 1}),
+            await client.get("/api/parameters/diff", params={"robot_serial": "../../etc"}),
+            await client.get("/api/parameters/F-1", params={"version": 9}),
+            await client.get("/api/parameters/none"),
+            await client.get("/api/parameters/diff"),
+        ]
+    assert [(each["version"], each["made_by"]) for each in listed] == [(1, "anna"), (2, "bert")]
+    (change,) = changed["changes"]
+    assert (change["name"], change["before"], change["after"]) == ("J1 offset", 0.001, 0.0015)
+    assert change["deviations"] == pytest.approx(0.0005 / (2**0.5 * 0.0001))
+    assert whole["parameters"][1] == {
+        "name": "J2 offset",
+        "unit": "rad",
+        "value": 0.002,
+        "standard_uncertainty": None,
+    }
+    assert [answer.status_code for answer in wrong] == [422] * 5
+
+
+async def test_a_trend_goes_through_all_finished_runs_of_a_robot(tmp_path: Path) -> None:
+    config, first = await framed(tmp_path)
+    second = await run_in(config, pointing(), "three_point_frame")
+    asked = {"robot_serial": "F-1", "procedure": "three_point_frame"}
+    async with asking(config) as client:
+        told = (await client.get("/api/trend", params=asked)).json()
+        other = (await client.get("/api/trend", params=asked | {"robot_serial": "F-2"})).json()
+    figures = content_of(first)["verdict"]["characteristics"]
+    assert [trend["name"] for trend in told] == [figure["name"] for figure in figures]
+    for trend, figure in zip(told, figures, strict=True):
+        assert [point["run_id"] for point in trend["points"]] == [first.run_id, second.run_id]
+        assert trend["points"][0]["value"] == figure["value"]
+        assert trend["points"][0]["expanded_uncertainty"] == figure["expanded_uncertainty"]
+        assert trend["points"][0]["started_utc"] == content_of(first)["run"]["started_utc"]
+    assert other == []
