@@ -88,6 +88,21 @@ export interface Device {
   value: { joints_rad?: number[]; moving?: boolean; length_m?: number; sigma_m?: number } | null;
 }
 
+type Triple = [number, number, number];
+
+export interface CellSeen {
+  robot: string;
+  model: string;
+  title: string;
+  joints: string[];
+  description_from_controller: number[][];
+  boxes: { name: string; base_box: number[]; size_m: Triple }[];
+  balls: { name: string; centre_in_base_m: Triple; radius_m: number }[];
+  planes: { name: string; point_in_base_m: Triple; normal_in_base: Triple }[];
+  wire: { name: string; anchor_in_base_m: Triple; hook_in_flange_m: Triple } | null;
+  remarks: string[];
+}
+
 export interface Live {
   rev: number;
   at_s: number;

@@ -1,0 +1,243 @@
+// The robot in its cell as a picture, drawn only when something changed, and never more than twelve times a second.
+//
+// Everything is in the robot's base frame, metres, z up. Nothing here is measured: it shows what the cell file and the
+// model tables tell, in the posture that the controller tells.
+
+import {
+  BoxGeometry,
+  Box3,
+  Color,
+  CylinderGeometry,
+  DirectionalLight,
+  DoubleSide,
+  GridHelper,
+  Group,
+  HemisphereLight,
+  Matrix4,
+  Mesh,
+  MeshLambertMaterial,
+  PerspectiveCamera,
+  PlaneGeometry,
+  Quaternion,
+  Scene,
+  SphereGeometry,
+  Vector3,
+  WebGLRenderer,
+  type BufferGeometry,
+  type Material,
+  type Object3D,
+} from "three";
+import URDFLoader, { type URDFRobot } from "urdf-loader";
+import type { CellSeen } from "./types";
+
+const LEAST_MS = 1000 / 12;
+const STILL_RAD = 5e-5; // a smaller turn moves no pixel
+const FIELD_DEG = 32;
+const UP = new Vector3(0, 0, 1);
+const WIRE_RADIUS_M = 0.006; // drawn thicker than it is, or nobody would see it
+
+/** What tests see of the picture. */
+export interface Shown {
+  robot: string;
+  joints_rad: number[];
+  flange_m: number[];
+  frames: number;
+}
+
+declare global {
+  interface Window {
+    __robot?: Shown;
+  }
+}
+
+/** Tell whether this browser can draw at all. */
+export function canDraw(): boolean {
+  const context = document.createElement("canvas").getContext("webgl2");
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return context !== null;
+}
+
+export class RobotScene {
+  readonly shown: Shown;
+  #renderer: WebGLRenderer;
+  #scene = new Scene();
+  #camera = new PerspectiveCamera(FIELD_DEG, 1, 0.05, 60);
+  #arm: URDFRobot;
+  #wire: Mesh | null = null;
+  #seen: CellSeen;
+  #bounds = new Box3();
+  #turn = -0.9; // of the camera about the base's z, and its height above the horizon [rad]
+  #rise = 0.35;
+  #timer: ReturnType<typeof setTimeout> | undefined;
+  #lastMs = 0;
+
+  constructor(canvas: HTMLCanvasElement, seen: CellSeen, description: string) {
+    this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
+    this.#renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.#seen = seen;
+    this.#arm = new URDFLoader().parse(description);
+    this.#arm.traverse((part) => (part.matrixAutoUpdate = true));
+    for (const joint of Object.values(this.#arm.joints)) joint.ignoreLimits = true; // the controller's are others
+    const sun = new DirectionalLight(0xffffff, 2.2);
+    sun.position.set(2, -3, 5);
+    this.#scene.add(new HemisphereLight(0xffffff, 0x8a97a3, 1.9), sun, this.#arm);
+    this.#scene.add(this.#surroundings());
+    this.#camera.up.copy(UP);
+    this.shown = { robot: seen.robot, joints_rad: [], flange_m: [], frames: 0 };
+    window.__robot = this.shown;
+  }
+
+  /** Show the posture of the controller's joints [rad]. */
+  pose(joints_rad: number[]) {
+    const before = this.shown.joints_rad;
+    if (before.length > 0 && joints_rad.every((angle, i) => Math.abs(angle - (before[i] ?? Infinity)) < STILL_RAD)) return;
+    this.shown.joints_rad = [...joints_rad];
+    this.#seen.joints.forEach((name, row) => {
+      const factors = this.#seen.description_from_controller[row] ?? [];
+      this.#arm.setJointValue(name, factors.reduce((sum, factor, i) => sum + factor * (joints_rad[i] ?? 0), 0));
+    });
+    this.#arm.updateMatrixWorld(true);
+    const flange = this.#arm.links["flange"]!;
+    this.shown.flange_m = flange.getWorldPosition(new Vector3()).toArray();
+    if (before.length === 0) this.#bounds.setFromObject(this.#arm);
+    this.#stretchWire(flange);
+    this.#keepInView(flange.getWorldPosition(new Vector3()));
+    this.draw();
+  }
+
+  /** Fit the canvas to its place on the page [CSS px]. */
+  resize(width: number, height: number) {
+    if (width < 1 || height < 1) return;
+    this.#renderer.setSize(width, height, false);
+    this.#camera.aspect = width / height;
+    this.#look();
+    this.draw();
+  }
+
+  /** Walk round the robot. */
+  turn(around_rad: number, up_rad: number) {
+    this.#turn += around_rad;
+    this.#rise = Math.min(1.45, Math.max(-0.1, this.#rise + up_rad));
+    this.#look();
+    this.draw();
+  }
+
+  /** Draw soon; many wishes are one picture. */
+  draw() {
+    if (this.#timer !== undefined) return;
+    const wait = Math.max(0, LEAST_MS - (performance.now() - this.#lastMs));
+    this.#timer = setTimeout(() => {
+      this.#timer = undefined;
+      this.#lastMs = performance.now();
+      this.#renderer.render(this.#scene, this.#camera);
+      this.shown.frames += 1;
+    }, wait);
+  }
+
+  dispose() {
+    clearTimeout(this.#timer);
+    this.#scene.traverse((part) => {
+      const { geometry, material } = part as Mesh<BufferGeometry, Material>;
+      geometry?.dispose();
+      material?.dispose();
+    });
+    this.#renderer.dispose();
+    if (window.__robot === this.shown) delete window.__robot;
+  }
+
+  // The wire
+
+  #stretchWire(flange: Object3D) {
+    const seen = this.#seen.wire;
+    if (!seen) return;
+    const from = new Vector3(...seen.anchor_in_base_m);
+    const to = flange.localToWorld(new Vector3(...seen.hook_in_flange_m));
+    if (!this.#wire) {
+      this.#wire = mesh(new CylinderGeometry(1, 1, 1, 8), 0xb3261e);
+      const house = mesh(new BoxGeometry(0.11, 0.11, 0.11), 0x0b3c5d);
+      house.position.copy(from);
+      this.#scene.add(this.#wire, house);
+      this.#bounds.expandByPoint(from);
+    }
+    const along = to.clone().sub(from);
+    this.#wire.position.copy(from).addScaledVector(along, 0.5);
+    this.#wire.scale.set(WIRE_RADIUS_M, along.length(), WIRE_RADIUS_M);
+    this.#wire.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), along.normalize());
+  }
+
+  // What stands in the cell
+
+  #surroundings(): Group {
+    const group = new Group();
+    for (const box of this.#seen.boxes) {
+      const part = mesh(new BoxGeometry(...box.size_m), 0x7f93a5, 0.75);
+      part.applyMatrix4(new Matrix4().fromArray(box.base_box).transpose());
+      group.add(part);
+    }
+    for (const ball of this.#seen.balls) {
+      const part = mesh(new SphereGeometry(ball.radius_m, 24, 16), 0x7f93a5, 0.75);
+      part.position.set(...ball.centre_in_base_m);
+      group.add(part);
+    }
+    for (const plane of this.#seen.planes) {
+      const normal = new Vector3(...plane.normal_in_base).normalize();
+      const point = new Vector3(...plane.point_in_base_m);
+      const nearest = normal.clone().multiplyScalar(point.dot(normal));
+      if (normal.z > 0.95) group.add(...floor(nearest, normal));
+      else group.add(wall(nearest, normal));
+    }
+    return group;
+  }
+
+  // The camera
+
+  /** The view widens when the arm reaches out of it; it never narrows by itself. */
+  #keepInView(point: Vector3) {
+    this.#bounds.expandByPoint(point);
+    this.#bounds.expandByPoint(new Vector3());
+    this.#look();
+  }
+
+  #look() {
+    if (this.#bounds.isEmpty()) return;
+    const middle = this.#bounds.getCenter(new Vector3());
+    const radius = 0.55 * this.#bounds.getSize(new Vector3()).length();
+    const half = (FIELD_DEG * Math.PI) / 360;
+    const narrow = Math.min(half, Math.atan(Math.tan(half) * this.#camera.aspect));
+    const away = radius / Math.sin(narrow);
+    const flat = away * Math.cos(this.#rise);
+    this.#camera.position.set(
+      middle.x + flat * Math.cos(this.#turn),
+      middle.y + flat * Math.sin(this.#turn),
+      middle.z + away * Math.sin(this.#rise),
+    );
+    this.#camera.lookAt(middle);
+    this.#camera.updateProjectionMatrix();
+  }
+}
+
+function mesh(geometry: BufferGeometry, colour: number, opacity = 1): Mesh {
+  const material = new MeshLambertMaterial({ color: new Color(colour), transparent: opacity < 1, opacity });
+  return new Mesh(geometry, material);
+}
+
+/** A floor with its grid and, where the base stands above it, a column: the column is for the eye only. */
+function floor(nearest: Vector3, normal: Vector3): Object3D[] {
+  const grid = new GridHelper(4, 16, 0x8fa1b1, 0xc5d0da);
+  grid.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), normal);
+  grid.position.copy(nearest);
+  const height = -nearest.z;
+  if (height < 0.05) return [grid];
+  const column = mesh(new CylinderGeometry(0.13, 0.2, height, 32), 0x9aa8b4);
+  column.rotation.x = Math.PI / 2;
+  column.position.copy(nearest).multiplyScalar(0.5);
+  return [grid, column];
+}
+
+function wall(nearest: Vector3, normal: Vector3): Object3D {
+  const part = mesh(new PlaneGeometry(3, 2), 0x7f93a5, 0.18);
+  (part.material as MeshLambertMaterial).side = DoubleSide;
+  part.applyQuaternion(new Quaternion().setFromUnitVectors(UP, normal));
+  part.position.copy(nearest);
+  return part;
+}
