@@ -28,6 +28,7 @@ HEALTHY = Sample(
     runtime_state=RuntimeState.STOPPED,
     robot_status_bits=1,
     safety_status_bits=1,
+    payload_kg=0.0,
     received_at_s=0.0,
     raw=b"",
 )

@@ -1,0 +1,50 @@
+"""Somebody switches the tool on the pendant: seen over the wire, and nothing is moved or measured with it."""
+
+from typing import Any
+
+import pytest
+
+from drivers.operator.scripted import ScriptedOperator
+from procedures.motion.active_frames import FramesChangedError
+from procedures.motion.motion_gate import move_along
+from procedures.steps.length import capture_length
+from service.configuration.cell_file import CellConfig
+from service.demo.door import Door
+from service.runs.cell import open_cell
+from tests.wire.cases import Fault, RobotCase
+
+ASIDE_RAD = 0.05
+BACK: dict[str, Fault] = {  # how a technician selects again what was active
+    "fanuc": ("tool_switched", {"number": 1}),
+    "ur": ("tool_switched", {"tcp": [0.0] * 6, "payload_kg": 0.0}),
+}
+SAYS = {
+    "fanuc": ("tool 1 was active, tool 2 is now", "Select tool 1 on the pendant again, then resume."),
+    "ur": (r"z 0.000 mm .*, it is at x 0.000, y 0.000, z 100.000 mm", "Set the active tool to x 0.000"),
+}
+
+
+async def _refused(work: Any, name: str) -> None:
+    with pytest.raises(FramesChangedError, match=SAYS[name][0]) as refused:
+        await work
+    assert refused.value.remedy.startswith(SAYS[name][1])
+
+
+async def test_a_foreign_tool_moves_nothing_until_the_old_one_is_selected_again(
+    robot: Any, robot_case: RobotCase, cell: CellConfig, door: Door
+) -> None:
+    await robot.close()
+    aside = (robot_case.home_rad[0] + ASIDE_RAD, *robot_case.home_rad[1:])
+    async with open_cell(cell, ScriptedOperator({}), robot_case.name) as lent:
+        await move_along(lent, [robot_case.home_rad], 0.3)
+        await capture_length(lent, "before", 2)
+        await door.fault("tool_switched", device=robot_case.name)
+        stood = (await door.truth())["robots"][robot_case.name]["joints_rad"]
+        await _refused(move_along(lent, [aside], 0.3), robot_case.name)
+        await _refused(capture_length(lent, "with a foreign tool", 2), robot_case.name)
+        assert (await door.truth())["robots"][robot_case.name]["joints_rad"] == pytest.approx(stood, abs=1e-9)
+        name, parameters = BACK[robot_case.name]
+        await door.fault(name, device=robot_case.name, **parameters)
+        await move_along(lent, [aside], 0.3)
+        await capture_length(lent, "after", 2)
+        assert (await lent.robot.joints()).joints_rad == pytest.approx(aside, abs=2e-3)
