@@ -29,6 +29,10 @@ _POLICY = (
     "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'; "
     "script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'"
 )
+_DOCUMENT_POLICY = (  # documents that procedures and people wrote: no script at all, no page of ours as their origin
+    "sandbox; default-src 'none'; base-uri 'none'; frame-ancestors 'none'; style-src 'unsafe-inline'; "
+    "img-src 'self' data:; font-src 'self' data:"
+)
 HEADERS: Mapping[str, str] = {
     "content-security-policy": _POLICY,
     "x-content-type-options": "nosniff",
@@ -177,13 +181,19 @@ class _Answer:
         if message["type"] == "http.response.start":
             self.begun = True
             headers = MutableHeaders(scope=message)
+            if self._path.startswith("/api"):
+                self._of_service(headers)
             for name, value in HEADERS.items():
                 headers.setdefault(name, value)
-            if self._path.startswith("/api"):
-                headers.setdefault("cache-control", "no-store")
             if self._tls:
                 headers["strict-transport-security"] = _TLS_ONLY
         await self._send(message)
+
+    @staticmethod
+    def _of_service(headers: MutableHeaders) -> None:
+        headers.setdefault("cache-control", "no-store")
+        if headers.get("content-type", "").startswith(("text/html", "image/svg")):
+            headers.setdefault("content-security-policy", _DOCUMENT_POLICY)
 
     async def refuse(self, status: int, body: dict[str, Any]) -> None:
         """Answer with a short JSON object, never with what was sent."""

@@ -1,0 +1,171 @@
+"""Role by route, generated from the service's own routes and orders: what is new must be put into the tables."""
+
+import re
+from pathlib import Path
+from typing import Any, get_args
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from fastapi.routing import iter_route_contexts
+
+from service.desk.messages import Order
+from service.people.roles import Role
+from tests.service.doors import ORIGIN, ROLES, Door, a_door
+
+NOBODY, DEVICE = "nobody", "a device alone"
+ANYBODY = {NOBODY, DEVICE, *Role}
+KNOWN = ANYBODY - {NOBODY}
+RUNNERS = {Role.TECHNICIAN, Role.ENGINEER}
+
+# who may use a route at all; what /api/commands takes is in ORDERS
+ROUTES: dict[tuple[str, str], set[str]] = {
+    ("GET", "/openapi.json"): KNOWN,
+    ("GET", "/api/session"): KNOWN,
+    ("WS", "/api/screen"): KNOWN,
+    ("POST", "/api/commands"): KNOWN,
+    ("GET", "/api/procedures"): KNOWN,
+    ("POST", "/api/dry-runs"): KNOWN,
+    ("GET", "/api/runs"): KNOWN,
+    ("GET", "/api/runs/{run_id}"): KNOWN,
+    ("GET", "/api/runs/{run_id}/certificate.json"): KNOWN,
+    ("GET", "/api/runs/{run_id}/certificate.pdf"): KNOWN,
+    ("GET", "/api/runs/{run_id}/certificate.html"): KNOWN,
+    ("GET", "/api/runs/{run_id}/certificate.txt"): KNOWN,
+    ("GET", "/api/parameters"): KNOWN,
+    ("GET", "/api/parameters/diff"): KNOWN,
+    ("GET", "/api/parameters/{robot_serial}"): KNOWN,
+    ("GET", "/api/trend"): KNOWN,
+    ("GET", "/api/models/{robot}.urdf"): KNOWN,
+    ("GET", "/api/models/{robot}.json"): KNOWN,
+    ("GET", "/api/sign-in"): ANYBODY,
+    ("GET", "/api/sign-in/console"): ANYBODY,  # the token says who
+    ("GET", "/api/sign-in/people"): KNOWN,
+    ("POST", "/api/sign-in/devices"): ANYBODY,
+    ("POST", "/api/sign-in/challenges"): ANYBODY,
+    ("POST", "/api/sign-in/device"): ANYBODY,
+    ("POST", "/api/sign-in/person"): KNOWN,
+    ("POST", "/api/sign-in/confirm"): KNOWN,
+    ("POST", "/api/sign-in/leave"): KNOWN,
+}
+BODIES: dict[str, dict[str, Any]] = {  # each is understood, so that only the door can refuse it
+    "/api/commands": {"id": "1", "rev": 1, "order": {"op": "stop"}},
+    "/api/dry-runs": {"procedure": "no_such_procedure"},
+    "/api/sign-in/person": {"name": "Tom", "secret": "314159"},
+    "/api/sign-in/confirm": {"secret": "314159"},
+}
+
+ORDERS: dict[str, tuple[dict[str, Any], set[str]]] = {
+    "start": ({"procedure": "mastering_record"}, RUNNERS),
+    "resume": ({"run_id": "x"}, RUNNERS),
+    "answer": ({"prompt_id": "x"}, RUNNERS),
+    "decline": ({"prompt_id": "x"}, RUNNERS),
+    "stop": ({}, KNOWN),
+    "pause": ({}, RUNNERS),
+    "go_on": ({}, RUNNERS),
+    "select_robot": ({"robot": "x"}, RUNNERS),
+    "dismiss": ({}, RUNNERS),
+    "hold": ({"held": True}, RUNNERS),
+}
+NAMES = {role: name for name, role in reversed(ROLES.items())}
+
+
+def own_routes(app: FastAPI) -> set[tuple[str, str]]:
+    found = set()
+    for context in iter_route_contexts(app.routes):
+        route = context.original_route
+        path = context.path or getattr(route, "path", "")
+        if not path and getattr(route, "name", "") == "pages":
+            continue  # built files; test_guard_wall looks at them
+        methods = (context.methods or set()) - {"HEAD"}
+        found |= {(method, path) for method in methods} if methods else {("WS", f"/api{route.path}")}
+    return found
+
+
+async def enter(door: Door, who: str) -> None:
+    if who == NOBODY:
+        return
+    assert (await door.from_console()).status_code == 303
+    if who != DEVICE:
+        assert (await door.sign_in(NAMES[Role(who)])).status_code == 200
+
+
+async def test_every_route_of_the_service_is_in_the_table(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        assert own_routes(door.app) - set(ROUTES) == set(), "say in ROUTES who may use it"
+
+
+@pytest.mark.parametrize("who", sorted(ANYBODY))
+async def test_a_route_answers_whom_it_is_for(tmp_path: Path, who: str) -> None:
+    async with a_door(tmp_path) as door:
+        wrong = []
+        for method, path in sorted(own_routes(door.app) - {("WS", "/api/screen")}):
+            door.client.cookies.clear()
+            await enter(door, who)
+            status = (await _asked(door, method, path)).status_code
+            if (status == 401) != (who not in ROUTES[method, path]) or status in (405, 500):
+                wrong.append((method, path, status))
+        assert wrong == []
+
+
+async def _asked(door: Door, method: str, path: str) -> httpx.Response:
+    filled = re.sub(r"\{\w+\}", "x", path)
+    if method == "GET":
+        return await door.client.get(filled)
+    confirms = path == "/api/sign-in/confirm" and door.client.cookies
+    if confirms:  # only a person has a PIN to give again
+        await door.sign_in("Tom")
+    return await door.client.request(method, filled, json=BODIES.get(path, {}))
+
+
+def test_every_order_is_in_the_table() -> None:
+    orders = get_args(get_args(Order)[0])
+    assert {order.model_fields["op"].annotation.__args__[0] for order in orders} == set(ORDERS)
+
+
+@pytest.mark.parametrize("who", sorted(ANYBODY))
+async def test_an_order_is_taken_from_whom_may_give_it(tmp_path: Path, who: str) -> None:
+    async with a_door(tmp_path) as door:
+        await enter(door, who)
+        for op, (fields, allowed) in ORDERS.items():
+            door.shows("wire_is_hooked", prompt_id="x")
+            answer = await door.order({"op": op, **fields}, press=op)
+            if who in allowed:
+                assert answer.json()["code"] == "desk.gone", (
+                    op
+                )  # it went to the desk, which does not run here
+            else:
+                assert answer.status_code == (401 if who == NOBODY else 403), op
+
+
+@pytest.mark.parametrize("who", [DEVICE, Role.VIEWER, Role.ADMIN])
+async def test_whoever_may_look_on_may_let_the_button_go(tmp_path: Path, who: str) -> None:
+    async with a_door(tmp_path) as door:
+        await enter(door, who)
+        answer = await door.order({"op": "hold", "held": False})
+        assert answer.json()["code"] == "desk.gone"
+
+
+@pytest.mark.parametrize("settings", [{"write_anyway": "it will do"}, {"limits": {"a": 1}}])
+async def test_a_technician_does_not_change_limits(tmp_path: Path, settings: dict[str, Any]) -> None:
+    async with a_door(tmp_path) as door:
+        start = {"op": "start", "procedure": "six_point_tcp", "settings": settings}
+        await enter(door, Role.TECHNICIAN)
+        assert (await door.order(start)).json()["code"] == "people.role"
+        await enter(door, Role.ENGINEER)
+        assert (await door.order(start)).json()["code"] == "desk.gone"
+
+
+async def test_a_run_may_be_looked_for_by_any_name_and_nothing_else_is_found(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await enter(door, Role.ENGINEER)
+        for name in (
+            "..%2f..%2fetc%2fpasswd",
+            "%2e%2e",
+            "x%00",
+            "<script>alert(1)</script>",
+            "'; DROP TABLE run;--",
+        ):
+            answer = await door.client.get(f"{ORIGIN}/api/runs/{name}/certificate.json")
+            assert answer.status_code in (404, 422), name
+            assert answer.headers["content-type"] == "application/json"

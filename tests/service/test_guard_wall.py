@@ -1,0 +1,307 @@
+"""The wall on loopback: other names, other pages, forged posts, tricks in paths, floods; and the headers."""
+
+import asyncio
+import contextlib
+import json
+import re
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+import uvicorn
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+
+from service.web.guard import HEADERS, MOST_BYTES, Budget, Guard
+from service.web.pages import DIST
+from tests.service.doors import ORIGIN, Clock, Door, Tablet, a_door, another_browser
+
+STOP = {"id": "1", "rev": 1, "order": {"op": "stop"}}
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "127.0.0.1.evil.example",
+        "localhost.evil.example:8470",
+        "",
+        "127.0.0.1@evil.example",
+        "10.0.0.7",
+        "[::2]:80",
+        "0.0.0.0",
+    ],
+)
+async def test_other_names_are_not_answered_on_loopback_either(tmp_path: Path, host: str) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        answer = await door.client.get("/api/session", headers={"host": host})
+        assert (answer.status_code, answer.json()["code"]) == (421, "guard.host")
+
+
+@pytest.mark.parametrize(
+    "host", ["127.0.0.1:9", "localhost", "LOCALHOST:8470", "[::1]:8470", "127.3.2.1", "cell7.plant"]
+)
+async def test_its_own_names_are_answered(tmp_path: Path, host: str) -> None:
+    async with a_door(tmp_path, allowed_hosts=("cell7.plant",)) as door:
+        assert (await door.client.get("/api/sign-in", headers={"host": host})).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "https://evil.example"},
+        {"origin": "null"},
+        {"origin": "http://127.0.0.1:9999"},  # another program of this computer
+        {"origin": "https://127.0.0.1"},
+        {"origin": "http://127.0.0.1.evil.example"},
+        {"sec-fetch-site": "cross-site"},
+        {"sec-fetch-site": "same-site"},
+        {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate"},  # a form of another page
+    ],
+)
+async def test_a_page_of_another_address_orders_nothing(tmp_path: Path, headers: dict[str, str]) -> None:
+    async with a_door(tmp_path, people=False) as door:
+        await door.from_console()
+        answer = await door.client.post("/api/commands", json=STOP, headers=headers)
+        assert (answer.status_code, answer.json()["code"]) == (403, "guard.origin")
+        own = await door.client.post("/api/commands", json=STOP, headers={"origin": ORIGIN})
+        assert own.json()["code"] == "desk.gone"
+
+
+@pytest.mark.parametrize(
+    "kind", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", ""]
+)
+async def test_what_a_form_can_send_is_not_taken(tmp_path: Path, kind: str) -> None:
+    async with a_door(tmp_path, people=False) as door:
+        await door.from_console()
+        answer = await door.client.post(
+            "/api/commands", content=json.dumps(STOP), headers={"content-type": kind}
+        )
+        assert answer.status_code == 415
+
+
+async def test_no_other_site_is_told_that_it_may_read(tmp_path: Path) -> None:
+    async with a_door(tmp_path, people=False) as door:
+        await door.from_console()
+        asked = {"origin": "https://evil.example", "access-control-request-method": "POST"}
+        for answer in (
+            await door.client.options("/api/commands", headers=asked),
+            await door.client.get("/api/session", headers={"origin": "https://evil.example"}),
+        ):
+            assert answer.status_code == 403
+            assert not any(name.startswith("access-control") for name in answer.headers)
+
+
+async def test_the_cookie_stays_with_the_browser_and_the_site(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        cookie = (await door.from_console()).headers["set-cookie"].lower()
+        assert {"httponly", "samesite=strict", "path=/", "max-age=43200"} <= set(cookie.split("; "))
+        assert "domain" not in cookie
+    async with a_door(tmp_path, people=False, tls=True) as door:
+        cookie = (await door.from_console()).headers["set-cookie"]
+        assert cookie.startswith("__Host-cellcal")
+        assert "secure" in cookie.lower()
+
+
+async def test_a_long_body_and_one_that_says_a_false_length_are_refused(tmp_path: Path) -> None:
+    async with a_door(tmp_path, people=False) as door:
+        await door.from_console()
+
+        async def without_end() -> AsyncIterator[bytes]:
+            for _ in range(MOST_BYTES // 65536 + 2):
+                yield b" " * 65536
+
+        answer = await door.client.post(
+            "/api/commands", content=without_end(), headers={"content-type": "application/json"}
+        )
+        assert answer.status_code == 413
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/../pyproject.toml",
+        "/%2e%2e/pyproject.toml",
+        "/assets/..%2f..%2f..%2fpyproject.toml",
+        "/assets/%252e%252e/x",
+        "//etc/passwd",
+        "/assets/..%5c..%5cx",
+        "/api/../api/session",
+        "/x%00.html",
+        "/assets/.%2e/index.html",
+        "/%0d%0aX: y",
+    ],
+)
+async def test_no_path_leads_out(tmp_path: Path, path: str) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        scope = {
+            "type": "http", "method": "GET", "path": path, "raw_path": path.encode(), "query_string": b"",
+            "headers": [(b"host", b"127.0.0.1")], "server": ("127.0.0.1", 80), "client": ("127.0.0.1", 1),
+            "scheme": "http", "http_version": "1.1", "root_path": "", "asgi": {"version": "3.0"},
+        }  # fmt: skip
+        told: list[dict[str, object]] = []
+
+        async def send(message: object) -> None:
+            told.append(dict(message))  # type: ignore[call-overload]
+
+        async def receive() -> dict[str, object]:
+            return {"type": "http.request", "body": b"", "more_body": False}
+
+        await door.app(scope, receive, send)  # httpx would tidy the path up
+        assert told[0]["status"] == 404
+        assert b"project" not in bytes(told[1]["body"])  # type: ignore[call-overload]
+
+
+async def test_unknown_paths_tell_nobody_anything(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        for path in (
+            "/openapi.json",
+            "/docs",
+            "/redoc",
+            "/metrics",
+            "/api/nothing",
+            "/.env",
+            "/assets/nothing.js",
+        ):
+            assert (await door.client.get(path)).status_code == 401, path
+
+
+async def test_every_answer_has_the_headers_even_a_refusal_and_a_fault(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+
+        async def break_down() -> None:
+            raise RuntimeError("secret of the program")
+
+        door.app.router.routes.insert(0, _route("/api/broken", break_down))
+        refused = await door.client.get("/api/session")
+        await door.from_console()
+        broken = await door.client.get("/api/broken")
+        missing = await door.client.get("/api/nothing")
+        good = await door.client.get("/api/session")
+        assert [a.status_code for a in (refused, broken, missing, good)] == [401, 500, 404, 200]
+        for answer in (refused, broken, missing, good):
+            assert {name: answer.headers[name] for name in HEADERS} == dict(HEADERS)
+            assert answer.headers["cache-control"] == "no-store"
+            assert "secret" not in answer.text
+            assert "Traceback" not in answer.text
+
+
+def _route(path: str, endpoint: object) -> object:
+    from fastapi.routing import APIRoute
+
+    return APIRoute(path, endpoint)  # type: ignore[arg-type]
+
+
+async def test_a_document_made_here_runs_no_script(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        from starlette.responses import HTMLResponse
+
+        async def page() -> HTMLResponse:
+            return HTMLResponse("<script>alert(1)</script>")
+
+        door.app.router.routes.insert(0, _route("/api/page", page))
+        await door.from_console()
+        policy = (await door.client.get("/api/page")).headers["content-security-policy"]
+        assert policy.startswith("sandbox; default-src 'none'")
+        assert "script-src" not in policy
+
+
+def test_the_built_pages_need_nothing_that_the_policy_forbids() -> None:
+    pages = list(DIST.glob("*.html"))
+    for page in pages:
+        text = page.read_text(encoding="utf-8")
+        assert not re.search(r"<script(?![^>]*\bsrc=)", text), "an inline script"
+        assert not re.search(r"\son\w+=|\sstyle=|<style", text)
+        assert not re.search(r"(?:src|href)=\"(?:https?:)?//", text)
+
+
+async def test_a_flood_waits_and_a_stop_still_gets_through(tmp_path: Path) -> None:
+    few = {kind: Budget(burst=5.0, rate_hz=1.0, clock=Clock()) for kind in ("sign-in", "orders", "else")}
+    async with a_door(tmp_path, people=False) as door:
+        door.app.add_middleware(Guard, pages=frozenset(), budgets=few)
+        await door.from_console()
+        flood = [(await door.client.get("/api/sign-in")).status_code for _ in range(6)]
+        assert flood == [200, 200, 200, 200, 429, 429]
+        assert (await door.client.post("/api/commands", json=STOP)).json()["code"] == "desk.gone"
+
+
+def test_a_budget_fills_again_and_is_each_address_s_own() -> None:
+    clock = Clock()
+    budget = Budget(burst=3.0, rate_hz=1.0, clock=clock)
+    assert [budget.spend("a") for _ in range(4)] == [True, True, True, False]
+    assert budget.spend("b")
+    clock.pass_by(1.0)
+    assert [budget.spend("a") for _ in range(2)] == [True, False]
+    for number in range(10000):
+        clock.pass_by(0.01)
+        budget.spend(str(number))
+    assert len(budget._left) < 5000
+
+
+@asynccontextmanager
+async def listening(door: Door) -> AsyncIterator[str]:
+    """The same service on a real socket, without its desk."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{taken.getsockname()[1]}"
+        server = uvicorn.Server(
+            uvicorn.Config(door.app, lifespan="off", ws="websockets-sansio", log_level="critical")
+        )
+        serving = asyncio.create_task(server.serve(sockets=[taken]))
+        try:
+            async with asyncio.timeout(20.0):
+                while not server.started:
+                    await asyncio.sleep(0.01)
+            yield address
+        finally:
+            server.should_exit = True
+            await serving
+
+
+async def test_a_screen_needs_a_session_and_its_own_page(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door, listening(door) as address:
+        url = f"ws://{address}/api/screen"
+        with pytest.raises(InvalidStatus):
+            await connect(url)
+        async with httpx.AsyncClient(base_url=f"http://{address}") as client:
+            token = door.entrance.console_token()
+            await client.get("/api/sign-in/console", params={"token": token})
+            known = {"cookie": "; ".join(f"{name}={value}" for name, value in client.cookies.items())}
+        with pytest.raises(InvalidStatus):
+            await connect(url, additional_headers=known, origin="http://evil.example")
+        with pytest.raises(InvalidStatus):
+            await connect(url, additional_headers=known | {"host": f"evil.example:{address.split(':')[1]}"})
+        async with connect(url, additional_headers=known, origin=f"http://{address}"):
+            pass
+
+
+async def test_a_screen_of_a_revoked_device_sees_nothing_more(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door, listening(door) as address:
+        tablet = Tablet()
+        await tablet.enrol(door)
+        port = int(address.split(":")[1])
+        token = door.entrance.sessions.begin(tablet.id)
+        cookie = {"cookie": f"cellcal-{port}={token}"}
+        async with connect(f"ws://{address}/api/screen", additional_headers=cookie) as screen:
+            door.entrance.register.revoke(tablet.id, "test")
+            await screen.send('{"op": "hold", "held": false}')
+            with pytest.raises(ConnectionClosed):
+                async with asyncio.timeout(20.0):
+                    await screen.recv()
+
+
+async def test_a_second_cell_on_this_computer_signs_nobody_out(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        names = set()
+        for port in (8470, 8471):
+            async with another_browser(door.app, f"http://127.0.0.1:{port}") as client:
+                token = door.entrance.console_token()
+                await client.get("/api/sign-in/console", params={"token": token})
+                with contextlib.suppress(KeyError):
+                    names |= set(client.cookies)
+        assert len(names) == 2

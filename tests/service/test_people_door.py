@@ -1,0 +1,393 @@
+"""Signing in: tokens and challenges once, PINs rarely, sessions for a while; and what an approval takes."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.people.errors import NotAllowedError, NotSignedInError, WrongSecretError
+from service.people.roles import Role
+from tests.service.doors import PINS, Clock, Tablet, a_door, another_browser, url64
+
+# what people try to put into names, notes and settings
+XSS = [
+    "<script>alert(1)</script>",
+    '"><img src=x onerror=alert(1)>',
+    "<svg/onload=alert(1)>",
+    "javascript:alert(1)",
+    "{{constructor.constructor('alert(1)')()}}",
+    "';alert(1)//",
+    "</title><script>alert(1)</script>",
+    "&lt;script&gt;alert(1)&lt;/script&gt;",
+]
+
+
+async def test_before_people_are_set_up_the_console_is_the_technician(tmp_path: Path) -> None:
+    async with a_door(tmp_path, people=False) as door:
+        assert (await door.client.get("/api/session")).status_code == 401
+        await door.from_console()
+        told = (await door.client.get("/api/session")).json()["person"]
+        assert (told["name"], told["role"]) == ("local technician", "technician")
+        assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
+
+
+async def test_the_console_s_address_works_once_and_a_new_one_is_shown(tmp_path: Path) -> None:
+    shown: list[str] = []
+    async with a_door(tmp_path, people=False) as door:
+        door.entrance.on_console_token = shown.append
+        token = door.entrance.console_token()
+        first = await door.client.get("/api/sign-in/console", params={"token": token})
+        assert (first.status_code, first.headers["location"]) == (303, "/")
+        async with another_browser(door.app) as other:
+            for used in (token, "", "x" * 43):
+                answer = await other.get("/api/sign-in/console", params={"token": used})
+                assert answer.status_code in (403, 422)
+                assert not other.cookies
+            assert len(shown) == 1
+            assert (await other.get("/api/sign-in/console", params={"token": shown[0]})).status_code == 303
+
+
+async def test_once_people_are_set_up_the_console_alone_looks_on(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        assert (await door.client.get("/api/session")).json()["person"]["role"] == "viewer"
+        assert (await door.client.get("/api/sign-in")).json()["wanted"] == "person"
+        assert (await door.order({"op": "pause"})).json()["code"] == "people.role"
+        assert (await door.order({"op": "stop"})).json()["code"] == "desk.gone"
+        assert (await door.sign_in("Tom")).status_code == 200
+        assert (await door.client.get("/api/sign-in")).json()["wanted"] == "nothing"
+        assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
+
+
+async def test_setting_people_up_ends_the_rights_of_whoever_sits_at_the_console(tmp_path: Path) -> None:
+    async with a_door(tmp_path, people=False) as door:
+        await door.from_console()
+        assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
+        door.entrance.register.add("Ada", Role.ADMIN, "kept", "test")
+        assert (await door.order({"op": "pause"}, press="2")).json()["code"] == "people.role"
+
+
+async def test_signing_in_changes_the_token_so_that_one_known_before_is_worth_nothing(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        before = dict(door.client.cookies)
+        await door.sign_in("Tom")
+        assert dict(door.client.cookies) != before
+        async with another_browser(door.app) as thief:
+            thief.cookies.update(before)
+            assert (await thief.get("/api/session")).status_code == 401
+        signed_in = dict(door.client.cookies)
+        assert (await door.post("/api/sign-in/leave", {})).status_code == 200
+        assert (await door.client.get("/api/session")).json()["person"]["role"] == "viewer"
+        async with another_browser(door.app) as thief:
+            thief.cookies.update(signed_in)
+            assert (await thief.get("/api/session")).status_code == 401
+
+
+async def test_a_pin_is_worth_nothing_on_a_device_that_is_not_enrolled(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        assert (await door.sign_in("Tom")).status_code == 401
+        assert not door.client.cookies
+
+
+# devices
+
+
+async def test_an_enrolled_device_comes_in_and_a_revoked_one_is_out_at_once(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        tablet = Tablet()
+        await tablet.enrol(door)
+        assert (await tablet.come_in(door)).status_code == 200
+        person = (await door.client.get("/api/session")).json()["person"]
+        assert (person["name"], person["role"]) == ("tablet 3", "viewer")
+        await door.sign_in("Emil")
+        assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
+        door.entrance.register.revoke(tablet.id, "test")
+        assert (await door.order({"op": "stop"}, press="2")).status_code == 401
+        assert (await tablet.come_in(door)).status_code == 403
+
+
+async def test_an_enrolment_is_used_once_and_within_ten_minutes(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        token = door.entrance.register.enrolment("tablet 3", "test")
+        given = {"token": token, "public_key": Tablet().spki}
+        assert (await door.post("/api/sign-in/devices", given)).status_code == 200
+        assert (await door.post("/api/sign-in/devices", given)).status_code == 403
+        late = door.entrance.register.enrolment("tablet 4", "test")
+        door.clock.pass_by(601.0)
+        assert (await door.post("/api/sign-in/devices", given | {"token": late})).status_code == 403
+        assert [device.name for device in door.entrance.register.devices()] == ["tablet 3"]
+
+
+async def test_a_proof_counts_once_for_this_address_and_for_a_minute(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        tablet, stranger = Tablet(), Tablet()
+        await tablet.enrol(door)
+
+        async def proof(**other: Any) -> int:
+            challenge = door.entrance.challenge()
+            door.clock.pass_by(other.pop("late_s", 0.0))
+            signature = other.pop("by", tablet).signature(challenge, other.pop("origin", "http://127.0.0.1"))
+            given = {"device": tablet.id, "challenge": challenge, "signature": signature} | other
+            status = (await door.post("/api/sign-in/device", given)).status_code
+            again = (await door.post("/api/sign-in/device", given)).status_code
+            assert again in (403, 422)
+            return status
+
+        assert await proof() == 200
+        assert await proof(by=stranger) == 403
+        assert await proof(late_s=61.0) == 403
+        assert await proof(origin="https://evil.example") == 403
+        assert await proof(challenge="x" * 43) == 403
+        assert await proof(device="unknown") == 403
+        for signature in ("", "x", url64(bytes(64)), url64(bytes(63)), url64(b"\xff" * 64), "é" * 10):
+            assert await proof(signature=signature) in (403, 422)
+
+
+@pytest.mark.parametrize("curve", ["P-384", "ed25519", "rsa", "text"])
+async def test_only_a_key_on_p_256_is_enrolled(tmp_path: Path, curve: str) -> None:
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric import ec, ed25519, rsa
+
+    makers: dict[str, Any] = {
+        "P-384": lambda: ec.generate_private_key(ec.SECP384R1()),
+        "ed25519": ed25519.Ed25519PrivateKey.generate,
+        "rsa": lambda: rsa.generate_private_key(65537, 1024),
+    }
+    raw = b"no key"
+    if curve in makers:
+        form = serialization.PublicFormat.SubjectPublicKeyInfo
+        raw = makers[curve]().public_key().public_bytes(serialization.Encoding.DER, form)
+    async with a_door(tmp_path) as door:
+        token = door.entrance.register.enrolment("tablet 3", "test")
+        assert (
+            await door.post("/api/sign-in/devices", {"token": token, "public_key": url64(raw)})
+        ).status_code == 403
+        assert door.entrance.register.devices() == ()
+
+
+# time
+
+
+async def test_a_screen_left_alone_shows_and_stops_and_wants_the_pin_for_the_rest(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        await door.sign_in("Tom")
+        for _ in range(3):  # whoever works is not locked out
+            door.clock.pass_by(290.0)
+            assert (await door.order({"op": "pause"})).json()["code"] == "desk.gone"
+        door.clock.pass_by(301.0)
+        told = (await door.client.get("/api/session")).json()["person"]
+        assert (told["name"], told["role"], told["locked"]) == ("Tom", "viewer", True)
+        for _ in range(2):  # asking does not unlock
+            assert (await door.order({"op": "go_on"})).json()["code"] == "people.pin"
+        assert (await door.order({"op": "stop"})).json()["code"] == "desk.gone"
+        assert (await door.client.get("/api/sign-in")).json()["wanted"] == "pin"
+        assert (await door.post("/api/sign-in/confirm", {"secret": "000000"})).status_code == 403
+        assert (await door.post("/api/sign-in/confirm", {"secret": PINS["Tina"]})).status_code == 403
+        assert (await door.post("/api/sign-in/confirm", {"secret": PINS["Tom"]})).status_code == 200
+        assert (await door.order({"op": "go_on"})).json()["code"] == "desk.gone"
+
+
+async def test_after_twelve_hours_a_session_is_over_however_much_it_was_used(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        await door.sign_in("Tom")
+        for _ in range(12 * 15):
+            door.clock.pass_by(239.0)
+            await door.order({"op": "pause"})
+        assert (await door.client.get("/api/session")).status_code == 200
+        door.clock.pass_by(12 * 15 + 1.0)
+        assert (await door.client.get("/api/session")).status_code == 401
+
+
+async def test_leaving_does_not_make_a_session_longer(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        for _ in range(4):
+            door.clock.pass_by(3 * 3600.0 + 1.0)
+            left = await door.post("/api/sign-in/leave", {})
+        assert left.status_code == 401
+
+
+async def test_a_new_pin_or_role_ends_what_was_signed_in_with_the_old(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        await door.sign_in("Tom")
+        door.entrance.register.reset("Tom", Role.VIEWER, "kept", "test")
+        assert (await door.order({"op": "pause"})).json()["code"] == "people.role"
+        await door.sign_in("Tina")
+        door.entrance.register.remove("Tina", "test")
+        assert (await door.order({"op": "pause"}, press="2")).json()["code"] == "people.role"
+        assert (await door.sign_in("Tina")).status_code == 403
+
+
+async def test_a_restart_asks_everybody_again_and_forgets_nobody(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        await door.sign_in("Tom")
+        tablet = Tablet()
+        await tablet.enrol(door)
+        kept = dict(door.client.cookies)
+    async with a_door(tmp_path / "again", people=False) as again:
+        again.entrance.data_dir = door.entrance.data_dir
+        again.entrance.register.path = door.entrance.register.path
+        again.client.cookies.update(kept)
+        assert (await again.client.get("/api/session")).status_code == 401
+        assert (await tablet.come_in(again)).status_code == 200
+        assert (await again.sign_in("Tom")).status_code == 200
+
+
+# guesses
+
+
+async def test_five_wrong_pins_then_one_an_hour_also_for_the_right_one(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        wrong = [(await door.sign_in("Tom", f"00000{n}")).status_code for n in range(6)]
+        assert wrong == [403] * 5 + [429]
+        assert (await door.sign_in("Tom")).json()["code"] == "people.wait"
+        assert (await door.client.get("/api/session")).status_code == 200
+        assert (await door.order({"op": "stop"})).json()["code"] == "desk.gone"
+        assert (await door.sign_in("Tina")).status_code == 200  # others are not locked out
+        door.clock.pass_by(3601.0)
+        assert (await door.sign_in("Tom", "000009")).status_code == 403
+        assert (await door.sign_in("Tom")).status_code == 429
+        door.clock.pass_by(3601.0)
+        assert (await door.sign_in("Tom")).status_code == 200
+        assert (await door.sign_in("Tom", "000000")).status_code == 403  # five anew
+        assert (await door.sign_in("Tom")).status_code == 200
+
+
+async def test_another_device_gives_no_more_guesses(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        for n in range(5):
+            await door.sign_in("Tom", f"00000{n}")
+        tablet = Tablet()
+        await tablet.enrol(door)
+        await tablet.come_in(door)
+        assert (await door.sign_in("Tom")).status_code == 429
+
+
+async def test_what_is_wrong_is_not_told_apart(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        answers = [await door.sign_in("Tom", "000000"), await door.sign_in("Nobody", "000000")]
+        assert answers[0].json() == answers[1].json()
+        assert [a.status_code for a in answers] == [403, 403]
+
+
+# approvals
+
+
+async def test_moves_are_approved_with_the_pin_just_entered(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        await door.sign_in("Tom")
+        assert (await door.order(door.shows("accept_plan"))).json()["code"] == "desk.gone"
+        door.clock.pass_by(121.0)
+        assert (await door.order(door.shows("wire_is_hooked"), press="2")).json()["code"] == "desk.gone"
+        answer = await door.order(door.shows("approve_move"), press="3")
+        assert (answer.status_code, answer.json()["code"]) == (401, "people.pin")
+        await door.post("/api/sign-in/confirm", {"secret": PINS["Tom"]})
+        assert (await door.order(door.shows("approve_move"), press="4")).json()["code"] == "desk.gone"
+
+
+@pytest.mark.parametrize("key", ["accept_mastering", "accept_tool", "accept_something_new"])
+async def test_a_controller_is_written_by_an_engineer_or_by_two(tmp_path: Path, key: str) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        await door.sign_in("Emil")
+        assert (await door.order(door.shows(key))).json()["code"] == "desk.gone"
+        await door.sign_in("Tom")
+        for press in ("2", "3"):  # one person twice is one person
+            answer = await door.order(door.shows(key), press=press)
+            assert (answer.status_code, answer.json()["code"]) == (409, "people.second_person")
+        await door.sign_in("Tina")
+        assert (await door.order(door.shows(key), press="4")).json()["code"] == "desk.gone"
+
+
+async def test_a_first_approval_is_for_that_question_only(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        await door.sign_in("Tom")
+        await door.order(door.shows("accept_tool"))
+        await door.sign_in("Tina")
+        other = await door.order(door.shows("accept_tool", rev=2, prompt_id="run:2"), rev=2, press="2")
+        assert other.json()["code"] == "people.second_person"
+
+
+async def test_a_yes_to_what_is_not_shown_is_not_passed_on(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        await door.sign_in("Tom")
+        yes = door.shows("wire_is_hooked", rev=7)
+        for order, rev in ((yes, 8), (yes | {"prompt_id": "run:2"}, 7)):
+            answer = await door.order(order, rev=rev)
+            assert (answer.status_code, answer.json()["code"]) == (409, "desk.stale")
+        assert (await door.order(yes, rev=7)).json()["code"] == "desk.gone"
+        door.shows("accept_mastering", rev=9, prompt_id="run:3")
+        assert (await door.order(yes, rev=7)).json()["code"] == "desk.gone"  # the same press, sent again
+        assert (await door.order(yes, rev=7, press="other")).json()["code"] == "desk.stale"
+
+
+def test_in_whose_name_an_order_goes_to_the_desk() -> None:
+    from service.desk.messages import AnswerIt, Pause
+    from service.people.entrance import LOCAL_PERSON, Person
+    from service.people.errors import SecondPersonError
+    from service.people.permits import Permits
+
+    session = {"rev": 1, "prompt": {"id": "a", "key": "accept_mastering"}}
+    yes = AnswerIt(op="answer", prompt_id="a")
+    tom, tina = (Person(name, Role.TECHNICIAN, fresh_pin=True) for name in ("Tom", "Tina"))
+    permits = Permits()
+    assert permits.granted(tom, "1", 1, Pause(op="pause"), session) == "Tom"
+    with pytest.raises(SecondPersonError):
+        permits.granted(tom, "2", 1, yes, session)
+    assert permits.granted(tina, "3", 1, yes, session) == "Tom and Tina"
+    assert permits.granted(LOCAL_PERSON, "4", 1, yes, session) == "local technician"
+    with pytest.raises(NotAllowedError):
+        permits.granted(Person("Ada", Role.ADMIN, fresh_pin=True), "5", 1, yes, session)
+
+
+# what people write
+
+
+@pytest.mark.parametrize("text", XSS)
+async def test_what_people_write_comes_back_as_json_only(tmp_path: Path, text: str) -> None:
+    async with a_door(tmp_path) as door:
+        door.entrance.register.add(text, Role.TECHNICIAN, "kept", "test")
+        await door.from_console()
+        dry = {"procedure": text, "settings": {text: text}}
+        for answer in (
+            await door.client.get("/api/sign-in/people"),
+            await door.sign_in(text, text),
+            await door.post("/api/dry-runs", dry),
+            await door.post("/api/dry-runs", dry | {"procedure": "mastering_record"}),
+            await door.order({"op": text}),
+            await door.client.get("/api/trend", params={"procedure": text, "robot_serial": text}),
+            await door.client.get("/api/runs/" + text.replace("/", "%2f")),
+        ):
+            assert answer.headers["content-type"] == "application/json"
+            assert answer.headers["x-content-type-options"] == "nosniff"
+            assert answer.status_code < 500
+            answer.json()
+
+
+async def test_open_access_is_for_demos(tmp_path: Path) -> None:
+    async with a_door(tmp_path, people=False, open_access=True) as door:
+        assert (await door.client.get("/api/session")).json()["person"]["name"] == "local technician"
+        other_page = await door.client.get("/api/session", headers={"origin": "http://evil.example"})
+        assert other_page.status_code == 403
+
+
+def test_who_is_unknown_is_told_so(tmp_path: Path) -> None:
+    from service.people.entrance import Entrance
+
+    entrance = Entrance(tmp_path, clock=Clock(), wall_clock=Clock())
+    for token in (None, "", "x", "x" * 5000):
+        with pytest.raises(NotSignedInError):
+            entrance.present(token)
+    with pytest.raises(WrongSecretError):
+        entrance.from_console("anything")
