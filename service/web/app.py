@@ -17,7 +17,7 @@ from service.configuration.cell_file import CellConfig, read_cell_file
 from service.people.entrance import Entrance
 from service.people.errors import PeopleError
 from service.people.permits import Permits
-from service.web import commands, history, outlook, screen, sign_in
+from service.web import commands, history, models, outlook, points, screen, sign_in
 from service.web.guard import Guard
 from service.web.link import DeskGoneError, DeskLink
 from service.web.pages import add_pages, page_paths
@@ -85,7 +85,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.house = house
     app.add_exception_handler(CellError, _told)
     app.add_exception_handler(RequestValidationError, _not_understood)
-    rooms = (screen, commands, outlook, history, sign_in)
+    rooms = (screen, commands, outlook, history, sign_in, models, points)
     for router in (room.router for room in rooms):
         app.include_router(router, prefix="/api")
     add_pages(app)

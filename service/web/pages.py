@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from fastapi import FastAPI
+from fastapi.middleware.gzip import GZipMiddleware
 from fastapi.responses import PlainTextResponse
 from fastapi.staticfiles import StaticFiles
 
@@ -22,7 +23,9 @@ def page_paths() -> frozenset[str]:
 def add_pages(app: FastAPI) -> None:
     """Serve the pages at the root; say how to build them where they are missing."""
     if (DIST / "index.html").is_file():
-        app.mount("/", StaticFiles(directory=DIST, html=True), name="pages")
+        app.mount(
+            "/", GZipMiddleware(StaticFiles(directory=DIST, html=True), minimum_size=1000), name="pages"
+        )
     else:
         app.add_api_route(
             "/", lambda: PlainTextResponse(_NOT_BUILT, status_code=503), include_in_schema=False

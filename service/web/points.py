@@ -1,0 +1,117 @@
+"""What a run measured, point by point: each reading, why some were not used, and the errors that are left."""
+
+import asyncio
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Request
+
+from service.configuration.cell_file import CellConfig
+from service.web.door import Who, house_of
+
+router = APIRouter()
+RunId = Annotated[str, Path(max_length=128)]
+
+ERRORS, SPREAD = "errors", "spread"
+
+
+@dataclass(frozen=True, slots=True)
+class PointSeen:
+    """One dot."""
+
+    name: str
+    value_m: float  # not below zero
+    used: bool
+    reason: str  # why it was not used
+
+
+@dataclass(frozen=True, slots=True)
+class SeriesSeen:
+    """One plot. ``kind``: ``errors`` that the result leaves, or the ``spread`` of each reading's samples."""
+
+    kind: str
+    what: str
+    points: tuple[PointSeen, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingSeen:
+    """One reading as it was taken, in the journal's order."""
+
+    step: str
+    at_utc: str
+    used: bool
+    reason: str
+    length_m: float | None  # mean of its samples, where it is a length
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class RunPoints:
+    """All points of one run."""
+
+    readings: tuple[ReadingSeen, ...]
+    series: tuple[SeriesSeen, ...]
+
+
+@router.get("/runs/{run_id}/points")
+async def points(run_id: RunId, request: Request, who: Who) -> RunPoints:
+    """Return what a run measured, those readings too that were not used, and the errors that its result leaves."""
+    del who
+    return await asyncio.to_thread(points_of, house_of(request).config, run_id)
+
+
+def points_of(config: CellConfig, run_id: str) -> RunPoints:
+    """Return the points of one run; ``last`` is the newest.
+
+    Raises
+    ------
+    CellError
+        There is no such run.
+    """
+    from service.certificates.points import readings  # noqa: PLC0415  # heavy: not at the start of the service
+    from service.runs.cell import open_journal  # noqa: PLC0415  # heavy, as above
+    from service.runs.store import Store  # noqa: PLC0415  # heavy, as above
+
+    with open_journal(config) as journal:
+        store = Store(journal)
+        view = store.run(store.newest(run_id))
+        events = journal.events(view.run_id)
+    aside = {told["step"]: told["reason"] for told in (view.judgement or {}).get("set_aside", [])}
+    taken = readings(events, aside)
+    spreads = tuple(_spread(reading) for reading in taken if len(_samples(reading)) > 1)
+    found = (*_errors(view.result), *((SeriesSeen(SPREAD, "", spreads),) if spreads else ()))
+    return RunPoints(tuple(_reading(each) for each in taken), found)
+
+
+def _errors(result: Any) -> Iterator[SeriesSeen]:
+    from service.certificates.pictures import errors_in  # noqa: PLC0415  # heavy, as above
+
+    for errors in errors_in(result):
+        names = [*errors.names, *(str(i + 1) for i in range(len(errors.names), len(errors.values_m)))]
+        dots = (
+            PointSeen(name, value, used=True, reason="")
+            for name, value in zip(names, errors.values_m, strict=True)
+        )
+        yield SeriesSeen(ERRORS, errors.what, tuple(dots))
+
+
+def _reading(told: Mapping[str, Any]) -> ReadingSeen:
+    samples = _samples(told)
+    mean = sum(samples) / len(samples) if samples else None
+    return ReadingSeen(told["step"], told["at_utc"], told["used"], told["reason"], mean, len(samples))
+
+
+def _spread(told: Mapping[str, Any]) -> PointSeen:
+    """Return by how much the farthest sample differs from the mean of its reading."""
+    samples = _samples(told)
+    mean = sum(samples) / len(samples)
+    farthest = max(abs(sample - mean) for sample in samples)
+    return PointSeen(told["step"], farthest, told["used"], told["reason"])
+
+
+def _samples(told: Mapping[str, Any]) -> list[float]:
+    value = told.get("value")
+    samples = value.get("readings_m", []) if isinstance(value, dict) else []
+    return [float(sample) for sample in samples]
