@@ -132,6 +132,7 @@ class Cell:
     tool_frames: ToolFrameStore | None = None
     user_frames: UserFrameStore | None = None
     frames: KnowsActiveFrames | None = None
+    named_frames: ActiveFrames = field(default_factory=ActiveFrames)  # what the cell file wants active
     gauge: DistanceGauge | None = None
     gauge_setup: GaugeSetup | None = None
     tracker: Tracker | None = None

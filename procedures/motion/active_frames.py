@@ -45,6 +45,33 @@ async def same_frames(cell: Cell) -> None:
         )
 
 
+def refuse_unnamed(named: ActiveFrames, now: ActiveFrames | None) -> None:
+    """Hold, before a run begins, that what is active is what the cell file names.
+
+    Raises
+    ------
+    FramesChangedError
+        Something else is active, or the robot does not tell what the file wants to be compared.
+    """
+    told_now = now or ActiveFrames()
+    for what, want, found in (
+        ("tool_number", named.tool_number, told_now.tool_number),
+        ("user_frame_number", named.user_frame_number, told_now.user_frame_number),
+        ("payload_kg", named.payload_kg, told_now.payload_kg),
+    ):
+        if want is not None and found is None:
+            raise FramesChangedError(
+                f"the cell file names {what} {want}, and this robot does not tell it",
+                remedy=f"Take {what} out of [robot.active], and look on the pendant yourself.",
+            )
+    changed = changes(named, told_now)
+    if changed:
+        raise FramesChangedError(
+            f"the robot does not work with what the cell file names: {told(changed)}",
+            remedy=cure(changed, "start again"),
+        )
+
+
 def changes(was: ActiveFrames, now: ActiveFrames) -> tuple[Change, ...]:
     """Return each difference as a sentence, and what undoes it. What one of them does not tell is no difference."""
     found = (
@@ -61,10 +88,10 @@ def told(changed: Iterable[Change]) -> str:
     return "; ".join(sentence for sentence, _ in changed)
 
 
-def cure(changed: Iterable[Change]) -> str:
+def cure(changed: Iterable[Change], then: str = "resume") -> str:
     """Return what a technician does about the differences."""
     words = ", ".join(undo for _, undo in changed)
-    return f"{words[:1].upper()}{words[1:]}, then resume."
+    return f"{words[:1].upper()}{words[1:]}, then {then}."
 
 
 def untold(frames: ActiveFrames | None) -> tuple[str, ...]:
@@ -82,7 +109,7 @@ def untold(frames: ActiveFrames | None) -> tuple[str, ...]:
 def _selected(what: str, was: int | None, now: int | None) -> Change | None:
     if was is None or now is None or was == now:
         return None
-    return f"{what} {was} was active, {what} {now} is now", f"select {what} {was} on the pendant again"
+    return f"{what} {now} is active, and not {what} {was}", f"select {what} {was} on the pendant again"
 
 
 def _edited(was: ActiveFrames, now: ActiveFrames) -> Change | None:
@@ -91,14 +118,14 @@ def _edited(was: ActiveFrames, now: ActiveFrames) -> Change | None:
         return None
     name = "the active tool" if was.tool_number is None else f"tool {was.tool_number}"
     undo = f"set {name} to {_place(before)} on the pendant again"
-    return f"{name} was at {_place(before)}, it is at {_place(after)} now", undo
+    return f"{name} is at {_place(after)}, and not at {_place(before)}", undo
 
 
 def _loaded(was: float | None, now: float | None) -> Change | None:
     if was is None or now is None or abs(was - now) <= PAYLOAD_KG:
         return None
     return (
-        f"the payload was {was:.3f} kg, it is {now:.3f} kg now",
+        f"the payload is {now:.3f} kg, and not {was:.3f} kg",
         f"set the payload to {was:.3f} kg on the pendant again",
     )
 

@@ -1,15 +1,18 @@
-"""What a robot's table of the cell file says about motion: who moves it, and the shapes of arm and cell."""
+"""What a robot's table of the cell file says about motion: who moves it, shapes, and what must be active."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
 from calibration.errors import CellError
+from drivers.interfaces import ActiveFrames
 from procedures.cell import MotionLevel
 from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
 from service.configuration.cell_shapes import check_shapes, surroundings_of
 
-MOTION_KEYS = ("motion", "space")  # of [[robot]]; no driver knows them
+MOTION_KEYS = ("motion", "space", "active")  # of [[robot]]; no driver knows them
 
 
 @dataclass(frozen=True)
@@ -18,10 +21,21 @@ class RobotMotion:
 
     level: MotionLevel = MotionLevel.OBSERVE
     surroundings: Surroundings = NOTHING_KNOWN
+    active: ActiveFrames = field(default_factory=ActiveFrames)
+
+
+class ActiveTable(BaseModel):
+    """[robot.active]: what must be selected on the controller when a run begins."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    tool_number: int | None = Field(default=None, ge=0, le=99)
+    user_frame_number: int | None = Field(default=None, ge=0, le=99)
+    payload_kg: float | None = Field(default=None, ge=0, le=10_000)
 
 
 def read_motion(table: Mapping[str, Any], where: str, faults: list[tuple[str, str]]) -> RobotMotion:
-    """Read both keys of a robot's table; what is wrong is added to ``faults``."""
+    """Read these keys of a robot's table; what is wrong is added to ``faults``."""
     level, space = table.get("motion", MotionLevel.OBSERVE.value), table.get("space", {})
     levels = [one.value for one in MotionLevel]
     if level not in levels:
@@ -30,7 +44,17 @@ def read_motion(table: Mapping[str, Any], where: str, faults: list[tuple[str, st
     if not isinstance(space, dict):
         faults.append((f"{where}.space", "is written as [robot.space]"))
         space = {}
-    return RobotMotion(MotionLevel(level), _surroundings(table, space, f"{where}.space", faults))
+    surroundings = _surroundings(table, space, f"{where}.space", faults)
+    return RobotMotion(MotionLevel(level), surroundings, _active(table, f"{where}.active", faults))
+
+
+def _active(table: Mapping[str, Any], where: str, faults: list[tuple[str, str]]) -> ActiveFrames:
+    try:
+        named = ActiveTable.model_validate(table.get("active", {}))
+    except ValidationError as error:
+        faults += [(".".join((where, *map(str, one["loc"]))), one["msg"]) for one in error.errors()]
+        return ActiveFrames()
+    return ActiveFrames(named.tool_number, None, named.user_frame_number, named.payload_kg)
 
 
 def _surroundings(

@@ -151,6 +151,7 @@ def _lend(
         tool_frames=cast(ToolFrameStore, arm) if can.writes_tool_frame else None,
         user_frames=cast(UserFrameStore, arm) if can.writes_user_frame else None,
         frames=cast(KnowsActiveFrames, arm) if can.tells_active_frames else None,
+        named_frames=motion.active,
         gauge=gauge,
         gauge_setup=None if at is None else _setup(at),
         model=load_model(entry.model),

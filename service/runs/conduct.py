@@ -19,7 +19,7 @@ from procedures.canonical import alike
 from procedures.catalogue import entry_named
 from procedures.cell import Cell, Fingerprint, MotionMemory, fingerprint
 from procedures.entry import Entry, Phase, refuse_unmet
-from procedures.motion.active_frames import changes, cure, told, untold
+from procedures.motion.active_frames import changes, cure, refuse_unnamed, told, untold
 from procedures.past import Kind, Past
 from procedures.progress import Gate, Progress, ignore
 from procedures.run import (
@@ -112,6 +112,8 @@ async def run_procedure(
         The cell lacks something; nothing was started.
     LeaseHeldError
         Another run has this robot.
+    FramesChangedError
+        Another tool, user frame or payload is active than the cell file names.
     StoreError
         The journal is damaged, or the disk has no room for a run.
     """
@@ -123,6 +125,7 @@ async def run_procedure(
     serial = (await cell.robot.identify()).serial
     with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
         mark = await fingerprint(cell)
+        refuse_unnamed(cell.named_frames, mark.active_frames)
         cell = permitted(cell, held, mark)
         header = {
             "procedure": entry.name,

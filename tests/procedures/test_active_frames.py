@@ -21,6 +21,7 @@ from procedures.steps.measure_point import measure_point
 from procedures.steps.place import visit_place
 from procedures.steps.teach import teach
 from procedures.steps.write import write_and_read_back
+from service.configuration.motion_config import read_motion
 from service.runs.conduct import Conditions, Verdict, resume, run_procedure
 from service.runs.journal import Journal
 from service.runs.store import Store
@@ -62,20 +63,20 @@ def load(arm: IdealArm) -> None:
 
 
 HAPPENINGS = [
-    (switch, "tool 1 was active, tool 3 is now", "Select tool 1 on the pendant again, then resume."),
+    (switch, "tool 3 is active, and not tool 1", "Select tool 1 on the pendant again, then resume."),
     (
         edit,
-        r"tool 1 was at x 0.000, y 0.000, z 0.000 mm .*, it is at x 10.000, y 0.000, z 120.000 mm",
+        r"tool 1 is at x 10.000, y 0.000, z 120.000 mm .*, and not at x 0.000, y 0.000, z 0.000 mm",
         "Set tool 1",
     ),
     (
         select_frame,
-        "user frame 0 was active, user frame 4 is now",
+        "user frame 4 is active, and not user frame 0",
         "Select user frame 0 on the pendant again",
     ),
     (
         load,
-        "the payload was 1.500 kg, it is 1.800 kg now",
+        "the payload is 1.800 kg, and not 1.500 kg",
         "Set the payload to 1.500 kg on the pendant again",
     ),
 ]
@@ -123,7 +124,7 @@ async def test_no_capture_with_a_foreign_tool(captured: Callable[[Cell], object]
     made = standing()
     await captured(made.cell)  # type: ignore[misc]
     switch(made.arm)
-    with pytest.raises(FramesChangedError, match="tool 1 was active, tool 3 is now"):
+    with pytest.raises(FramesChangedError, match="tool 3 is active, and not tool 1"):
         await captured(made.cell)  # type: ignore[misc]
     made.arm.active_tool = 1
     await captured(made.cell)  # type: ignore[misc]
@@ -173,7 +174,7 @@ async def test_a_switch_in_a_run_is_refused_and_the_points_are_kept(journal: Jou
     )
     kept = Store(journal).run(outcome.run_id).past.findings
     assert "capture 4" in [finding.step for finding in kept]
-    with pytest.raises(ReplayMismatchError, match="tool 1 was active, tool 3 is now") as refused:
+    with pytest.raises(ReplayMismatchError, match="tool 3 is active, and not tool 1") as refused:
         await resume(made.cell, outcome.run_id, journal, how=QUICK)
     assert refused.value.remedy == "Select tool 1 on the pendant again, then resume."
     made.arm.active_tool = 1
@@ -231,11 +232,50 @@ def test_only_what_both_tell_is_compared() -> None:
     assert changes(known, known) == changes(known, ActiveFrames()) == changes(ActiveFrames(), known) == ()
     assert changes(known, replace(known, payload_kg=1.5004)) == ()
     both = changes(known, ActiveFrames(5, Pose((0.0, 0.0, 0.0)), 2, 1.5))
-    assert told(both) == "tool 3 was active, tool 5 is now; user frame 0 was active, user frame 2 is now"
+    assert told(both) == "tool 5 is active, and not tool 3; user frame 2 is active, and not user frame 0"
     assert cure(both) == (
         "Select tool 3 on the pendant again, select user frame 0 on the pendant again, then resume."
     )
     nameless = changes(replace(known, tool_number=None), ActiveFrames(None, Pose((0.0, 0.0, 0.1))))
-    assert told(nameless).startswith("the active tool was at x 10.000, y 0.000, z 120.000 mm")
+    assert told(nameless).startswith("the active tool is at x 0.000, y 0.000, z 100.000 mm")
     assert untold(known) == ()
     assert untold(replace(known, tool_number=None)) == ()
+
+
+async def test_no_run_begins_with_another_tool_than_the_cell_file_names(journal: Journal) -> None:
+    made = pointing()
+    cell = replace(made.cell, named_frames=ActiveFrames(3, payload_kg=1.5))
+    with pytest.raises(
+        FramesChangedError, match="the cell file names: tool 1 is active, and not tool 3"
+    ) as refused:
+        await run_procedure(cell, "three_point_frame", made.spec, journal, how=QUICK)
+    assert refused.value.remedy == "Select tool 3 on the pendant again, then start again."
+    assert journal.events() == []
+    made.arm.active_tool = 3
+    outcome = await run_procedure(cell, "three_point_frame", made.spec, journal, how=QUICK)
+    assert outcome.verdict is Verdict.PASSED
+
+
+async def test_what_the_cell_file_names_must_be_told_by_the_robot(journal: Journal) -> None:
+    made = pointing()
+    made.arm.payload_kg = None
+    for lent in (made.cell, replace(made.cell, frames=None)):
+        cell = replace(lent, named_frames=ActiveFrames(payload_kg=1.5))
+        with pytest.raises(
+            FramesChangedError, match=r"names payload_kg 1\.5, and this robot does not tell it"
+        ):
+            await run_procedure(cell, "three_point_frame", made.spec, journal, how=QUICK)
+
+
+def test_the_cell_file_names_what_must_be_active() -> None:
+    faults: list[tuple[str, str]] = []
+    table = {"model": "fanuc_m6ib", "active": {"tool_number": 3, "user_frame_number": 0, "payload_kg": 2}}
+    assert read_motion(table, "robot[0]", faults).active == ActiveFrames(3, None, 0, 2.0)
+    assert read_motion({"model": "fanuc_m6ib"}, "robot[0]", faults).active == ActiveFrames()
+    assert faults == []
+    for bad in ({"tool": 3}, {"tool_number": -1}, {"payload_kg": float("nan")}, {"tool_number": 1.5}):
+        faults.clear()
+        assert (
+            read_motion({"model": "fanuc_m6ib", "active": bad}, "robot[0]", faults).active == ActiveFrames()
+        )
+        assert [where for where, _ in faults] == [f"robot[0].active.{next(iter(bad))}"]

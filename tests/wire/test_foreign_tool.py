@@ -19,8 +19,8 @@ BACK: dict[str, Fault] = {  # how a technician selects again what was active
     "ur": ("tool_switched", {"tcp": [0.0] * 6, "payload_kg": 0.0}),
 }
 SAYS = {
-    "fanuc": ("tool 1 was active, tool 2 is now", "Select tool 1 on the pendant again, then resume."),
-    "ur": (r"z 0.000 mm .*, it is at x 0.000, y 0.000, z 100.000 mm", "Set the active tool to x 0.000"),
+    "fanuc": ("tool 2 is active, and not tool 1", "Select tool 1 on the pendant again, then resume."),
+    "ur": (r"z 100.000 mm .*, and not at x 0.000, y 0.000, z 0.000 mm", "Set the active tool to x 0.000"),
 }
 
 
