@@ -43,7 +43,7 @@ td.n, th.n { text-align: right; white-space: nowrap; }
 dl { display: grid; grid-template-columns: minmax(8rem, max-content) 1fr; gap: .2rem 1rem; margin: 0; }
 dt { color: var(--quiet); } dd { margin: 0; overflow-wrap: anywhere; }
 figure { margin: .8rem 0 1.2rem; } figure svg { max-width: 100%; height: auto; }
-svg text { font-family: system-ui, sans-serif; }
+th { overflow-wrap: normal; }
 .sign { break-inside: avoid; margin: 1rem 0 1.4rem; }
 .sign div { display: flex; gap: 1.5rem; margin-top: 2rem; }
 .sign span { flex: 1; border-top: 1px solid var(--ink); font-size: .8rem; color: var(--quiet); }

@@ -26,15 +26,18 @@ from service.quantities import quantity
 
 MOST_READINGS = 1000  # rows on paper; the JSON file has all
 _RULES = {
-    "pass": "Every figure that was judged keeps its limit, with its uncertainty on the unfavourable side.",
-    "fail": "At least one figure lies beyond its limit, also with its uncertainty on the favourable side.",
-    "undecided": "Neither that every figure keeps its limit nor that one does not is proved: measure more.",
+    "pass": "Every figure that was judged keeps its limit and every check held. Where a measured value was compared "
+    "with a limit, its uncertainty counted against it.",
+    "fail": "At least one figure is beyond its limit, or a check did not hold. Where a measured value was compared "
+    "with a limit, its uncertainty counted in its favour.",
+    "undecided": "It is proved neither that every figure keeps its limit nor that one does not: measure more.",
     "refused": "The procedure refused to give a result. Nothing is claimed of this run.",
 }
 _ISO_14253 = (
     "Rule for measured figures, after ISO 14253-1: PASS if x + g <= L, FAIL if x - g > L, else UNDECIDED; x is the "
     "magnitude found, L the limit, g the guard band that stands with each figure."
 )
+_KNOWN_WITHIN = "Rule for what must be known well enough: PASS if U <= L, else UNDECIDED."
 
 
 def page_of(content: Mapping[str, Any], sha256: str, public_key: str) -> Page:
@@ -88,6 +91,8 @@ def _rule(verdict: Mapping[str, Any]) -> str:
     parts = [_RULES[verdict["word"]]]
     if verdict.get("limits_from"):
         parts.append(f"Judged by {verdict['limits_from']}.")
+    if any(figure["rule"].startswith("PASS if U ") for figure in verdict["characteristics"]):
+        parts.append(_KNOWN_WITHIN)
     if any("x + g <= L" in figure["rule"] for figure in verdict["characteristics"]):
         parts.append(_ISO_14253)
     return " ".join(parts)

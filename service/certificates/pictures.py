@@ -257,7 +257,7 @@ class _Drawing:
 
     def picture(self, caption: str, alt: str) -> Picture:
         size = f'width="{_WIDTH:.0f}" height="{self.height:.0f}" viewBox="0 0 {_WIDTH:.0f} {self.height:.0f}"'
-        letters = 'font-family="Libertinus Serif" font-size="11"'
+        letters = 'font-family="Libertinus Serif, serif" font-size="11"'
         svg = f'<svg xmlns="http://www.w3.org/2000/svg" {size} {letters}>{"".join(self.parts)}</svg>'
         return Picture(svg, alt, caption)
 

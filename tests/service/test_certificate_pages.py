@@ -23,6 +23,7 @@ from service.certificates.pictures import Errors, against_limits, errors_by_poin
 from service.certificates.printing import PrintingError, page_from, print_beside
 from service.certificates.qr import code_of, code_text
 from service.certificates.signing import Finding, check, station_key
+from service.cli.certificate import write
 from service.configuration.cell_file import CellConfig
 from service.parameters.parameter_sets import ParameterSet, ParameterSets, Value
 from service.web import history
@@ -63,6 +64,22 @@ async def test_page_and_pdf_lie_beside_the_signed_file_and_are_the_same_each_tim
     sheets = [path.read_bytes() for path in (first.html_path, first.pdf_path)]
     print_beside(issued.json_path)
     assert [path.read_bytes() for path in (first.html_path, first.pdf_path)] == sheets
+
+
+async def test_the_command_prints_where_it_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, issued = await framed(tmp_path)
+    html, pdf = tmp_path / "for the customer" / "page.html", tmp_path / "for the customer" / "paper.pdf"
+    assert write("last", cell=config.path, html=html, pdf=pdf) == 0
+    assert capsys.readouterr().out == issued.text_path.read_text()
+    beside = print_beside(issued.json_path)
+    assert beside.html_path is not None
+    assert beside.pdf_path is not None
+    assert html.read_bytes() == beside.html_path.read_bytes()
+    assert pdf.read_bytes() == beside.pdf_path.read_bytes()
+    with pytest.raises(PrintingError, match="cannot be written"):
+        write("last", cell=config.path, pdf=html / "under a file.pdf")
 
 
 async def test_nothing_is_printed_of_a_file_with_a_flipped_byte(tmp_path: Path) -> None:
