@@ -29,6 +29,7 @@ _BY_CODE = {
     "measurements": ExitCode.USAGE,
     "missing_extra": ExitCode.USAGE,
     "bench": ExitCode.USAGE,
+    "people": ExitCode.REFUSED,
     "busy": ExitCode.BUSY,
     "fake": ExitCode.UNREACHABLE,
     "calibration": ExitCode.REFUSED,

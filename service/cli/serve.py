@@ -41,10 +41,11 @@ def serve(
 
     from service.cli.printing import EN_ROUTE
     from service.cli.serve_checks import Listening, refuse_unguarded
-    from service.web.app import Settings, create_app
 
     listening = Listening(host, tls_cert, tls_key, tuple(name.lower() for name in allow_host))
     refuse_unguarded(cell, listening)
+    from service.web.app import Settings, create_app  # the heavy part last
+
     address = f"{listening.scheme}://{listening.name}:{port}"
 
     def show(token: str) -> None:

@@ -1,5 +1,7 @@
 """What the door says to people: each names what is wrong and the cure, never what an attacker could use."""
 
+import math
+
 from calibration.errors import CellError
 
 
@@ -40,7 +42,7 @@ class TooManyGuessesError(PeopleError):
     status = 429
 
     def __init__(self, wait_s: float) -> None:
-        minutes = max(1, round(wait_s / 60.0 + 0.5))
+        minutes = math.ceil(wait_s / 60.0)
         super().__init__(
             f"too many wrong PINs; the next try is possible in {minutes} min.",
             remedy="Wait, or let an administrator run `cellcal people reset`. Stop works all the time.",

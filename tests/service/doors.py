@@ -128,7 +128,8 @@ class Door:
 async def a_door(folder: Path, *, people: bool = True, **settings: Any) -> AsyncIterator[Door]:
     path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
     app, clock = create_app(Settings(path, **settings)), Clock()
-    entrance = Entrance(read_cell_file(path).cell.data_dir, clock=clock, wall_clock=clock, make_hasher=quick)
+    data_dir, is_open = read_cell_file(path).cell.data_dir, bool(settings.get("open_access"))
+    entrance = Entrance(data_dir, is_open, clock=clock, wall_clock=clock, make_hasher=quick)
     app.state.house = replace(app.state.house, entrance=with_people(entrance) if people else entrance)
     async with another_browser(
         app, "https://127.0.0.1" if app.state.house.settings.tls else ORIGIN
