@@ -1,6 +1,8 @@
 // Pages by the part of the address after "#": a link can be kept, and the back button works.
 
-export type Page = "home" | "procedure" | "history";
+export type Page = "home" | "procedure" | "history" | "devices";
+
+const PAGES: Page[] = ["procedure", "history", "devices"];
 
 class Route {
   page = $state<Page>("home");
@@ -13,7 +15,7 @@ class Route {
 
   #read() {
     const [page = "", detail = ""] = location.hash.replace(/^#\//, "").split("/").map(decodeURIComponent);
-    this.page = page === "procedure" || page === "history" ? page : "home";
+    this.page = PAGES.find((known) => known === page) ?? "home";
     this.detail = detail;
   }
 }

@@ -201,7 +201,7 @@ export class RobotScene {
   #look() {
     if (this.#bounds.isEmpty()) return;
     const middle = this.#bounds.getCenter(new Vector3());
-    const radius = 0.55 * this.#bounds.getSize(new Vector3()).length();
+    const radius = 0.44 * this.#bounds.getSize(new Vector3()).length();
     const half = (FIELD_DEG * Math.PI) / 360;
     const narrow = Math.min(half, Math.atan(Math.tan(half) * this.#camera.aspect));
     const away = radius / Math.sin(narrow);

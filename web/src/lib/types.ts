@@ -15,9 +15,12 @@ export interface RunEvent {
 
 export interface Characteristic {
   name: string;
+  value: number;
   unit: string;
-  verdict?: string;
-  [key: string]: unknown;
+  standard_uncertainty: number;
+  coverage: number; // U is coverage times standard_uncertainty
+  limit: number | null;
+  decision: string | null;
 }
 
 export interface Outcome {
@@ -115,6 +118,36 @@ export interface Procedure {
   version: number;
   lacks: string[] | null;
   settings: Record<string, unknown>;
+}
+
+export interface PointSeen {
+  name: string;
+  value_m: number;
+  used: boolean;
+  reason: string;
+}
+
+export interface SeriesSeen {
+  kind: "errors" | "spread";
+  what: string;
+  points: PointSeen[];
+}
+
+export interface RunPoints {
+  readings: { step: string; at_utc: string; used: boolean; reason: string; length_m: number | null; samples: number }[];
+  series: SeriesSeen[];
+}
+
+export interface RunDetail extends RunLine {
+  spec: Record<string, unknown>;
+  findings: { step: string; value: unknown }[];
+  result: unknown;
+  judgement: {
+    word?: string;
+    characteristics?: Characteristic[];
+    not_verified?: string[];
+    remarks?: string[];
+  } | null;
 }
 
 export interface RunLine {
