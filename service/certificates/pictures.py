@@ -165,7 +165,7 @@ def scatter_of(points: Sequence[Mapping[str, Any]]) -> Picture | None:
         return None
     scale = _Scale.of(most)
     axis = _Axis(-scale.top, scale.top, 120.0, 16.0)
-    drawing, places = _upright(axis, scale, len(taken))
+    drawing, places = _upright(axis, scale, len(taken), what="length reading, in the order taken")
     for x, (used, _), samples in zip(places, taken, spread, strict=True):
         for value in samples:
             (drawing.dot if used else drawing.ring)((x, axis.at(value)), _AFTER if used else _LIMIT)
@@ -263,7 +263,7 @@ class _Drawing:
 
 
 def _upright(
-    axis: _Axis, scale: _Scale, count: int, names: Sequence[str] = ()
+    axis: _Axis, scale: _Scale, count: int, names: Sequence[str] = (), what: str = "point"
 ) -> tuple[_Drawing, list[float]]:
     """Begin a drawing with values upwards and points from left to right; return it and the points' places."""
     left, right = 64.0, _WIDTH - _RIGHT
@@ -278,7 +278,7 @@ def _upright(
     for k in range(0, count, every):
         name = names[k] if k < len(names) and len(names[k]) <= 6 else str(k + 1)
         drawing.text((places[k], axis.begin + 18.0), name, "middle")
-    drawing.text(((left + right) / 2, axis.begin + 35.0), "point", "middle")
+    drawing.text(((left + right) / 2, axis.begin + 35.0), what, "middle")
     return drawing, places
 
 

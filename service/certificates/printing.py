@@ -1,5 +1,6 @@
 """Paper of a certificate: the page and the PDF, made from the signed file after it was checked."""
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +11,8 @@ from service.files import replace_file
 
 if TYPE_CHECKING:
     from service.certificates.blocks import Page
+
+_log = logging.getLogger(__name__)
 
 
 class PrintingError(CellError):
@@ -72,7 +75,7 @@ def pdf_from(json_path: Path) -> bytes:
 def print_beside(json_path: Path) -> Printed:
     """Write page and PDF beside a certificate; what hinders that is told and harms nothing else."""
     trouble: list[str] = []
-    made: dict[str, Path | None] = {}
+    made: dict[str, Path | None] = {".html": None, ".pdf": None}
     for suffix, content in ((".html", html_from), (".pdf", pdf_from)):
         path = json_path.with_suffix(suffix)
         try:
@@ -80,7 +83,9 @@ def print_beside(json_path: Path) -> Printed:
             made[suffix] = path
         except CellError as error:
             trouble.append(str(error))
-            made[suffix] = None
+        except Exception:  # noqa: BLE001  the run is over and signed for: what only draws it must not spoil that
+            _log.exception("%s could not be made", path)
+            trouble.append(f"{path.name} could not be made; the log has the cause.")
     return Printed(made[".html"], made[".pdf"], " ".join(trouble))
 
 
