@@ -208,8 +208,8 @@ class ModbusRobot:
 
     async def active_frames(self) -> ActiveFrames:
         async with self._deadline("reading the active tool"):
-            position, _ = await self._status()
-            return await active_frames(self._panel, position)
+            # selections need no look at the program's counter: a run also begins while it does not run
+            return await active_frames(self._panel, await self._panel.block("position"))
 
     async def _status(self) -> tuple[Block, ProgramState]:
         """Read position and counts between two looks at the program's counter."""
