@@ -188,6 +188,17 @@ async def test_a_refusal_is_printed_as_one(tmp_path: Path) -> None:
     assert "PASS" not in Pdf(as_pdf(page)).text()
 
 
+async def test_words_without_a_blank_stay_on_the_sheet(tmp_path: Path) -> None:
+    _, issued = await framed(tmp_path)
+    content = content_of(issued)
+    word = "".join(f"{k:04d}" for k in range(100))
+    content["verdict"]["characteristics"][0]["name"] = word
+    content["cell"]["name"] = word
+    pdf = Pdf(as_pdf(paper_of(content)))
+    assert squeezed(pdf.text()).count(word) >= 2
+    assert word not in pdf.text()  # in one piece it would be three sheets wide
+
+
 def figure_of(value: float, u: float, limit: float | None, decision: str | None = "pass") -> dict[str, Any]:
     return {
         "name": f"figure {value}",
