@@ -25,7 +25,7 @@ class Permits:
     """What has been approved by a first person, and which answers passed."""
 
     def __init__(self) -> None:
-        self._first: tuple[str, str] = ("", "")  # what is asked, and who said yes to it first
+        self._first: tuple[str, str] = ("", "")  # what is asked, word for word, and who said yes to it first
         self._passed: OrderedDict[str, str] = OrderedDict()
 
     def granted(
@@ -53,7 +53,7 @@ class Permits:
         prompt = _prompt(order, rev, session)
         need = need_of(order, prompt)
         _refuse(person, need)
-        who = person.name if person.may_by_itself(need) else self._second(person, f"{rev}|{order.prompt_id}")
+        who = person.name if person.may_by_itself(need) else self._second(person, str(sorted(prompt.items())))
         self._passed[same] = who
         while len(self._passed) > _KEPT:
             self._passed.popitem(last=False)
