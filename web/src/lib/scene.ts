@@ -50,13 +50,6 @@ declare global {
   }
 }
 
-/** Tell whether this browser can draw at all. */
-export function canDraw(): boolean {
-  const context = document.createElement("canvas").getContext("webgl2");
-  context?.getExtension("WEBGL_lose_context")?.loseContext();
-  return context !== null;
-}
-
 export class RobotScene {
   readonly shown: Shown;
   #renderer: WebGLRenderer;
@@ -201,7 +194,7 @@ export class RobotScene {
   #look() {
     if (this.#bounds.isEmpty()) return;
     const middle = this.#bounds.getCenter(new Vector3());
-    const radius = 0.44 * this.#bounds.getSize(new Vector3()).length();
+    const radius = 0.5 * this.#bounds.getSize(new Vector3()).length();
     const half = (FIELD_DEG * Math.PI) / 360;
     const narrow = Math.min(half, Math.atan(Math.tan(half) * this.#camera.aspect));
     const away = radius / Math.sin(narrow);
