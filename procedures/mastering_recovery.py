@@ -173,6 +173,7 @@ def _outline(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
 _WAKING = (
     *(("look at the alarms", 3), ("new battery", 1), ("acknowledge the lost position", 1)),
     *(("power cycle", 1), ("wait for the robot", 1), ("slow motion", 1), ("reset the alarms", 0)),
+    ("counts before the turns", 1),
     *((f"pass the index of J{axis},", 1) for axis in range(1, 7)),
     ("clear the alarms", 1),
 )

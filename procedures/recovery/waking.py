@@ -10,7 +10,7 @@ from procedures.cell import Cell
 from procedures.motion.plans import index_travel
 from procedures.run import ProcedureError, Run
 from procedures.steps.ask import ask, let_move
-from procedures.steps.mastering import look_at_alarms, reset_alarms, wait_for_the_robot
+from procedures.steps.mastering import look_at_alarms, read_counts, reset_alarms, wait_for_the_robot
 from procedures.steps.motion import CountsToJoints, pass_index
 
 NEW_BATTERY = Instruction("new_battery", "Exchange the encoder batteries. Leave the brakes closed.")
@@ -103,8 +103,10 @@ async def _pass_indices(
     last_joints = healthy.joints(last_counts)
     travel = index_travel(record, last_joints, INDEX_TURNS)
     await run.step(f"slow motion {k}", let_move, SLOW_MOTION)
+    before = await run.step(f"counts before the turns {k}", read_counts)
     for axis in range(len(last_counts)):
-        await run.move(f"pass the index of J{axis + 1}, {k}", pass_index, axis, travel[axis], speed_rad_s)
+        name = f"pass the index of J{axis + 1}, {k}"
+        await run.move(name, pass_index, axis, travel[axis], before, speed_rad_s)
     await run.write(f"clear the alarms {k}", reset_alarms)
     there = np.add(last_joints, travel)
     return tuple(int(count) for count in record.drive.counts(there, np.array(record.counts_at_zero)))

@@ -145,6 +145,11 @@ async def stored_record(cell: Cell) -> MasteringRecord:
     return record
 
 
+async def read_counts(cell: Cell) -> Counts:
+    """Return the counts of all motors; between a loss and the index they only tell how far a motor turned."""
+    return await motor_store(cell).encoder_counts()
+
+
 async def look_at_alarms(cell: Cell) -> Condition:
     """Return the robot's condition in the maker's words."""
     return await cell.robot.condition()

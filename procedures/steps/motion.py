@@ -17,6 +17,7 @@ from procedures.motion.motion_gate import Care, Jog, refuse_off_target
 from procedures.steps.mastering import motor_store
 
 AXIS_TOLERANCE_RAD = 2e-3
+ALREADY_TURNED = 0.5  # of a motor's way past its index
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,14 +95,21 @@ async def jog_to(cell: Cell, target_rad: Joints, mapping: CountsToJoints, speed_
     return arrival
 
 
-async def pass_index(cell: Cell, axis: int, delta_rad: float, speed_rad_s: float) -> Arrival:
+async def pass_index(cell: Cell, axis: int, delta_rad: float, before: Counts, speed_rad_s: float) -> Arrival:
     """Turn one motor past its index, to rest from below; its single-turn reading is known again.
 
-    The joint stays where the turn brought it: the way back would tell nothing.
+    The joint stays where the turn brought it: the way back would tell nothing. ``before`` are the counts when
+    nothing had turned yet: done twice, the turn is not made twice. A count may jump by up to half a turn at the
+    index; who stopped short of it keeps the alarm, and is turned again.
     """
-    turns = [delta_rad] if delta_rad > 0 else [delta_rad - OVERSHOOT_RAD, OVERSHOOT_RAD]
-    for turn in turns:
-        await motion_gate.jog_axis(cell, Jog(axis, turn, speed_rad_s))
+    store = motor_store(cell)
+    drive, now = await store.drive_train(), await store.encoder_counts()
+    turned_rad = float(drive.joints(np.array(now), np.array(before))[axis])
+    if turned_rad / delta_rad < ALREADY_TURNED:
+        left_rad = delta_rad - turned_rad
+        turns = [left_rad] if left_rad > 0 else [left_rad - OVERSHOOT_RAD, OVERSHOOT_RAD]
+        for turn in turns:
+            await motion_gate.jog_axis(cell, Jog(axis, turn, speed_rad_s))
     return await _arrival(cell)
 
 

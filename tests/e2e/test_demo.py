@@ -80,7 +80,7 @@ def test_mastering_data_that_are_wrong_without_a_lost_encoder_are_put_right(loss
 def test_another_arm_under_the_same_cabinet_gets_no_mastering() -> None:
     code, told = demo("swap", 5)
     assert (code, told["verdict"]) == (4, "REFUSED")
-    assert told["tcp_error_after_m"] == told["tcp_error_before_m"]
+    assert told["tcp_error_after_m"]["mean"] > 0.1  # nothing was written
     assert all(joint["turns_restored"] == 0 for joint in told["joints"])
 
 
