@@ -1,0 +1,88 @@
+"""A real browser makes its key, enrols, proves itself and signs somebody in; another origin's page gets nowhere."""
+
+import asyncio
+from contextlib import AsyncExitStack
+from pathlib import Path
+from typing import Any
+
+from playwright.async_api import async_playwright
+
+from service.people.roles import Role
+from tests.service.doors import PINS, a_door
+from tests.service.test_guard_wall import listening
+
+CHROMIUM = Path("/usr/bin/chromium")
+IS_THERE = CHROMIUM.exists()
+SIGN_IN = """async ([token, name, secret]) => {
+    const post = async (path, content) => (await fetch('/api/sign-in/' + path, {
+        method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify(content)})).json();
+    const url64 = (bytes) => btoa(String.fromCharCode(...new Uint8Array(bytes)))
+        .replaceAll('+', '-').replaceAll('/', '_').replaceAll('=', '');
+    const key = await crypto.subtle.generateKey({name: 'ECDSA', namedCurve: 'P-256'}, false, ['sign', 'verify']);
+    const {device} = await post('devices', {
+        token, public_key: url64(await crypto.subtle.exportKey('spki', key.publicKey))});
+    const {challenge} = await post('challenges', {});
+    const text = `cellcal device sign-in\\n${location.origin}\\n${challenge}`;
+    const signature = url64(await crypto.subtle.sign(
+        {name: 'ECDSA', hash: 'SHA-256'}, key.privateKey, new TextEncoder().encode(text)));
+    await post('device', {device, challenge, signature});
+    await post('person', {name, secret});
+    return [(await (await fetch('/api/session')).json()).person, document.cookie];
+}"""
+FORGE = """(url) => fetch(url + '/api/commands', {method: 'POST', credentials: 'include',
+    headers: {'Content-Type': 'text/plain'}, body: '{"id":"1","rev":1,"order":{"op":"stop"}}'})
+    .then((answer) => answer.status, (error) => String(error))"""
+
+
+class Recorder:
+    """ASGI middleware that writes down what was answered: a browser does not tell a page of another origin."""
+
+    def __init__(self, app: Any, statuses: list[tuple[str, int]]) -> None:
+        self.app, self.statuses = app, statuses
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        async def noted(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                self.statuses.append((scope["path"], message["status"]))
+            await send(message)
+
+        await self.app(scope, receive, noted)
+
+
+async def _a_page(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Answer whatever is asked with a page of another program on this computer."""
+    writer.write(
+        b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 2\r\nConnection: close\r\n\r\nhi"
+    )
+    await writer.drain()
+    writer.close()
+
+
+async def test_a_browser_enrols_signs_in_and_keeps_its_cookie_from_scripts_and_other_pages(
+    tmp_path: Path,
+) -> None:
+    assert IS_THERE, "This test needs Chromium: apt-get install chromium"
+    statuses: list[tuple[str, int]] = []
+    async with AsyncExitStack() as stack:
+        door = await stack.enter_async_context(a_door(tmp_path))
+        door.app.add_middleware(Recorder, statuses=statuses)
+        address = await stack.enter_async_context(listening(door))
+        playwright = await stack.enter_async_context(async_playwright())
+        flags = ["--no-sandbox", "--disable-gpu"]
+        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=flags)
+        try:
+            page = await browser.new_page()
+            await page.goto(f"http://{address}/icon.svg")
+            token = door.entrance.register.enrolment("tablet 3", "test")
+            person, seen = await page.evaluate(SIGN_IN, [token, "Tom", PINS["Tom"]])
+            assert (person["name"], person["role"]) == ("Tom", Role.TECHNICIAN)
+            assert seen == ""
+            other = await asyncio.start_server(_a_page, "127.0.0.1", 0)
+            await page.goto(
+                f"http://127.0.0.1:{other.sockets[0].getsockname()[1]}/"
+            )  # same site: gets the cookie
+            assert "Failed to fetch" in str(await page.evaluate(FORGE, f"http://{address}"))
+            assert statuses[-1] == ("/api/commands", 403)
+            other.close()
+        finally:
+            await browser.close()
