@@ -1,0 +1,280 @@
+"""The pages in a real browser over the fake cell: what they show is true, in four languages, and asks no other host.
+
+One browser, one cell and one service serve every test of this file, one after the other.
+"""
+
+import asyncio
+import json
+import re
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import pytest_asyncio
+import uvicorn
+from playwright.async_api import Browser, Page, async_playwright
+
+from calibration.arm.kinematics import load_model
+from service.web.app import Settings, create_app
+from service.web.pages import DIST
+from tests.service.desks import PATIENCE_S, a_cell
+
+ROOT = Path(__file__).parents[2]
+LOCALES = ("en", "de", "es", "zh")
+VIEWPORTS = ((1280, 800), (1024, 768), (800, 1280))
+CHROMIUM = next(
+    (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
+)
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+MOST_BYTES = 450_000
+SMALL = """() => [...document.querySelectorAll('button, a.button, select, input, summary')]
+    .filter(e => e.checkVisibility()).map(e => [e.outerHTML.slice(0, 80), e.getBoundingClientRect()])
+    .filter(([, box]) => box.height < 44 || (box.width < 44)).map(([html]) => html)"""
+OVERFULL = """() => [...document.querySelectorAll('button, a.button')]
+    .filter(e => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
+RUN_AXE = """async () => (await axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21aa', 'wcag22aa']}))
+    .violations.map(v => v.id + ': ' + v.nodes.map(n => n.html.slice(0, 120)).join(' | '))"""
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+
+
+class Looking:
+    """A browser at the service, and what it asked for and complained of."""
+
+    def __init__(self, browser: Browser, url: str) -> None:
+        self.browser, self.url = browser, url
+        self.client = httpx.AsyncClient(base_url=url)
+        self.complaints: list[str] = []
+        self.asked: set[str] = set()
+
+    @asynccontextmanager
+    async def page(
+        self, at: str = "#/", locale: str = "en", size: tuple[int, int] = (1280, 800)
+    ) -> AsyncIterator[Page]:
+        """Open a page of its own, wait until live values flow, and hold it to a clean console."""
+        context = await self.browser.new_context(viewport={"width": size[0], "height": size[1]})
+        await context.add_init_script(f"localStorage.setItem('locale', {json.dumps(locale)})")
+        page = await context.new_page()
+        page.on("console", lambda line: self.complaints.append(line.text) if line.type == "error" else None)
+        page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        page.on("request", lambda request: self.asked.add(request.url))
+        try:
+            await page.goto(f"{self.url}/{at}")
+            await page.get_by_test_id("device-robot").wait_for()
+            yield page
+        finally:
+            await context.close()
+        assert self.complaints == []
+        assert {httpx.URL(url).host for url in self.asked if not url.startswith(("blob:", "data:"))} == {
+            "127.0.0.1"
+        }
+
+    async def order(self, **order: Any) -> None:
+        """Give an order, as a screen does."""
+        session = await self.session()
+        asked = {"id": f"{order} {session['rev']}", "rev": session["rev"], "order": order}
+        answer = await self.client.post("/api/commands", json=asked)
+        assert answer.status_code == 200, answer.text
+
+    async def session(self) -> dict[str, Any]:
+        """Return the present session."""
+        return dict((await self.client.get("/api/session")).json()["session"])
+
+    async def until(self, true: Any) -> dict[str, Any]:
+        """Wait for a session of which something is true."""
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                with suppress(httpx.TransportError, TypeError):
+                    session = await self.session()
+                    if true(session):
+                        return session
+                await asyncio.sleep(0.05)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
+    assert CHROMIUM, (
+        "These tests look at the pages in Chromium, which is not installed: apt-get install chromium"
+    )
+    assert (DIST / "index.html").is_file(), "The pages are not built: run `make pages`."
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        async with a_cell(tmp_path_factory.mktemp("cell")) as (path, _), async_playwright() as playwright:
+            app = create_app(Settings(path, open_access=True))
+            how = uvicorn.Config(
+                app, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=2
+            )
+            server = uvicorn.Server(how)
+            serving = asyncio.create_task(server.serve([listening]))
+            browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+            looks = Looking(browser, f"http://127.0.0.1:{listening.getsockname()[1]}")
+            try:
+                await looks.until(lambda session: session["connection"]["connected"])
+                yield looks
+            finally:
+                await browser.close()
+                await looks.client.aclose()
+                server.should_exit = True
+                await serving
+
+
+async def _shown(page: Page, robot: str = "fanuc") -> dict[str, Any]:
+    """Return what the picture shows, once it shows that robot in some posture."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            shown = await page.evaluate("window.__robot ?? null")
+            if shown and shown["robot"] == robot and shown["joints_rad"] and shown["frames"]:
+                return dict(shown)
+            await asyncio.sleep(0.05)
+
+
+async def test_the_picture_stands_as_the_robot_does_and_follows_it(looking: Looking) -> None:
+    async with looking.page() as page:
+        for robot, model in (("fanuc", "fanuc_m6ib"), ("ur", "ur10e")):
+            await looking.order(op="select_robot", robot=robot)
+            shown = await _shown(page, robot)
+            # The picture's own chain of links ends where the solver's model puts the flange, FANUC's coupling too.
+            flange_m = load_model(model).base_flange(np.array([shown["joints_rad"]]))[0, :3, 3]
+            assert np.allclose(shown["flange_m"], flange_m, atol=1e-6)
+        await looking.order(op="select_robot", robot="fanuc")
+        await page.get_by_test_id("joints").locator("summary").click()
+        told = page.get_by_test_id("joints").locator("dd")
+        shown = await _shown(page)
+        await told.nth(5).wait_for()
+        degrees = [float(text.rstrip("°")) for text in await told.all_inner_texts()]
+        assert np.allclose(np.rad2deg(shown["joints_rad"]), degrees, atol=0.02)
+
+
+async def test_a_still_robot_costs_no_picture_and_a_moving_one_few(looking: Looking) -> None:
+    async with looking.page() as page:
+        await _shown(page)
+        await page.wait_for_timeout(300)
+        before = (await _shown(page))["frames"]
+        await page.wait_for_timeout(1000)
+        assert (await _shown(page))["frames"] == before
+        await page.evaluate(
+            "() => { for (let i = 0; i < 60; i++) document.querySelector('.turns button').click(); }"
+        )
+        await page.wait_for_timeout(300)
+        assert before < (await _shown(page))["frames"] <= before + 4  # sixty wishes in one moment
+
+
+async def test_without_webgl_there_are_numbers(looking: Looking) -> None:
+    async with looking.page() as page:
+        # What a browser without WebGL answers.
+        await page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+        await page.reload()
+        await page.get_by_test_id("joints").locator("dd").nth(5).wait_for()
+        assert await page.locator(".picture").is_hidden()
+        assert await page.evaluate("window.__robot === undefined")
+
+
+async def test_every_page_is_for_everybody_in_four_languages(looking: Looking) -> None:
+    axe = (ROOT / "web/node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
+    places = ("#/", "#/procedure/mastering_record", "#/history", "#/devices")
+    for locale in LOCALES:
+        async with looking.page(locale=locale) as page:
+            await page.evaluate(axe)
+            for place in places:
+                await _go(page, place)
+                await _hold_to_rules(page, f"{place} in {locale}")
+            assert await page.evaluate("document.documentElement.lang") == {"zh": "zh-Hans"}.get(
+                locale, locale
+            )
+
+
+async def _go(page: Page, place: str) -> None:
+    await page.evaluate("place => { location.hash = place; }", place)
+    await page.locator("main h1").first.wait_for()
+    await page.wait_for_timeout(150)
+
+
+async def _hold_to_rules(page: Page, where: str) -> None:
+    assert await page.evaluate(RUN_AXE) == [], where
+    assert await page.evaluate(SMALL) == [], where
+    assert await page.evaluate(OVERFULL) == [], where
+
+
+async def test_a_run_from_its_start_to_its_place_in_the_history(looking: Looking) -> None:
+    """The main buttons stay in view beside the picture; an ended run shows its readings."""
+    axe = (ROOT / "web/node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
+    await looking.order(op="start", procedure="mastering_record", settings={}, hold_to_move=True)
+    session = await looking.until(lambda session: session["prompt"])
+    for size in VIEWPORTS:
+        async with looking.page(size=size) as page:
+            await _shown(page)
+            for button in ("yes", "no", "stop"):
+                box = await page.get_by_test_id(button).bounding_box()
+                assert box is not None
+                assert box["y"] + box["height"] <= size[1], (button, size)
+    for locale in LOCALES:
+        async with looking.page(locale=locale) as page:
+            await page.evaluate(axe)
+            await _hold_to_rules(page, f"the run in {locale}")
+    await looking.order(op="stop")
+    run_id = (await looking.until(lambda session: session["run"]["outcome"]))["run"]["id"]
+    assert run_id == session["run"]["id"]
+    await looking.order(op="dismiss")
+    points = (await looking.client.get(f"/api/runs/{run_id}/points")).json()
+    async with looking.page(f"#/history/{run_id}") as page:
+        await page.evaluate(axe)
+        await page.get_by_test_id("readings").wait_for()
+        assert (
+            await page.get_by_test_id("readings").locator("tbody tr").count() == len(points["readings"]) > 0
+        )
+        await _hold_to_rules(page, "the details of a run")
+
+
+async def test_points_not_used_are_marked_by_shape_and_said_in_words(looking: Looking) -> None:
+    names = [f"capture {i + 1}" for i in range(12)]
+    dots = [{"name": n, "value_m": 1e-4 * (i + 1), "used": i != 7, "reason": ""} for i, n in enumerate(names)]
+    dots[7]["reason"] = "does not fit the others"
+    common = {"at_utc": "2026-01-05T08:00:00Z", "length_m": 1.0, "samples": 5}
+    told = [common | {"step": dot["name"], "used": dot["used"], "reason": dot["reason"]} for dot in dots]
+    measured = {"readings": told, "series": [{"kind": "spread", "what": "", "points": dots}]}
+    run = {"run_id": "r", "procedure": "mastering_record", "started_utc": "2026-01-05T08:00:00Z", "state": "passed",
+           "reason": "", "spec": {}, "findings": [], "result": None, "judgement": None}  # fmt: skip
+    async with looking.page() as page:
+        await page.route("**/api/runs/r", lambda route: route.fulfill(json=run))
+        await page.route("**/api/runs/r/points", lambda route: route.fulfill(json=measured))
+        await _go(page, "#/history/r")
+        plot = page.get_by_test_id("plot")
+        await plot.wait_for()
+        assert await plot.locator("svg[role=img] circle").count() == 11
+        assert await plot.get_by_test_id("rejected").count() == 1
+        assert "does not fit the others" in await page.get_by_test_id("readings").inner_text()
+
+
+async def test_a_cold_page_with_its_picture_is_light(looking: Looking) -> None:
+    sizes: list[int] = []
+    async with looking.page() as page:
+        line = await page.context.new_cdp_session(page)
+        await line.send("Network.enable")
+        line.on("Network.loadingFinished", lambda told: sizes.append(int(told["encodedDataLength"])))
+        await line.send("Network.clearBrowserCache")
+        await page.reload()
+        await _shown(page)
+    assert 100_000 < sum(sizes) <= MOST_BYTES
+
+
+async def test_every_language_has_every_text_and_its_blanks() -> None:
+    texts = {locale: _texts(locale) for locale in LOCALES}
+    for locale in LOCALES:
+        assert texts[locale].keys() == texts["en"].keys()
+        for key, text in texts[locale].items():
+            assert text.strip(), (locale, key)
+            assert _blanks(text) == _blanks(texts["en"][key]), (locale, key)
+
+
+def _texts(locale: str) -> dict[str, str]:
+    found: dict[str, str] = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
+    return found
+
+
+def _blanks(text: str) -> list[str]:
+    return sorted(re.findall(r"\{(\w+)\}", text))
