@@ -15,9 +15,8 @@ from drivers.fanuc.ls_grammar import (
     UNTAUGHT_CARTESIAN,
     UNTAUGHT_JOINTS,
 )
-from drivers.fanuc.ls_numbers import LARGEST, NumberStyle
-from drivers.fanuc.ls_orientation import wpr_deg
-from drivers.fanuc.ls_positions import all_decimals, decimals
+from drivers.fanuc.ls_numbers import LARGEST, NumberStyle, all_decimals, decimals
+from drivers.fanuc.ls_orientation import new_coordinates
 from drivers.fanuc.ls_records import Place
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN as CARTESIAN_KIND
@@ -138,10 +137,7 @@ def _poses(blocks: _Blocks, rows: NDArray[np.int64], frame_tip: Array) -> Iterat
     texts = [text for block in found for text in block.groups()[4:10]]
     old = np.array(list(map(float, texts))).reshape(-1, 6)
     places = all_decimals(texts).reshape(-1, 6)
-    new = np.empty_like(old)
-    new[:, :3] = 1e3 * frame_tip[:, :3, 3]
-    new[:, 3:] = wpr_deg(frame_tip[:, :3, :3], old[:, 3:], places[:, 3:])
-    differs = np.abs(new - old) > 0.5 * 10.0**-places * (1 - 1e-9)
+    new, differs = new_coordinates(frame_tip, old, places)
     for row, block, values, others in zip(rows.tolist(), found, new.tolist(), differs.tolist(), strict=True):
         for field in range(6):
             if others[field]:

@@ -65,8 +65,28 @@ UNTAUGHT_CARTESIAN = _joined(_cartesian(_EITHER))
 UNTAUGHT_JOINTS = _joined(_joints(_EITHER))
 _CLOSE = _GAP + rb"\}" + _GAP + rb";?+"
 CLOSE = re.compile(_CLOSE)
-# The usual record in one go; groups: number, where the coordinates begin, then those of CARTESIAN.
-USUAL = re.compile(HEAD.pattern + rb"()" + CARTESIAN.pattern + _CLOSE)
+
+
+def _split() -> bytes:
+    """Return the usual record in pieces: with a configuration, without extended axes."""
+    inner = [_GAP + pattern for _, pattern in _FRAME_PIECES[:3]]
+    before = b"".join(inner) + _GAP + rb"[A-Z]{3,12}+" + _GAP + rb":" + _GAP + rb"'"
+    pieces = [
+        rb"[ \t\r\n]{0,8}+P\[ *+",
+        rb"\d{1,5}+",
+        rb" *+" + _HEAD_PIECES[1][1],
+        before,
+        rb"[^'\r\n]{0,80}+",
+    ]
+    between = rb"'" + _COMMA
+    for name, unit in zip(b"XYZWPR", (b"mm",) * 3 + (b"deg",) * 3, strict=True):
+        pieces += [between + _GAP + bytes([name]) + _GAP + rb"=", rb"[ \t]*+" + NUMBER]
+        between = _GAP + unit + rb"\b" + _COMMA
+    return b"".join(rb"(" + piece + rb")" for piece in (*pieces, between + _CLOSE))
+
+
+# Groups: P[, number, name, frames (in it GP, UF, UT), CONFIG, then text and value in turn for X to R, and the rest.
+SPLIT = re.compile(_split())
 GAP = re.compile(_GAP)
 FIELD = re.compile(
     rb"([JE])([1-9])" + _GAP + rb"=([ \t]*+(?:" + _EITHER + rb"))" + _GAP + rb"(mm|deg)"

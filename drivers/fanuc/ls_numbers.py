@@ -1,15 +1,34 @@
 """Numbers of a listing: a new value in the style of the file."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.fanuc.ls_positions import decimals
+import numpy as np
+
+from calibration.geometry import Array
 
 LARGEST = 1e6  # exclusive: 1 km, or as many degrees; the controller prints stars long before
 
 _PADDED = re.compile(rb"=[ ]{2,}[-+.\d]")
 _BARE_FRACTION = re.compile(rb"=[ \t]*+[+-]?+\.\d")
 _FULL_FRACTION = re.compile(rb"=[ \t]*+[+-]?+0\.0*+[1-9]")
+
+
+def decimals(text: bytes) -> int:
+    """Return how many digits stand behind the point."""
+    point = text.find(b".")
+    return len(text) - point - 1 if point >= 0 else 0
+
+
+def all_decimals(texts: Sequence[bytes]) -> Array:
+    """Return `decimals` of every text without a line end, as floats."""
+    characters = np.frombuffer(b"\n".join([*texts, b""]), dtype=np.uint8)
+    ends, points = (np.flatnonzero(characters == ord(sign)) for sign in "\n.")
+    found = np.zeros(len(texts))
+    at = np.searchsorted(ends, points)
+    found[at] = ends[at] - points - 1
+    return found
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,20 @@ defined; there the old R stays and W takes the whole turn.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.geometry import Array
 from calibration.orientation import elementary, values_from
 
 _LEFT_OF_A_DIGIT = 0.1  # of the last decimal: by how much keeping R near the lock may bend the orientation
+
+
+def new_coordinates(frame_tip: Array, old: Array, decimals: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return X Y Z W P R (K, 6) [mm, deg] of poses (K, 4, 4), and which of them the old ones do not say already."""
+    new = np.empty_like(old)
+    new[:, :3] = 1e3 * frame_tip[:, :3, 3]
+    new[:, 3:] = wpr_deg(frame_tip[:, :3, :3], old[:, 3:], decimals[:, 3:])
+    return new, np.abs(new - old) > 0.5 * 10.0**-decimals * (1 - 1e-9)
 
 
 def wpr_deg(rotation: Array, old_deg: Array, decimals: Array) -> Array:

@@ -5,29 +5,19 @@ from dataclasses import dataclass, field
 from itertools import chain, islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.geometry import Array, homogeneous
 from calibration.orientation import rotation_from
-from drivers.fanuc.ls_records import Axis, Form, Place, Record
+from drivers.fanuc.ls_numbers import all_decimals, decimals
+from drivers.fanuc.ls_records import Axis, Form, Place, Record, records
+from drivers.fanuc.ls_usual import usual_records
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions
 
 _BLOCK = 20_000
 _SCALE = {b"mm": 1e-3, b"deg": np.pi / 180.0}
 _KIND = {Form.CARTESIAN: CARTESIAN, Form.JOINTS: JOINTS, Form.UNTAUGHT: UNTAUGHT}
 _DIGITS_UNSAID = 3  # $LUPS_DIGIT as it leaves the factory
-
-
-def decimals(text: bytes) -> int:
-    """Return how many digits stand behind the point."""
-    point = text.find(b".")
-    return len(text) - point - 1 if point >= 0 else 0
-
-
-def all_decimals(texts: Sequence[bytes]) -> Array:
-    """Return `decimals` of every text, as floats."""
-    points = np.array([text.find(b".") for text in texts], dtype=float)
-    lengths = np.array([len(text) for text in texts], dtype=float)
-    return np.where(points < 0, 0.0, lengths - points - 1)
 
 
 def in_si(axis: Axis) -> float:
@@ -54,15 +44,44 @@ class _Columns:
 
 
 def positions_of(
-    place: Place, found: Iterable[Record]
+    place: Place, start: int, end: int
 ) -> tuple[Positions, np.ndarray[tuple[int], np.dtype[np.int64]]]:
-    """Return the positions, and for each the offset of its coordinates in the file.
+    """Return the positions between two offsets, and for each the offset of its coordinates in the file.
 
     Raises
     ------
     ProgramFileError
-        A position stands in the file twice.
+        Something is not understood, or a position stands in the file twice.
     """
+    columns = _usual_columns(place, start, end) or _columns(place, records(place, start, end))
+    _refuse_twice(place, columns)
+    return _assembled(columns), np.array(columns.offsets, dtype=np.int64)
+
+
+def _usual_columns(place: Place, start: int, end: int) -> _Columns | None:
+    """Return the columns of a file whose positions are all written as usual."""
+    columns, words = _Columns(), dict[bytes, str]()
+    breaks = np.flatnonzero(np.frombuffer(place.data, dtype=np.uint8) == ord("\n"))
+    for block in usual_records(place, start, end):
+        if block is None:
+            return None
+        columns.lines += (np.searchsorted(breaks, block.number_at) + 1).tolist()
+        columns.numbers += block.numbers
+        columns.groups += block.groups
+        columns.kinds += [CARTESIAN] * len(block)
+        columns.offsets += block.offsets.tolist()
+        columns.user_frames += [_frame(text, words) for text in block.user_frames]
+        columns.tools += [_frame(text, words) for text in block.tools]
+        columns.configurations += [_word(text, words) for text in block.configurations]
+        poses, digits = _poses_of(*block.values_and_decimals())
+        columns.poses.append(poses)
+        columns.joints.append(np.zeros((len(block), 0)))
+        columns.external.append(np.zeros((len(block), 0)))
+        columns.resolutions.append(_resolutions(digits))
+    return columns
+
+
+def _columns(place: Place, found: Iterable[Record]) -> _Columns:
     columns, rest, line, at = _Columns(), iter(found), 1, 0
     words: dict[bytes, str] = {}
     while block := list(islice(rest, _BLOCK)):
@@ -78,8 +97,7 @@ def positions_of(
         columns.tools += [_frame(record.tool, words) for record in block]
         columns.configurations += [_word(record.configuration, words) for record in block]
         _add_numbers(columns, block)
-    _refuse_twice(place, columns)
-    return _assembled(columns), np.array(columns.offsets, dtype=np.int64)
+    return columns
 
 
 def _word(text: bytes, words: dict[bytes, str]) -> str:
@@ -96,16 +114,25 @@ def _add_numbers(columns: _Columns, block: Sequence[Record]) -> None:
     taught = np.array([record.form is Form.CARTESIAN for record in block])
     texts = [text for record in block if record.form is Form.CARTESIAN for text in record.cartesian]
     values = np.array(list(map(float, texts))).reshape(-1, 6)
-    places = all_decimals(texts).reshape(-1, 6).astype(np.int64)
     poses = np.full((len(block), 4, 4), np.nan)
-    poses[taught] = homogeneous(rotation_from("fanuc_wpr", np.radians(values[:, 3:])), 1e-3 * values[:, :3])
     digits = np.full((len(block), 2), _DIGITS_UNSAID)
-    digits[taught] = np.column_stack([places[:, :3].min(axis=1), places[:, 3:].min(axis=1)])
+    poses[taught], digits[taught] = _poses_of(values, all_decimals(texts).reshape(-1, 6))
     columns.poses.append(poses)
     columns.joints.append(_axes(block, b"J"))
     columns.external.append(_axes(block, b"E"))
     _axis_digits(block, digits)
-    columns.resolutions.append(10.0 ** -digits.astype(float) * [1e-3, np.pi / 180.0])
+    columns.resolutions.append(_resolutions(digits))
+
+
+def _poses_of(values: Array, places: Array) -> tuple[Array, Array]:
+    """Return poses (N, 4, 4) and the decimals (N, 2) of lengths and angles, from (N, 6) in mm and deg."""
+    poses = homogeneous(rotation_from("fanuc_wpr", np.radians(values[:, 3:])), 1e-3 * values[:, :3])
+    return poses, np.column_stack([places[:, :3].min(axis=1), places[:, 3:].min(axis=1)])
+
+
+def _resolutions(digits: NDArray[np.number]) -> Array:
+    found: Array = 10.0 ** -digits.astype(float) * [1e-3, np.pi / 180.0]
+    return found
 
 
 def _axes(block: Sequence[Record], letter: bytes) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.fanuc.ls_edit import edited
 from drivers.fanuc.ls_positions import positions_of
-from drivers.fanuc.ls_records import Place, records
+from drivers.fanuc.ls_records import Place
 from drivers.fanuc.ls_remarks import remarks_of
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import Change, Frames, Positions, Remark
@@ -67,7 +67,7 @@ class LsProgram:
 
     @cached_property
     def _read(self) -> tuple[Positions, NDArray[np.int64]]:
-        return positions_of(self._place, records(self._place, *self._body))
+        return positions_of(self._place, *self._body)
 
 
 def read_ls(file: str, data: bytes) -> LsProgram:

@@ -16,7 +16,6 @@ from drivers.fanuc.ls_grammar import (
     JOINTS,
     UNTAUGHT_CARTESIAN,
     UNTAUGHT_JOINTS,
-    USUAL,
     furthest,
 )
 from drivers.programs.errors import ProgramFileError
@@ -79,11 +78,7 @@ def records(place: Place, start: int, end: int) -> Iterator[Record]:
     data, at = place.data, start
     known: set[bytes] = set()
     while head := HEAD.match(data, at, end):
-        usual = USUAL.match(data, at, end)
-        if usual and not usual["extended"]:
-            found, at = [_usual_record(usual)], usual.end()
-        else:
-            found, at = _any_record(place, head, end)
+        found, at = _any_record(place, head, end)
         for record in found:
             if record.configuration not in known:
                 _check_configuration(place, record)
@@ -92,23 +87,6 @@ def records(place: Place, start: int, end: int) -> Iterator[Record]:
     gap = GAP.match(data, at, end)
     if gap is None or gap.end() != end:
         raise _not_understood(place, at, end)
-
-
-def _usual_record(found: re.Match[bytes]) -> Record:
-    number, _, group, user_frame, tool, configuration, x, y, z, w, p, r, _ = found.groups(b"")
-    first, cartesian = found.start(1) - 2, (x, y, z, w, p, r)
-    return Record(
-        int(number),
-        int(group or 1),
-        first,
-        found.start(2),
-        Form.CARTESIAN,
-        user_frame,
-        tool,
-        configuration,
-        cartesian,
-        (),
-    )
 
 
 def _any_record(place: Place, head: re.Match[bytes], end: int) -> tuple[list[Record], int]:

@@ -83,6 +83,7 @@ class Recorder:
     def __init__(self, master: Project, clone: Project) -> None:
         self._master, self._clone = master.name, clone.name
         self._cells = cell_sha256(master), cell_sha256(clone)
+        self._made_with = installed_version("cellcal")  # reads a file each time it is asked
 
     def made_of(self, source: str, written: str, result: ProgramResult) -> Made:
         """Return the record of a clone that was just written."""
@@ -99,7 +100,7 @@ class Recorder:
             points=len(result.status),
             left=Counter(result.status)[LEFT],
             made_at=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            made_with=installed_version("cellcal"),
+            made_with=self._made_with,
         )
 
     def end(self, made: Iterable[tuple[str, Made]]) -> None:
