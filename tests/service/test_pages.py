@@ -242,8 +242,8 @@ async def test_points_not_used_are_marked_by_shape_and_said_in_words(looking: Lo
     common = {"at_utc": "2026-01-05T08:00:00Z", "length_m": 1.0, "samples": 5}
     told = [common | {"step": dot["name"], "used": dot["used"], "reason": dot["reason"]} for dot in dots]
     measured = {"readings": told, "series": [{"kind": "spread", "what": "", "points": dots}]}
-    run: dict[str, Any] = {"run_id": "r", "procedure": "mastering_record", "started_utc": "2026-01-05T08:00:00Z", "state": "passed",
-           "reason": "", "spec": {}, "findings": [], "result": None, "judgement": None}  # fmt: skip
+    run: dict[str, Any] = {"run_id": "r", "procedure": "drift_check", "started_utc": common["at_utc"]}
+    run |= {"state": "passed", "reason": "", "spec": {}, "findings": [], "result": None, "judgement": None}
     async with looking.page() as page:
         await page.route("**/api/runs/r", lambda route: route.fulfill(json=run))
         await page.route("**/api/runs/r/points", lambda route: route.fulfill(json=measured))
