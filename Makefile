@@ -18,6 +18,7 @@ $(VENV)/.runtime: requirements.lock pyproject.toml
 	@touch $@
 
 $(VENV)/.dev: requirements-dev.lock $(VENV)/.runtime
+	@./deploy/prepare_machine.sh tests
 	@echo "installing the test tools into $(VENV) …" >&2
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.lock
 	@touch $@
@@ -31,8 +32,8 @@ pages: $(PAGES)
 demo: $(VENV)/.runtime
 	@$(BIN)/cellcal demo --headless $(ARGS)
 
-test: check
-	@$(BIN)/python -m pytest tests -m "not soak" -n 2 $(ARGS)
+test: check $(PAGES)
+	@$(BIN)/python -m pytest tests -m "not soak" -n 2 --dist loadgroup $(ARGS)
 
 check: $(VENV)/.dev
 	@$(BIN)/ruff check .
