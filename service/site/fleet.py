@@ -88,7 +88,8 @@ class Fleet:
         station = self._stations.get(cell_of(key))
         if station is None:
             return
-        station.samples += 1
+        with self._lock:  # joints and states may come in on two threads
+            station.samples += 1
         station.heard_s = now_s
         if key in station.waiting or len(station.waiting) < _MOST_KEYS:
             station.waiting[key] = (raw, now_s)

@@ -35,9 +35,9 @@ class Station:
         self._keys, self._sealer, self._outbox, self._answers = keys, sealer, outbox, answers
         self._session = zenoh.open(config)
         self._token = self._session.liveliness().declare_token(keys.alive)
-        self._state = self._advanced(keys.state, 1)
-        self._alarm = self._advanced(
-            keys.alarm, _EVENTS_CACHED, _BLOCK, zenoh.Priority.INTERACTIVE_HIGH, heartbeat=True
+        self._state = advanced_publisher(self._session, keys.state, 1)
+        self._alarm = advanced_publisher(
+            self._session, keys.alarm, _EVENTS_CACHED, _BLOCK, zenoh.Priority.INTERACTIVE_HIGH, heartbeat=True
         )
         self._latest: dict[str, AdvancedPublisher] = {}
         self._events: OrderedDict[str, AdvancedPublisher] = OrderedDict()
@@ -72,7 +72,7 @@ class Station:
     def tell_latest(self, key: str, body: dict[str, Any]) -> None:
         """Publish a value that somebody who comes later must get, too."""
         if key not in self._latest:
-            self._latest[key] = self._advanced(key, 1)
+            self._latest[key] = advanced_publisher(self._session, key, 1)
         self._latest[key].put(self._live(key, body), encoding=ENCODING)
 
     def tell_event(self, sent: Sent) -> None:
@@ -85,32 +85,11 @@ class Station:
 
     def _publisher_of(self, key: str) -> AdvancedPublisher:
         if key not in self._events:
-            self._events[key] = self._advanced(key, _EVENTS_CACHED, _BLOCK, heartbeat=True)
+            self._events[key] = advanced_publisher(self._session, key, _EVENTS_CACHED, _BLOCK, heartbeat=True)
             while len(self._events) > _SESSIONS_OPEN:
                 self._events.popitem(last=False)[1].undeclare()  # type: ignore[no-untyped-call]  # zenoh
         self._events.move_to_end(key)
         return self._events[key]
-
-    def _advanced(
-        self,
-        key: str,
-        cached: int,
-        congestion: zenoh.CongestionControl = _DROP,
-        priority: zenoh.Priority = zenoh.Priority.DATA,
-        *,
-        heartbeat: bool = False,
-    ) -> AdvancedPublisher:
-        beat_s = _HEARTBEAT_S if heartbeat else None
-        detection = MissDetectionConfig(heartbeat=beat_s, sporadic_heartbeat=None)  # numbers, not clocks
-        return declare_advanced_publisher(
-            self._session,
-            key,
-            congestion_control=congestion,
-            priority=priority,
-            cache=CacheConfig(cached),
-            sample_miss_detection=detection,
-            publisher_detection=True,
-        )
 
     # questions; these run in zenoh's threads, where an exception would only be printed
 
@@ -140,3 +119,29 @@ class Station:
             query.reply_err(as_error(error))
         except (OSError, zenoh.ZError) as error:
             _LOG.warning("the certificate of %s could not be sent: %s", run_id, error)
+
+
+def advanced_publisher(
+    session: zenoh.Session,
+    key: str,
+    cached: int,
+    congestion: zenoh.CongestionControl = _DROP,
+    priority: zenoh.Priority = zenoh.Priority.DATA,
+    *,
+    heartbeat: bool = False,
+) -> AdvancedPublisher:
+    """Declare a publisher that numbers what it says and remembers the newest of it.
+
+    What an advanced subscriber listens to must be numbered: plain samples are told apart by the router's time
+    stamps, and one that two of its threads pass on in another order than they stamped it is dropped as old.
+    """
+    beat_s = _HEARTBEAT_S if heartbeat else None
+    return declare_advanced_publisher(
+        session,
+        key,
+        congestion_control=congestion,
+        priority=priority,
+        cache=CacheConfig(cached),
+        sample_miss_detection=MissDetectionConfig(heartbeat=beat_s, sporadic_heartbeat=None),
+        publisher_detection=True,
+    )

@@ -1,7 +1,6 @@
 """The service's door: pages, orders and live values, all through one desk."""
 
 import asyncio
-import contextlib
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from service.configuration.cell_file import CellConfig, read_cell_file
 from service.people.entrance import Entrance
 from service.people.errors import PeopleError
 from service.people.permits import Permits
+from service.site.feed import SiteFeed
 from service.web import commands, history, models, outlook, points, screen, sign_in
 from service.web.guard import Guard
 from service.web.link import DeskGoneError, DeskLink
@@ -64,9 +64,12 @@ def create_app(settings: Settings) -> FastAPI:
     """
     config = read_cell_file(settings.cell_file)
     screens = Screens()
+    feed = None if config.site is None else SiteFeed(settings.cell_file)
 
     def heard(kind: str, content: dict[str, Any]) -> None:
         screens.show(kind, content)
+        if feed is not None:
+            feed.heard(kind, content)
 
     entrance = Entrance(
         config.cell.data_dir, settings.open_access, on_console_token=settings.on_console_token
@@ -75,11 +78,13 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        keeping = asyncio.create_task(house.link.keep(), name="desk")
+        keeping = [asyncio.create_task(house.link.keep(), name="desk")]
+        if feed is not None:
+            keeping.append(asyncio.create_task(feed.keep(), name="site"))
         yield
-        keeping.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await keeping
+        for task in keeping:
+            task.cancel()
+        await asyncio.gather(*keeping, return_exceptions=True)
 
     app = FastAPI(title="cellcal", lifespan=lifespan, docs_url=None, redoc_url=None)
     app.state.house = house

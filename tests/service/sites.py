@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -82,21 +82,8 @@ class Site:
             for k in range(first, first + count):
                 journal.append_all(run_id, [NewEvent("finding", {"step": f"capture {k}", "value": k * 0.1})])
 
-    @contextmanager
-    def router(self) -> Iterator[subprocess.Popen[str]]:
-        """Run `cellcal site router` until the block ends."""
-        process = subprocess.Popen(
-            [sys.executable, "-m", "service", "site", "router", "--folder", str(self.folder)],
-            stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "300"},
-        )  # fmt: skip
-        try:
-            assert process.stderr is not None
-            line = process.stderr.readline()
-            assert "listens" in line, line + process.stderr.read()
-            yield process
-        finally:
-            process.terminate()
-            process.communicate(timeout=PATIENCE_S)
+    def router(self) -> AbstractContextManager[subprocess.Popen[str]]:
+        return router_of(self.folder)
 
     @contextmanager
     def publishing(self, cell: str) -> Iterator[Callable[[str, dict[str, Any]], None]]:
@@ -124,6 +111,23 @@ class Site:
             thread.join(PATIENCE_S)
             assert not thread.is_alive(), "a publisher whose desk is gone must end"
             assert not failed, failed
+
+
+@contextmanager
+def router_of(folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run `cellcal site router` until the block ends."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "service", "site", "router", "--folder", str(folder)],
+        stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "300"},
+    )  # fmt: skip
+    try:
+        assert process.stderr is not None
+        line = process.stderr.readline()
+        assert "listens" in line, line + process.stderr.read()
+        yield process
+    finally:
+        process.terminate()
+        process.communicate(timeout=PATIENCE_S)
 
 
 @contextmanager

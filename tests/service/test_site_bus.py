@@ -1,5 +1,7 @@
 """The bus over real sockets with mutual TLS: nothing is lost, nothing foreign arrives, nothing commands a cell."""
 
+import asyncio
+import json
 import os
 import signal
 import subprocess
@@ -18,7 +20,8 @@ from service.site.link_files import MONITOR_FILE, read_link_folder
 from service.site.listener import Listener
 from service.site.outbox import Outbox
 from service.site.sealed import Sealer
-from tests.service.sites import PATIENCE_S, Ear, Site, live_of, opened, session_of, until
+from tests.service.desks import a_cell
+from tests.service.sites import PATIENCE_S, Ear, Site, free_port, live_of, opened, session_of, until
 
 RUN = "drift_check-0123456789ab"
 
@@ -212,6 +215,33 @@ def test_a_router_takes_in_a_new_cell_while_it_runs(tmp_path: Path) -> None:
             site.publishing("cell-08"),
         ):
             until(lambda: [one.link for one in listener.fleet.views(time.monotonic())] == ["online"] * 2)
+
+
+async def test_the_service_of_a_cell_tells_its_site_by_itself(tmp_path: Path) -> None:
+    site = Site(tmp_path / "hall", "cell-07")
+    bus = json.dumps(str(site.folder / "cells" / "cell-07"))
+    async with a_cell(tmp_path / "fake") as (path, door):
+        text = path.read_text().replace(
+            str(tmp_path / "fake" / "data"), str(tmp_path / "hall" / "cell-07" / "data")
+        )
+        path.write_text(f"{text}\n[site]\nfolder = {bus}\n")
+        serve = [sys.executable, "-m", "service", "serve", str(path), "--port", str(free_port())]
+        with site.router(), Listener(site.monitor, tmp_path / "s", patience_s=PATIENCE_S) as listener:
+            process = await asyncio.create_subprocess_exec(*serve, stderr=asyncio.subprocess.DEVNULL)
+            try:
+                joints = await asyncio.to_thread(
+                    until, lambda: listener.fleet.value(site.keys("cell-07").joints)
+                )
+                assert joints.body["name"] == "fanuc"
+                assert len(joints.body["joints_rad"]) == 6
+                await asyncio.to_thread(until, lambda: view(listener, "cell-07").attended)
+                await door.fault("battery_loss", axes="all")
+                await asyncio.to_thread(until, lambda: listener.numbers("cell-07"))
+                assert {alarm["code"] for alarm in view(listener, "cell-07").alarms} >= {"position.lost"}
+            finally:
+                process.send_signal(signal.SIGINT)
+                await process.wait()
+            await asyncio.to_thread(until, lambda: view(listener, "cell-07").link == "offline")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -15,6 +15,7 @@ from tests.soak import (
     motion_gate,
     outliers,
     programs,
+    site,
     stories,
     tcp,
     ur_fence,
@@ -49,6 +50,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "gate": (motion_gate.gate, 100_000),
     "cramer_rao": (cramer_rao.cramer_rao, 1000),
     "programs_roundtrip": (programs.programs_roundtrip, 10_000),
+    "site": (site.site, 1000),
     "programs_mutated": (programs.programs_mutated, 100_000),
 }
 

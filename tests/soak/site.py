@@ -1,0 +1,203 @@
+"""Campaigns over the view from afar: a thousand cells into one monitor, and a router that is away.
+
+Run as a module with a folder and cells it plays those cells: a session, a certificate and a liveliness token each.
+"""
+
+import itertools
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from service.certificates.signing import StationKey, station_key
+from service.site.enrolment import Applicant, NewSite, enroll
+from service.site.keys import StationKeys
+from service.site.link_files import CELL_FILE, close, read_link_folder
+from service.site.listener import Listener
+from service.site.sealed import Sealer
+from service.site.station import advanced_publisher
+from tests.service.sites import SITE, Site, free_port, router_of, until
+from tests.soak.figures import Figures
+
+_RATE_HZ = 10
+_SPAN_S = 20.0
+_PLAYERS = 2
+_PATIENCE_S = 300.0
+_AWAY_S = 6.5
+_EVENTS_HZ = 50
+_PRESIGNED = (
+    10  # joints are opened when somebody looks at them, so repeating some changes nothing for the monitor
+)
+
+
+def site(cells: int) -> Figures:
+    """So many cells at 10 Hz into one monitor, each with its own session, and events across a router's death."""
+    lost_events, told = _outage()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "site"
+        names = [f"cell-{k:04d}" for k in range(cells)]
+        keys = {cell: station_key(Path(name) / "keys" / cell) for cell in names}
+        port = free_port()
+        enroll(
+            folder,
+            [Applicant(cell, key.public) for cell, key in keys.items()],
+            NewSite(SITE, f"127.0.0.1:{port}"),
+        )
+        with (
+            router_of(folder),
+            Listener(folder / "monitor", Path(name) / "s.sqlite", patience_s=60) as listener,
+        ):
+            put, online, share = _follow(Path(name), names, listener)
+            flaws = listener.fleet.flaw_count
+            heard = sum(listener.fleet.samples().values())
+    line = (
+        f"site: {cells} cells at {_RATE_HZ} Hz, {put} samples in {_SPAN_S:g} s, {put - heard} lost, "
+        f"{online} online, {flaws} not believed, monitor {share:.0%} of a core (at most 50 %); "
+        f"router away {_AWAY_S} s: {lost_events} of {told} events lost"
+    )
+    return Figures(
+        line, put == heard and online == cells and flaws == 0 and share <= 0.5 and lost_events == 0
+    )
+
+
+def _follow(root: Path, names: list[str], listener: Listener) -> tuple[int, int, float]:
+    players = [_player(root, names[k::_PLAYERS]) for k in range(_PLAYERS)]
+    try:
+        for player in players:
+            assert player.stdout is not None
+            assert player.stdout.readline() == "ready\n"
+        until(lambda: all(map(listener.fleet.is_alive, names)), _PATIENCE_S)
+        began_s, used_s = time.monotonic(), time.process_time()
+        for player in players:
+            assert player.stdin is not None
+            player.stdin.write("go\n")
+            player.stdin.flush()
+        counts = [int(player.stdout.readline()) for player in players if player.stdout is not None]
+        share = (time.process_time() - used_s) / (time.monotonic() - began_s)
+        time.sleep(2.0)  # what is on its way
+        online = sum(view.link == "online" for view in listener.fleet.views(time.monotonic() - 2.0))
+        return sum(counts), online, share
+    finally:
+        for player in players:
+            player.communicate()
+
+
+def _outage() -> tuple[int, int]:
+    """Kill the router for 6.5 s while a journal grows; return how many of its events never came, of how many."""
+    with tempfile.TemporaryDirectory() as name:
+        one = Site(Path(name), "cell-07")
+        count = 0
+
+        def grow(span_s: float) -> None:
+            nonlocal count
+            ends_s = time.monotonic() + span_s
+            while time.monotonic() < ends_s:
+                one.journal("cell-07", "soak-run", 10, first=count)
+                count += 10
+                time.sleep(10 / _EVENTS_HZ)
+
+        store = Path(name) / "s.sqlite"
+        with (
+            one.publishing("cell-07"),
+            one.router() as router,
+            Listener(one.monitor, store, patience_s=60.0) as listener,
+        ):
+            grow(2.0)
+            router.kill()
+            router.wait()
+            grow(_AWAY_S)
+            with one.router():
+                grow(2.0)
+                ends_s = time.monotonic() + 60.0
+                while len(listener.numbers("cell-07")) < count and time.monotonic() < ends_s:
+                    time.sleep(0.1)
+                return len(set(range(1, count + 1)) - set(listener.numbers("cell-07"))), count
+
+
+def _player(root: Path, names: list[str]) -> "subprocess.Popen[str]":
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.soak.site", str(root)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    process.stdin.write(json.dumps(names) + "\n")
+    process.stdin.flush()
+    return process
+
+
+class _Player:
+    """One simulated cell."""
+
+    def __init__(self, root: Path, cell: str) -> None:
+        self.keys = StationKeys(SITE, cell)
+        self.key: StationKey = station_key(root / "keys" / cell)
+        self.sealer = Sealer(self.key, cell, "e")
+        link = read_link_folder(root / "site" / "cells" / cell, CELL_FILE)
+        self.session = zenoh.open(link.zenoh_config([("connect/timeout_ms", 60_000)]))
+        self.token = self.session.liveliness().declare_token(self.keys.alive)
+        self.numbers = itertools.count(1)
+        joints = {
+            "name": "robot",
+            "role": "robot",
+            "age_s": 0.01,
+            "joints_rad": [0.123456789] * 6,
+            "moving": False,
+        }
+        self.state = advanced_publisher(self.session, self.keys.state, 1)
+        self.joints_publisher = self.session.declare_publisher(self.keys.joints)
+        self.joints = [
+            self.sealer.seal(self.keys.joints, next(self.numbers), joints) for _ in range(_PRESIGNED)
+        ]
+
+    def tell(self, tick: int) -> int:
+        """Publish joints, and once a second the state; return how many messages."""
+        self.joints_publisher.put(self.joints[tick % _PRESIGNED])
+        if tick % _RATE_HZ:
+            return 1
+        self.state.put(self.sealer.seal(self.keys.state, next(self.numbers), _state()))
+        return 2
+
+
+def _state() -> dict[str, Any]:
+    empty: dict[str, Any] = {
+        "alarms": [],
+        "drift": [],
+        "due": [],
+        "run": None,
+        "asks": None,
+        "certificate": None,
+    }
+    return empty | {"cell": "simulated", "attended": True, "outbox": {"first": 1, "last": 0}}
+
+
+def _play() -> None:
+    zenoh.init_log_from_env_or("error")
+    root, names = Path(sys.argv[1]), json.loads(sys.stdin.readline())
+    players = [_Player(root, name) for name in names]
+    for player in players:  # what is said before a cell knows of its listener is said to nobody
+        until(lambda asked=player: asked.joints_publisher.matching_status.matching, _PATIENCE_S)
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    sys.stdin.readline()
+    count, began_s = 0, time.monotonic()
+    ticks = int(_SPAN_S * _RATE_HZ)
+    for tick in range(ticks):
+        for k, player in enumerate(players):
+            count += player.tell(tick + k)  # states are spread over the second
+        time.sleep(max(0.0, began_s + (tick + 1) / _RATE_HZ - time.monotonic()))
+    sys.stdout.write(f"{count}\n")
+    sys.stdout.flush()
+    sys.stdin.read()  # stay until everybody has been counted
+    for player in players:
+        close(player.session)
+
+
+if __name__ == "__main__":
+    _play()
