@@ -22,7 +22,7 @@ from service.site.site_store import Reach
 SILENT_S = 4.0  # a state comes every second; without a goodbye this tells a cable that was pulled
 _MOST_KEYS = 200
 _FLAWS_KEPT = 200
-OPENED_A_LOOK = 250
+OPENED_A_SECOND = 250  # states; more cells than that are looked at in turn
 _STATE_PARTS = {"cell", "alarms", "run", "asks", "attended", "drift", "certificate", "due", "outbox"}
 
 
@@ -71,7 +71,7 @@ class CellView:
 
 
 class Fleet:
-    """Every enrolled cell. ``sample`` and ``liveliness`` are called by zenoh's threads, the rest by one other."""
+    """Every enrolled cell. ``liveliness`` is called by zenoh's threads, the rest by the monitor's."""
 
     def __init__(self, known: StationsFile) -> None:
         self.site = known.site
@@ -88,8 +88,7 @@ class Fleet:
         station = self._stations.get(cell_of(key))
         if station is None:
             return
-        with self._lock:  # joints and states may come in on two threads
-            station.samples += 1
+        station.samples += 1
         station.heard_s = now_s
         if key in station.waiting or len(station.waiting) < _MOST_KEYS:
             station.waiting[key] = (raw, now_s)
@@ -136,7 +135,7 @@ class Fleet:
 
     # looking
 
-    def look(self, most: int = OPENED_A_LOOK) -> list[Message]:
+    def look(self, most: int = OPENED_A_SECOND) -> list[Message]:
         """Open the newest states that came since the last look, of so many cells; return them."""
         names = list(self._stations)
         found: list[Message] = []

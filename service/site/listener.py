@@ -1,11 +1,8 @@
 """A monitor's end of the bus: hears all cells, keeps their events, asks for what is missing. It puts nothing.
 
-Zenoh's threads only hand over; one thread opens and stores, another asks cells for what they still hold.
+One thread takes what came in, opens and stores it; another asks cells for what they still hold.
 """
 
-import contextlib
-import logging
-import queue
 import sqlite3
 import threading
 import time
@@ -15,18 +12,17 @@ from typing import Any, Self
 import orjson
 import zenoh
 from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
+from zenoh.handlers import FifoChannel
 
 from service.certificates.signing import Checked, check
-from service.site.fleet import Fleet
+from service.site.fleet import OPENED_A_SECOND, Fleet
 from service.site.journal_tail import chain_flaw
 from service.site.keys import SiteError, StationKeys, checked_identifier
 from service.site.link_files import MONITOR_FILE, close, read_link_folder, read_stations
 from service.site.sealed import Message
 from service.site.site_store import Received, SiteStore
 
-_LOG = logging.getLogger(__name__)
 _BATCH_S = 0.1
-_LOOK_S = 1.0
 _MOST_WAITING = 100_000
 _SETTLE_S = 1.5  # a short hole is mended from the cell's memory without being asked for
 _AGAIN_S = 3.0
@@ -51,7 +47,6 @@ class Listener:
         self._keys_of = {cell: StationKeys(known.site, cell) for cell in self._cells}
         self._public = {cell: who.public_key for cell, who in known.cells.items()}
         self._all = StationKeys(known.site, "*")
-        self._waiting: queue.Queue[tuple[str, bytes]] = queue.Queue(_MOST_WAITING)
         self._leave = threading.Event()
         self._missing: dict[str, tuple[str, float]] = {}  # since when, and of which outbox
         self._ask_after_s: dict[str, float] = {}
@@ -62,10 +57,10 @@ class Listener:
         except BaseException:
             self._store.close()
             raise
-        self._hearing = self._subscribe()
+        self._subscribe()
         self._threads = [
             threading.Thread(target=self._guarded, args=(work,), name=work.__name__, daemon=True)
-            for work in (self._keep_storing, self._keep_looking, self._keep_asking)
+            for work in (self._keep_hearing, self._keep_asking)
         ]
         for thread in self._threads:
             thread.start()
@@ -79,9 +74,9 @@ class Listener:
     def close(self) -> None:
         """Leave the bus, store what has come, and let go of the file."""
         self._leave.set()
+        self._threads[0].join(_ASK_S)
         close(self._session)
-        for thread in self._threads:
-            thread.join(_ASK_S + 5.0)
+        self._threads[1].join(_ASK_S)
         with self._store_lock:
             self._store.close()
 
@@ -136,38 +131,31 @@ class Listener:
                 raise SiteError(f"{key}: {words}", remedy="See whether the cell is online.", code="device")
         return found
 
-    # hearing, in zenoh's threads
+    # hearing: Rust keeps what comes in until our one thread takes it; a Python callback for each sample would wait
+    # for the interpreter's lock each time, and what a link cannot hand over it drops
 
-    def _subscribe(self) -> list[Any]:
+    def _subscribe(self) -> None:
         history = HistoryConfig(detect_late_publishers=True, max_samples=1000)
         newest = HistoryConfig(detect_late_publishers=True, max_samples=1)
         recovery = RecoveryConfig(periodic_queries=None, heartbeat=True)
         everyone = self._all
-        events = [
+        self._events = [
             declare_advanced_subscriber(
-                self._session, key, self._hear_event, history=history, recovery=recovery
+                self._session, key, FifoChannel(_MOST_WAITING), history=history, recovery=recovery
             )
             for key in (everyone.any_session_event, everyone.alarm)
         ]
-        latest = [
-            declare_advanced_subscriber(self._session, key, self._hear, history=newest)
+        self._latest = [
+            declare_advanced_subscriber(self._session, key, FifoChannel(_MOST_WAITING), history=newest)
             for key in (everyone.state, f"{everyone.base}/device/*/state")
         ]
-        values = [
-            self._session.declare_subscriber(key, self._hear)
+        self._values = [
+            self._session.declare_subscriber(key, FifoChannel(_MOST_WAITING))
             for key in (everyone.joints, f"{everyone.base}/device/*/value")
         ]
-        alive = self._session.liveliness().declare_subscriber(
+        self._alive = self._session.liveliness().declare_subscriber(
             everyone.alive, self._hear_liveliness, history=True
         )
-        return [*events, *latest, *values, alive]
-
-    def _hear(self, sample: zenoh.Sample) -> None:
-        self.fleet.sample(str(sample.key_expr), sample.payload.to_bytes(), time.monotonic())
-
-    def _hear_event(self, sample: zenoh.Sample) -> None:
-        with contextlib.suppress(queue.Full):  # then the hole is seen, and asked for
-            self._waiting.put_nowait((str(sample.key_expr), sample.payload.to_bytes()))
 
     def _hear_liveliness(self, sample: zenoh.Sample) -> None:
         self.fleet.liveliness(str(sample.key_expr), alive=sample.kind == zenoh.SampleKind.PUT)
@@ -183,16 +171,33 @@ class Listener:
                     self.fleet.name_flaw("", f"the monitor cannot go on with its work just now: {error}")
             self._leave.wait(_RETRY_S)
 
-    def _keep_storing(self) -> None:
-        while not (self._leave.is_set() and self._waiting.empty()):
-            try:
-                batch = [self._waiting.get(timeout=_BATCH_S)]
-            except queue.Empty:
-                continue
-            with contextlib.suppress(queue.Empty):
-                while len(batch) < _PAGE:
-                    batch.append(self._waiting.get_nowait())
-            self._store_all(batch)
+    def _keep_hearing(self) -> None:
+        """Take what came in, store events, and open a share of the newest states, again and again."""
+        while True:
+            leaving = self._leave.wait(_BATCH_S)
+            self._take_samples()
+            self._store_all(self._take_events())
+            for state in self.fleet.look(max(1, int(OPENED_A_SECOND * _BATCH_S))):
+                self._compare(state)
+            if leaving:
+                return
+
+    def _take_samples(self) -> None:
+        now_s = time.monotonic()
+        subscribers: list[Any] = [*self._latest, *self._values]
+        for subscriber in subscribers:
+            for _ in range(_MOST_WAITING):
+                sample = subscriber.try_recv()
+                if sample is None:
+                    break
+                self.fleet.sample(str(sample.key_expr), sample.payload.to_bytes(), now_s)
+
+    def _take_events(self) -> list[tuple[str, bytes]]:
+        batch: list[tuple[str, bytes]] = []
+        for subscriber in self._events:
+            while len(batch) < _PAGE and (sample := subscriber.try_recv()) is not None:
+                batch.append((str(sample.key_expr), sample.payload.to_bytes()))
+        return batch
 
     def _store_all(self, batch: list[tuple[str, bytes]]) -> None:
         received = []
@@ -220,11 +225,6 @@ class Listener:
         if flaw:
             self.fleet.name_flaw(message.station, flaw)
         return not flaw
-
-    def _keep_looking(self) -> None:
-        while not self._leave.wait(_LOOK_S):
-            for state in self.fleet.look():
-                self._compare(state)
 
     def _compare(self, state: Message) -> None:
         """Compare what a cell says it has with what is here."""

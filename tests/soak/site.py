@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -180,7 +181,8 @@ def _state() -> dict[str, Any]:
 def _play() -> None:
     zenoh.init_log_from_env_or("error")
     root, names = Path(sys.argv[1]), json.loads(sys.stdin.readline())
-    players = [_Player(root, name) for name in names]
+    with ThreadPoolExecutor(16) as opening:  # a peer takes half a second to open
+        players = list(opening.map(lambda name: _Player(root, name), names))
     for player in players:  # what is said before a cell knows of its listener is said to nobody
         until(lambda asked=player: asked.joints_publisher.matching_status.matching, _PATIENCE_S)
     sys.stdout.write("ready\n")
