@@ -17,16 +17,21 @@ ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "livel
 LEASE_MS = 2500  # after a cable is pulled nobody says goodbye
 _RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 _MOST_SESSIONS = 10_000
+# a thousand cells speak at once, and all of it leaves through the monitor's one link: two batches and 1 ms, the
+# default, lose some on a busy computer
+_QUEUE = {"size": {"data": 16}, "congestion_control": {"drop": {"wait_before_drop": 20_000}}}
 
 Config = dict[str, Any]
 
 
 def router_config(site: str, listen: str, cells: list[str]) -> Config:
     """Return the configuration of the site's router: the only listener."""
+    transport = _transport(ROUTER_NAME)
+    transport["unicast"] = {"max_sessions": _MOST_SESSIONS, "accept_pending": 1000}
+    transport["link"]["tx"]["queue"] = _QUEUE
     return _common("router", ROUTER_NAME) | {
         "listen": {"endpoints": [f"tls/{listen}"]},
-        "transport": _transport(ROUTER_NAME)
-        | {"unicast": {"max_sessions": _MOST_SESSIONS, "accept_pending": 1000}},
+        "transport": transport,
         "access_control": router_access(site, cells),
     }
 

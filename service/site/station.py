@@ -39,6 +39,7 @@ class Station:
         self._alarm = advanced_publisher(
             self._session, keys.alarm, _EVENTS_CACHED, _BLOCK, zenoh.Priority.INTERACTIVE_HIGH, heartbeat=True
         )
+        self._values: dict[str, zenoh.Publisher] = {}
         self._latest: dict[str, AdvancedPublisher] = {}
         self._events: OrderedDict[str, AdvancedPublisher] = OrderedDict()
         self._queryables = [
@@ -67,7 +68,11 @@ class Station:
 
     def tell_value(self, key: str, body: dict[str, Any]) -> None:
         """Publish a value that the next one replaces; lost where the link is."""
-        self._session.put(key, self._live(key, body), encoding=ENCODING, congestion_control=_DROP)
+        if key not in self._values:  # declared, so that the router knows the way of each sample beforehand
+            self._values[key] = self._session.declare_publisher(
+                key, encoding=ENCODING, congestion_control=_DROP
+            )
+        self._values[key].put(self._live(key, body))
 
     def tell_latest(self, key: str, body: dict[str, Any]) -> None:
         """Publish a value that somebody who comes later must get, too."""
