@@ -3,6 +3,7 @@
 import sys
 import time
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -121,9 +122,16 @@ def _screen(listener: "Listener") -> Any:
     from rich.console import Group
     from rich.text import Text
 
-    views = listener.fleet.views(time.monotonic())
+    views = sorted(listener.fleet.views(time.monotonic()), key=_calm)  # what needs a look comes first
+    flaws = [Text(words, style="bold red") for words in _flaws(listener)]
+    room = max(get_terminal_size().lines - len(flaws) - 6, 3)
     router = Text("" if listener.linked else "The site's router does not answer.", style="bold red")
-    return Group(router, _table(views), *(Text(words, style="bold red") for words in _flaws(listener)))
+    more = Text("" if len(views) <= room else f"and {len(views) - room} more, calmer than these")
+    return Group(router, _table(views[:room]), more, *flaws)
+
+
+def _calm(view: "CellView") -> tuple[bool, int]:
+    return not view.alarms, ("silent", "offline", "online", "never").index(view.link)
 
 
 def _flaws(listener: "Listener") -> list[str]:

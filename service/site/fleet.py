@@ -163,7 +163,8 @@ class Fleet:
 
     def views(self, now_s: float) -> list[CellView]:
         """Return every cell as it stands."""
-        return [_view(cell, station, now_s) for cell, station in sorted(self._stations.items())]
+        silent_s = SILENT_S + len(self._stations) / OPENED_A_SECOND  # the turn until a state is opened
+        return [_view(cell, station, now_s, silent_s) for cell, station in sorted(self._stations.items())]
 
     def samples(self) -> dict[str, int]:
         """Return how many samples of each cell came in."""
@@ -193,12 +194,12 @@ class Fleet:
         return message
 
 
-def _view(cell: str, station: _Station, now_s: float) -> CellView:
+def _view(cell: str, station: _Station, now_s: float, silent_s: float) -> CellView:
     body: Mapping[str, Any] = station.state.body if station.state is not None else {}
     return CellView(
         cell=cell,
         name=str(body.get("cell", cell)),
-        link=_link(station, now_s),
+        link=_link(station, now_s, silent_s),
         age_s=None if station.heard_s is None else round(now_s - station.heard_s, 2),
         alarms=tuple(station.alarms.values()),
         run=body.get("run"),
@@ -212,12 +213,12 @@ def _view(cell: str, station: _Station, now_s: float) -> CellView:
     )
 
 
-def _link(station: _Station, now_s: float) -> str:
+def _link(station: _Station, now_s: float, silent_s: float) -> str:
     if station.state_s is None:
         return "silent" if station.alive else "never"
     if not station.alive:
         return "offline"
-    return "online" if now_s - station.state_s <= SILENT_S else "silent"
+    return "online" if now_s - station.state_s <= silent_s else "silent"
 
 
 def _seconds_from_now(wall: str) -> float:

@@ -327,7 +327,7 @@ def test_online_needs_a_state_that_was_opened_and_is_new(tmp_path: Path) -> None
     assert link(0.0) == "silent"
     fleet.sample(name, sealer.seal(name, 2, state), 1.0)
     assert link(1.5) == "online"
-    assert link(1.5 + SILENT_S) == "silent"  # the cable was pulled: nobody said goodbye
+    assert link(1.6 + SILENT_S) == "silent"  # the cable was pulled: nobody said goodbye
     fleet.sample(name, sealer.seal(name, 1, state), 9.0)
     assert link(9.0) == "silent"  # an old one, said again
     fleet.sample(name, b"{}", 9.0)

@@ -80,8 +80,8 @@ def _follow(root: Path, names: list[str], listener: Listener) -> tuple[int, int,
             player.stdin.flush()
         counts = [int(player.stdout.readline()) for player in players if player.stdout is not None]
         share = (time.process_time() - used_s) / (time.monotonic() - began_s)
+        online = sum(view.link == "online" for view in listener.fleet.views(time.monotonic()))
         time.sleep(2.0)  # what is on its way
-        online = sum(view.link == "online" for view in listener.fleet.views(time.monotonic() - 2.0))
         return sum(counts), online, share
     finally:
         for player in players:
