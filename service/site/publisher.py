@@ -108,6 +108,7 @@ class Publisher:
         self._parts, self._ledger, self._clock = parts, ledger, clock
         self._tail = JournalTail(journal_path(parts.config))
         self._alarms = Alarms()
+        self._attended = False
         self._state_at_s = self._journal_at_s = float("-inf")
         self._shown: Any = None
         self._live_seen: Any = None
@@ -147,10 +148,24 @@ class Publisher:
         return ToSend(key, lambda seq: self._parts.sealer.seal(key, seq, told(event)), event.seq)
 
     def _new_alarms(self, now_s: float) -> list[Sent]:
-        tap = self._parts.tap
-        wrong = [*wrong_in(tap.session(), tap.live()), *self._own_troubles()]
-        changes = self._alarms.look(wrong, now_s)
+        changes = self._alarms.look([*self._desks_troubles(), *self._own_troubles()], now_s)
         return self._parts.outbox.add([self._of_alarm(*change) for change in changes]) if changes else []
+
+    def _desks_troubles(self) -> list[Alarm]:
+        tap = self._parts.tap
+        session = tap.session()
+        if session is not None:
+            self._attended = True
+            return wrong_in(session, tap.live())
+        if not self._attended:
+            return []
+        silent = Alarm(
+            "desk.silent",
+            self._parts.config.cell.name,
+            "nothing is heard of its desk",
+            "Look at its service.",
+        )
+        return [*self._alarms.up, silent]  # who hears nothing must not say that all is well
 
     def _own_troubles(self) -> list[Alarm]:
         late = [

@@ -47,6 +47,12 @@ def test_a_cell_is_seen_with_its_state_alarms_joints_and_events(tmp_path: Path) 
             until(lambda: view(listener, "cell-07").alarms)
             assert view(listener, "cell-07").alarms[0]["text"] == "E-stop."
             until(lambda: len(listener.numbers("cell-07")) == 6)
+            say("gone", {})
+            until(
+                lambda: len(view(listener, "cell-07").alarms) == 2 and not view(listener, "cell-07").attended
+            )
+            texts = [alarm["text"] for alarm in view(listener, "cell-07").alarms]
+            assert texts == ["E-stop.", "nothing is heard of its desk"]  # nobody said that the stop is over
         until(lambda: view(listener, "cell-07").link == "offline")
         assert listener.fleet.flaw_count == 0, list(listener.fleet.flaws)
 
