@@ -21,7 +21,6 @@ from typing import Any, BinaryIO
 import orjson
 import zenoh
 
-from service.certificates.certificate import certificates_folder
 from service.certificates.signing import station_key
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.runs.cell import journal_path
@@ -44,6 +43,7 @@ JOURNAL_EVERY_S = 0.2
 DEVICE_STATE_EVERY_S = 10.0
 DESK_SILENT_S = 5.0
 LONGEST_LINE = 1 << 20
+CERTIFICATES = "certificates"  # as certificates/certificate.py keeps them; to import it takes seconds
 
 
 class DeskTap:
@@ -229,7 +229,7 @@ def publish(config: CellConfig, stream: BinaryIO | None, leave: threading.Event)
         parts = Parts(config, keys, sealer, outbox, tap, due_dates(config, link.certificate))
         ledger = Ledger()
         publisher = Publisher(parts, ledger)
-        answers = Answers(journal_path(config), outbox.path, certificates_folder(config), ledger)
+        answers = Answers(journal_path(config), outbox.path, config.cell.data_dir / CERTIFICATES, ledger)
         publisher.catch_up()
         try:
             with Station(_zenoh(link.zenoh_config), keys, sealer, outbox, answers) as station:

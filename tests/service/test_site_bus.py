@@ -1,7 +1,6 @@
 """The bus over real sockets with mutual TLS: nothing is lost, nothing foreign arrives, nothing commands a cell."""
 
 import asyncio
-import json
 import os
 import signal
 import subprocess
@@ -13,15 +12,17 @@ import pytest
 import zenoh
 
 from calibration.errors import CellError
-from service.certificates.signing import station_key
+from service.certificates.signing import Finding, station_key
+from service.cli.app import run_command_line
+from service.exit_codes import ExitCode
 from service.site.authority import new_authority, read_authority
 from service.site.keys import MONITOR_NAME
 from service.site.link_files import MONITOR_FILE, read_link_folder
 from service.site.listener import Listener
 from service.site.outbox import Outbox
 from service.site.sealed import Sealer
-from tests.service.desks import a_cell
-from tests.service.sites import PATIENCE_S, Ear, Site, free_port, live_of, opened, session_of, until
+from service.web.app import Settings, create_app
+from tests.service.sites import PATIENCE_S, Ear, Site, live_of, opened, session_of, until
 
 RUN = "drift_check-0123456789ab"
 
@@ -76,9 +77,9 @@ def test_a_router_that_is_killed_costs_no_event(tmp_path: Path) -> None:
                 assert listener.fleet.flaw_count == 0, list(listener.fleet.flaws)
 
 
-def test_after_hours_without_a_link_the_site_asks_for_what_it_misses(tmp_path: Path) -> None:
+def test_after_hours_without_a_link_the_site_asks_for_what_it_misses(tmp_path: Path, capsys) -> None:
     site = Site(tmp_path, "cell-07")
-    site.journal("cell-07", RUN, 700)  # more than a page, and nothing of it is in any publisher's memory
+    site.journal("cell-07", RUN, 520)  # more than a page, and nothing of it is in any publisher's memory
     with site.publishing("cell-07"):
         until((site.cells["cell-07"].cell.data_dir / "site_outbox.sqlite").exists)
     with (
@@ -86,18 +87,30 @@ def test_after_hours_without_a_link_the_site_asks_for_what_it_misses(tmp_path: P
         site.publishing("cell-07"),
         Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener,
     ):
-        until(lambda: listener.numbers("cell-07") == list(range(1, 701)))
+        until(lambda: listener.numbers("cell-07") == list(range(1, 521)))
         assert view(listener, "cell-07").events.missing == 0
         newest = listener.events("cell-07", 1)[0]["body"]
-        assert newest["journal_seq"] == 700
+        assert newest["journal_seq"] == 520
         runs = listener.ask("cell-07", "runs")
         assert runs[0].body == {"runs": []}  # findings alone are no run
-        told = listener.ask("cell-07", "run", id=RUN, after=690)
-        assert [message.body["journal_seq"] for message in told] == list(range(691, 701))
+        told = listener.ask("cell-07", "run", id=RUN, after=510)
+        assert [message.body["journal_seq"] for message in told] == list(range(511, 521))
         with pytest.raises(CellError, match="there is no verb 'move'"):
             listener.ask("cell-07", "move")
         with pytest.raises(CellError, match="no certificate"):
             listener.certificate("cell-07", RUN)
+        kept = site.cells["cell-07"].cell.data_dir / "certificates" / f"{RUN}.json"
+        kept.parent.mkdir()
+        for folder, finding in ((kept.parent.parent, Finding.INTACT), (tmp_path, Finding.UNKNOWN_KEY)):
+            kept.write_text(station_key(folder).sign("cellcal certificate 1", {"a": 1}))
+            raw, checked = listener.certificate("cell-07", RUN)
+            assert (raw, checked.finding) == (kept.read_bytes(), finding)
+        capsys.readouterr()
+        asked = ["monitor", str(site.folder), "--store", str(tmp_path / "other")]
+        assert run_command_line([*asked, "--certificate", f"cell-07/{RUN}"]) == ExitCode.SIGNATURE
+        assert capsys.readouterr().out == ""  # what another key signed is not handed on
+        assert run_command_line([*asked, "--wait-s", "2"]) == 0
+        assert "cell-07" in capsys.readouterr().out
 
 
 def test_a_monitor_that_comes_again_keeps_what_it_had(tmp_path: Path) -> None:
@@ -224,34 +237,17 @@ def test_a_router_takes_in_a_new_cell_while_it_runs(tmp_path: Path) -> None:
 
 
 async def test_the_service_of_a_cell_tells_its_site_by_itself(tmp_path: Path) -> None:
-    site = Site(tmp_path / "hall", "cell-07")
-    bus = json.dumps(str(site.folder / "cells" / "cell-07"))
-    async with a_cell(tmp_path / "fake") as (path, door):
-        text = path.read_text().replace(
-            str(tmp_path / "fake" / "data"), str(tmp_path / "hall" / "cell-07" / "data")
-        )
-        path.write_text(f"{text}\n[site]\nfolder = {bus}\n")
-        serve = [sys.executable, "-m", "service", "serve", str(path), "--port", str(free_port())]
-        with site.router(), Listener(site.monitor, tmp_path / "s", patience_s=PATIENCE_S) as listener:
-            process = await asyncio.create_subprocess_exec(*serve, stderr=asyncio.subprocess.DEVNULL)
-            try:
-                joints = await asyncio.to_thread(
-                    until, lambda: listener.fleet.value(site.keys("cell-07").joints)
-                )
-                assert joints.body["name"] == "fanuc"
-                assert len(joints.body["joints_rad"]) == 6
-                await asyncio.to_thread(until, lambda: view(listener, "cell-07").attended)
-                await door.fault("battery_loss", axes="all")
-                await asyncio.to_thread(until, lambda: listener.numbers("cell-07"))
-                assert {alarm["code"] for alarm in view(listener, "cell-07").alarms} >= {"position.lost"}
-            finally:
-                process.send_signal(signal.SIGINT)
-                await process.wait()
-            await asyncio.to_thread(until, lambda: view(listener, "cell-07").link == "offline")
+    site = Site(tmp_path, "cell-07")  # none of its devices is there
+    app = create_app(Settings(site.cells["cell-07"].path))
+    with site.router(), Listener(site.monitor, tmp_path / "s", patience_s=PATIENCE_S) as listener:
+        async with app.router.lifespan_context(app):
+            await asyncio.to_thread(until, lambda: view(listener, "cell-07").attended)
+            await asyncio.to_thread(until, lambda: view(listener, "cell-07").alarms)
+            assert view(listener, "cell-07").alarms[0]["code"] == "cell.unreachable"
+        await asyncio.to_thread(until, lambda: view(listener, "cell-07").link == "offline")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_every_process_of_the_site_ends_when_asked(tmp_path: Path, number: signal.Signals) -> None:
+def test_every_process_of_the_site_ends_when_asked(tmp_path: Path) -> None:
     site = Site(tmp_path, "cell-07")
     cell_file = site.cells["cell-07"].path
     with site.router() as router:
@@ -271,7 +267,9 @@ def test_every_process_of_the_site_ends_when_asked(tmp_path: Path, number: signa
         until((site.cells["cell-07"].cell.data_dir / "site_outbox.sqlite").exists)
         until((site.monitor / "received.sqlite").exists)
         time.sleep(0.5)
-        for process in (*processes, router):
+        for process, number in zip(
+            (*processes, router), (signal.SIGINT, signal.SIGTERM, signal.SIGINT), strict=True
+        ):
             process.send_signal(number)
         for process in processes:
             assert process.communicate(timeout=PATIENCE_S)[1] is not None

@@ -11,12 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calibration.errors import CellError
+from service.certificates.certificate import certificates_folder
 from service.certificates.signing import StationKey, station_key
+from service.cli.app import run_command_line
 from service.configuration.cell_file import read_cell_file
 from service.demo.fake_cell import write_cell_file
+from service.exit_codes import ExitCode
 from service.runs.journal import Journal
 from service.site.access import ASKING, SAYING, cell_access, router_access
 from service.site.alarms import CALM_S, Alarm, Alarms, wrong_in
+from service.site.answers import Answers
 from service.site.enrolment import Applicant, NewSite, applicant, enroll
 from service.site.fleet import SILENT_S, Fleet
 from service.site.journal_tail import JournalTail, chain_flaw, told
@@ -24,6 +28,7 @@ from service.site.keys import chunk
 from service.site.ledger import Ledger
 from service.site.link_files import CELL_FILE, Enrolled, StationsFile, read_link_folder
 from service.site.outbox import Outbox, ToSend, rows_between
+from service.site.publisher import CERTIFICATES, site_folder
 from service.site.sealed import Message, Sealer, opened, public_key
 from service.site.site_store import Received, SiteStore
 from tests.service.sites import live_of, session_of
@@ -96,6 +101,18 @@ def test_a_cell_without_its_public_key_is_not_enrolled(tmp_path: Path) -> None:
     path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
     found = applicant(str(path))
     assert found == Applicant("demo", station_key(tmp_path / "data").public)
+
+
+def test_the_command_enrols_a_cell_of_this_computer(tmp_path: Path) -> None:
+    path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
+    enrol = ["site", "enroll", str(path), "--folder", str(tmp_path / "site")]
+    assert run_command_line(enrol) == ExitCode.USAGE  # no site yet
+    assert run_command_line([*enrol, "--name", "hall-3", "--endpoint", "no endpoint"]) == ExitCode.USAGE
+    assert not (tmp_path / "site").exists()
+    assert run_command_line([*enrol, "--name", "hall-3", "--endpoint", "127.0.0.1:7447"]) == 0
+    path.write_text(path.read_text() + '\n[site]\nfolder = "site/cells/demo"\n')
+    assert read_link_folder(site_folder(read_cell_file(path)), CELL_FILE).certificate.name == "demo.pem"
+    assert run_command_line(enrol) == ExitCode.USAGE  # a second time
 
 
 def test_a_key_that_others_may_read_is_not_used(tmp_path: Path) -> None:
@@ -287,6 +304,20 @@ def test_the_ledger_knows_the_last_certificate_and_the_trend(tmp_path: Path) -> 
     assert ledger.certificate is not None
     assert (ledger.certificate["run_id"], ledger.certificate["word"]) == ("d-3", "refused")
     assert [run["run_id"] for run in ledger.runs()] == ["d-4", "d-3", "d-2", "d-1"]
+
+
+def test_certificates_are_looked_for_where_they_are_kept(tmp_path: Path) -> None:
+    config = read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0))
+    kept = certificates_folder(config)
+    assert kept == config.cell.data_dir / CERTIFICATES
+    kept.mkdir(parents=True)
+    (kept / "run-1-refused.json").write_text("refused")
+    (tmp_path / "data" / "signing_key.json").write_text("secret")
+    answers = Answers(tmp_path / "none", tmp_path / "none", kept, Ledger())
+    assert answers.certificate("run-1") == b"refused"
+    for name in ("run-2", "../signing_key", "", "a/b", "run-1\x00"):
+        with pytest.raises(CellError, match="no certificate"):
+            answers.certificate(name)
 
 
 # alarms and presence
