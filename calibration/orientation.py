@@ -162,7 +162,7 @@ def _rule(name: str) -> Convention:
 
 
 _ALL = (
-    # Checked on real controllers' data (FANUC backups, UR programs) or in the maker's own manual:
+    # Checked on real controllers' data (FANUC backups, UR and ABB programs) or in the maker's own manual:
     _angles("fanuc_wpr", "W P R", "Rz(R) Ry(P) Rx(W)"),
     Convention("ur_rotation_vector", ("rx", "ry", "rz"), "exp([r]x)", exp_rotation, log_rotation),
     _angles("ur_rpy", "RX RY RZ", "Rz(RZ) Ry(RY) Rx(RX)"),

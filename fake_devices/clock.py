@@ -5,7 +5,8 @@ Imitates
 Source
     tests/README: fast-forward changes the world's time only, never the event loop's.
 Modelled
-    A factor from 0 (stands still until ``advance``) to several thousand; jumps ahead with ``advance``.
+    A factor from 0 (stands still until ``advance``) to several thousand, which ``pace`` changes; jumps ahead with
+    ``advance``.
 Not modelled
     Clocks that differ from device to device. Link timers (heartbeats, cyclic telegrams, a program's cycle
     counter, how long a link fault lasts) are real time: agreements with a client that lives in real time.
@@ -19,9 +20,7 @@ class Clock:
     """World seconds since the world began."""
 
     def __init__(self, time_factor: float = 1.0) -> None:
-        if not 0.0 <= time_factor <= 1e5:
-            raise ValueError(f"time_factor {time_factor} is outside 0 to 100000")
-        self.time_factor = time_factor
+        self.time_factor = _possible(time_factor)
         self._real_origin_s = time.monotonic()
         self._jumped_s = 0.0
         self._jumped = asyncio.Event()
@@ -35,7 +34,7 @@ class Clock:
         return time.monotonic() - self._real_origin_s
 
     def at_real(self, real_s: float) -> float:
-        """Return the world time at a real time, as if no jump had happened since."""
+        """Return the world time at a real time, as if no jump, and no other pace, had happened since."""
         return self._jumped_s + self.time_factor * real_s
 
     def advance(self, seconds: float) -> None:
@@ -45,6 +44,13 @@ class Clock:
         self._jumped_s += seconds
         self._jumped.set()
         self._jumped = asyncio.Event()
+
+    def pace(self, time_factor: float) -> None:
+        """Run faster or slower from now on."""
+        now_s = self.now()
+        self.time_factor = _possible(time_factor)
+        self._jumped_s += now_s - self.now()
+        self.advance(0.0)  # whoever sleeps reckons again
 
     async def sleep_until(self, world_s: float) -> None:
         """Wait until the world's time has come, also when somebody makes it jump."""
@@ -60,3 +66,9 @@ class Clock:
     async def sleep(self, seconds: float) -> None:
         """Wait that many world seconds."""
         await self.sleep_until(self.now() + seconds)
+
+
+def _possible(time_factor: float) -> float:
+    if not 0.0 <= time_factor <= 1e5:
+        raise ValueError(f"time_factor {time_factor} is outside 0 to 100000")
+    return time_factor

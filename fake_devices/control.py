@@ -4,8 +4,8 @@ Imitates
     Nothing; no real cell has such a door, and no procedure can reach it.
 Source
     Ours. ``{"do": "truth"}``, ``{"do": "fault", "name": …}``, ``{"do": "clear"}``, ``{"do": "faults"}``,
-    ``{"do": "advance", "seconds": …}``, ``{"do": "tcp_error", "robot": …, "counts_at_zero": […], "poses":
-    [[…]]}``.
+    ``{"do": "advance", "seconds": …}``, ``{"do": "pace", "time_factor": …}``, ``{"do": "tcp_error", "robot": …,
+    "counts_at_zero": […], "poses": [[…]]}``.
 Modelled
     A fault goes to the device that ``device`` names, or to the first one that knows it; ``link`` with a
     ``kind`` is another way to name a link fault.
@@ -38,6 +38,7 @@ class ControlDoor:
             "faults": self._faults,
             "clear": self._clear,
             "advance": self._advance,
+            "pace": self._pace,
             "tcp_error": self._tcp_error,
         }
 
@@ -113,6 +114,11 @@ class ControlDoor:
         self._cell.world.clock.advance(float(question["seconds"]))
         await asyncio.sleep(0.0)
         return {"time_s": self._cell.world.clock.now()}
+
+    async def _pace(self, question: JsonObject) -> JsonObject:
+        clock = self._cell.world.clock
+        clock.pace(float(question.get("time_factor", clock.time_factor)))
+        return {"time_factor": clock.time_factor}
 
     async def _tcp_error(self, question: JsonObject) -> JsonObject:
         robot = question.get("robot") or next(iter(self._cell.world.masterings), None)

@@ -6,7 +6,7 @@ Source
     The [fake] table of a cell file: ``seed`` draws everything hidden, ``time_factor`` sets the clock.
 Modelled
     Arms by name, each with its own hidden errors; the masterings that can be lost; the true hooks of wires;
-    a fixture and an end-effector that a wire can be moved to; artefacts that a probe can touch;
+    a fixture and an end-effector that a wire can be moved to; artefacts that a probe can touch; marks and a seat;
     how far a tool tip is off when a controller works with a given mastering.
 Not modelled
     Collisions between arms, wire and furniture; people.
@@ -22,6 +22,7 @@ from fake_devices.artefact import Artefact
 from fake_devices.clock import Clock
 from fake_devices.fixture import EndEffector, Fixture
 from fake_devices.kinematics import Array, transform
+from fake_devices.marks import Marks
 
 _TIP_IN_FLANGE_M = (0.06, 0.05, 0.12)
 _CHECK_POSES = 50
@@ -44,9 +45,11 @@ class World:
         self.arms: dict[str, Arm] = {}
         self.masterings: dict[str, Mastering] = {}
         self.hooks_in_flange_m: dict[str, Array] = {}
+        self.tips_in_flange_m: dict[str, Array] = {}  # of probes, by robot
         self.fixture: Fixture | None = None
         self.end_effector: EndEffector | None = None
         self.artefacts: list[Artefact] = []
+        self.marks = Marks(self)
         self.shared: dict[tuple[str, int], object] = {}  # by address: what several devices are wired to
 
     def add_arm(self, name: str, model_name: str) -> Arm:

@@ -41,9 +41,11 @@ from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
 from procedures.limits import POSE, AccuracyClass, PoseLimits, chosen, told
+from procedures.motion.plan_words import Tour, plan_words, travel_of
 from procedures.motion.plans import Room
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
+from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page, straight
 from procedures.verdict import Change, Verdict, judged, stated
 
 MEAN_TRAVEL_RAD = 1.0
@@ -177,13 +179,25 @@ def _targets(state: ArmState, joints_rad: Array) -> Array:
 
 def _shown(plan: CubePlan, spec: AccuracyCheck) -> Instruction:
     x, y, z = (v * 1e3 for v in plan.centre_m)
-    return Instruction(
-        "accept_plan",
-        f"The robot will move to {len(plan.placing_rad)} poses that tell where the device is, then "
-        f"{spec.rules.cycles} times round five poses in a cube of {plan.side_m * 1e3:.0f} mm about "
-        f"x {x:.0f}, y {y:.0f}, z {z:.0f} mm, at up to {math.degrees(plan.speed_rad_s):.1f} deg/s per joint. "
-        f"{'; '.join(plan.not_checked)}. May it move?",
+    what = (
+        f"the robot, to {len(plan.placing_rad)} poses that tell where the device is, then {spec.rules.cycles} times "
+        f"round five poses in a cube of {plan.side_m * 1e3:.0f} mm about x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
     )
+    stops = len(plan.placing_rad) + spec.rules.cycles * len(plan.tests_rad)
+    rest = plan.way_to_rest_rad[-1]
+    placing_rad = travel_of(rest, (*plan.placing_rad, *plan.first_round_rad))
+    travel_rad = placing_rad + max(spec.rules.cycles - 1, 0) * travel_of(plan.tests_rad[-1], plan.round_rad)
+    asked = Instruction(
+        "accept_plan",
+        plan_words(what, Tour(stops, travel_rad, plan.speed_rad_s), plan.not_checked),
+    )
+    ways = (*plan.placing_rad, *straight(plan.tests_rad))
+    names = (
+        *(str(k) for k in range(1, len(plan.placing_rad) + 1)),
+        *(f"P{k}" for k in range(1, len(plan.tests_rad) + 1)),
+    )
+    checks = WIRE_CHECKS if spec.method == "wire" else ARM_CHECKS
+    return plan_page(asked, Moves(ways, plan.speed_rad_s, checks, plan.not_checked, names=names))
 
 
 def _outline(spec: AccuracyCheck) -> tuple[Phase, ...]:
@@ -266,7 +280,7 @@ def _of_device(bench: Bench) -> Prediction:
 ENTRY = Entry(
     name="accuracy_check",
     title="Accuracy and repeatability following ISO 9283",
-    version=1,
+    version=2,
     procedure=accuracy_check,
     spec_type=AccuracyCheck,
     needs=("moves_joints", "model", "sees_the_flange"),

@@ -120,6 +120,19 @@ class Fingerprint:
     active_frames: ActiveFrames | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class HeldCertificate:
+    """Whose calibration an instrument has, and for which days; ISO dates."""
+
+    number: str
+    issued: str
+    due: str
+
+    def holds_on(self, day: str) -> bool:
+        """Tell whether it is valid on that day (ISO date)."""
+        return self.issued <= day <= self.due
+
+
 @dataclass(frozen=True, eq=False)
 class Cell:
     """One robot and what stands around it. An ability the cell lacks is None."""
@@ -135,6 +148,7 @@ class Cell:
     named_frames: ActiveFrames = field(default_factory=ActiveFrames)  # what the cell file wants active
     gauge: DistanceGauge | None = None
     gauge_setup: GaugeSetup | None = None
+    gauge_certificate: HeldCertificate | None = None  # None: no traceability is claimed
     tracker: Tracker | None = None
     tracker_setup: TrackerSetup | None = None
     probe: TouchProbe | None = None

@@ -45,8 +45,10 @@ from procedures.canonical import sha256_of
 from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose
+from procedures.motion.plan_words import Tour, plan_words, travel_of
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
+from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page
 from procedures.verdict import Characteristic, Verdict, enough, held, judged, stated
 
 MEAN_TRAVEL_RAD = 1.0
@@ -133,7 +135,10 @@ async def _take_reference(run: Run, spec: DriftCheck, bench: Bench) -> DriftResu
     """Measure at poses that tell the causes apart, twice: a reference must repeat."""
     plan = await run.solve("plan the poses", plan_reference, bench, spec.rules)
     await run.step(
-        "accept the plan", accept, _shown(plan, "take the reference"), sha256_of(to_jsonable_python(plan))
+        "accept the plan",
+        accept,
+        _shown(plan, "take the reference", spec.method),
+        sha256_of(to_jsonable_python(plan)),
     )
     visits = Visits(run, bench, plan.speed_rad_s, spec.rules.samples, bench.joints_rad)
     await visits.rest(plan.way_to_rest_rad)
@@ -150,7 +155,9 @@ async def _take_reference(run: Run, spec: DriftCheck, bench: Bench) -> DriftResu
 async def _compare(run: Run, spec: DriftCheck, bench: Bench, reference: DriftReference) -> DriftResult:
     """Measure at a few poses of the reference, and at more as long as they would decide."""
     plan = await run.solve("plan the poses", plan_check, bench, reference, spec.rules)
-    await run.step("accept the plan", accept, _shown(plan, "compare"), sha256_of(to_jsonable_python(plan)))
+    await run.step(
+        "accept the plan", accept, _shown(plan, "compare", spec.method), sha256_of(to_jsonable_python(plan))
+    )
     visits = Visits(run, bench, plan.speed_rad_s, spec.rules.samples, bench.joints_rad)
     await visits.rest(plan.way_to_rest_rad)
     first = min(spec.rules.first, len(reference.poses_rad))
@@ -249,12 +256,15 @@ def _refuse_scatter(first: tuple[ArmCapture, ...], again: tuple[ArmCapture, ...]
         )
 
 
-def _shown(plan: DriftPlan, what: str) -> Instruction:
-    return Instruction(
+def _shown(plan: DriftPlan, what: str, method: Method) -> Instruction:
+    told = f"the robot, to up to {len(plan.ways_rad)} poses, to {what}"
+    travel_rad = travel_of(plan.way_to_rest_rad[-1], plan.ways_rad)
+    asked = Instruction(
         "accept_plan",
-        f"To {what}, the robot will move to up to {len(plan.ways_rad)} poses at up to "
-        f"{math.degrees(plan.speed_rad_s):.1f} deg/s per joint. {'; '.join(plan.not_checked)}. May it move?",
+        plan_words(told, Tour(len(plan.ways_rad), travel_rad, plan.speed_rad_s), plan.not_checked),
     )
+    checks = WIRE_CHECKS if method == "wire" else ARM_CHECKS
+    return plan_page(asked, Moves(plan.ways_rad, plan.speed_rad_s, checks, plan.not_checked))
 
 
 def _outline(spec: DriftCheck) -> tuple[Phase, ...]:
@@ -332,7 +342,7 @@ def _forecast(spec: DriftCheck, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="drift_check",
     title="Drift check against the reference of a healthy robot",
-    version=1,
+    version=2,
     procedure=drift_check,
     spec_type=DriftCheck,
     needs=("moves_joints", "model", "sees_the_flange"),

@@ -29,9 +29,11 @@ from procedures.judged_write import (
     shift_told,
     with_verdict,
 )
+from procedures.motion.plan_words import guessed_tour, plan_words
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.mastering import same_epoch
+from procedures.steps.pages import frame_displacement, plan_page, with_changes
 from procedures.steps.write import read_tool_frame, write_and_read_back
 from procedures.survey.survey import (
     Captures,
@@ -248,13 +250,14 @@ def _hang(number: int, point_m: Triple) -> Instruction:
 
 
 def _shown_plan(plan: SurveyPlan, spec: EndEffectorPoints) -> Instruction:
-    return Instruction(
-        "accept_plan",
-        f"With the hook in each of {len(plan.spots)} points the robot will move to {spec.rules.min_captures} to "
-        f"{spec.rules.max_captures} of {min(map(len, plan.pools))} poses drawn beforehand, one chosen after the "
-        f"other, at up to {math.degrees(plan.speed_rad_s):.1f} deg/s per joint; every way is checked before it is "
-        f"taken. {'; '.join(plan.not_checked)}. May it move?",
+    rules, spots = spec.rules, len(plan.spots)
+    what = (
+        f"the robot, with the hook in each of {spots} points, to {rules.min_captures} to {rules.max_captures} of "
+        f"{min(map(len, plan.pools))} poses, one chosen after the other"
     )
+    tour = guessed_tour(spots * rules.min_captures, plan.speed_rad_s, "hang the hook into each point")
+    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
+    return plan_page(asked, plan.moves(spec.rules))
 
 
 def _shown_tool(tool: ToolFound, spec: EndEffectorPoints, before: Pose, verdict: Verdict) -> Instruction:
@@ -269,7 +272,9 @@ def _shown_tool(tool: ToolFound, spec: EndEffectorPoints, before: Pose, verdict:
         f"Tool {spec.tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within "
         f"{tool.tip_u_m * 1e3:.3f} mm (k=2). {axes}. {shift_told(before, tool.flange_tool)}",
     )
-    return with_verdict(found, verdict, "Write it to the controller?", spec.write_anyway)
+    asked = with_verdict(found, verdict, "Write it to the controller?", spec.write_anyway, writes=True)
+    moved = frame_displacement(before, tool.flange_tool, lever_m=0.0)
+    return with_changes(asked, frame_changes(before, tool.flange_tool), **moved)
 
 
 def _outline(spec: EndEffectorPoints) -> tuple[Phase, ...]:
@@ -326,7 +331,7 @@ def _forecast(spec: EndEffectorPoints, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="end_effector_points",
     title="Tool frame from points on the end-effector",
-    version=2,
+    version=3,
     procedure=end_effector_points,
     spec_type=EndEffectorPoints,
     needs=("moves_joints", "gauge", "gauge_setup", "model", "writes_tool_frame"),

@@ -57,6 +57,10 @@ class Entry:
     verdict: Callable[[Any, Any], Verdict] | None = None  # spec, result: what it claims and what it does not
     forecast: Callable[[Any, Knowledge], Forecast] | None = None  # spec: the dry run
 
+    def reads_gauge(self, *ways: object) -> bool:
+        """Tell whether lengths of the cell's gauge are behind a result; ``ways`` are its method and evidence."""
+        return "gauge" in self.needs or "wire" in ways
+
     def result_codec(self) -> TypeAdapter[Any]:
         """Return how the procedure's result is written down."""
         return TypeAdapter(get_type_hints(self.procedure)["return"])

@@ -28,9 +28,11 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
 from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
 from procedures.limits import FrameLimits
+from procedures.motion.plan_words import guessed_tour, plan_words
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.mastering import same_epoch
+from procedures.steps.pages import plan_page
 from procedures.survey.shared_fixture import (
     NOTHING_KNOWN,
     BaseOutlook,
@@ -272,15 +274,14 @@ def _mount(point: int, mouth_at_m: Triple, fixture: str) -> Instruction:
 
 
 def _shown_plan(plan: SurveyPlan, spec: FixtureAlignment) -> Instruction:
-    degrees = math.degrees(plan.speed_rad_s)
-    return Instruction(
-        "accept_plan",
-        f"At each of {len(plan.spots)} alignment points the robot will move to {spec.rules.min_captures} to "
-        f"{spec.rules.max_captures} of {min(map(len, plan.pools))} poses drawn beforehand, one chosen after the "
-        f"other, at up to {degrees:.1f} deg/s per joint; every way is checked before it is taken. "
-        f"{'; '.join(plan.not_checked)}. "
-        "May it move?",
+    rules, spots = spec.rules, len(plan.spots)
+    what = (
+        f"the robot, at each of {spots} alignment points, to {rules.min_captures} to {rules.max_captures} of "
+        f"{min(map(len, plan.pools))} poses, one chosen after the other"
     )
+    tour = guessed_tour(spots * rules.min_captures, plan.speed_rad_s, "move the wire from point to point")
+    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
+    return plan_page(asked, plan.moves(spec.rules))
 
 
 def _shown_result(result: AlignmentResult) -> Instruction:
@@ -363,7 +364,7 @@ def _forecast(spec: FixtureAlignment, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="fixture_alignment",
     title="Fixture alignment with the draw-wire",
-    version=2,
+    version=3,
     procedure=fixture_alignment,
     spec_type=FixtureAlignment,
     needs=("moves_joints", "gauge", "gauge_setup", "model"),

@@ -10,6 +10,7 @@ from calibration.arm.kinematics import RobotModel
 from calibration.mastering.counts import MasteringRecord
 from drivers.interfaces import Counts, GaugeCapabilities, Joints, TrackerCapabilities
 from procedures.cell import GaugeSetup, MotionLimits, TrackerSetup
+from procedures.instruments import Instruments
 from procedures.limits import AccuracyClass, in_reach
 
 PERSON_S = 60.0  # what a person takes to bring the arm to a point by hand, or to do as told
@@ -29,6 +30,7 @@ class Knowledge:
     limits: MotionLimits = field(default_factory=MotionLimits)
     tracker_setup: TrackerSetup | None = None
     tracker: TrackerCapabilities | None = None
+    instruments: Instruments = field(default_factory=Instruments)  # what places can be found again with
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,9 @@ from procedures.judged_write import (
 )
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
-from procedures.steps.teach import teach
+from procedures.steps.meters import known_points_meter
+from procedures.steps.pages import point_states, points_page, with_changes
+from procedures.steps.teach import TaughtPose, teach
 from procedures.steps.write import read_user_frame, write_user_frame
 from procedures.three_point_frame import tip_in_base
 from procedures.verdict import Verdict, held, known_within, stated
@@ -94,8 +96,10 @@ async def frame_offset(run: Run, spec: FrameOffset) -> OffsetResult:
     old = spec.old_frame or before
 
     count = len(spec.points_in_frame_m or spec.old_points_in_base_m)
-    touches = [await run.step(f"touch point {k}", teach, _touch(spec, k)) for k in range(1, count + 1)]
-    above = await run.step("touch a point above", teach, ABOVE) if spec.check_above else None
+    touches: list[TaughtPose] = []
+    for k in range(1, count + 1):
+        touches.append(await run.step(f"touch point {k}", teach, _on_page(spec, k, touches)))
+    above = await run.step("touch a point above", teach, _above_on_page(count)) if spec.check_above else None
 
     flanges = tuple(taught.base_flange for taught in touches)
     above_flange = None if above is None else above.base_flange
@@ -206,6 +210,19 @@ def _touch(spec: FrameOffset, number: int) -> Instruction:
     )
 
 
+def _on_page(spec: FrameOffset, number: int, touches: list[TaughtPose]) -> Instruction:
+    known, tip = spec.points_in_frame_m or spec.old_points_in_base_m, spec.tip_in_flange_m
+    touched = [tip_in_base(touch.base_flange, tip) for touch in touches]
+    names = [f"touch point {k}" for k in range(1, len(known) + 1)]
+    meter = known_points_meter(number - 1, known, touched, tip)
+    return points_page(_touch(spec, number), point_states(names, number - 1), meter)
+
+
+def _above_on_page(count: int) -> Instruction:
+    names = [*(f"touch point {k}" for k in range(1, count + 1)), "touch a point above"]
+    return points_page(ABOVE, point_states(names, count), None)
+
+
 def _shown(spec: FrameOffset, found: FoundOffset, verdict: Verdict) -> Instruction:
     before = ", ".join(f"{v * 1e3:.2f}" for v in found.base_frame_old.position_m)
     after = ", ".join(f"{v * 1e3:.2f}" for v in found.base_frame_new.position_m)
@@ -218,7 +235,9 @@ def _shown(spec: FrameOffset, found: FoundOffset, verdict: Verdict) -> Instructi
         f"within {found.placed.origin_u_m * 1e3:.2f} mm and {math.degrees(found.placed.angle_u_rad):.3f} deg (k=2).",
     )
     question = "Write it to the controller? Every point recorded in this frame goes along."
-    return with_verdict(shown, verdict, question, spec.write_anyway)
+    asked = with_verdict(shown, verdict, question, spec.write_anyway, writes=True)
+    changed = frame_changes(found.base_frame_old, found.base_frame_new)
+    return with_changes(asked, changed, most_m=found.far_shift_m, at="far_point")
 
 
 def _outline(spec: FrameOffset) -> tuple[Phase, ...]:

@@ -12,6 +12,7 @@ from calibration.geometry import Pose, log_rotation
 from calibration.points.frames import frame_offset as offset_between
 from drivers.interfaces import Instruction
 from procedures.run import RefusalError
+from procedures.steps.pages import review_page
 from procedures.verdict import FAIL, PASS, Change, Characteristic, Verdict
 
 WriteAnyway = Annotated[
@@ -22,8 +23,13 @@ _IN_WORDS = {"pass": "PASS", "fail": "FAIL", "undecided": "UNDECIDED, measure mo
 _SHOWN = {"m": (1e3, "mm", 3), "rad": (math.degrees(1.0), "deg", 4)}
 
 
-def with_verdict(shown: Instruction, verdict: Verdict, question: str, write_anyway: str = "") -> Instruction:
-    """Return what a person is asked: what was found, what it is worth and by which rule, and the question."""
+def with_verdict(
+    shown: Instruction, verdict: Verdict, question: str, write_anyway: str = "", *, writes: bool = False
+) -> Instruction:
+    """Return what a person is asked: what was found, what it is worth and by which rule, and the question.
+
+    ``writes`` tells that a yes changes a controller: its page wants a longer press.
+    """
     decided = [figure for figure in verdict.characteristics if figure.decision is not None]
     rules = "; ".join(dict.fromkeys(figure.rule for figure in decided if figure.rule))
     figures = "; ".join(_told(figure) for figure in decided)
@@ -33,7 +39,8 @@ def with_verdict(shown: Instruction, verdict: Verdict, question: str, write_anyw
     text = (
         f"{shown.text} Verdict: {_IN_WORDS[verdict.word]} ({verdict.limits_from}). {figures}. Rule: {rules}."
     )
-    return replace(shown, text=f"{text}{doubt} {question}")
+    asked = replace(shown, text=f"{text}{doubt} {question}")
+    return review_page(asked, verdict, writes=writes, write_anyway=write_anyway)
 
 
 def refuse_failed(verdict: Verdict, write_anyway: str | None, evidence: object) -> None:

@@ -1,7 +1,11 @@
-"""The mastering record: taken while the robot is healthy, so that lost turns can be found again."""
+"""The mastering record: taken while the robot is healthy, so that lost turns can be found again.
+
+With a draw-wire: lengths over the whole reach. Without one: a kit of places, chosen for the smallest error that it
+would leave.
+"""
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -17,18 +21,30 @@ from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
 from procedures.motion.detours import known_way
+from procedures.motion.plan_words import Tour, plan_words
 from procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
-from procedures.recovery.mastering_forecasts import forecast_record
-from procedures.recovery.recovery_kit import KitProspect, KitSpec, kit_phases, predict_kit, recorded_kit
+from procedures.recovery.kit_offers import KitOffers
+from procedures.recovery.mastering_forecasts import forecast_places, forecast_record
+from procedures.recovery.place_record import place_phases, record_places
+from procedures.recovery.recovery_kit import (
+    GOOD_PROBABILITY,
+    GOOD_SIGMAS,
+    KitProspect,
+    KitSpec,
+    kit_phases,
+    predict_kit,
+    recorded_kit,
+)
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.capture import StillCapture, capture
-from procedures.steps.mastering import MotorState, read_motors, same_epoch
+from procedures.steps.kit_bench import read_kit_bench
+from procedures.steps.mastering import Motors, MotorState, read_motors, same_epoch
 from procedures.steps.motion import go_along
+from procedures.steps.pages import WIRE_CHECKS, Moves, plan_page, straight
 from procedures.verdict import SetAside, Verdict, enough, held, stated
 
 HOOK_WIRE = Instruction("wire_is_hooked", "Hook the draw-wire to the flange; nothing may touch the wire.")
-GOOD_PROBABILITY = 0.9999
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +56,10 @@ class MasteringRecordSpec:
     tolerance_counts: Annotated[int, Field(ge=0)] = 50
     retakes: Annotated[int, Field(ge=0, le=20)] = 2  # of captures that the others contradict
     seed: Annotated[int, Field(ge=0)] = 1
-    kit: KitSpec | None = None
+    evidence: Literal["wire", "places"] = "wire"  # places: no draw-wire; a kit of places alone
+    kit: KitSpec | None = (
+        None  # of places beside the lengths, or in their stead; None: chosen from those possible
+    )
     room: Room = field(default_factory=Room)
 
 
@@ -61,10 +80,13 @@ class RecordResult:
     prospect: Prospect
     kit: KitProspect | None = None  # what its places promise, where it has any
     set_aside: tuple[str, ...] = ()  # captures that the others contradicted; measured again
+    offers: KitOffers | None = None  # what its places were chosen from
 
 
 async def mastering_record(run: Run, spec: MasteringRecordSpec) -> RecordResult:
-    """Measure wire lengths over the whole reach of a healthy robot and store them with its counts."""
+    """Measure lengths over the whole reach of a healthy robot, or places; store them with counts and turns."""
+    if spec.evidence == "places":
+        return await _by_places(run, spec)
     await run.ensure("the wire is hooked", ask, HOOK_WIRE)
     state = await run.step("read the motors", read_motors)
     _refuse_sick(state)
@@ -104,6 +126,18 @@ async def mastering_record(run: Run, spec: MasteringRecordSpec) -> RecordResult:
     return RecordResult(record, prospect, kit, tuple(set_aside))
 
 
+async def _by_places(run: Run, spec: MasteringRecordSpec) -> RecordResult:
+    """Record places alone, in a cell without a draw-wire."""
+    bench = await run.step("look at the instruments", read_kit_bench)
+    motors = bench.motors
+    _refuse_sick(motors)
+    await run.ensure("the robot kept its position", same_epoch, motors.epoch)
+    blank = _unsealed(motors, bench.model)
+    found = await record_places(run, bench, blank, (spec.kit, spec.room, spec.seed))
+    prospect = Prospect(found.prospect.success_probability, found.prospect.sigma_turns, found.visits)
+    return RecordResult(seal(found.record), prospect, found.prospect, offers=found.offers)
+
+
 def fit_wire(state: MotorState, captures: tuple[WireCapture, ...]) -> WireReference:
     """Fit anchor, hook, zero and geometry to the lengths of a healthy robot."""
     counts = np.array([c.counts for c in captures])
@@ -121,21 +155,26 @@ def predict_recovery(record: MasteringRecord) -> Prospect:
 
 def sealed(state: MotorState, captures: tuple[WireCapture, ...], wire: WireReference) -> MasteringRecord:
     """Put a record together and seal it with the hash of everything in it."""
-    record = MasteringRecord(
+    record = replace(_unsealed(state, state.model), captures=captures, wire=wire, prior=wire_prior(state))
+    return seal(record)
+
+
+def _unsealed(state: MotorState | Motors, model: str) -> MasteringRecord:
+    """Return a record of the motors alone: counts, gears and where the robot stands."""
+    return MasteringRecord(
         robot_serial=state.identity.serial,
-        model=state.model,
+        model=model,
         epoch=state.epoch,
         drive=state.drive,
         counts_at_zero=state.mastering.counts_at_zero,
         reference_joints_rad=state.joints_rad,
         reference_counts=state.counts,
-        captures=captures,
-        wire=wire,
-        prior=wire_prior(state),
+        captures=(),
+        wire=None,
+        prior=None,
         taken_by="mastering_record 1",
         sha256="",
     )
-    return seal(record)
 
 
 def seal(record: MasteringRecord) -> MasteringRecord:
@@ -153,6 +192,8 @@ def seal_of(record: MasteringRecord) -> str:
 
 def verdict_on_record(result: RecordResult) -> Verdict:
     """Say whether the lengths agree, and how surely a recovery would find lost turns with them."""
+    if result.record.wire is None:
+        return _verdict_on_places(result)
     (wire, _), prospect = result.record.lengths(), result.prospect
     agree = held(
         "the lengths agree with each other",
@@ -187,21 +228,61 @@ def verdict_on_record(result: RecordResult) -> Verdict:
     )
 
 
-def shown(plan: MotionPlan) -> Instruction:
-    """Return the plan as a question for the technician."""
-    minutes = plan.travel_rad / plan.speed_rad_s / 60.0
-    degrees = float(np.degrees(plan.speed_rad_s))
-    details = "; ".join(plan.not_checked)
-    return Instruction(
-        "accept_plan",
-        f"The robot will move to {len(plan.poses_rad)} poses, about {minutes:.0f} minutes.\n"
-        f"No joint turns faster than {degrees:.1f} deg/s; planned ways keep limits, distances and the wire's range.\n"
-        "Look: is nobody near, is the wire free, are no cables or hoses in the way? May it move?\n"
-        f"What the plan did not check: {details or 'nothing is left out'}.",
+def _verdict_on_places(result: RecordResult) -> Verdict:
+    """Say how surely a recovery would find lost turns at the places, and how well a lost zero."""
+    assert result.kit is not None  # a record without lengths has places
+    assert result.kit.outlook is not None
+    kit = result.kit.outlook
+    finds = enough(
+        "chance that all lost turns would be found",
+        kit.success_probability >= GOOD_PROBABILITY,
+        f"PASS if at least {GOOD_PROBABILITY:g}, else UNDECIDED: record more places",
+        found=kit.success_probability,
+        limit=GOOD_PROBABILITY,
+    )
+    shows = enough(
+        "the places kept for checking would show any wrong turn",
+        kit.check_sigmas >= GOOD_SIGMAS,
+        f"PASS if at {GOOD_SIGMAS:g} deviations or more, else UNDECIDED: record more places",
+        found=kit.check_sigmas,
+        limit=GOOD_SIGMAS,
+    )
+    words, names = "predicted from the places", load_model(result.record.model).joint_names
+    zeros = [
+        stated(f"{name}: U of its zero (k=2), were its reference lost", u, "rad", rule=words)
+        for name, u in zip(names, kit.offset_u_rad, strict=True)
+    ]
+    weakest = stated(
+        "deviation of the least known motor, were it lost", max(kit.sigma_turns), "turn", rule=words
+    )
+    return Verdict(
+        (finds, shows, weakest, *zeros),
+        limits_from="fixed limits of the procedure",
+        not_verified=(
+            "The mastering itself was not checked: the record keeps it as it was found.",
+            "The accuracy of the robot was not measured.",
+            "Whether the places stay where they are: look after marks, seat and nests.",
+        ),
+        remarks=("Take a new record after a motor, encoder, belt or gear was exchanged, or the tip.",),
     )
 
 
-def _refuse_sick(state: MotorState) -> None:
+def shown(plan: MotionPlan) -> Instruction:
+    """Return the plan as a question for the technician."""
+    tour = Tour(len(plan.poses_rad), plan.travel_rad, plan.speed_rad_s)
+    what = f"the robot with the wire hooked in, to {len(plan.poses_rad)} poses; the wire keeps its range"
+    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
+    moves = Moves(
+        ways_rad=plan.ways_rad or straight(plan.poses_rad),
+        speed_rad_s=plan.speed_rad_s,
+        checked=WIRE_CHECKS,
+        not_checked=plan.not_checked,
+        duration_s=60.0 * tour.minutes,
+    )
+    return plan_page(asked, moves)
+
+
+def _refuse_sick(state: MotorState | Motors) -> None:
     if not state.mastering.mastered or state.condition.readiness is not Readiness.READY:
         raise RefusalError(
             f"the robot is not ready or not mastered: {state.condition.message or 'mastering data invalid'}",
@@ -222,6 +303,8 @@ def _refuse_inconsistent(wire: WireReference) -> None:
 
 
 def _outline(spec: MasteringRecordSpec) -> tuple[Phase, ...]:
+    if spec.evidence == "places":
+        return place_phases(spec.kit)
     return (
         *(Phase("read the motors"), Phase("plan the poses"), Phase("accept the plan")),
         *(Phase("go to pose", spec.poses), Phase("capture", spec.poses)),
@@ -236,16 +319,18 @@ def _keeps(spec: MasteringRecordSpec, result: RecordResult) -> Keepsake:
 
 
 def _forecast(spec: MasteringRecordSpec, known: Knowledge) -> Forecast:
-    return forecast_record(known, spec.room, spec.poses, spec.samples, spec.seed)
+    if spec.evidence == "places":
+        return forecast_places(known, spec.room, spec.kit, spec.seed)
+    return forecast_record(known, spec.room, (spec.poses, spec.samples), (spec.kit, spec.seed))
 
 
 ENTRY = Entry(
     name="mastering_record",
     title="Mastering record",
-    version=2,
+    version=3,
     procedure=mastering_record,
     spec_type=MasteringRecordSpec,
-    needs=("moves_joints", "writes_mastering", "gauge", "gauge_setup", "model"),
+    needs=("writes_mastering", "model"),
     outline=_outline,
     keeps=_keeps,
     verdict=lambda _, result: verdict_on_record(result),

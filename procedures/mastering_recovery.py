@@ -9,6 +9,7 @@ from dataclasses import replace
 from pydantic_core import to_jsonable_python
 
 from calibration.mastering.counts import MasteringRecord, WireCapture, provisional_turns
+from calibration.mastering.flank_check import OTHER_SIDE, FlankCheck
 from calibration.mastering.place_recovery import FITTED
 from calibration.mastering.turn_recovery import TurnRecovery
 from drivers.interfaces import Instruction, MasteringData
@@ -16,15 +17,16 @@ from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
 from procedures.mastering_record import HOOK_WIRE
-from procedures.motion.plans import MotionPlan, plan_finals
+from procedures.motion.plans import FinalPlan, plan_finals
 from procedures.recovery.mastering_forecasts import forecast_recovery
-from procedures.recovery.place_recovery import recover_by_places
+from procedures.recovery.place_recovery import OLD_RECORD, recover_by_places
 from procedures.recovery.recovery_campaign import (
     Campaign,
     check_the_memory,
     confirm_elsewhere,
     measure_until_decided,
 )
+from procedures.recovery.recovery_pages import levers_page
 from procedures.recovery.recovery_result import (
     RecoveryResult,
     confirmed,
@@ -32,19 +34,22 @@ from procedures.recovery.recovery_result import (
     lengths_agree,
     restored,
     told_correction,
+    tooth_flanks,
 )
-from procedures.recovery.recovery_spec import MasteringRecoverySpec
+from procedures.recovery.recovery_spec import MasteringRecoverySpec, refuse_other_gears, refuse_unknown_axes
 from procedures.recovery.recovery_verdict import verdict_on_recovery
 from procedures.recovery.waking import wake_encoders
-from procedures.run import RefusalError, Run
+from procedures.run import Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.capture import capture
 from procedures.steps.mastering import MotorState, read_motors, same_epoch, stored_record
-from procedures.steps.motion import CountsToJoints, go_to
+from procedures.steps.motion import CountsToJoints, go_to, go_to_from_above
 from procedures.steps.write import restore_mastering, write_mastering
 from procedures.verdict import Verdict
 
 __all__ = ["ENTRY", "MasteringRecoverySpec", "mastering_recovery"]
+
+MOST_CAPTURES, FEWEST_FINALS = 19, 2  # of a loss of turns, all together
 
 AT_REFERENCE = Instruction(
     "at_reference",
@@ -56,17 +61,18 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
     """Wake the encoders, measure until the gate holds, confirm elsewhere, write, confirm what was written."""
     record = await run.step("read the stored record", stored_record)
     if spec.last_counts is None:
-        await run.step("near the reference pose", ask, AT_REFERENCE)
+        await run.step("near the reference pose", ask, levers_page(AT_REFERENCE, record))
     last_counts = record.reference_counts if spec.last_counts is None else spec.last_counts
-    if spec.evidence == "wire":
+    by_places = spec.evidence == "places" or record.wire is None  # which then has places only
+    if not by_places:
         await run.ensure("the wire is hooked", ask, HOOK_WIRE)
     woken = await wake_encoders(run, record, last_counts, spec.alarms, spec.index_speed_rad_s)
-    if spec.evidence == "places":
+    if by_places:
         return await recover_by_places(run, spec, record, woken.counts)
 
     state = await run.step("read the motors", read_motors)
-    _refuse_other_gears(record, state)
-    _refuse_unknown_axes(spec, state)
+    refuse_other_gears(record, state.drive)
+    refuse_unknown_axes(spec, len(state.counts))
     await run.ensure("the encoders kept their position", same_epoch, state.epoch)
 
     guess = provisional_turns(record.drive, woken.counts, state.counts)
@@ -79,25 +85,36 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
         held = await confirm_elsewhere(campaign, found)
     recovery = held
 
-    places = tuple(campaign.mapping.joints(check.counts) for check in campaign.checks)
-    known = (record, state, spec.room, places)
-    finals = await run.solve("plan the final checks", plan_finals, *known, spec.final_captures)
-    await run.step("accept the correction", accept, told_correction(recovery), _hash_of(recovery))
+    finals = await _plan_finals(campaign)
+    await run.step("accept the correction", accept, told_correction(recovery, record), _hash_of(recovery))
     written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
-    await _confirm_written(campaign, recovery, finals)
-    return restored(record, recovery, campaign.effort(), written, state.epoch)
+    flanks = await _confirm_written(campaign, recovery, finals)
+    done = replace(campaign.effort(), final_captures=len(finals.motion.poses_rad))
+    return replace(restored(record, recovery, done, written, state.epoch), flanks=flanks)
 
 
-async def _confirm_written(campaign: Campaign, recovery: TurnRecovery, plan: MotionPlan) -> None:
-    """Move by the written mastering to check poses again; put the old data back if the lengths disagree."""
-    run, spec = campaign.run, campaign.spec
+async def _plan_finals(campaign: Campaign) -> FinalPlan:
+    """Plan to go to check poses again: fewer from the other side where the recovery took many captures."""
+    places = tuple(campaign.mapping.joints(check.counts) for check in campaign.checks)
+    left = MOST_CAPTURES - campaign.taken - len(campaign.checks)
+    most = max(FEWEST_FINALS, min(campaign.spec.final_captures, left))
+    known = (campaign.record, campaign.state, campaign.spec.room, places)
+    return await campaign.run.solve("plan the final checks", plan_finals, *known, most)
+
+
+async def _confirm_written(campaign: Campaign, recovery: TurnRecovery, finals: FinalPlan) -> FlankCheck:
+    """Move by the written mastering to check poses again; put the old data back if the lengths disagree.
+
+    Some are reached from the other side: the difference tells the gears' play, and whether something is loose.
+    """
+    run, spec, plan = campaign.run, campaign.spec, finals.motion
     again: list[WireCapture] = []
     campaign.seconds += plan.travel_rad / plan.speed_rad_s
-    for k, pose in enumerate(plan.poses_rad, 1):
-        await run.move(f"go to final check {k}", go_to, pose, plan.speed_rad_s)
-        still = await run.step(
-            f"final check {k}", capture, f"final check {k}", spec.samples, spec.tolerance_counts
-        )
+    for k, (pose, other) in enumerate(zip(plan.poses_rad, finals.other_side, strict=True), 1):
+        go, side = (go_to_from_above, OTHER_SIDE) if other else (go_to, "record")
+        await run.move(f"go to final check {k}", go, pose, plan.speed_rad_s)
+        what = f"final check {k}"
+        still = await run.step(what, capture, what, spec.samples, spec.tolerance_counts, side)
         again.append(campaign.arrived(still))
     name = "confirm the written mastering"
     final = await run.solve(name, confirmed, campaign.record, recovery, tuple(again))
@@ -107,6 +124,8 @@ async def _confirm_written(campaign: Campaign, recovery: TurnRecovery, plan: Mot
         reason = "with the new mastering the lengths no longer agree; the old data were put back"
         remedy = "The robot is not mastered, as before. Start the recovery again."
         raise campaign.refusal(final, reason, remedy, "procedure.not_confirmed")
+    looked = (campaign.record, recovery, tuple(campaign.checks), tuple(again))
+    return await run.solve("compare the tooth flanks", tooth_flanks, *looked)
 
 
 def _data_differ(record: MasteringRecord, state: MotorState) -> bool:
@@ -119,10 +138,7 @@ async def _refuse_wrong_record(campaign: Campaign, recovery: TurnRecovery) -> No
     record, present = campaign.record, campaign.state.mastering
     if controller_was_right(record, recovery, present):
         reason = "the lengths agree with the mastering that the controller holds, and not with the record"
-        remedy = (
-            "The record is older than the robot's last mastering: take a new one. Nothing is to be recovered."
-        )
-        raise campaign.refusal(recovery, reason, remedy, "procedure.wrong_record")
+        raise campaign.refusal(recovery, reason, OLD_RECORD, "procedure.wrong_record")
     if recovery.mode == "all":
         await campaign.run.step("compare the arm's plate", ask, _plate(record))
 
@@ -134,24 +150,6 @@ def _plate(record: MasteringRecord) -> Instruction:
         f"record is of another one. Read the plate on the arm itself: is it {record.robot_serial}, with no new "
         "arm or link since the record was taken?",
     )
-
-
-def _refuse_other_gears(record: MasteringRecord, state: MotorState) -> None:
-    if record.drive != state.drive:
-        raise RefusalError(
-            "the controller's gear data are not those of the record",
-            code="procedure.wrong_record",
-            remedy="Compare the gear ratios with the data sheet; restore the controller's backup.",
-        )
-
-
-def _refuse_unknown_axes(spec: MasteringRecoverySpec, state: MotorState) -> None:
-    axes = len(state.counts)
-    if not all(1 <= axis <= axes for axis in spec.exchanged_axes):
-        raise RefusalError(
-            f"exchanged_axes names an axis that is not there: {spec.exchanged_axes}",
-            remedy=f"Axes count from 1 to {axes}.",
-        )
 
 
 def _hash_of(recovery: TurnRecovery) -> str:
@@ -190,6 +188,7 @@ def _finally(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     return (
         Phase("go to final check", spec.final_captures, adaptive=True),
         Phase("final check", spec.final_captures, adaptive=True),
+        Phase("compare the tooth flanks"),
     )
 
 
@@ -233,7 +232,7 @@ def _forecast(spec: MasteringRecoverySpec, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="mastering_recovery",
     title="Mastering recovery",
-    version=3,
+    version=4,
     procedure=mastering_recovery,
     spec_type=MasteringRecoverySpec,
     needs=("jogs_single_axes", "writes_mastering", "evidence", "model"),

@@ -22,6 +22,7 @@ class Kind(StrEnum):
     FORGOTTEN = "forgotten"  # findings after the n-th no longer count; nothing is deleted
     STORED = "stored"  # a result that outlives its run: mastering record, tool, frame
     ENDED = "run_ended"
+    SIGNED = "signed"  # afterwards: a person put a name to what had to be done by hand
 
 
 class Effect(StrEnum):

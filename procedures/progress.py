@@ -15,6 +15,7 @@ class Progress:
     expected: int
     message: str = ""
     value: Any = None  # JSON
+    does: str = ""  # of a step that started: read, move, write, solve
 
 
 class Gate:

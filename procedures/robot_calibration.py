@@ -6,7 +6,7 @@ well enough over the work, or when it is shown that it cannot be. Poses that are
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 from pydantic import Field
@@ -17,6 +17,7 @@ from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import Instruction, MasteringData
 from procedures.arm.arm_bench import READY, ArmCapture, Bench, Method, bench_before, read_bench, same_robot
 from procedures.arm.arm_motion import Reach, ordered_ways
+from procedures.arm.arm_pages import series_moves, zero_changes, zero_displacement
 from procedures.arm.arm_series import Visits
 from procedures.arm.calibration_plan import (
     CalibrationPlan,
@@ -35,8 +36,10 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
 from procedures.judged_write import refuse_failed, with_verdict
 from procedures.limits import CHECK, AccuracyClass, CheckLimits, chosen, told
+from procedures.motion.plan_words import MEAN_TRAVEL_RAD, guessed_tour, plan_words
 from procedures.run import NeedsUnmetError, RefusalError, Run
 from procedures.steps.ask import accept, ask
+from procedures.steps.pages import plan_page, with_changes
 from procedures.steps.write import restore_mastering, write_mastering
 from procedures.verdict import (
     FAIL,
@@ -52,7 +55,6 @@ from procedures.verdict import (
 )
 
 FINAL_POSES = 3
-MEAN_TRAVEL_RAD = 1.5  # of the slowest joint, from one pose to the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +98,7 @@ class CalibrationResult:
     bench: Bench
     written: MasteringData | None = None
     final_rms_m: float | None = None  # at poses gone to again after the zeros were written
+    moved_m: float | None = None  # the first pose, measured again at the end
 
 
 async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResult:
@@ -112,10 +115,17 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
     await visits.rest(plan.way_to_rest_rad)
     ended = await _measure(run, series, visits)
     checks = await _verify(run, series, visits)
+    moved_m = await visits.hold_device(_way_back(series, visits))
 
     identified = await run.solve("identify the arm", identify_arm, series, visits.captures(), checks)
     result = CalibrationResult(
-        identified, identified.arm, ended.enough, ended.why_not, tuple(visits.set_aside), bench
+        identified,
+        identified.arm,
+        ended.enough,
+        ended.why_not,
+        visits.not_used(identified.rejected),
+        bench,
+        moved_m=moved_m,
     )
     shown = with_verdict(_shown_result(result), _verdict(spec, result), "Keep the parameters?")
     await run.step("accept the result", accept, shown, sha256_of(to_jsonable_python(identified)))
@@ -158,6 +168,12 @@ def check_ways(
     return ordered_ways(reach, plan.roads, here_rad, plan.reserved[:wanted])
 
 
+def _way_back(series: Series, visits: Visits) -> tuple[tuple[float, ...], ...]:
+    """Return the way to the pose that was gone to first."""
+    assert visits.first_rad is not None  # a series has captures before it is verified
+    return ordered_ways(series.reach(), series.plan.roads, visits.here_rad, (visits.first_rad,))[0]
+
+
 async def _write_zeros(
     run: Run, spec: RobotCalibration, series: Series, visits: Visits, result: CalibrationResult
 ) -> CalibrationResult:
@@ -167,7 +183,8 @@ async def _write_zeros(
     verdict = _verdict(spec, result)
     refuse_failed(verdict, None, result)
     question = "Write them as the robot's mastering? Taught positions move with them."
-    shown = with_verdict(_shown_zeros(found), verdict, question)
+    shown = with_verdict(_shown_zeros(found), verdict, question, writes=True)
+    shown = with_changes(shown, zero_changes(bench, found), **zero_displacement(bench, series.plan, found))
     await run.step("accept the zeros", accept, shown, sha256_of(to_jsonable_python(found.mastering)))
     written = await run.write("write the mastering", write_mastering, found.mastering)
     ways = check_ways(series, visits.here_rad, FINAL_POSES)
@@ -185,9 +202,7 @@ async def _write_zeros(
             evidence=result,
         )
     arm = after_mastering(found.arm, found.written_offsets_rad, found.mastering)
-    return CalibrationResult(
-        found, arm, result.goal_reached, result.why_ended, result.set_aside, bench, written, rms_m
-    )
+    return replace(result, identified=found, arm=arm, written=written, final_rms_m=rms_m)
 
 
 def _refuse_zeros(found: Identified, bench: Bench) -> None:
@@ -209,15 +224,17 @@ def _refuse_zeros(found: Identified, bench: Bench) -> None:
 
 def _shown_plan(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
     rules, expected = spec.rules, plan.expected_captures
-    doubt = f" Beware: {plan.shortfall}." if plan.shortfall else ""
-    return Instruction(
-        "accept_plan",
-        f"The robot will move to about {expected} (at most {rules.max_captures}) of {len(plan.pool)} poses drawn "
-        f"beforehand, chosen a few at a time, and to {rules.checks_for(expected)} more that verify, at up to "
-        f"{math.degrees(plan.speed_rad_s):.1f} deg/s per joint; every way is checked before it is taken. Expected "
-        f"then: target known within {plan.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS), "
-        f"{plan.tip_u_max_m * 1e3:.3f} mm at worst.{doubt} {'; '.join(plan.not_checked)}. May it move?",
+    doubt, checks = f". Beware: {plan.shortfall}" if plan.shortfall else "", rules.checks_for(expected)
+    what = (
+        f"the robot, to about {expected} (at most {rules.max_captures}) of {len(plan.pool)} poses, chosen a few at a "
+        f"time, and to {checks} more that verify. Expected then: target known within {plan.tip_u_m * 1e3:.3f} mm "
+        f"over the work (k=2, RMS), {plan.tip_u_max_m * 1e3:.3f} mm at worst{doubt}"
     )
+    asked = Instruction(
+        "accept_plan",
+        plan_words(what, guessed_tour(expected + checks, plan.speed_rad_s), plan.not_checked),
+    )
+    return plan_page(asked, series_moves(plan, spec.rules, wired=spec.method == "wire"))
 
 
 def _shown_result(result: CalibrationResult) -> Instruction:
@@ -256,6 +273,7 @@ def _outline(spec: RobotCalibration) -> tuple[Phase, ...]:
         *(Phase("choose poses", looks, adaptive=True), Phase("go to pose", expected, adaptive=True)),
         *(Phase("capture", expected, adaptive=True), Phase("choose check poses")),
         *(Phase("go to check", checks, adaptive=True), Phase("capture check", checks, adaptive=True)),
+        *(Phase("go to station", 1), Phase("capture station", 1)),
         *(Phase("identify the arm"), Phase("accept the result")),
         *(writing if spec.write_zeros else ()),
     )
@@ -285,6 +303,7 @@ def _verdict(spec: RobotCalibration, result: CalibrationResult) -> Verdict:
             *_goals(spec, found),
             stated("largest error at poses that were not fitted", out.after_max_m, "m"),
             stated("residual of the fit", found.residual_rms_m, "m", rule="no accuracy"),
+            stated("first pose, measured again at the end", result.moved_m or 0.0, "m", rule="else refused"),
             *_zeros(found),
         ),
         limits_from=told(spec.accuracy_class, spec.limits),
@@ -361,7 +380,7 @@ def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="robot_calibration",
     title="Robot calibration with draw-wire or tracker",
-    version=1,
+    version=2,
     procedure=robot_calibration,
     spec_type=RobotCalibration,
     needs=("moves_joints", "model", "sees_the_flange"),

@@ -27,6 +27,7 @@ from procedures.canonical import alike, sha256_of
 from procedures.cell import Cell
 from procedures.past import Effect, Finding, Kind, Past
 from procedures.progress import Gate, Progress, ignore
+from procedures.shown import Shown
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -117,6 +118,12 @@ class _Task:
     inputs: Any
     codec: TypeAdapter[Any]
     act: Callable[[Cell], Awaitable[Any]]
+    solves: bool = False
+
+    @property
+    def does(self) -> str:
+        """What a screen says of it while it goes on: read, move, write, solve."""
+        return "solve" if self.solves else "read" if self.effect is Effect.NONE else self.effect.value
 
 
 class Run:
@@ -177,7 +184,9 @@ class Run:
         async def act(_: Cell) -> R:
             return await asyncio.to_thread(calculation, *args, **kwargs)
 
-        task = _Task(self._claim(name), Effect.NONE, Kind.FINDING, inputs, _codec(calculation), act)
+        task = _Task(
+            self._claim(name), Effect.NONE, Kind.FINDING, inputs, _codec(calculation), act, solves=True
+        )
         result: R = await self._answer(task)
         return result
 
@@ -189,7 +198,7 @@ class Run:
         **kwargs: P.kwargs,
     ) -> None:
         """Check a standing condition on every entry, also when resuming."""
-        inputs = to_jsonable_python([args, kwargs])
+        inputs = _asked_for(args, kwargs)
 
         async def act(cell: Cell) -> Any:
             return await work(cell, *args, **kwargs)
@@ -204,7 +213,7 @@ class Run:
         *args: P.args,
         **kwargs: P.kwargs,
     ) -> R:
-        inputs = to_jsonable_python([args, kwargs])
+        inputs = _asked_for(args, kwargs)
 
         async def act(cell: Cell) -> R:
             return await work(cell, *args, **kwargs)
@@ -252,7 +261,7 @@ class Run:
         body = {"step": name, "attempt": attempt, "effect": task.effect.value, "inputs": task.inputs}
         opening = Kind.ENTERED if task.effect is Effect.NONE else Kind.INTENT
         book.ledger.record(opening, body, key=f"{name}/{attempt}/{opening}")
-        self._announce("started", name)
+        self._announce("started", name, does=task.does)
         try:
             stored = task.codec.dump_python(await task.act(book.cell), mode="json")
             book.ledger.record(task.kind, body | {"value": stored}, key=f"{name}/{attempt}/{task.kind}")
@@ -328,10 +337,12 @@ class Run:
             {"before": name, "key": instruction.key, "who": answer.who, "text": instruction.text},
         )
 
-    def _announce(self, kind: str, step: str, *, message: str = "", value: Any = None) -> None:
+    def _announce(
+        self, kind: str, step: str, *, message: str = "", value: Any = None, does: str = ""
+    ) -> None:
         book = self._book
         index = min(book.done + (kind not in ("finding", "replayed")), max(book.expected, book.done + 1))
-        book.announce(Progress(kind, step, index, max(book.expected, index), message, value))
+        book.announce(Progress(kind, step, index, max(book.expected, index), message, value, does))
 
 
 async def _stopped(cell: Cell) -> bool:
@@ -341,6 +352,15 @@ async def _stopped(cell: Cell) -> bool:
     except (CellError, TimeoutError):
         return False
     return True
+
+
+def _asked_for(args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Any:
+    """Return a step's inputs as the journal keeps them: how a screen shows an instruction is none of them."""
+
+    def words(given: Any) -> Any:
+        return given.words if isinstance(given, Shown) else given
+
+    return to_jsonable_python([[*map(words, args)], {name: words(given) for name, given in kwargs.items()}])
 
 
 def _refuse_mismatch(finding: Finding, task: _Task) -> None:

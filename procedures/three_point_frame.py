@@ -3,8 +3,9 @@
 F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, section 3.3.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -27,11 +28,20 @@ from procedures.judged_write import (
 from procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
+from procedures.steps.meters import frame_meter
+from procedures.steps.pages import (
+    frame_displacement,
+    point_states,
+    points_page,
+    with_changes,
+)
 from procedures.steps.teach import teach
 from procedures.steps.write import read_user_frame, write_user_frame
 from procedures.verdict import Contribution, Verdict, held, known_within
 
 Triple = tuple[float, float, float]
+Role = Literal["origin", "on_x", "in_plane", "above"]
+Asked = tuple[str, Role, Instruction]  # step, what the point is, words
 ASSUMED_SIDE_M = 0.3  # of the triangle, in a dry run
 
 POINTER = Instruction(
@@ -79,35 +89,62 @@ async def three_point_frame(run: Run, spec: ThreePointFrame) -> FrameSetup:
     await run.ensure("the pointer is mounted", ask, POINTER)
     before = await run.step("read the user frame", read_user_frame, spec.frame_number)
 
-    origin = await run.step("touch the origin", teach, ORIGIN)
-    on_x = await run.step("touch a point on x", teach, ON_X)
-    on_xy = await run.step("touch a point on the y side", teach, ON_XY)
-    more_on_x = [
-        await run.step(f"touch another point on x {k}", teach, MORE_ON_X)
-        for k in range(1, spec.more_on_x + 1)
-    ]
-    more_in_plane = [
-        await run.step(f"touch another point of the plane {k}", teach, MORE_ON_XY)
-        for k in range(1, spec.more_in_plane + 1)
-    ]
-    above = await run.step("touch a point above", teach, ABOVE) if spec.check_above else None
+    poses: dict[Role, list[Pose]] = {"origin": [], "on_x": [], "in_plane": [], "above": []}
+    asked = _asked(spec)
+    for number, (step, role, instruction) in enumerate(asked):
+        shown = _on_page(spec, asked, number, instruction, poses)
+        poses[role].append((await run.step(step, teach, shown)).base_flange)
 
     taught = await run.solve(
         "construct the frame",
         construct_frame,
         spec,
-        origin.base_flange,
-        tuple(taught.base_flange for taught in (on_x, *more_on_x)),
-        tuple(taught.base_flange for taught in (on_xy, *more_in_plane)),
-        None if above is None else above.base_flange,
+        poses["origin"][0],
+        tuple(poses["on_x"]),
+        tuple(poses["in_plane"]),
+        poses["above"][0] if spec.check_above else None,
     )
     base_user = taught.base_frame
     verdict = _judge(spec, taught)
     refuse_failed(verdict, spec.write_anyway, taught)
-    shown, sha256 = _shown(spec, taught, before, verdict), sha256_of(to_jsonable_python(base_user))
-    await run.step("accept the result", accept, shown, sha256)
+    result, sha256 = _shown(spec, taught, before, verdict), sha256_of(to_jsonable_python(base_user))
+    await run.step("accept the result", accept, result, sha256)
     read_back = await run.write("write the user frame", write_user_frame, spec.frame_number, base_user)
     return FrameSetup(spec.frame_number, taught, before, read_back)
+
+
+def _asked(spec: ThreePointFrame) -> tuple[Asked, ...]:
+    """Return every point in the order of teaching: its step, what it is, and what the technician is told."""
+    return (
+        ("touch the origin", "origin", ORIGIN),
+        ("touch a point on x", "on_x", ON_X),
+        ("touch a point on the y side", "in_plane", ON_XY),
+        *((f"touch another point on x {k}", "on_x", MORE_ON_X) for k in range(1, spec.more_on_x + 1)),
+        *(
+            (f"touch another point of the plane {k}", "in_plane", MORE_ON_XY)
+            for k in range(1, spec.more_in_plane + 1)
+        ),
+        *((("touch a point above", "above", ABOVE),) if spec.check_above else ()),
+    )
+
+
+def _on_page(
+    spec: ThreePointFrame,
+    asked: tuple[Asked, ...],
+    number: int,
+    instruction: Instruction,
+    poses: Mapping[Role, list[Pose]],
+) -> Instruction:
+    limits = chosen(FRAME, spec.accuracy_class, spec.limits)
+    tip = spec.tip_in_flange_m
+    meter = frame_meter(
+        asked[number][1],
+        {role: [tip_in_base(pose, tip) for pose in taught] for role, taught in poses.items()},
+        tip_in_flange_m=tip,
+        sigma_m=spec.sigma_m,
+        limits=(limits.origin_m, limits.angle_rad),
+    )
+    return points_page(instruction, point_states([step for step, _, _ in asked], number), meter)
 
 
 def construct_frame(
@@ -141,7 +178,9 @@ def _shown(spec: ThreePointFrame, taught: TaughtFrame, before: Pose, verdict: Ve
         f"User frame {spec.frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its axes "
         f"are known to {turn:.2f} mm per metre (k=2). {shift_told(before, taught.base_frame)}",
     )
-    return with_verdict(found, verdict, "Write it to the controller?", spec.write_anyway)
+    asked = with_verdict(found, verdict, "Write it to the controller?", spec.write_anyway, writes=True)
+    moved = frame_displacement(before, taught.base_frame)
+    return with_changes(asked, frame_changes(before, taught.base_frame), **moved)
 
 
 def _outline(spec: ThreePointFrame) -> tuple[Phase, ...]:

@@ -136,8 +136,9 @@ class RecoveryKit:
 class MasteringRecord:
     """What is stored while the robot is healthy, so that lost turns can be found again. Never changed.
 
-    A controller's backup tells counts at zero and drives only: such a record has no wire, no prior, no captures,
-    and where its quick-master reference is void no reference pose either.
+    One taken without a draw-wire has a kit of places, and no wire, prior or captures. A controller's backup tells
+    counts at zero and drives only: such a record has not even a kit, and where its quick-master reference is void no
+    reference pose either.
     """
 
     robot_serial: str
@@ -165,8 +166,13 @@ class MasteringRecord:
         Raises
         ------
         CalibrationError
-            It is from a controller's backup and holds none.
+            It is from a controller's backup, or was taken without a draw-wire, and holds none.
         """
+        if self.kit is not None and (self.wire is None or self.prior is None):
+            raise CalibrationError(
+                "the mastering record was taken without a draw-wire: it holds places, and no lengths.",
+                remedy="Recover by its places, or take a new record with the draw-wire while the robot is healthy.",
+            )
         if self.wire is None or self.prior is None:
             raise CalibrationError(
                 "the mastering record is from a controller's backup: it holds counts, and no lengths.",

@@ -27,6 +27,7 @@ _KNOCKED_M = 0.005  # how far a knock may have moved a tip
 _MOVED_SIGMAS = 6.0  # between fixed targets, then and now
 _STEP = 1e-6  # of the differences; errors of second order stay below 1e-9
 _FLEX_RANGE_RAD = 0.6
+_HALF_TURN_RAD = 3.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -38,9 +39,8 @@ class _Arm:
 
     def __sub__(self, other: "_Arm") -> Array:
         """Return how far this is from the other, as rows (N, 6): way [m], rotation vector [rad]."""
-        turned = np.einsum("nij,nkj->nik", self.rotations, other.rotations)
-        angles = np.array([log_rotation(rotation) for rotation in turned]).reshape(-1, 3)
-        return np.hstack([self.tips - other.tips, angles])
+        turned = self.rotations @ np.swapaxes(other.rotations, 1, 2)
+        return np.hstack([self.tips - other.tips, _rotation_vectors(turned)])
 
 
 class PlaceProblem:
@@ -246,6 +246,23 @@ class PlaceProblem:
         keep = np.array([[True] * 3 + [c.kind == "seat"] * 3 for c in captures], dtype=bool).reshape(-1, 6)
         picked: Array = ways[keep]
         return picked
+
+
+def _rotation_vectors(rotations: Array) -> Array:
+    """Return the rotation vectors (N, 3) of N rotations (N, 3, 3); of those by almost a half turn one by one."""
+    skew = rotations - np.swapaxes(rotations, 1, 2)
+    doubled = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    sine, cosine = (
+        np.linalg.norm(doubled, axis=1) / 2.0,
+        (np.trace(rotations, axis1=1, axis2=2) - 1.0) / 2.0,
+    )
+    angle = np.arctan2(sine, cosine)
+    vectors: Array = doubled / 2.0 * (angle / np.maximum(sine, 1e-300))[:, None]
+    small = sine < 1e-12
+    vectors[small] = doubled[small] / 2.0
+    for k in np.flatnonzero(angle > _HALF_TURN_RAD):
+        vectors[k] = log_rotation(rotations[k])
+    return vectors
 
 
 def _seen(capture: PlaceCapture) -> tuple[float, float, float]:

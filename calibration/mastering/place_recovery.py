@@ -9,6 +9,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry import Array
 from calibration.mastering.counts import DriveTrain, MasteringRecord, PlaceCapture, RecoveryKit
 from calibration.mastering.integer_search import success_probability
+from calibration.mastering.place_choice import PlaceChoice
 from calibration.mastering.place_evidence import PlaceProblem
 from calibration.mastering.pose_design import TURN_DOUBT
 from calibration.mastering.turn_recovery import Robot, TurnRecovery, recover_from
@@ -61,13 +62,18 @@ def predict_places(
     sigma_turns : (n,)
         Standard deviation of each motor's real estimate [turns].
     """
+    covariance = place_covariance(model, kit, robot, numbers)
+    return success_probability(covariance), np.sqrt(np.diag(covariance))
+
+
+def place_covariance(
+    model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[int, ...]], numbers: Sequence[int]
+) -> Array:
+    """Return the covariance (n, n) [turns^2] of real estimates of the turns, were these places visited again."""
     again = [place for place in kit.places if place.place in set(numbers) or place.kind == "nest"]
     local = PlaceProblem(model, kit, robot, again).at(np.zeros(model.axes))
     information = local.by_turn.T @ np.linalg.solve(local.scatter, local.by_turn)
-    covariance: Array = np.asarray(
-        np.linalg.inv(information + np.eye(model.axes) / TURN_DOUBT**2), dtype=float
-    )
-    return success_probability(covariance), np.sqrt(np.diag(covariance))
+    return np.asarray(np.linalg.inv(information + np.eye(model.axes) / TURN_DOUBT**2), dtype=float)
 
 
 def choose_places(
@@ -77,15 +83,8 @@ def choose_places(
 
     Greedy A-optimality; the places not chosen are left for checking.
     """
-    per_turn = np.abs(np.diag(robot[0].radians_per_turn()))
-    left = [place.place for place in kit.places if place.kind != "nest"]
-    chosen: list[int] = []
-    while left and len(chosen) < count:
-        spread = [
-            float(np.sum((predict_places(model, kit, robot, [*chosen, k])[1] * per_turn) ** 2)) for k in left
-        ]
-        chosen.append(left.pop(int(np.argmin(spread))))
-    return tuple(chosen)
+    numbers = [place.place for place in kit.places if place.kind != "nest"]
+    return tuple(numbers[k] for k in PlaceChoice.of(model, kit, robot).best_fit(count))
 
 
 def places_to_fit(record: MasteringRecord) -> tuple[int, ...]:
@@ -99,12 +98,18 @@ def places_to_fit(record: MasteringRecord) -> tuple[int, ...]:
     kit = record.kit
     if kit is None:
         raise CalibrationError("the record holds no recovery kit")
+    return places_to_fit_of(load_model(record.model), kit, (record.drive, record.counts_at_zero))
+
+
+def places_to_fit_of(
+    model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[int, ...]]
+) -> tuple[int, ...]:
+    """Return the places of a kit to visit first, as ``places_to_fit`` does for a record."""
     seats = tuple(place.place for place in kit.places if place.kind == "seat")
     if seats:
         return (seats[0], seats[0])
     arms = [place for place in kit.places if place.kind != "nest"]
-    robot = (record.drive, record.counts_at_zero)
-    return choose_places(load_model(record.model), kit, robot, max(1, min(FITTED, len(arms) - 2)))
+    return choose_places(model, kit, robot, max(1, min(FITTED, len(arms) - 2)))
 
 
 def _unvisited(

@@ -132,23 +132,31 @@ class WalkPlanner:
         return efold_s * gain - self._seconds_to(here_rad, candidates_rad), gain
 
     def quick_checks(
-        self, here_rad: Array, candidates_rad: Array, power: Array, shown: Array, captures: int
+        self,
+        here_rad: Array,
+        candidates_rad: Array,
+        power: Array,
+        shown: Array,
+        captures: int,
+        *,
+        together: bool = False,
     ) -> list[int]:
         """Choose candidates (C, n) whose power (C, m), 1 being enough, covers every wrong story, near each other.
 
         ``shown`` (m,) is the power of the checks already made. Twice what is enough counts for nothing more; among
-        candidates that add the same the nearest is taken.
+        candidates that add the same the nearest is taken. ``together``: what several captures see adds up in
+        squares, for who judges them by their whole covariance; else the sharpest capture counts for each story.
         """
         chosen: list[int] = []
         seen, here = shown, here_rad
         while len(chosen) < min(captures, len(candidates_rad)):
-            then = np.maximum(power, seen)
+            then = np.hypot(power, seen) if together else np.maximum(power, seen)
             gain = np.minimum(then, _AMPLE_POWER).sum(axis=1)
             gain += _NEEDED_WEIGHT * np.minimum(then, _NEEDED_POWER).sum(axis=1)
             worth = gain - self._seconds_to(here, candidates_rad) / _POWER_S
             worth[chosen] = -np.inf
             chosen.append(int(np.argmax(worth)))
-            seen, here = np.maximum(seen, power[chosen[-1]]), candidates_rad[chosen[-1]]
+            seen, here = then[chosen[-1]], candidates_rad[chosen[-1]]
         return chosen
 
     def _seconds_to(self, here_rad: Array, candidates_rad: Array) -> Array:

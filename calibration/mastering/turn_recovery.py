@@ -40,6 +40,9 @@ REAL_LIMIT_RAD = 0.0087266  # 0.5 deg: coarser offsets are not worth writing bac
 BLIND_SIGMAS = 3.0
 _CHANGE_LIKELIER = 3.0  # log of the evidence ratio at which a change of geometry blocks whole turns
 _DECISIVE = 4.6  # log of the evidence ratio (100 to 1) needed to name what happened
+# Log of how much rarer an exchange that nobody told of is than turns lost alone; any of six motors may look like one,
+# and every further capture is one more look.
+_UNTOLD_EXCHANGE = 6.0
 _SPARE_FOR_CHANGE = 8  # captures beyond the turns before a change of geometry may be stated
 _MOST_FURTHER = 12
 
@@ -187,10 +190,10 @@ class _Case:
             return self._changed(nearest, real)
         best = max(possible, key=lambda s: s.log_evidence)
         rivals = [s for s in possible if _consequence(s) != _consequence(best)]
-        rival = max(rivals, key=lambda s: s.log_evidence, default=None)
-        close = rival is not None and best.log_evidence - rival.log_evidence < _DECISIVE
+        close = [s for s in rivals if best.log_evidence - s.log_evidence < _lead_needed(best, s)]
+        rival = max(close, key=lambda s: s.log_evidence, default=None)
         # A change of geometry is refused either way; it need not be told from an exchanged motor for that.
-        if rival is not None and close and best.kind != "geometry":
+        if rival is not None and best.kind != "geometry":
             words = f"{self._words(best)}, or {self._words(rival)}: not decidable yet"
             return self._undecided(best, real, words)
         return self._conclude(best, real)
@@ -375,6 +378,12 @@ def _blocks(rival: Story, whole: Story) -> bool:
     """Tell whether a rival forbids to accept whole turns: a fraction of a turn does once it is likelier."""
     margin = _CHANGE_LIKELIER if rival.kind == "geometry" else 0.0
     return rival.log_evidence > whole.log_evidence + margin
+
+
+def _lead_needed(best: Story, rival: Story) -> float:
+    """Return by how much a story must beat a rival before it is named, as the log of their evidence."""
+    untold = rival.kind == "turns" and bool(best.real_axes)
+    return _DECISIVE + (_UNTOLD_EXCHANGE if untold else 0.0)
 
 
 def _explains(story: Story) -> bool:

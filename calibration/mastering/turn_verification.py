@@ -59,7 +59,7 @@ def verify_evidence(problem: Evidence, recovery: TurnRecovery) -> TurnRecovery:
     spread = local.by_turn @ np.array(recovery.offset_covariance) @ local.by_turn.T
     local = replace(local, scatter=local.scatter + spread)
     found, limit = local.chi_square(), chi_square_limit(len(local.residuals))
-    power = float(_detection(problem, local).max(axis=0).min())
+    power = float(detection(problem, local).max(axis=0).min())
     largest_mm = 1e3 * float(np.abs(local.residuals).max())
     checks = (
         GateCheck(
@@ -108,6 +108,30 @@ def verification_power(
     return np.stack(shifts, axis=1)
 
 
+def motors_alone(problem: Evidence, turns: Array) -> tuple[Array, Array]:
+    """Return what all captures together say of each motor, the others taken as they are.
+
+    Parameters
+    ----------
+    problem : Evidence
+        The captures.
+    turns : (n,)
+        Where the motors are taken to be [turns].
+
+    Returns
+    -------
+    sharpness : (n,)
+        By how many deviations a whole turn of that motor would show.
+    found : (n,)
+        The turns by which that motor would have to be off to explain the residuals best; its standard deviation is
+        one over the sharpness.
+    """
+    local = problem.at(turns)
+    weighted = np.linalg.solve(local.scatter, local.by_turn)
+    information = np.einsum("mi,mi->i", local.by_turn, weighted)
+    return np.sqrt(information), weighted.T @ local.residuals / np.maximum(information, 1e-12)
+
+
 def _wrong_turns(motors: int) -> Array:
     """Return (m, n) [turns]: one motor wrong by one turn, then two motors in either sense."""
     unit = np.eye(motors)
@@ -115,8 +139,11 @@ def _wrong_turns(motors: int) -> Array:
     return np.array([*unit, *(unit[i] + unit[j] for i, j in pairs), *(unit[i] - unit[j] for i, j in pairs)])
 
 
-def _detection(problem: Evidence, local: Local) -> Array:
-    """Return (V, m): how far each story of wrong turns shows in each row, in deviations."""
+def detection(problem: Evidence, local: Local) -> Array:
+    """Return (V, m): by how many deviations each story of wrong turns would show in each row of any evidence.
+
+    The stories are those of ``verification_power``; the deviations are those of ``local.scatter``.
+    """
     deviations = np.sqrt(np.diag(local.scatter))
     stories = local.turns + _wrong_turns(len(local.turns))
     shifted = [np.abs(problem.values(turns) - local.values) / deviations for turns in stories]

@@ -10,6 +10,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry import Array
 from calibration.identification.estimator import Fit, Problem, whitened_residuals
 from calibration.identification.free_parameters import StartingPoint, values_of
+from calibration.identification.identifiability import correlations
 from calibration.identification.observations import (
     Device,
     LengthObservations,
@@ -19,6 +20,7 @@ from calibration.identification.observations import (
 from calibration.identification.parameters import GRAVITY, OFFSETS, ArmState, Priors, nominal_state
 from calibration.identification.robust import RobustFit
 from calibration.identification.selection import fit_level
+from calibration.poses.calibrated_arm import FoundParameter
 from calibration.poses.measurement_poses import (
     Instrument,
     Outlook,
@@ -82,23 +84,6 @@ class ArmTask:
     def enough_for_a_fit(self, rows: int) -> bool:
         """Tell whether so many readings tell more than the priors do."""
         return rows * self.channels >= _FEWEST_READINGS
-
-
-@dataclass(frozen=True, slots=True)
-class FoundParameter:
-    """One deviation from the nominal arm, k = 1."""
-
-    name: str
-    unit: str
-    value: float
-    sigma: float
-    prior: float
-    role: str
-
-    @property
-    def known(self) -> bool:
-        """Whether the readings say more than the prior did."""
-        return self.sigma < 0.5 * self.prior
 
 
 def fit_arm(task: ArmTask, observations: Observations, *, level: int | None = None) -> RobustFit:
@@ -183,6 +168,13 @@ def found_parameters(fit: Fit) -> tuple[FoundParameter, ...]:
         for i, p in enumerate(fit.layout.parameters)
         if p.role in _ARM_ROLES
     )
+
+
+def found_correlations(fit: Fit) -> tuple[tuple[float, ...], ...]:
+    """Return the correlations of each of `found_parameters` with those before it, rounded to nine digits."""
+    rows = [i for i, p in enumerate(fit.layout.parameters) if p.role in _ARM_ROLES]
+    rho = np.round(np.clip(correlations(fit)[np.ix_(rows, rows)], -1.0, 1.0), 9) + 0.0
+    return tuple(tuple(row[:i]) for i, row in enumerate(rho.tolist()))
 
 
 def placed(task: ArmTask, observations: Observations, values: dict[str, float]) -> ArmState:

@@ -1,9 +1,24 @@
 """What a calibration of one robot leaves behind: deviations from nominal, how surely, and for which mastering."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from calibration.poses.arm_fit import FoundParameter
+
+@dataclass(frozen=True, slots=True)
+class FoundParameter:
+    """One deviation from the nominal arm, k = 1."""
+
+    name: str
+    unit: str
+    value: float
+    sigma: float
+    prior: float
+    role: str
+
+    @property
+    def known(self) -> bool:
+        """Whether the readings say more than the prior did."""
+        return self.sigma < 0.5 * self.prior
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,11 +32,15 @@ class CalibratedArm:
     parameters: tuple[FoundParameter, ...]
     target_in_flange_m: tuple[float, float, float]
     fitted_joints_rad: tuple[tuple[float, ...], ...]
+    # Of each parameter with those before it; empty in what was kept by versions that did not keep them, whose
+    # hashes must stay what they were.
+    correlations: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
 
     @property
     def sha256(self) -> str:
         """A hash of everything in it."""
-        return hashlib.sha256(repr(self).encode()).hexdigest()
+        correlated = repr(self.correlations) if self.correlations else ""
+        return hashlib.sha256((repr(self) + correlated).encode()).hexdigest()
 
     def values(self) -> dict[str, float]:
         """Return the deviations by name, SI."""

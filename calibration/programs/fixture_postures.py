@@ -2,22 +2,28 @@
 
 import numpy as np
 
+from calibration.arm.kinematics import RobotModel
 from calibration.compensation.compensate import CompensationLimits
 from calibration.compensation.pose_gap import Arm
-from calibration.geometry import Array
-from calibration.programs.transfer import joints_near, tips
+from calibration.errors import CalibrationError
+from calibration.geometry import Array, inverse_transform
+from calibration.programs.branches import AxesAtZero, all_branches
+from calibration.programs.transfer import joints_near, nearest_turns, tips
 
 _ATTITUDES = 6
-_FAR = CompensationLimits(branch_rad=2.5, position_m=1e-4, angle_rad=1e-3)
+_FAR_RAD = 2.5
+_FAR = CompensationLimits(branch_rad=_FAR_RAD, position_m=1e-4, angle_rad=1e-3)
 
 
-def fixture_postures(arm: Arm, points_in_base_m: Array, joints_rad: Array) -> Array:
+def fixture_postures(arm: Arm, nominal: RobotModel, points_in_base_m: Array, joints_rad: Array) -> Array:
     """Return postures (M, n) with the tip at every fixture point, in up to six attitudes of a program.
 
     Parameters
     ----------
     arm : Arm
         With the tip that works in the program.
+    nominal : RobotModel
+        The arm that it is near to, whose postures are known in closed form.
     points_in_base_m : (k, 3)
         The fixture's points.
     joints_rad : (N, n)
@@ -27,6 +33,21 @@ def fixture_postures(arm: Arm, points_in_base_m: Array, joints_rad: Array) -> Ar
     start = np.repeat(some, len(points_in_base_m), axis=0)
     wanted = tips(arm, start)
     wanted[:, :3, 3] = np.tile(points_in_base_m, (len(some), 1))
-    found = joints_near(arm, wanted, start, _FAR)
+    near = _alike(nominal, wanted @ inverse_transform(arm.flange_tip), start)
+    there = np.isfinite(near).all(axis=1)
+    found = joints_near(arm, wanted[there], near[there], _FAR)
     reached: Array = found.joints_rad[found.converged]
     return reached
+
+
+def _alike(nominal: RobotModel, base_flange: Array, like: Array) -> Array:
+    """Return the nominal arm's posture (N, n) of each pose that is nearest to another one; NaN for none near it."""
+    try:
+        candidates = all_branches(AxesAtZero.of(nominal), base_flange)
+    except CalibrationError:  # an arm without a closed form is searched for from the posture itself
+        return like
+    candidates = nearest_turns(candidates, like)
+    apart = np.nan_to_num(np.abs(candidates - like).max(axis=2), nan=np.inf)
+    best = np.argmin(apart, axis=0)
+    row = np.arange(len(like))
+    return np.where(apart[best, row, None] <= _FAR_RAD, candidates[best, row], np.nan)

@@ -7,7 +7,7 @@ Source
 Modelled
     The happenings of ``LaserTracker.fault_names``.
 Not modelled
-    More than one target.
+    More than one target at a time.
 """
 
 import math
@@ -44,6 +44,9 @@ class LaserTracker:
             "beam_break": lambda given: self.controller.beam_breaks(bool(given.pop("findable", True))),
             "beam_return": lambda _given: self.controller.beam_returns(),
             "tripod_pushed": self._pushed,
+            "set_up_again": lambda _given: self.sensor.set_up_again(),
+            "reflector_to_nest": lambda given: self.sensor.put_reflector(int(given.pop("nest", 1))),
+            "reflector_to_flange": lambda _given: self.sensor.put_reflector(None),
             "units": lambda given: self._other(given, "units", tuple(given.pop("units", (1, 1, 0, 1, 0)))),
             "axes": lambda given: self._other(given, "axes", int(given.pop("axes", 6))),
             "settings": self._settings,

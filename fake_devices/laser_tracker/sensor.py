@@ -7,7 +7,8 @@ Source
     for a probe's turn at twice its standard deviation. Refractive index of air: 0.95e-6 a kelvin (Edlen).
 Modelled
     Where the tripod stands (drawn, known to nobody), where reflector and probe really sit on the flange, noise of
-    every measurement, a moved tripod, a broken beam, air that drifts and what a wrong temperature does to lengths.
+    every measurement, a moved tripod, a broken beam, air that drifts and what a wrong temperature does to lengths;
+    six fixed nests for the reflector, to which a person leads the beam.
 Not modelled
     Line of sight through the robot's own body, acceptance angle of the reflector, two faces, drift of the encoders.
 """
@@ -24,6 +25,8 @@ from fake_devices.world import World
 
 ALONG_M, ACROSS_M, ACROSS_PER_M, TURN_RAD = 15e-6, 15e-6, 6e-6, 4e-5
 INDEX_PER_K = 0.95e-6
+NEST_SIGMA_M = 1e-5
+_NESTS = 6
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,12 @@ class Sensor:
         self.locked, self.hidden_target, self.moved = True, False, 0
         self.temperature_c, self.pressure_hpa, self.humidity_percent = 20.0, 1013.25, 45.0
         self.drift_c_per_hour = 0.0
+        self.nest: int | None = None  # where a person has put the reflector instead of the flange
+        self._nests_m = world.dice(self.name, "nests").uniform(
+            (-0.5, -1.5, -0.4), (1.8, 1.5, 1.0), (_NESTS, 3)
+        )
+        self._seating = world.dice(self.name, "seating")
+        self._seated_m = np.zeros(3)
         self._air_since_s = world.clock.now()
         self.entered_c: float | None = None  # by hand; without it the weather station tells
 
@@ -69,6 +78,10 @@ class Sensor:
 
     def tracker_probe(self) -> Array:
         """Return the probe seen from the tracker (4, 4); its origin is the reflector's centre."""
+        if self.nest is not None:
+            place = np.eye(4)
+            place[:3, 3] = self._nests_m[self.nest] + self._seated_m
+            return np.asarray(inverse(self.base_tracker) @ place)
         flange = np.eye(4) if self._arm is None else self._arm.base_flange()
         return np.asarray(inverse(self.base_tracker) @ flange @ self.flange_probe)
 
@@ -123,6 +136,20 @@ class Sensor:
             humidity_percent,
         )
         self.drift_c_per_hour, self._air_since_s = drift, self._world.clock.now()
+
+    def put_reflector(self, nest: int | None) -> None:
+        """Put the reflector into a fixed nest, from 1, or back to the flange; it never sits quite the same."""
+        if nest is not None and not 1 <= nest <= _NESTS:
+            raise ValueError(f"there are nests 1 to {_NESTS}")
+        self.nest = None if nest is None else nest - 1
+        self._seated_m = self._seating.normal(size=3) * NEST_SIGMA_M
+
+    def set_up_again(self) -> None:
+        """Put the tripod somewhere else, as for another day's work; its frame is another one."""
+        turn = matrix_from_xyzwpr(
+            [*(self._moves.normal(size=3) * 300.0), 0.0, 0.0, self._moves.uniform(-40.0, 40.0)]
+        )
+        self.base_tracker = np.asarray(self.base_tracker @ turn)
 
     def push(self, metres: float) -> None:
         """Move the tripod by that much in a drawn direction, and turn it a little."""

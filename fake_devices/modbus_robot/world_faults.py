@@ -54,6 +54,8 @@ class WorldFaults:
             "override": self._override,
             "jog_by_hand": self._jog_by_hand,
             "hand_moves": self._hand_moves,
+            "bring_tip": lambda given: self._bring(given, seated=False),
+            "bring_to_seat": lambda given: self._bring(given, seated=True),
             "press_reset": self._press_reset,
             "partial_write": self._partial_write,
             "select": self._select,
@@ -68,7 +70,10 @@ class WorldFaults:
     def happen(self, name: str, parameters: Mapping[str, Any]) -> JsonObject:
         """Let it happen; parameters that it does not know are refused."""
         given = dict(parameters)
-        answer = self._happen[name](given) or {}
+        try:
+            answer = self._happen[name](given) or {}
+        except RefusedError as refused:
+            raise FaultRefusedError(f"the controller refuses: {refused}") from refused
         if given:
             raise FaultRefusedError(f"{name} does not know {', '.join(sorted(given))}")
         return answer
@@ -203,19 +208,25 @@ class WorldFaults:
 
     def _hand_moves(self, given: dict[str, Any]) -> None:
         """Somebody has driven the arm at the pendant to where the controller shows these joints."""
+        arm = self._controller.arm
+        arm.place(np.clip(self._meant(given), arm.lower_rad, arm.upper_rad))
+
+    def _bring(self, given: dict[str, Any], *, seated: bool) -> None:
+        """Somebody brings the tool to a mark or into a seat; ``joints`` tell where it is made the first time."""
+        arm, number = self._controller.arm, int(given.pop("place"))
+        near = self._meant(given) if "joints" in given else arm.joints_rad
+        self._world.marks.bring(arm, number, near, seated=seated)
+
+    def _meant(self, given: dict[str, Any]) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """Return the true joints (6,) at which the controller shows those that are given."""
         shown = np.array([float(angle) for angle in given.pop("joints")])
         if shown.shape != (6,) or not np.isfinite(shown).all():
             raise FaultRefusedError("joints are six finite numbers [rad]")
-        arm = self._controller.arm
-        off = self._controller.offset()  # a lost robot stands elsewhere than it shows
-        arm.place(np.clip(shown + off, arm.lower_rad, arm.upper_rad))
+        return shown + self._controller.offset()  # a lost robot stands elsewhere than it shows
 
     def _press_reset(self, _given: dict[str, Any]) -> None:
         """Press the RESET key of the pendant; what it cannot clear stays."""
-        try:
-            self._controller.reset_alarms()
-        except RefusedError as refused:
-            raise FaultRefusedError(f"the alarm stays: {refused}") from refused
+        self._controller.reset_alarms()
 
     def _partial_write(self, given: dict[str, Any]) -> None:
         self._controller.refused_axes = frozenset(_axes(given.pop("axes", given.pop("axis", "J4"))))
@@ -229,11 +240,7 @@ class WorldFaults:
 
     def _tool_switched(self, given: dict[str, Any]) -> None:
         """Somebody selects another tool at the pendant: ``number``, or the next one."""
-        number = int(given.pop("number", self._controller.tool_number % TOOLS + 1))
-        try:
-            self._controller.select_tool(number)
-        except RefusedError as refused:
-            raise FaultRefusedError(f"there is no tool {number}") from refused
+        self._controller.select_tool(int(given.pop("number", self._controller.tool_number % TOOLS + 1)))
 
     def _early_stop(self, _given: dict[str, Any]) -> None:
         """End a motion early, for no reason that the program knows: it will say done."""

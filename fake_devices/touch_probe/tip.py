@@ -39,6 +39,7 @@ class Tip:
         place = np.array(table.get("tip_in_flange_mm", (0.0, 0.0, 150.0)), dtype=float) * 1e-3
         off = np.clip(dice.normal(size=3), -2.0, 2.0) * float(table.get("tip_sigma_mm", 1.0)) * 1e-3
         self.in_flange_m = place + amount * off
+        world.tips_in_flange_m[self.robot] = self.in_flange_m
         axis = np.array(table.get("axis_in_flange", (0.0, 0.0, 1.0)), dtype=float)
         self.axis_in_flange = axis / np.linalg.norm(axis)
         self.radius_m = float(table.get("tip_radius_mm", 1.5)) * 1e-3

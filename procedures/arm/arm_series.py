@@ -5,14 +5,17 @@ from itertools import pairwise
 
 import numpy as np
 
+from calibration.arm.kinematics import load_model
 from calibration.geometry import Array
 from drivers.interfaces import Joints
-from procedures.arm.arm_bench import ArmCapture, Bench, agree, capture_arm
+from procedures.arm.arm_bench import ArmCapture, Bench, agree, apart_m, capture_arm, noise_m
 from procedures.cell import Cell
 from procedures.run import Run
+from procedures.steps.measure_point import SAME_SIGMAS, PointCapture, StationMovedError, hold_station
 from procedures.steps.motion import follow
 from procedures.verdict import SetAside
 
+RETURN_SIGMA_M = 1.5e-4  # of an arm that comes back to a pose after a long series, its own warmth included
 ON_THE_WAY_RAD = 0.02  # an approach from below leaves the way by one degree
 
 
@@ -30,10 +33,18 @@ class Visits:
     retaken: list[int] = field(default_factory=list)
     set_aside: list[SetAside] = field(default_factory=list)
     count: int = 0
+    first_rad: Joints | None = None  # the pose that was gone to first
 
     def captures(self) -> tuple[ArmCapture, ...]:
         """Return the captures in force."""
         return tuple(self.taken)
+
+    def not_used(self, rejected: tuple[int, ...]) -> tuple[SetAside, ...]:
+        """Return what was taken and not used; ``rejected`` are captures in force that the fit left out."""
+        left_out = (
+            SetAside(self.sources[k], "contradicted by the others; the fit left it out") for k in rejected
+        )
+        return (*self.set_aside, *left_out)
 
     async def rest(self, way_rad: tuple[Joints, ...]) -> None:
         """Go where every pose has a free way to."""
@@ -43,6 +54,7 @@ class Visits:
         """Go along a way and measure at its end; ``again`` is the capture that is doubted, -1 for none."""
         self.count += 1
         source = f"capture {self.count}"
+        self.first_rad = self.first_rad or way_rad[-1]
         found = await self._measure(f"go to pose {self.count}", source, f"pose {self.count}", way_rad)
         if again < 0:
             self.taken.append(found)
@@ -60,6 +72,17 @@ class Visits:
         label = f"{kind} {number}"
         return await self._measure(f"go to {label}", f"capture {label}", label, way_rad)
 
+    async def hold_device(self, way_rad: tuple[Joints, ...]) -> float:
+        """Measure the first pose once more at the end; return how far it then is [m].
+
+        Raises
+        ------
+        StationMovedError
+            Tripod, hook or base moved meanwhile: the captures cannot be put together.
+        """
+        again = await self.check("station", 1, way_rad)
+        return held_device(self.bench, self.taken[0], again)
+
     async def _measure(self, move: str, step: str, label: str, way_rad: tuple[Joints, ...]) -> ArmCapture:
         await self._go(move, way_rad)
         return await self.run.step(step, capture_arm, label, self.samples, self.bench.method)
@@ -68,6 +91,25 @@ class Visits:
         planned = (self.here_rad, *way_rad)
         await self.run.move(move, go_on, planned, self.speed_rad_s, wired=self.bench.method == "wire")
         self.here_rad = way_rad[-1]
+
+
+def held_device(bench: Bench, first: ArmCapture, again: ArmCapture) -> float:
+    """Return how far two captures of one pose are apart [m]; refuse more than arm and device scatter.
+
+    A person does not bring the arm to quite the same joints: what these differ by is left to the arm.
+    """
+    model, joints = load_model(bench.model), np.array([first.joints_rad, again.joints_rad])
+    tips = model.tip_positions(joints, np.array(bench.target_in_flange_m))
+    sigma_m = float(np.hypot(RETURN_SIGMA_M, np.linalg.norm(tips[1] - tips[0])))
+    if isinstance(first, PointCapture) and isinstance(again, PointCapture):
+        return hold_station(first, again, sigma_m)
+    distance = apart_m(first, again)
+    if distance > SAME_SIGMAS * float(np.hypot(sigma_m, np.hypot(noise_m(first), noise_m(again)))):
+        raise StationMovedError(
+            f"{again.label}: the wire is {distance * 1e3:.3f} mm longer or shorter than in {first.label}",
+            remedy="Hook, anchor or robot base has moved, or the hall's temperature. Begin the series anew.",
+        )
+    return distance
 
 
 async def go_on(cell: Cell, planned_rad: tuple[Joints, ...], speed_rad_s: float, *, wired: bool) -> Joints:

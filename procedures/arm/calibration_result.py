@@ -17,6 +17,7 @@ from calibration.poses.arm_fit import (
     ArmTask,
     believed_sigma,
     errors_at,
+    found_correlations,
     found_parameters,
     outlook_from,
     placed,
@@ -131,6 +132,7 @@ def identify_arm(
         parameters=found_parameters(robust.fit),
         target_in_flange_m=(x, y, z),
         fitted_joints_rad=tuple(capture.joints_rad for capture in captures),
+        correlations=found_correlations(robust.fit),
     )
     return Identified(
         arm=arm,

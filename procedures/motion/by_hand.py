@@ -10,6 +10,7 @@ from procedures.cell import Cell, MotionLevel
 from procedures.run import ProcedureError
 from procedures.steps.ask import ask
 from procedures.steps.mastering import motor_store
+from procedures.steps.pages import asked_by_hand
 
 TRIES = 4
 STILL_RAD = 1e-3
@@ -22,7 +23,7 @@ class NotThereError(ProcedureError):
 
 
 async def move_by_hand(
-    cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float, tolerance_rad: float
+    cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float, tolerance_rad: float, *, wired: bool = False
 ) -> None:
     """Ask for the arm at the last corner until it stands there; where it really stands is read by who measures.
 
@@ -36,7 +37,8 @@ async def move_by_hand(
     target, told = way_rad[-1], ""
     for _ in range(TRIES):
         text = told + _how(cell, way_rad, speed_rad_s)
-        await ask(cell, Instruction("move_by_hand", text))
+        asked = asked_by_hand(Instruction("move_by_hand", text), target, tolerance_rad, wired=wired)
+        await ask(cell, asked)
         before, after = await cell.robot.joints(), await cell.robot.joints()
         errors = np.subtract(after.joints_rad, target)
         worst = int(np.argmax(np.abs(errors)))

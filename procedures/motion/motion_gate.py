@@ -84,7 +84,8 @@ async def move_along(
     here = await _ready(cell, Readiness.READY)
     speed = _capped(cell, care, here.joints_rad, way_rad, speed_rad_s)
     if cell.level is not MotionLevel.COMMANDED:
-        await move_by_hand(cell, way_rad, speed, HAND_TOLERANCE_RAD)
+        wired = care is Care.WIRED
+        await move_by_hand(cell, way_rad, speed, HAND_TOLERANCE_RAD, wired=wired)
         return
     await _approved(cell, here.joints_rad, way_rad, speed)
     for corner in way_rad:

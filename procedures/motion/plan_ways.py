@@ -71,13 +71,17 @@ def walk_allowed(
     model: RobotModel, here: Array, walk: list[Array], limits: MotionLimits, *, one_by_one: bool = True
 ) -> bool:
     """Tell whether a walk from pose to pose keeps every limit as a whole: a wire winds up over many legs."""
-    corners, stops, at = [], [], here
+    legs, at = [], here
     for there in walk:
-        leg = corners_of(at, there, one_by_one)
-        corners.append(leg)
-        stops += [*(False for _ in leg[1:]), True]
+        legs.append(corners_of(at, there, one_by_one))
         at = there
-    return check_moves(model, here, np.concatenate(corners), limits, speed_rad_s=1e-3, stops=stops).allowed
+    return corners_allowed(model, here, legs, limits)
+
+
+def corners_allowed(model: RobotModel, here: Array, legs: list[Array], limits: MotionLimits) -> bool:
+    """Tell whether legs, each the corners of a way to a stop, keep every limit one after the other."""
+    stops = [last for leg in legs for last in [*(False for _ in leg[1:]), True]]
+    return check_moves(model, here, np.concatenate(legs), limits, speed_rad_s=1e-3, stops=stops).allowed
 
 
 def way_allowed(

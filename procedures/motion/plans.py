@@ -23,10 +23,13 @@ from calibration.motion.motion_check import (
 )
 from calibration.wires.model import WirePrior
 from drivers.interfaces import Joints
+from procedures.motion.approach import from_above
 from procedures.motion.detours import ways_through
 from procedures.motion.plan_ways import (
     arrive,
+    as_joints,
     as_way,
+    corners_allowed,
     corners_of,
     refuse_broken,
     travel_order,
@@ -230,18 +233,21 @@ def plan_checks(
 ) -> MotionPlan:
     """Plan check captures at poses not fitted, which together see a wrong turn of every one and two motors.
 
-    ``sigmas`` are the deviations at which a wrong turn shall show.
+    ``sigmas`` are the deviations at which a wrong turn shall show; where more are wanted than for whole turns, a
+    fraction of a turn is sought, and the captures are judged all together.
     """
     model, limits = load_model(record.model), motion_limits(state, record.drive, room)
     here = np.array(known.here_rad)
     candidates = _unmeasured(_candidates(model, record, limits, here), known.visited)
     both = np.vstack([np.array(known.checked).reshape(-1, model.axes), candidates])
     power = verification_power(model, record, both, known.offset_covariance) / sigmas
-    shown, power = power[: len(known.checked)].max(axis=0, initial=0.0), power[len(known.checked) :]
+    shown, power = power[: len(known.checked)], power[len(known.checked) :]
+    together = sigmas > VERIFICATION_SIGMAS
+    seen = np.sqrt(np.sum(shown**2, axis=0)) if together else shown.max(axis=0, initial=0.0)
     walks = _walks(model, record, limits, state)
     ordered: list[Array] = []
     for _ in range(_CHOICES_TRIED):  # the best that can be reached, where some of the best cannot
-        chosen = walks.quick_checks(here, candidates, power, shown, poses)
+        chosen = walks.quick_checks(here, candidates, power, seen, poses, together=together)
         ordered = travel_order(model, known.here_rad, candidates[chosen], limits, one_by_one=True)
         if len(ordered) == len(chosen):
             break
@@ -255,14 +261,34 @@ def plan_checks(
     return _timed(model, known.here_rad, ordered, limits, state.limits.jog_speed_rad_s, one_by_one=True)
 
 
+@dataclass(frozen=True, slots=True)
+class FinalPlan:
+    """Check poses gone to again, and which of them from the other side."""
+
+    motion: MotionPlan
+    other_side: tuple[bool, ...]
+
+
 def plan_finals(
     record: MasteringRecord, state: MotorState, room: Room, checks: tuple[Joints, ...], poses: int
-) -> MotionPlan:
-    """Plan joint moves from the last check pose to earlier ones; where none is reachable, look from there."""
+) -> FinalPlan:
+    """Plan joint moves from the last check pose to earlier ones; where none is reachable, look from there.
+
+    All but the first come from the other side where the way beyond the pose is free.
+    """
     model, limits = load_model(record.model), motion_limits(state, record.drive, room)
-    here = checks[-1]
-    ordered = travel_order(model, here, np.array(checks[:-1]).reshape(-1, model.axes), limits)[:poses]
-    return _timed(model, here, ordered or [np.array(here)], limits, state.limits.jog_speed_rad_s)
+    here = np.array(checks[-1])
+    earlier = np.array(checks[:-1]).reshape(-1, model.axes)
+    ordered = travel_order(model, checks[-1], earlier, limits)[:poses] or [here]
+    ways: list[Array] = []
+    sides: list[bool] = []
+    at = here
+    for pose in ordered:
+        above = np.array(from_above(as_joints(at), as_joints(pose)))
+        sides.append(bool(ways) and corners_allowed(model, here, [*ways, above], limits))
+        ways.append(above if sides[-1] else corners_of(at, pose, False))
+        at = pose
+    return FinalPlan(_checked(model, checks[-1], ways, limits, state.limits.jog_speed_rad_s), tuple(sides))
 
 
 def index_travel(record: MasteringRecord, here_rad: Joints, turns: float) -> Joints:

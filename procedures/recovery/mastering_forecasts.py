@@ -14,27 +14,42 @@ from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, Planned
 from procedures.limits import MASTERING
 from procedures.motion.approach import OVERSHOOT_RAD
 from procedures.motion.plans import MotionPlan, Room, index_travel, plan_first, plan_kit, wire_prior
+from procedures.recovery.kit_offers import KitOffers, design_offers
+from procedures.recovery.recovery_kit import KitSpec
 from procedures.recovery.waking import INDEX_TURNS
 from procedures.steps.mastering import MotorState
 
 ASSUMED_RATIO, ASSUMED_COUNTS = 100.0, 2**19  # where no record tells the gears
+ASSUMED_TIP_M = (0.045, 0.02, 0.15)  # of a tool whose frame nobody has read yet
 POWER_CYCLE_S = 120.0
 
 
-def forecast_record(known: Knowledge, room: Room, poses: int, samples: int, seed: int) -> Forecast:
-    """Plan the captures of a record as the procedure would, from where the robot is assumed to stand."""
+def forecast_record(
+    known: Knowledge, room: Room, captures: tuple[int, int], how: tuple[KitSpec | None, int]
+) -> Forecast:
+    """Plan the captures of a record as the procedure would, from where the robot is assumed to stand.
+
+    ``captures`` are poses and samples at each; ``how`` is an engineer's own kit of places, and the seed. The kits
+    that could be recorded beside the lengths, or in their stead, are told with them.
+    """
+    (poses, samples), (kit, seed) = captures, how
     assumed = _assumed(known)
     state = _state_of(known)
     if state is None:
         return Forecast(0.0, assumed=assumed)
     plan = plan_kit(state, room, poses, seed)
+    rehearsed = _rehearsed(state, plan)
     moves_s = (plan.travel_rad + len(plan.poses_rad) * OVERSHOOT_RAD) / plan.speed_rad_s
     capture_s = len(plan.poses_rad) * (3.0 * known.limits.settle_s + samples * SAMPLE_S)
     return Forecast(
         duration_s=2.0 * ANSWER_S + moves_s + capture_s,
         poses=_labelled(plan, "pose"),
         speed_rad_s=plan.speed_rad_s,
-        predictions=(_turns(_rehearsed(state, plan), np.array(plan.poses_rad)),),
+        predictions=(
+            _turns(rehearsed, np.array(plan.poses_rad)),
+            _offsets(rehearsed, np.array(plan.poses_rad)),
+            *_kits(_offers(known, room, kit, seed)),
+        ),
         assumed=assumed,
         not_checked=plan.not_checked,
     )
@@ -70,6 +85,60 @@ def forecast_recovery(
         predictions=(_turns(record, joints), _offsets(record, joints)),
         assumed=(*_assumed(known), "the battery is exchanged and the power cycled within two minutes"),
         not_checked=(*plan.not_checked, "check poses are chosen when the turns are known"),
+    )
+
+
+def forecast_places(known: Knowledge, room: Room, own: KitSpec | None, seed: int) -> Forecast:
+    """Design the kits as the procedure would; each is told with the error that it would leave."""
+    if known.model is None:
+        return Forecast(0.0, assumed=_assumed(known))
+    offers = _offers(known, room, own, seed)
+    minutes = offers.offers[0].minutes if offers.offers else 0.0
+    return Forecast(
+        duration_s=60.0 * minutes + 2.0 * ANSWER_S,
+        poses=tuple(
+            PlannedPose(f"{offers.offers[0].name}, place {k}", pose)
+            for k, pose in enumerate(offers.offers[0].postures_rad, 1)
+        )
+        if offers.offers
+        else (),
+        predictions=_kits(offers),
+        assumed=(*(line for line in _assumed(known) if line.startswith("gears")), *_TIPS),
+        lacks=() if offers.offers else offers.missing,
+        not_checked=offers.missing,
+    )
+
+
+_TIPS = (
+    "tips and targets are where the cell file has them; the controller's tool frame is looked at in the run",
+)
+
+
+def _offers(known: Knowledge, room: Room, own: KitSpec | None, seed: int) -> KitOffers:
+    assert known.model is not None
+    record = known.record
+    drive = _drive(known.model) if record is None else record.drive
+    zero = (0,) * known.model.axes if record is None else record.counts_at_zero
+    tool = known.instruments.tool_tip_m or ASSUMED_TIP_M
+    found = replace(known.instruments, tool_tip_m=tool)
+    return design_offers(known.model.name, (drive, zero), found, room, (own, seed))
+
+
+def _kits(offers: KitOffers) -> tuple[Prediction, ...]:
+    """Return a line for each kit that could be recorded: what it would leave open of the least known axis."""
+    limits = {name: limit.axis_rad for name, limit in MASTERING.items()}
+    return tuple(
+        Prediction(
+            f"new zero of the least known axis, by kit '{offer.name}'",
+            offer.widest_u_rad,
+            "rad",
+            limits,
+            f"{offer.words}; about {offer.minutes:.0f} minutes by hand; whole turns would be found right with a "
+            f"chance of {offer.outlook.success_probability:.6f}; check places show a wrong turn at "
+            f"{offer.outlook.check_sigmas:.0f} deviations"
+            + ("" if offer.strong else "; too weak, it would be refused"),
+        )
+        for offer in offers.offers
     )
 
 

@@ -14,8 +14,15 @@ from calibration.mastering.place_recovery import places_to_fit, recover_from_pla
 from calibration.mastering.turn_recovery import TurnRecovery
 from drivers.interfaces import Counts, Instruction
 from procedures.canonical import sha256_of
-from procedures.recovery.recovery_result import Effort, RecoveryResult, refused, restored, told_correction
-from procedures.recovery.recovery_spec import MasteringRecoverySpec
+from procedures.recovery.recovery_result import (
+    Effort,
+    RecoveryResult,
+    controller_was_right,
+    refused,
+    restored,
+    told_correction,
+)
+from procedures.recovery.recovery_spec import MasteringRecoverySpec, refuse_other_gears, refuse_unknown_axes
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept
 from procedures.steps.mastering import Motors, read_motors_alone, same_epoch
@@ -23,6 +30,9 @@ from procedures.steps.place import PlaceKind, visit_place
 from procedures.steps.write import restore_mastering, write_mastering
 
 SAME_JOINT_RAD = 1e-4
+OLD_RECORD = (
+    "The record is older than the robot's last mastering: take a new one. Nothing is to be recovered."
+)
 
 
 @dataclass
@@ -71,13 +81,18 @@ async def recover_by_places(
             remedy="Recover with the draw-wire; then take a new record with a kit.",
         )
     motors = await run.step("read the motors alone", read_motors_alone)
+    refuse_other_gears(record, motors.drive)
+    refuse_unknown_axes(spec, len(motors.counts))
     await run.ensure("the encoders kept their position", same_epoch, motors.epoch)
     visits = _Visits(run, spec, record, kit)
     fitted = await run.solve("choose the places", places_to_fit, record)
     guess = provisional_turns(record.drive, last_counts, motors.counts)
     recovery = await _visit_until_decided(visits, fitted, guess)
+    if controller_was_right(record, recovery, motors.mastering):
+        reason = "the places agree with the mastering that the controller holds, and not with the record"
+        raise visits.refusal(recovery, reason, OLD_RECORD, "procedure.wrong_record")
     recovery = await _check(visits, fitted, recovery)
-    await run.step("accept the correction", accept, *_question(recovery))
+    await run.step("accept the correction", accept, *_question(visits.record, recovery))
     written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
     await _look_again(visits, recovery, motors)
     return restored(record, recovery, visits.effort(), written, motors.epoch)
@@ -167,8 +182,8 @@ async def _look_again(visits: _Visits, recovery: TurnRecovery, motors: Motors) -
         raise visits.refusal(final, reason, remedy, "procedure.not_confirmed")
 
 
-def _question(recovery: TurnRecovery) -> tuple[Instruction, str]:
-    return told_correction(recovery), sha256_of(list(recovery.counts_at_zero))
+def _question(record: MasteringRecord, recovery: TurnRecovery) -> tuple[Instruction, str]:
+    return told_correction(recovery, record), sha256_of(list(recovery.counts_at_zero))
 
 
 def _nests(kit: RecoveryKit) -> tuple[int, ...]:

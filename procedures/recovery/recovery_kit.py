@@ -7,13 +7,15 @@ import numpy as np
 from pydantic import Field
 
 from calibration.arm.kinematics import load_model
-from calibration.mastering.counts import MasteringRecord, RecoveryKit
-from calibration.mastering.place_recovery import places_to_fit, predict_places
+from calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit
+from calibration.mastering.kit_design import KitOutlook, outlook
+from drivers.interfaces import Joints
 from procedures.entry import Phase
 from procedures.run import RefusalError, Run
 from procedures.steps.place import PlaceKind, visit_place
 
 GOOD_PROBABILITY = 0.9999
+GOOD_SIGMAS = 6.0  # at which the places kept for checking must show any wrong turn
 Triple = tuple[float, float, float]
 
 
@@ -36,22 +38,38 @@ class KitSpec:
 
 @dataclass(frozen=True, slots=True)
 class KitProspect:
-    """What a recovery could reach by visiting the best places of the kit again."""
+    """What a recovery could reach by visiting the best places of the kit again, and checking at the others."""
 
     success_probability: float
     sigma_turns: tuple[float, ...]
     places: int
+    outlook: KitOutlook | None = None  # None in results older than it
+
+    @property
+    def strong(self) -> bool:
+        """Whether a recovery would be decided and confirmed by these places."""
+        return self.outlook is not None and is_strong(self.outlook)
+
+
+def is_strong(seen: KitOutlook) -> bool:
+    """Tell whether places tell all motors, let a mistake be noticed, and would show any wrong turn when checked."""
+    return seen.success_probability >= GOOD_PROBABILITY and seen.check_sigmas >= GOOD_SIGMAS and seen.noticed
 
 
 async def recorded_kit(run: Run, spec: KitSpec | None) -> RecoveryKit | None:
     """Have every place of the kit visited; their coordinates are nobody's business."""
     if spec is None:
         return None
-    visits = [
-        await run.step(f"place {k}", visit_place, what, spec.sigma_m, spec.sigma_rad, spec.tolerance_counts)
-        for k, what in enumerate(kit_places(spec), 1)
-    ]
+    visits = [await visited(run, spec, k, what) for k, what in enumerate(kit_places(spec), 1)]
     return RecoveryKit(spec.tip_in_flange_m, tuple(visits), spec.sigma_tip_m)
+
+
+async def visited(
+    run: Run, spec: KitSpec, step: int, what: tuple[PlaceKind, int, str], near_rad: Joints | None = None
+) -> PlaceCapture:
+    """Have one place visited, near the posture that was chosen for it where there is one."""
+    how = (spec.sigma_m, spec.sigma_rad, spec.tolerance_counts)
+    return await run.step(f"place {step}", visit_place, what, *how, near_rad)
 
 
 def kit_places(spec: KitSpec) -> tuple[tuple[PlaceKind, int, str], ...]:
@@ -64,28 +82,51 @@ def kit_places(spec: KitSpec) -> tuple[tuple[PlaceKind, int, str], ...]:
     return tuple((kind, k, f"place {k + 1}") for k, kind in enumerate([*nests, *arm]))
 
 
-def predict_kit(record: MasteringRecord) -> KitProspect:
-    """Say how surely lost turns would be found by visiting the best places of the kit again; refuse a weak kit.
+def kit_prospect(record: MasteringRecord) -> KitProspect:
+    """Say how surely lost turns would be found by visiting the places of a record's kit again.
 
     Raises
     ------
     RefusalError
-        The kit would not tell all motors.
+        The record has no kit.
     """
-    model, kit = load_model(record.model), record.kit
-    if kit is None:
+    if record.kit is None:
         raise RefusalError("the record holds no recovery kit", code="procedure.no_kit")
-    fitted = places_to_fit(record)
-    probability, sigmas = predict_places(model, kit, (record.drive, record.counts_at_zero), fitted)
-    if probability < GOOD_PROBABILITY:
-        weakest = model.joint_names[int(np.argmax(sigmas))]
+    seen = outlook(load_model(record.model), record.kit, (record.drive, record.counts_at_zero))
+    return KitProspect(seen.success_probability, seen.sigma_turns, seen.fitted, seen)
+
+
+def predict_kit(record: MasteringRecord) -> KitProspect:
+    """Say what ``kit_prospect`` says; refuse a weak kit while the robot is healthy.
+
+    Raises
+    ------
+    RefusalError
+        The kit would not tell all motors, or the places kept for checking would not show a wrong turn.
+    """
+    found = kit_prospect(record)
+    refuse_weak(record.model, found)
+    return found
+
+
+def refuse_weak(model_name: str, found: KitProspect) -> None:
+    """Refuse a kit that a recovery would not be decided or confirmed with."""
+    names, seen = load_model(model_name).joint_names, found.outlook
+    if seen is None or seen.success_probability < GOOD_PROBABILITY:
+        weakest = names[int(np.argmax(found.sigma_turns))]
         raise RefusalError(
-            f"these places would leave the motor of {weakest} open to {max(sigmas):.1f} turns",
+            f"these places would leave the motor of {weakest} open to {max(found.sigma_turns):.1f} turns",
             code="procedure.weak_kit",
             remedy="Choose places farther apart, with the tip farther from the last axis and the wrist bent by "
             "more than 40 degrees, then start a new run.",
         )
-    return KitProspect(probability, tuple(float(s) for s in sigmas), len(fitted))
+    if not is_strong(seen):
+        raise RefusalError(
+            f"{seen.fitted} places to fit and {seen.checked} for checking are too little: a wrong turn would show at "
+            f"{seen.check_sigmas:.1f} deviations, {GOOD_SIGMAS:g} are needed; {max(seen.spare, 0)} figures to spare",
+            code="procedure.weak_kit",
+            remedy="Record more places, with the tip farther from the last axis, then start a new run.",
+        )
 
 
 def kit_phases(spec: KitSpec | None) -> tuple[Phase, ...]:

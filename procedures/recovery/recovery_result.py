@@ -6,21 +6,26 @@ import numpy as np
 
 from calibration.arm.kinematics import load_model
 from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.flank_check import FlankCheck, compare_flanks
+from calibration.mastering.turn_hypotheses import LossProblem
 from calibration.mastering.turn_recovery import (
     GateCheck,
     TurnRecovery,
     recover_turns,
-    verification_power,
     verify_recovery,
 )
+from calibration.mastering.turn_verification import motors_alone
 from drivers.interfaces import Counts, Instruction, MasteringData
 from procedures.mastering_record import seal
+from procedures.recovery.recovery_pages import correction_page
 
 POWER_CHECK = "verification power"
 SHARP_CHECK = "sharpness"
 LENGTH_CHECK = "verification"
+ALONE_CHECK = "each motor alone"
 MEMORY_POWER = 27.0  # deviations of a whole turn at which a fraction of 0.15 turn shows at four …
 HIDDEN_SIGMAS = 4.0  # … and what a few lengths may hide from their chi square
+ALONE_SIGMAS = 3.5  # of the turns that one motor would have to be off to explain the lengths best
 SAME_JOINT_RAD = 1e-5  # controllers show joints as float32 degrees
 
 
@@ -54,6 +59,8 @@ class RecoveryResult:
     mastering: MasteringData | None = None  # as read back
     record: MasteringRecord | None = None  # the old record in the new counts
     set_aside: tuple[str, ...] = ()  # captures that did not fit the others; measured again
+    final_captures: int = 0
+    flanks: FlankCheck | None = None  # check poses gone to again, some from the other side
 
 
 def widest_u_rad(recovery: TurnRecovery) -> float:
@@ -70,6 +77,7 @@ class Effort:
     measured_again: int
     robot_seconds: float
     set_aside: tuple[str, ...] = ()
+    final_captures: int = 0
 
 
 def judge(
@@ -88,6 +96,16 @@ def confirmed(
 ) -> TurnRecovery:
     """Judge a recovery at poses it was not fitted to."""
     return verify_recovery(load_model(record.model), record, recovery, checks)
+
+
+def tooth_flanks(
+    record: MasteringRecord,
+    recovery: TurnRecovery,
+    checks: tuple[WireCapture, ...],
+    again: tuple[WireCapture, ...],
+) -> FlankCheck:
+    """Compare check poses with themselves, from the same side and from the other one."""
+    return compare_flanks(load_model(record.model), record, recovery, checks, again)
 
 
 def nothing_lost(record: MasteringRecord) -> TurnRecovery:
@@ -122,14 +140,16 @@ def confirmed_memory(
 ) -> TurnRecovery:
     """Judge by check poses alone that nothing was lost: a fraction of a turn must show, too."""
     verified = confirmed(record, recovery, checks)
-    joints = record.drive.joints(np.array([c.counts for c in checks]), np.array(record.counts_at_zero))
-    power = verification_power(load_model(record.model), record, joints)[:, : len(recovery.turns)].max(axis=0)
-    weakest = float(power.min())
+    problem = LossProblem(load_model(record.model), record, checks)
+    power, found = motors_alone(problem, np.zeros(len(recovery.turns)))
+    weakest, farthest = float(power.min()), float(np.abs(found * power).max())
     words = f"the check poses see a whole turn of any motor at {weakest:.0f} deviations or more"
     sharp = GateCheck(SHARP_CHECK, weakest >= MEMORY_POWER, weakest, MEMORY_POWER, words)
-    blind = tuple(float(HIDDEN_SIGMAS / p) for p in power)
-    accepted = verified.accepted and sharp.passed
-    return replace(verified, accepted=accepted, gate=(*verified.gate, sharp), blind_turns=blind)
+    told = f"no motor alone explains the lengths better by more than {farthest:.1f} deviations"
+    alone = GateCheck(ALONE_CHECK, farthest <= ALONE_SIGMAS, farthest, ALONE_SIGMAS, told)
+    blind = tuple(float(HIDDEN_SIGMAS / max(p, 1e-9)) for p in power)
+    accepted = verified.accepted and sharp.passed and alone.passed
+    return replace(verified, accepted=accepted, gate=(*verified.gate, sharp, alone), blind_turns=blind)
 
 
 def controller_was_right(record: MasteringRecord, recovery: TurnRecovery, mastering: MasteringData) -> bool:
@@ -221,16 +241,21 @@ def _result(
         gate=recovery.gate,
         poses_needed=recovery.poses_needed,
         set_aside=effort.set_aside,
+        final_captures=effort.final_captures,
     )
 
 
-def told_correction(recovery: TurnRecovery) -> Instruction:
-    """Return the question before the mastering is written: what was found, and what no measurement tells."""
-    return Instruction(
+def told_correction(recovery: TurnRecovery, record: MasteringRecord | None = None) -> Instruction:
+    """Return the question before the mastering is written: what was found, and what no measurement tells.
+
+    With the record, a screen shows old and new counts and what they are worth at the tool.
+    """
+    asked = Instruction(
         "accept_mastering",
         f"{recovery.reason}. The check poses confirm it. {_proviso(recovery)}"
         "Write the mastering data to the controller?",
     )
+    return asked if record is None else correction_page(asked, record, recovery)
 
 
 def _proviso(recovery: TurnRecovery) -> str:

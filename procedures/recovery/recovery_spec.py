@@ -5,10 +5,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from calibration.mastering.counts import DriveTrain, MasteringRecord
 from drivers.interfaces import Counts
 from procedures.limits import AccuracyClass, MasteringLimits
 from procedures.motion.plans import Room
 from procedures.recovery.waking import AlarmCodes
+from procedures.run import RefusalError
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +31,7 @@ class MasteringRecoverySpec:
     )
     check_captures: Annotated[int, Field(ge=1, le=50)] = 4
     max_check_captures: Annotated[int, Field(ge=1, le=100)] = 8
-    final_captures: Annotated[int, Field(ge=1, le=50)] = 2
+    final_captures: Annotated[int, Field(ge=1, le=50)] = 3  # all but the first from the other side
     visits_again: Annotated[int, Field(ge=0, le=20)] = 3  # of places that the others contradict
     samples: Annotated[int, Field(ge=1, le=1000)] = 5
     tolerance_counts: Annotated[int, Field(ge=0)] = 50
@@ -38,3 +40,22 @@ class MasteringRecoverySpec:
     limits: MasteringLimits | None = None
     room: Room = field(default_factory=Room)
     alarms: AlarmCodes = field(default_factory=AlarmCodes)
+
+
+def refuse_other_gears(record: MasteringRecord, drive: DriveTrain) -> None:
+    """Refuse a controller that counts by other gears than the record's."""
+    if record.drive != drive:
+        raise RefusalError(
+            "the controller's gear data are not those of the record",
+            code="procedure.wrong_record",
+            remedy="Compare the gear ratios with the data sheet; restore the controller's backup.",
+        )
+
+
+def refuse_unknown_axes(spec: MasteringRecoverySpec, axes: int) -> None:
+    """Refuse axes that the robot does not have."""
+    if not all(1 <= axis <= axes for axis in spec.exchanged_axes):
+        raise RefusalError(
+            f"exchanged_axes names an axis that is not there: {spec.exchanged_axes}",
+            remedy=f"Axes count from 1 to {axes}.",
+        )

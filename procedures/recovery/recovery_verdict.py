@@ -1,8 +1,9 @@
 """What a mastering recovery may claim, joint by joint, and what it leaves to people."""
 
+from calibration.mastering.flank_check import FlankCheck
 from procedures.limits import MASTERING, AccuracyClass, MasteringLimits, chosen, told
 from procedures.recovery.recovery_result import JointRecovery, RecoveryResult
-from procedures.verdict import Change, Characteristic, SetAside, Verdict, held, known_within
+from procedures.verdict import Change, Characteristic, SetAside, Verdict, enough, held, known_within, stated
 
 RE_VERIFY = (
     "Safety functions that depend on the robot's position (for example FANUC DCS, KUKA SafeOperation mastering "
@@ -30,7 +31,7 @@ def verdict_on_recovery(
     remarks = [f"Turn counters corrected: {moved or 'none'}."]
     remarks.append(f"New zero of {real}." if real else "Zero offsets unchanged; this is no calibration.")
     return Verdict(
-        (*joints, *checks),
+        (*joints, *checks, *_flanks(result.flanks)),
         limits_from=told(accuracy_class, own) if real else "whole turns: exact or refused",
         not_verified=(
             "No production point was touched; the witness marks were not compared.",
@@ -52,6 +53,34 @@ def _joint(joint: JointRecovery, limit_rad: float) -> Characteristic:
             f"{joint.name}: turns restored", True, rule, found=float(joint.turns_restored), unit="turn"
         )
     return known_within(f"{joint.name}: new zero", "rad", u=joint.offset_u_rad / 2.0, limit=limit_rad)
+
+
+def _flanks(found: FlankCheck | None) -> tuple[Characteristic, ...]:
+    """Return what going to check poses again tells; UNDECIDED where hook, gears or warmth are in doubt."""
+    if found is None:
+        return ()
+    figures = []
+    if found.moved_m is not None:
+        rule = "PASS if within what a capture scatters, 99.9 %; else the hook slips, or the hall or the arm warmed"
+        figures.append(
+            enough(
+                "a check pose gone to again from the same side", found.nothing_moved, rule,
+                found=found.moved_m, limit=found.moved_limit_m, unit="m",
+            )
+        )  # fmt: skip
+    if found.lost_motion_m is not None:
+        rule = "PASS if no more than gears in order have, 99.9 %; else a gear, the hook or the tool is loose"
+        figures.append(
+            enough(
+                "a check pose gone to again from the other side", found.nothing_loose, rule,
+                found=found.lost_motion_m, limit=found.lost_motion_limit_m, unit="m",
+            )
+        )  # fmt: skip
+    if found.backlash_rad is not None:
+        name = f"play of {', '.join(found.joints)}, taken as alike"
+        rule = "no more than what this wire sees of them together"
+        figures.append(stated(name, found.backlash_rad, "rad", u=found.backlash_u_rad / 2.0, rule=rule))
+    return tuple(figures)
 
 
 def _changes(result: RecoveryResult) -> tuple[Change, ...]:

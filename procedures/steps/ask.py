@@ -4,12 +4,13 @@ from drivers.errors import RefusedError
 from drivers.interfaces import Answer, Instruction, Question
 from procedures.cell import Cell
 from procedures.run import DeclinedError
+from procedures.steps.pages import seen_from_here
 
 
 async def ask(cell: Cell, instruction: Instruction) -> Answer:
     """Have a person do or look at something and say yes."""
     try:
-        return await cell.operator.confirm(instruction)
+        return await cell.operator.confirm(seen_from_here(cell, instruction))
     except RefusedError as error:
         raise DeclinedError(
             f"declined: {instruction.text}", remedy="Resume the run when it can be done."

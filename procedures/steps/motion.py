@@ -12,7 +12,7 @@ from calibration.mastering.counts import DriveTrain
 from drivers.interfaces import Counts, Joints
 from procedures.cell import Cell
 from procedures.motion import motion_gate
-from procedures.motion.approach import OVERSHOOT_RAD, from_below
+from procedures.motion.approach import OVERSHOOT_RAD, from_above, from_below
 from procedures.motion.motion_gate import Care, Jog, refuse_off_target
 from procedures.steps.mastering import motor_store
 
@@ -52,6 +52,15 @@ async def go_to(cell: Cell, target_rad: Joints, speed_rad_s: float) -> Arrival:
 async def go_along(cell: Cell, way_rad: tuple[Joints, ...], speed_rad_s: float) -> Arrival:
     """Move a mastered robot, the wire hooked in, along the corners of a way; come to rest at the last from below."""
     await follow(cell, way_rad, speed_rad_s, wired=True)
+    return await _arrival(cell)
+
+
+async def go_to_from_above(cell: Cell, target_rad: Joints, speed_rad_s: float) -> Arrival:
+    """Move a mastered robot, the wire hooked in, to joints; come to rest there from the other side."""
+    here = (await cell.robot.joints()).joints_rad
+    await motion_gate.move_along(cell, from_above(here, target_rad), speed_rad_s, care=Care.WIRED)
+    found = (await cell.robot.joints()).joints_rad
+    refuse_off_target(found, target_rad, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
     return await _arrival(cell)
 
 

@@ -1,9 +1,10 @@
 """Steps that find a place of the recovery kit again: a person brings the tool there, we read where the motors are."""
 
+import math
 from typing import Literal
 
 from calibration.mastering.counts import PlaceCapture
-from drivers.interfaces import Instruction
+from drivers.interfaces import Instruction, Joints
 from procedures.cell import Cell
 from procedures.motion.active_frames import same_frames
 from procedures.run import ProcedureError
@@ -28,14 +29,20 @@ class NoContactHereError(ProcedureError):
 
 
 async def visit_place(
-    cell: Cell, what: tuple[PlaceKind, int, str], sigma_m: float, sigma_rad: float, tolerance_counts: int
+    cell: Cell,
+    what: tuple[PlaceKind, int, str],
+    sigma_m: float,
+    sigma_rad: float,
+    tolerance_counts: int,
+    near_rad: Joints | None = None,
 ) -> PlaceCapture:
     """Have the tool brought to a place and read the motors while everything stands still.
 
-    ``what`` is kind, number and label of the place. Nothing is commanded to move.
+    ``what`` is kind, number and label of the place. ``near_rad`` is the posture that was chosen for it, of a robot
+    that knows its position: anything that keeps the tool will do there. Nothing is commanded to move.
     """
     kind, number, label = what
-    words = f"{_WORDS[kind].format(number=number + 1)} Let go, then say yes."
+    words = f"{_WORDS[kind].format(number=number + 1)}{_near(kind, near_rad)} Let go, then say yes."
     await ask(cell, Instruction(f"visit_{kind}_{number + 1}", words))
     store = motor_store(cell)
     before = await store.encoder_counts()
@@ -52,6 +59,17 @@ async def visit_place(
     return PlaceCapture(
         kind, number, tuple(after), sigma_m, sigma_rad if kind == "seat" else 0.0, None, label
     )
+
+
+def _near(kind: PlaceKind, near_rad: Joints | None) -> str:
+    if near_rad is None or kind == "nest":
+        return ""
+    at = ", ".join(f"J{k} {math.degrees(angle):.0f}" for k, angle in enumerate(near_rad, 1))
+    make = {
+        "point": " Make the mark where the tip then is, on something that stays.",
+        "seat": " Fix the seat there, on something that stays.",
+    }
+    return f" The place should be at about {at} deg, give or take ten.{make.get(kind, '')}"
 
 
 async def _refuse_open(cell: Cell, kind: PlaceKind, label: str) -> None:

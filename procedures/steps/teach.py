@@ -8,6 +8,7 @@ from drivers.interfaces import Instruction, JointReading, Joints
 from procedures.cell import Cell
 from procedures.motion.active_frames import same_frames
 from procedures.run import ProcedureError
+from procedures.shown import Shown, on_page
 from procedures.steps.ask import ask
 
 STILL_RAD = 1e-4
@@ -32,7 +33,7 @@ class TaughtPose:
 
 async def teach(cell: Cell, instruction: Instruction) -> TaughtPose:
     """Have a person place the arm; return where it stands still."""
-    answer = await ask(cell, instruction)
+    answer = await ask(cell, instruction if isinstance(instruction, Shown) else on_page(instruction, "teach"))
     for _ in range(STILL_TRIES):
         before = await cell.robot.joints()
         base_flange = await cell.robot.flange_pose()

@@ -19,6 +19,7 @@ from drivers.interfaces import Instruction, Joints
 from procedures.cell import GaugeSetup, MotionLimits
 from procedures.motion.plans import Room
 from procedures.steps.length import LengthCapture
+from procedures.steps.pages import WIRE_CHECKS, Moves, straight
 from procedures.survey.survey_motion import Wire
 
 Captures = tuple[tuple[LengthCapture, ...], ...]  # of every spot
@@ -113,6 +114,23 @@ class SurveyPlan:
     best: tuple[tuple[int, ...], ...]  # of each pool, those that tell most
     speed_rad_s: float
     not_checked: tuple[str, ...]
+
+    def moves(self, rules: SurveyRules) -> Moves:
+        """Return the plan as it is shown: at each spot the poses that tell most, as many as are surely gone to."""
+        count = rules.min_captures
+        chosen = [
+            (f"{spot}.{k}", pool[index])
+            for spot, (pool, best) in enumerate(zip(self.pools, self.best, strict=True), 1)
+            for k, index in enumerate((best or tuple(range(len(pool))))[:count], 1)
+        ]
+        return Moves(
+            ways_rad=straight(pose for _, pose in chosen),
+            speed_rad_s=self.speed_rad_s,
+            checked=WIRE_CHECKS,
+            not_checked=self.not_checked,
+            most=len(self.spots) * rules.max_captures,
+            names=tuple(name for name, _ in chosen),
+        )
 
     @property
     def rest_rad(self) -> Joints:

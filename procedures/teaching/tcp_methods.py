@@ -13,6 +13,8 @@ from calibration.geometry import Pose
 from calibration.points.tool_point import AxesLimits, ToolAxes, axes_from_attitude, axes_from_plane, tool_axes
 from drivers.interfaces import Instruction
 from procedures.run import Run
+from procedures.steps.meters import move_meter
+from procedures.steps.pages import point_states, points_page
 from procedures.steps.teach import teach
 
 Method = Literal["textbook", "four_point", "three_plus_orientation", "six_point_xz", "six_point_xy"]
@@ -104,11 +106,20 @@ async def take_axes(run: Run, way: Way, square: Pose) -> ToolAxes | None:
         return None
     origin = square
     if way.origin_step is not None:
-        origin = (await run.step(way.origin_step, teach, _origin(way))).base_flange
+        names = [way.origin_step, *(f"move along {axis}" for axis in way.moves)]
+        asked = points_page(_origin(way), point_states(names, 0), None)
+        origin = (await run.step(way.origin_step, teach, asked)).base_flange
     ends = [
-        (await run.step(f"move along {axis}", teach, _along(way, axis))).base_flange for axis in way.moves
+        (await run.step(f"move along {axis}", teach, _on_page(way, axis, origin))).base_flange
+        for axis in way.moves
     ]
     return await run.solve("find the axes", find_axes, way, origin, tuple(ends))
+
+
+def _on_page(way: Way, axis: str, origin: Pose) -> Instruction:
+    names = [f"move along {each}" for each in way.moves]
+    meter = move_meter(origin, way.min_move_m)
+    return points_page(_along(way, axis), point_states(names, way.moves.index(axis)), meter)
 
 
 def find_axes(way: Way, origin: Pose, ends: tuple[Pose, ...]) -> ToolAxes:

@@ -13,6 +13,8 @@ from calibration.points.tool_point import ToolPoint, locate_tool_point
 from calibration.points.touch_design import Alike, alike_touch, fixed_plan_touches, foreseen_u_m, next_turn
 from drivers.interfaces import Instruction
 from procedures.run import OutOfToleranceError, RefusalError, Run
+from procedures.steps.meters import tip_meter
+from procedures.steps.pages import points_page
 from procedures.steps.teach import teach
 from procedures.verdict import SetAside
 
@@ -76,7 +78,7 @@ async def take_touches(run: Run, rules: TouchRules, named: tuple[tuple[str, Inst
     judged, count = Judged("touch", 0, "", "", None, None), 0
     while judged.do in ("touch", "anew"):
         step, instruction = _asked(judged, len(poses), len(anew), named)
-        taught = await run.step(step, teach, instruction)
+        taught = await run.step(step, teach, _on_page(rules, judged, steps, poses, instruction))
         if judged.do == "anew":
             aside.append(SetAside(steps[judged.touch], judged.why))
             steps[judged.touch], poses[judged.touch] = step, taught.base_flange
@@ -94,6 +96,26 @@ async def take_touches(run: Run, rules: TouchRules, named: tuple[tuple[str, Inst
     found = await run.solve("locate the tip", locate_tip, rules, tuple(poses))
     _refuse_scatter(rules, found.tip)
     return Touches(tuple(poses), found.tip, tuple(aside), found.fixed_plan)
+
+
+def _on_page(
+    rules: TouchRules, judged: Judged, steps: list[str], poses: list[Pose], instruction: Instruction
+) -> Instruction:
+    """Return the touch on its page: those taken so far, and what this one would tell where the arm stands."""
+    again = judged.touch if judged.do == "anew" else None
+    others = [pose for k, pose in enumerate(poses) if k != again]
+    points = [(step, "anew" if k == again else "recorded") for k, step in enumerate(steps)]
+    if again is None:
+        points.append((f"touch {len(points) + 1}", "now"))
+    points += [(f"touch {k}", "to_do") for k in range(len(points) + 1, rules.least + 1)]
+    meter = tip_meter(
+        others,
+        sigma_m=rules.sigma_m,
+        turns_rad=(rules.min_turn_rad, AGAIN_RAD),
+        worst_gain=WORST_GAIN,
+        limit_m=rules.tip_u_m,
+    )
+    return points_page(instruction, points, meter)
 
 
 def judge_touches(rules: TouchRules, touches: tuple[Pose, ...], anew: tuple[int, ...]) -> Judged:

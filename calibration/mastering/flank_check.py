@@ -1,0 +1,143 @@
+"""What coming to the same posture from the other side tells: the play of the gears, or that something is loose.
+
+Two lengths at one posture differ by what changed between them and by nothing else: link errors, sag, ripple and the
+wire's own errors are the same. From the same side that is warmth, a hook that slips, a wire that was touched; from
+the other side it is, beside these, the tooth flanks of the joints that no weight holds. Derived here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.turn_results import TurnRecovery
+from calibration.wires.arm import flank_values
+from calibration.wires.model import WireSeen, WireTerms
+from calibration.wires.reference import WirePredictor
+
+SAME_POSTURE_RAD = 0.01  # two captures nearer than that are of one posture
+SIGMAS = 3.29  # 99.9 %
+OTHER_SIDE = "other"
+
+
+@dataclass(frozen=True, slots=True)
+class FlankCheck:
+    """Check postures measured twice. What was not measured is None; U are k = 2.
+
+    ``moved_m`` is the largest change of a length from the same side, ``lost_motion_m`` from the other side;
+    ``backlash_rad`` is the play per unloaded joint that explains the latter best, all of them alike.
+    """
+
+    moved_m: float | None
+    moved_limit_m: float
+    lost_motion_m: float | None
+    lost_motion_limit_m: float
+    backlash_rad: float | None
+    backlash_u_rad: float
+    joints: tuple[str, ...]  # that no weight holds on one flank
+    pairs: int
+
+    @property
+    def nothing_moved(self) -> bool:
+        """Whether hook, wire and warmth stayed, as far as the lengths tell."""
+        return self.moved_m is None or self.moved_m <= self.moved_limit_m
+
+    @property
+    def nothing_loose(self) -> bool:
+        """Whether the other side differs by no more than the teeth of gears."""
+        return self.lost_motion_m is None or self.lost_motion_m <= self.lost_motion_limit_m
+
+
+def compare_flanks(
+    model: RobotModel,
+    record: MasteringRecord,
+    recovery: TurnRecovery,
+    before: Sequence[WireCapture],
+    again: Sequence[WireCapture],
+) -> FlankCheck:
+    """Compare captures with earlier ones of the same postures.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal model of the record.
+    record : MasteringRecord
+        Taken while the robot was healthy.
+    recovery : TurnRecovery
+        By which the counts of both become joints.
+    before, again : sequences of WireCapture
+        ``settled_from`` of ``again`` is "record" for the same side as before, "other" for the other one.
+
+    Raises
+    ------
+    CalibrationError
+        There is nothing to compare.
+    """
+    if not before or not again:
+        raise CalibrationError("two captures of one posture are needed to look at the tooth flanks")
+    wire, prior = record.lengths()
+    predictor = WirePredictor(model, wire, prior)
+    then, now = (_terms(predictor, record, recovery, captures) for captures in (before, again))
+    apart = np.abs(now.seen.joints_rad[:, None] - then.seen.joints_rad[None]).max(axis=2)
+    pairs = [(k, int(row.argmin())) for k, row in enumerate(apart) if row.min() <= SAME_POSTURE_RAD]
+    change = np.array([_change((before, then), (again, now), pair) for pair in pairs])
+    noise = np.array([_noise(prior.sigma_repeat_rad, (before, then), (again, now), pair) for pair in pairs])
+    other = np.array([again[k].settled_from == OTHER_SIDE for k, _ in pairs], dtype=bool)
+    loaded, _ = flank_values(model, now.seen.joints_rad)
+    loose = [joint for joint in range(model.axes) if joint not in loaded]
+    lever = np.array([now.by_joint[k, loose].sum() for k, _ in pairs])
+    flanks = np.array([np.linalg.norm(now.by_joint[k, loose]) for k, _ in pairs])
+    limits = SIGMAS * np.sqrt(noise + (2.0 * prior.sigma_backlash_rad * flanks) ** 2)
+    backlash, u_rad = _backlash(change[other], noise[other], lever[other])
+    return FlankCheck(
+        *_worst(change[~other], SIGMAS * np.sqrt(noise[~other])),
+        *_worst(change[other], limits[other]),
+        backlash,
+        u_rad,
+        tuple(model.joint_names[joint] for joint in loose),
+        len(pairs),
+    )
+
+
+def _terms(
+    predictor: WirePredictor, record: MasteringRecord, recovery: TurnRecovery, captures: Sequence[WireCapture]
+) -> WireTerms:
+    counts = np.array([capture.counts for capture in captures], dtype=float)
+    joints = record.drive.joints(counts, np.array(record.counts_at_zero))
+    joints = joints + record.drive.radians_per_turn() @ np.array(recovery.offset_turns)
+    return predictor.terms(WireSeen.of(joints, np.array([capture.sigma_m for capture in captures])))
+
+
+Look = tuple[Sequence[WireCapture], WireTerms]
+
+
+def _change(before: Look, again: Look, pair: tuple[int, int]) -> float:
+    """Return by how much more a length changed than its posture [m]."""
+    (k, first), (captures, terms), (earlier, was) = pair, again, before
+    expected = float(terms.lengths[k] - was.lengths[first])
+    return captures[k].length_m - earlier[first].length_m - expected
+
+
+def _noise(sigma_repeat_rad: float, before: Look, again: Look, pair: tuple[int, int]) -> float:
+    (k, first), (captures, terms), (earlier, _) = pair, again, before
+    resting = 2.0 * sigma_repeat_rad**2 * float(np.sum(terms.by_joint[k] ** 2))
+    return captures[k].sigma_m ** 2 + earlier[first].sigma_m ** 2 + resting
+
+
+def _worst(changes: Array, limits: Array) -> tuple[float | None, float]:
+    if not len(changes):
+        return None, 0.0
+    worst = int(np.argmax(np.abs(changes) / limits))
+    return float(abs(changes[worst])), float(limits[worst])
+
+
+def _backlash(changes: Array, noise: Array, lever: Array) -> tuple[float | None, float]:
+    """Return the play that all unloaded joints would have to have, and its U (k = 2) [rad]."""
+    information = float(np.sum(lever**2 / noise)) if len(changes) else 0.0
+    if information <= 0.0:
+        return None, 0.0
+    return float(np.sum(lever * changes / noise)) / information, 2.0 / float(np.sqrt(information))

@@ -1,0 +1,221 @@
+"""Which places a recovery kit should have: chosen while the robot is healthy for the smallest error it would leave.
+
+Derived here from the recovery's own covariance (`place_evidence`): greedy A-optimality on the joints' offsets for the
+places that will be fitted, then, for those kept for checking, the ones that together show every wrong turn best.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError, DegenerateDataError
+from calibration.geometry import Array
+from calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
+from calibration.mastering.integer_search import success_probability
+from calibration.mastering.place_choice import PlaceChoice
+from calibration.mastering.place_evidence import PlaceProblem
+from calibration.mastering.place_recovery import FITTED, place_covariance, places_to_fit_of
+from calibration.mastering.turn_recovery import SPARE_CAPTURES, SUCCESS_PROBABILITY
+from calibration.mastering.turn_verification import detection
+
+CHECKS = 3  # places of a kit of points or targets that are never fitted
+_ASSUMED_NESTS_M = ((1.6, 0.9, -0.4), (1.4, -1.0, 0.5), (-0.6, 1.2, 0.2), (0.3, -1.3, 0.9))
+
+
+@dataclass(frozen=True, slots=True)
+class KitPlan:
+    """What a kit is made of, before any place is known: how many places of which kind, and how well each is met."""
+
+    kind: str  # point, seat or target
+    tip_in_flange_m: tuple[float, float, float]
+    places: int  # of points or targets
+    check_points: int  # touched beside a seat
+    sigma_m: float
+    sigma_rad: float
+    sigma_tip_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class KitOutlook:
+    """What a recovery by a kit would reach.
+
+    ``sigma_turns`` (n,) is of the motors [turns]; ``offset_u_rad`` (n,) of the joints' zeros, k = 2 [rad], were they
+    all lost; ``check_sigmas`` is at how many deviations the check places would show the wrong turn that they show
+    worst.
+    """
+
+    success_probability: float
+    sigma_turns: tuple[float, ...]
+    offset_u_rad: tuple[float, ...]
+    check_sigmas: float
+    fitted: int
+    checked: int
+    spare: int  # figures beyond the unknown turns, so that a mistake is noticed; the gate wants six
+
+    @property
+    def noticed(self) -> bool:
+        """Whether the gate of a recovery would have enough figures to notice a mistake."""
+        return self.spare >= SPARE_CAPTURES
+
+
+def outlook(model: RobotModel, kit: RecoveryKit, robot: tuple[DriveTrain, tuple[int, ...]]) -> KitOutlook:
+    """Foretell a recovery that fits the best places of a kit and checks at the others.
+
+    Raises
+    ------
+    CalibrationError
+        The kit has no place that could be fitted.
+    """
+    fitted = places_to_fit_of(model, kit, robot)
+    covariance = place_covariance(model, kit, robot, fitted)
+    per_turn = robot[0].radians_per_turn()
+    u_rad = 2.0 * np.sqrt(np.diag(per_turn @ covariance @ per_turn.T))
+    checks = [c for c in kit.places if c.kind != "nest" and c.place not in fitted]
+    kinds = {place.place: place.kind for place in kit.places}
+    return KitOutlook(
+        success_probability(covariance),
+        tuple(float(v) for v in np.sqrt(np.diag(covariance))),
+        tuple(float(v) for v in u_rad),
+        _check_sigmas(model, kit, robot, checks, covariance),
+        len(fitted),
+        len(checks),
+        sum(6 if kinds[number] == "seat" else 3 for number in fitted) - model.axes,
+    )
+
+
+def design_kit(
+    model: RobotModel,
+    robot: tuple[DriveTrain, tuple[int, ...]],
+    plan: KitPlan,
+    candidates_rad: Array,
+    *,
+    known: RecoveryKit | None = None,
+) -> RecoveryKit:
+    """Choose the postures at which the places of a kit should be, as if they had been visited there.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal model.
+    robot : DriveTrain and counts at zero
+        Of the healthy robot.
+    plan : KitPlan
+        What is wanted.
+    candidates_rad : (C, n)
+        Postures that can be gone to [rad].
+    known : RecoveryKit, optional
+        Places that are recorded already: one more is then chosen, for what they do not tell.
+
+    Returns
+    -------
+    RecoveryKit
+        Its places in the order in which they tell most; for targets also four assumed nests, whose true places only
+        the instrument will tell.
+
+    Raises
+    ------
+    DegenerateDataError
+        Fewer candidates than places.
+    """
+    count = 1 + plan.check_points if plan.kind == "seat" else plan.places
+    if len(candidates_rad) < count + 1:
+        raise DegenerateDataError(
+            f"only {len(candidates_rad)} postures can be reached, {count} places are wanted",
+            remedy="Widen the workspace box, or bring the robot's tool nearer to the middle of its range.",
+        )
+    drawn = _as_kit(model, robot, plan, candidates_rad)
+    if known is not None:
+        return _one_more(model, robot, known, drawn)
+    chosen = _chosen(model, robot, drawn, plan)
+    places = [place for place in drawn.places if place.kind == "nest"]
+    places += [_numbered(drawn, k, len(places) + n, plan, n) for n, k in enumerate(chosen)]
+    return replace(drawn, places=tuple(places))
+
+
+def _chosen(
+    model: RobotModel, robot: tuple[DriveTrain, tuple[int, ...]], drawn: RecoveryKit, plan: KitPlan
+) -> list[int]:
+    """Return which candidates to take, counted without the nests: those to fit first, then those to check at."""
+    every = PlaceChoice.of(model, drawn, robot)
+    if plan.kind == "seat":
+        fitted = every.best_fit(1)
+        points = PlaceChoice.of(model, _touched(drawn, plan), robot)
+        return fitted + points.best_checks(every.covariance(fitted), fitted, plan.check_points)
+    fitted = every.best_fit(max(1, min(FITTED, plan.places - CHECKS)))
+    return fitted + every.best_checks(every.covariance(fitted), fitted, plan.places - len(fitted))
+
+
+def _touched(drawn: RecoveryKit, plan: KitPlan) -> RecoveryKit:
+    """Return the places of a seat as if they were touched."""
+    points = tuple(replace(c, kind="point", sigma_rad=0.0, sigma_m=plan.sigma_m) for c in drawn.places)
+    return replace(drawn, places=points)
+
+
+def _numbered(drawn: RecoveryKit, index: int, place: int, plan: KitPlan, order: int) -> PlaceCapture:
+    found = [c for c in drawn.places if c.kind != "nest"][index]
+    kind = "point" if plan.kind == "seat" and order > 0 else found.kind
+    sigma_rad = found.sigma_rad if kind == "seat" else 0.0
+    return replace(found, place=place, kind=kind, sigma_rad=sigma_rad, label=f"place {place + 1}")
+
+
+def _one_more(
+    model: RobotModel, robot: tuple[DriveTrain, tuple[int, ...]], known: RecoveryKit, drawn: RecoveryKit
+) -> RecoveryKit:
+    """Return the known kit with one candidate more: the one that leaves least, or that shows wrong turns best."""
+    number = 1 + max(place.place for place in known.places)
+    more = [c for c in drawn.places if c.kind != "nest"]
+    every = [replace(c, place=number + k, label=f"place {number + k + 1}") for k, c in enumerate(more)]
+    choice = PlaceChoice.of(model, replace(known, places=(*known.places, *every)), robot)
+    there = [place for place in known.places if place.kind != "nest"]
+    now, mine = outlook(model, known, robot), range(len(there))
+    if now.noticed and now.success_probability > SUCCESS_PROBABILITY:
+        fitted = set(places_to_fit_of(model, known, robot))
+        covariance = choice.covariance([k for k in mine if there[k].place in fitted])
+        best = choice.best_checks(covariance, list(mine), 1)[0]
+    else:
+        best = choice.best_addition(list(mine))
+    taken = replace(every[best - len(there)], place=number, label=f"place {number + 1}")
+    return replace(known, places=(*known.places, taken))
+
+
+def _as_kit(
+    model: RobotModel, robot: tuple[DriveTrain, tuple[int, ...]], plan: KitPlan, joints_rad: Array
+) -> RecoveryKit:
+    """Return a kit with a place at each posture, as a nominal arm would have found them."""
+    drive, zero = robot
+    counts = drive.counts(joints_rad, np.array(zero))
+    tips = model.tip_positions(joints_rad, np.array(plan.tip_in_flange_m))
+    sigma_rad = plan.sigma_rad if plan.kind == "seat" else 0.0
+    target = plan.kind == "target"
+    nests = _ASSUMED_NESTS_M if target else ()
+    places = [
+        PlaceCapture("nest", k, tuple(int(z) for z in zero), plan.sigma_m, 0.0, at)
+        for k, at in enumerate(nests)
+    ]
+    for k, (row, tip) in enumerate(zip(counts, tips, strict=True), len(nests)):
+        seen = (float(tip[0]), float(tip[1]), float(tip[2])) if target else None
+        place = PlaceCapture(plan.kind, k, tuple(int(c) for c in row), plan.sigma_m, sigma_rad, seen)
+        places.append(place)
+    return RecoveryKit(plan.tip_in_flange_m, tuple(places), plan.sigma_tip_m)
+
+
+def _check_sigmas(
+    model: RobotModel,
+    kit: RecoveryKit,
+    robot: tuple[DriveTrain, tuple[int, ...]],
+    checks: Sequence[PlaceCapture],
+    covariance: Array,
+) -> float:
+    if not checks:
+        return 0.0
+    nests = [c for c in kit.places if c.kind == "nest"]
+    try:
+        problem = PlaceProblem(model, kit, robot, [*nests, *checks])
+    except CalibrationError:
+        return 0.0
+    local = problem.at(np.zeros(model.axes))
+    spread = local.by_turn @ covariance @ local.by_turn.T
+    local = replace(local, scatter=local.scatter + spread)
+    return float(detection(problem, local).max(axis=0).min())

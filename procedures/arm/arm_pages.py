@@ -1,0 +1,48 @@
+"""What a screen draws of procedures on a whole arm: their plans, and what new joint zeros change."""
+
+from procedures.arm.arm_bench import Bench
+from procedures.arm.calibration_plan import CalibrationPlan, SeriesRules
+from procedures.arm.calibration_result import Identified
+from procedures.forecast import Prediction
+from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, joint_displacement, straight
+from procedures.verdict import Change
+
+_POSTURES = 40  # of those that stand for the whole work
+
+
+def series_moves(plan: CalibrationPlan, rules: SeriesRules, *, wired: bool) -> Moves:
+    """Return a calibration's plan as it is shown: the poses that are expected to tell most, and those that verify."""
+    fitted = [plan.pool[index] for index in plan.best[: plan.expected_captures]]
+    checks = plan.reserved[: rules.checks_for(plan.expected_captures)]
+    return Moves(
+        ways_rad=straight((*fitted, *checks)),
+        speed_rad_s=plan.speed_rad_s,
+        checked=WIRE_CHECKS if wired else ARM_CHECKS,
+        not_checked=(*plan.not_checked, plan.shortfall),
+        most=rules.max_captures + rules.checks_for(rules.max_captures),
+        predictions=(
+            Prediction("target over the work, RMS", plan.tip_u_m, "m"),
+            Prediction("target over the work, at worst", plan.tip_u_max_m, "m"),
+        ),
+        names=(
+            *(str(k) for k in range(1, len(fitted) + 1)),
+            *(f"C{k}" for k in range(1, len(checks) + 1)),
+        ),
+    )
+
+
+def zero_changes(bench: Bench, found: Identified) -> tuple[Change, ...]:
+    """Return each joint's counts at zero before and after, and by how much its zero turns."""
+    names = bench.nominal().joint_names
+    counts = zip(names, bench.counts_at_zero, found.mastering, strict=True)
+    turned = zip(names, found.written_offsets_rad, strict=True)
+    return (
+        *(Change(f"{name}: counts at zero", float(old), float(new), "count") for name, old, new in counts),
+        *(Change(f"{name}: zero turns by", 0.0, angle, "rad") for name, angle in turned),
+    )
+
+
+def zero_displacement(bench: Bench, plan: CalibrationPlan, found: Identified) -> dict[str, float | str]:
+    """Return by how much the target is displaced at most by new zeros, over postures of the work."""
+    postures = plan.tests[:_POSTURES] or (bench.joints_rad,)
+    return joint_displacement(bench.nominal(), postures, found.written_offsets_rad, bench.target_in_flange_m)

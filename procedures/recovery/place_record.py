@@ -1,0 +1,129 @@
+"""A mastering record without a draw-wire: which kit of places is best here, and the places one by one.
+
+Every kit that the cell has the means for is designed and shown side by side with the error that a recovery would be
+left with; a person chooses, brings the tool to the places, and a kit that turns out too weak gets further places.
+"""
+
+from dataclasses import dataclass, replace
+
+from pydantic_core import to_jsonable_python
+
+from calibration.mastering.counts import MasteringRecord, RecoveryKit
+from drivers.interfaces import Instruction, Joints
+from procedures.canonical import sha256_of
+from procedures.entry import Phase
+from procedures.motion.plans import Room
+from procedures.recovery.kit_offers import KitOffer, KitOffers, offers_at, one_more_posture, told_offers
+from procedures.recovery.recovery_kit import (
+    KitProspect,
+    KitSpec,
+    kit_places,
+    kit_prospect,
+    refuse_weak,
+    visited,
+)
+from procedures.run import RefusalError, Run
+from procedures.steps.ask import accept
+from procedures.steps.kit_bench import KitBench, choose_kit
+from procedures.steps.place import PlaceKind
+
+MOST_FURTHER = 4
+HOPELESS_TURNS = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedPlaces:
+    """The kit as recorded, what it promises, and what it was chosen from."""
+
+    record: MasteringRecord
+    prospect: KitProspect
+    chosen: KitOffer
+    offers: KitOffers
+    visits: int
+
+
+async def record_places(
+    run: Run, bench: KitBench, blank: MasteringRecord, how: tuple[KitSpec | None, Room, int]
+) -> RecordedPlaces:
+    """Choose a kit, have its places visited, and see that a recovery would be decided and confirmed by them.
+
+    ``blank`` is the record without a kit; ``how`` is an engineer's own kit, the room, and the seed of the design.
+
+    Raises
+    ------
+    RefusalError
+        The cell offers no kit; the places are too weak even with further ones.
+    """
+    own, room, seed = how
+    offers = await run.solve("compare the kits", offers_at, bench, room, own, seed)
+    chosen = await _choose(run, offers, own)
+    if max(chosen.outlook.sigma_turns) > HOPELESS_TURNS:  # no number of places would help
+        seen = chosen.outlook
+        refuse_weak(bench.model, KitProspect(seen.success_probability, seen.sigma_turns, seen.fitted, seen))
+    visits = []
+    postures = _with_nests(chosen)
+    for k, (what, near) in enumerate(zip(kit_places(chosen.spec), postures, strict=True), 1):
+        visits.append(await visited(run, chosen.spec, k, what, near))
+    further = 0
+    while True:
+        kit = RecoveryKit(chosen.spec.tip_in_flange_m, tuple(visits), chosen.spec.sigma_tip_m)
+        record = replace(blank, kit=kit)
+        prospect = await run.solve(f"predict a recovery by places {further + 1}", kit_prospect, record)
+        if prospect.strong or further >= MOST_FURTHER:
+            break
+        further += 1
+        near = await run.solve(
+            f"choose one more place {further}", one_more_posture, bench, room, chosen.spec, kit, seed
+        )
+        visits.append(await visited(run, chosen.spec, len(visits) + 1, _another(chosen, len(visits)), near))
+    refuse_weak(bench.model, prospect)
+    return RecordedPlaces(record, prospect, chosen, offers, len(visits))
+
+
+def place_phases(own: KitSpec | None) -> tuple[Phase, ...]:
+    """Return the steps of a record by places for the outline."""
+    count = len(kit_places(own)) if own is not None else 9
+    return (
+        *(Phase("look at the instruments"), Phase("compare the kits")),
+        *(Phase("choose the kit"), Phase("place", count, adaptive=True)),
+        *(
+            Phase("predict a recovery by places", 1, adaptive=True),
+            Phase("choose one more place", 0, adaptive=True),
+        ),
+    )
+
+
+async def _choose(run: Run, offers: KitOffers, own: KitSpec | None) -> KitOffer:
+    if not offers.offers:
+        raise RefusalError(
+            f"this cell offers no kit of places: {'; '.join(offers.missing)}",
+            code="procedure.no_kit",
+            remedy="Do one of these, then start a new run; or record with a draw-wire.",
+            evidence=offers,
+        )
+    table = told_offers(offers)
+    if own is not None:
+        question = Instruction(
+            "use_kit", f"What this kit would leave open after a loss:\n{table}\nRecord its places?"
+        )
+        await run.step("choose the kit", accept, question, sha256_of(to_jsonable_python(offers)))
+        return offers.offers[0]
+    text = (
+        f"Which places shall be recorded, so that a lost zero is found again? The smallest error first:\n{table}\n"
+        f"Type a name; nothing is {offers.offers[0].name}."
+    )
+    names = tuple(offer.name for offer in offers.offers)
+    said = await run.step("choose the kit", choose_kit, text, names)
+    found = offers.named(said.kit)
+    assert found is not None  # the step returns one of the names
+    return found
+
+
+def _with_nests(chosen: KitOffer) -> tuple[Joints | None, ...]:
+    nests = len(kit_places(chosen.spec)) - len(chosen.postures_rad)
+    return (*(None,) * nests, *chosen.postures_rad)
+
+
+def _another(chosen: KitOffer, number: int) -> tuple[PlaceKind, int, str]:
+    kind: PlaceKind = "point" if chosen.spec.kind == "seat" else chosen.spec.kind
+    return (kind, number, f"place {number + 1}")

@@ -1,0 +1,82 @@
+"""What a screen draws of a recovery: what a tenth of a degree is worth at the tool, and what goes from old to new."""
+
+from typing import Any
+
+import numpy as np
+
+from calibration.arm.kinematics import load_model
+from calibration.mastering.counts import MasteringRecord
+from calibration.mastering.turn_recovery import TurnRecovery
+from drivers.interfaces import Instruction
+from procedures.shown import Shown, on_page
+from procedures.steps.pages import axis_levers, joint_displacement
+
+
+def levers_page(asked: Instruction, record: MasteringRecord) -> Shown:
+    """Return an instruction with what a tenth of a degree of each axis displaces the hook, where the record began."""
+    levers = axis_levers(load_model(record.model), record.reference_joints_rad, _hook(record))
+    return on_page(asked, "ask", axes=levers)
+
+
+def correction_page(asked: Instruction, record: MasteringRecord, recovery: TurnRecovery) -> Shown:
+    """Return the correction of a mastering on its page: old and new counts, their effect at the tool, the gate."""
+    model = load_model(record.model)
+    offsets = record.drive.radians_per_turn() @ np.array(recovery.offset_turns)
+    postures = np.array([record.reference_joints_rad])
+    if record.wire is not None and record.captures:
+        postures = record.capture_joints_rad()
+    levers = axis_levers(model, record.reference_joints_rad, _hook(record))
+    rows = zip(
+        levers, record.counts_at_zero, recovery.counts_at_zero, offsets, recovery.offset_u_rad, strict=True
+    )
+    axes = [
+        {
+            **lever,
+            "before": float(old),
+            "after": float(new),
+            "offset_rad": float(off),
+            "u_rad": u,
+            "turns": turns,
+        }
+        for (lever, old, new, off, u), turns in zip(rows, recovery.turns, strict=True)
+    ]
+    changes: list[dict[str, Any]] = [
+        {
+            "name": f"{axis['name']}: counts at zero",
+            "before": axis["before"],
+            "after": axis["after"],
+            "unit": "count",
+        }
+        for axis in axes
+    ]
+    gate = [
+        {
+            "name": check.name,
+            "decision": "pass" if check.passed else "fail",
+            "value": check.found,
+            "limit": check.limit,
+            "unit": "1",
+            "rule": check.sentence,
+            "expanded_uncertainty": 0.0,
+        }
+        for check in recovery.gate
+    ]
+    review = {
+        "word": "pass" if recovery.accepted else "undecided",
+        "limits_from": "",
+        "characteristics": gate,
+        "changes": changes,
+        "displacement": joint_displacement(
+            model, [tuple(q) for q in postures], tuple(float(v) for v in offsets), _hook(record)
+        ),
+        "set_aside": [],
+        "not_verified": [],
+        "to_sign": [],
+        "writes": True,
+        "write_anyway": "",
+    }
+    return on_page(asked, "review", axes=axes, review=review)
+
+
+def _hook(record: MasteringRecord) -> tuple[float, ...]:
+    return (0.0, 0.0, 0.0) if record.prior is None else tuple(record.prior.hook_in_flange_m)

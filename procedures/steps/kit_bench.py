@@ -1,0 +1,71 @@
+"""Steps that look what a cell has to find places again with, and ask which kit of places shall be recorded."""
+
+from dataclasses import dataclass
+
+from drivers.interfaces import Question
+from procedures.cell import Cell, MotionLimits
+from procedures.instruments import Instruments, instruments_of
+from procedures.run import ProcedureError
+from procedures.steps.ask import enter
+from procedures.steps.mastering import Motors, nominal_model, read_motors_alone
+
+ASKED_AGAIN = 3
+_SHORTEST_TOOL_M = 0.02  # a shorter tool frame is none: nobody typed it in
+
+
+class NoSuchKitError(ProcedureError):
+    """A kit was named that this cell does not offer."""
+
+    code = "procedure.no_such_kit"
+
+
+@dataclass(frozen=True, slots=True)
+class KitBench:
+    """A healthy robot, and what its places could be found again with."""
+
+    motors: Motors
+    model: str
+    limits: MotionLimits
+    instruments: Instruments
+
+
+@dataclass(frozen=True, slots=True)
+class KitChoice:
+    """Which kit a person chose, and who."""
+
+    kit: str
+    who: str
+
+
+async def read_kit_bench(cell: Cell) -> KitBench:
+    """Read the motors, and what the cell file and the controller say about tips and instruments."""
+    tool = None
+    if cell.frames is not None:
+        active = (await cell.frames.active_frames()).flange_tool
+        if active is not None and sum(v * v for v in active.position_m) > _SHORTEST_TOOL_M**2:
+            tool = active.position_m
+    motors = await read_motors_alone(cell)
+    return KitBench(motors, nominal_model(cell).name, cell.limits, instruments_of(cell, tool))
+
+
+async def choose_kit(cell: Cell, text: str, names: tuple[str, ...]) -> KitChoice:
+    """Have a person name one of the kits that are shown; no word is the first one.
+
+    Raises
+    ------
+    NoSuchKitError
+        Three answers named none of them.
+    """
+    asked = text
+    for _ in range(ASKED_AGAIN):
+        answer = await enter(cell, Question("choose_kit", asked))
+        said = answer.value.strip().lower() or names[0]
+        if said in ("yes", "y"):
+            said = names[0]
+        if said in names:
+            return KitChoice(said, answer.who)
+        asked = f"There is no kit {answer.value!r}; there are {', '.join(names)}.\n{text}"
+    raise NoSuchKitError(
+        f"no kit was chosen: {answer.value!r} is none of {', '.join(names)}",
+        remedy="Resume the run and type one of the names.",
+    )

@@ -1,0 +1,177 @@
+"""What a screen draws beside an instruction: plans, points that were taught, results before they are kept.
+
+Everything here is data for a page of some kind (`procedures.shown.Page`), never an input of a step: the words of
+an instruction stand in the journal, its picture does not. A new procedure picks one of these kinds and needs no
+page of its own.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydantic_core import to_jsonable_python
+
+from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Pose, log_rotation
+from drivers.interfaces import Instruction, Joints
+from procedures.cell import Cell
+from procedures.forecast import Prediction
+from procedures.shown import Shown, on_page, page_of
+from procedures.verdict import Change, Verdict
+
+Way = Sequence[Joints]
+LEVER_M = 0.5  # from a frame's origin: where its change is told as a length
+TENTH_RAD = math.radians(0.1)
+ARM_CHECKS = ("joint_limits", "speeds", "distances")  # what every plan with a model of the arm was held to
+WIRE_CHECKS = (*ARM_CHECKS, "wire")
+
+
+@dataclass(frozen=True, slots=True)
+class Moves:
+    """A plan as it is shown: where the arm goes, how fast, how long, what was checked and what was not.
+
+    ``most`` are the poses that will be gone to at most, where the measurements choose among those shown.
+    """
+
+    ways_rad: tuple[Way, ...]  # the corners to each pose; the last of each is the pose
+    speed_rad_s: float
+    checked: tuple[str, ...]
+    not_checked: tuple[str, ...]
+    duration_s: float | None = None
+    most: int | None = None
+    predictions: tuple[Prediction, ...] = ()
+    names: tuple[str, ...] = ()
+
+
+def straight(poses_rad: Iterable[Joints]) -> tuple[Way, ...]:
+    """Return ways without corners."""
+    return tuple((tuple(pose),) for pose in poses_rad)
+
+
+def plan_page(asked: Instruction, moves: Moves) -> Shown:
+    """Return a plan on its page: its poses are drawn as ghosts by whoever has a picture."""
+    names = moves.names or tuple(str(k) for k in range(1, len(moves.ways_rad) + 1))
+    poses = [
+        {"name": name, "joints_rad": list(way[-1]), "way_rad": [list(corner) for corner in way[:-1]]}
+        for name, way in zip(names, moves.ways_rad, strict=True)
+    ]
+    plan = {
+        "poses": poses,
+        "most": moves.most,
+        "speed_rad_s": moves.speed_rad_s,
+        "duration_s": moves.duration_s,
+        "checked": moves.checked,
+        "not_checked": [line for line in moves.not_checked if line],
+        "predictions": [_told(one) for one in moves.predictions],
+    }
+    return on_page(asked, "approve", plan=plan)
+
+
+def review_page(asked: Instruction, verdict: Verdict, *, writes: bool, write_anyway: str = "") -> Shown:
+    """Return a result on its page before it is kept; ``writes`` says that a controller will be changed by a yes."""
+    told = verdict.as_object()
+    kept = ("word", "limits_from", "characteristics", "changes", "set_aside", "not_verified", "to_sign")
+    review = {key: told[key] for key in kept} | {"writes": writes, "write_anyway": write_anyway}
+    return on_page(asked, "review", review=review)
+
+
+def with_changes(asked: Instruction, changes: Iterable[Change], **displacement: float | str) -> Shown:
+    """Return a page of review with what goes from old to new.
+
+    ``displacement``: ``most_m``, by how much a point is displaced at most, and ``at``, which point that is.
+    """
+    shown = on_page(asked, page_of(asked).kind)
+    review = {**shown.page.data.get("review", {}), "changes": to_jsonable_python(list(changes))}
+    return on_page(shown, "review", review=review | {"displacement": displacement or None})
+
+
+def frame_displacement(before: Pose, after: Pose, *, lever_m: float = LEVER_M) -> dict[str, float | str]:
+    """Return by how much a point at ``lever_m`` from a frame's origin is displaced at most, in whatever direction."""
+    away_m = math.dist(before.position_m, after.position_m)
+    turn = log_rotation(before.rotation().T @ after.rotation())
+    chord_m = 2.0 * lever_m * math.sin(min(float(np.linalg.norm(turn)), math.pi) / 2.0)
+    return {"most_m": away_m + chord_m, "at": "lever" if lever_m else "tip", "lever_m": lever_m}
+
+
+def joint_displacement(
+    model: RobotModel,
+    joints_rad: Iterable[Joints],
+    turned_rad: Sequence[float],
+    tip_in_flange_m: Sequence[float],
+) -> dict[str, float | str]:
+    """Return by how much the tip is displaced at most, over postures, if every joint is off by ``turned_rad``."""
+    here = np.array([tuple(q) for q in joints_rad])
+    tips = [_tips(model, q, tip_in_flange_m) for q in (here, here + np.array(turned_rad))]
+    return {"most_m": float(np.linalg.norm(tips[1] - tips[0], axis=1).max()), "at": "postures"}
+
+
+def axis_levers(
+    model: RobotModel, joints_rad: Joints, tip_in_flange_m: Sequence[float] = (0.0, 0.0, 0.0)
+) -> list[dict[str, Any]]:
+    """Return for each axis by how much a tenth of a degree displaces the tip in a posture [m]."""
+    here = np.array([joints_rad])
+    turned = here + np.eye(model.axes) * TENTH_RAD
+    away = _tips(model, turned, tip_in_flange_m) - _tips(model, here, tip_in_flange_m)
+    lengths = np.linalg.norm(away, axis=1)
+    return [
+        {"name": name, "tenth_degree_m": float(length)}
+        for name, length in zip(model.joint_names, lengths, strict=True)
+    ]
+
+
+def seen_from_here(cell: Cell, asked: Instruction) -> Instruction:
+    """Return an instruction with what only the cell knows: what is selected on the controller, and planned tips."""
+    if not isinstance(asked, Shown):
+        return asked
+    data: dict[str, Any] = {}
+    if cell.motion.frames is not None:
+        data["frames"] = cell.motion.frames
+    plan = asked.page.data.get("plan")
+    if plan is not None and cell.model is not None:
+        data["plan"] = {
+            **plan,
+            "poses": _with_tips(cell, cell.model, plan["poses"]),
+            "level": cell.level.value,
+        }
+    return on_page(asked, asked.page.kind, **data)
+
+
+def asked_by_hand(asked: Instruction, target_rad: Joints, tolerance_rad: float, *, wired: bool) -> Shown:
+    """Return a move that a person makes on its page; with a wire the next thing is a capture of its length."""
+    target = {"joints_rad": list(target_rad), "tolerance_rad": tolerance_rad}
+    plan = {"poses": [{"name": "", "joints_rad": list(target_rad), "way_rad": []}]}
+    return on_page(asked, "capture" if wired else "teach", target=target, plan=plan)
+
+
+def points_page(
+    asked: Instruction, points: Sequence[tuple[str, str]], meter: Mapping[str, Any] | None
+) -> Shown:
+    """Return a point to be taught on its page.
+
+    ``points`` are all points of the step's kind in order: their name and ``recorded``, ``now``, ``to_do`` or
+    ``anew``. ``meter`` is what `procedures.steps.meters` reads while the arm is brought there.
+    """
+    listed = [{"name": name, "state": state} for name, state in points]
+    return on_page(asked, "teach", points=listed, meter=None if meter is None else dict(meter))
+
+
+def point_states(names: Sequence[str], now: int) -> list[tuple[str, str]]:
+    """Return points that are taught one after the other, the one at ``now`` being asked for."""
+    return [(name, "recorded" if k < now else "now" if k == now else "to_do") for k, name in enumerate(names)]
+
+
+def _with_tips(cell: Cell, model: RobotModel, poses: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    tip = cell.surroundings.tip_in_flange_m or (0.0, 0.0, 0.0)
+    found = _tips(model, np.array([pose["joints_rad"] for pose in poses]).reshape(-1, model.axes), tip)
+    return [{**pose, "tip_in_base_m": place.tolist()} for pose, place in zip(poses, found, strict=True)]
+
+
+def _tips(model: RobotModel, joints_rad: Any, tip_in_flange_m: Sequence[float]) -> Any:
+    flanges = model.base_flange(joints_rad)
+    return flanges[:, :3, :3] @ np.array(tip_in_flange_m) + flanges[:, :3, 3]
+
+
+def _told(one: Prediction) -> dict[str, Any]:
+    return {"name": one.name, "expanded": one.expanded, "unit": one.unit, "limits": dict(one.limits)}
