@@ -1,24 +1,75 @@
-"""Every brand of robot program that can be read."""
+"""Every brand of robot program that can be read; a brand's package is loaded with its first program."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import PurePath
 
-from drivers.abb import programs as abb
-from drivers.fanuc import programs as fanuc
-from drivers.kuka import programs as kuka
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import ProgramFile
-from drivers.universal_robots import programs as universal_robots
-from drivers.yaskawa import programs as yaskawa
+from drivers.programs.positions import Change, ProgramFile
 
-BRANDS: tuple[ProgramBrand, ...] = (abb.BRAND, fanuc.BRAND, kuka.BRAND, universal_robots.BRAND, yaskawa.BRAND)
+
+def _abb() -> ProgramBrand:
+    from drivers.abb.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+
+    return BRAND
+
+
+def _fanuc() -> ProgramBrand:
+    from drivers.fanuc.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+
+    return BRAND
+
+
+def _kuka() -> ProgramBrand:
+    from drivers.kuka.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+
+    return BRAND
+
+
+def _universal_robots() -> ProgramBrand:
+    from drivers.universal_robots.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+
+    return BRAND
+
+
+def _yaskawa() -> ProgramBrand:
+    from drivers.yaskawa.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+
+    return BRAND
+
+
+_LOADED: Mapping[str, Callable[[], ProgramBrand]] = {
+    "abb": _abb,
+    "fanuc": _fanuc,
+    "kuka": _kuka,
+    "universal_robots": _universal_robots,
+    "yaskawa": _yaskawa,
+}
+SUFFIXES: Mapping[str, tuple[str, ...]] = {
+    "abb": (".mod", ".prg", ".sys"),
+    "fanuc": (".ls",),
+    "kuka": (".src", ".dat"),
+    "universal_robots": (".script", ".urp", ".installation"),
+    "yaskawa": (".jbi",),
+}
+
+
+@cache
+def brand_named(name: str) -> ProgramBrand:
+    """Return a brand by its package's name."""
+    return _LOADED[name]()
+
+
+def all_brands() -> tuple[ProgramBrand, ...]:
+    """Return every brand."""
+    return tuple(map(brand_named, SUFFIXES))
 
 
 def brand_of(name: str, data: bytes) -> ProgramBrand | None:
     """Return whose program a file is, by its suffix and a look inside; None for a file that is no program."""
     suffix = PurePath(name).suffix.lower()
-    fitting = (brand for brand in BRANDS if suffix in brand.suffixes)
+    fitting = (brand_named(brand) for brand, suffixes in SUFFIXES.items() if suffix in suffixes)
     return next((brand for brand in fitting if brand.writes_program(data)), None)
 
 
@@ -30,15 +81,58 @@ def read_program(name: str, data: bytes) -> ProgramFile:
     ProgramFileError
         No brand writes such files, or the file is damaged or not understood: with line and column.
     """
-    brand = brand_of(name, data)
-    if brand is None:
-        known = ", ".join(sorted({suffix for each in BRANDS for suffix in each.suffixes}))
-        raise ProgramFileError(
-            name, "this is not a robot program that can be read.", remedy=f"There are {known}."
-        )
-    return brand.read(name, data)
+    found = read_programs([(name, data)])[0]
+    if isinstance(found, ProgramFileError):
+        raise found
+    return found
 
 
-def brands_by_name() -> Mapping[str, ProgramBrand]:
-    """Return the brands by their package's name."""
-    return {brand.brand: brand for brand in BRANDS}
+def read_programs(files: Sequence[tuple[str, bytes]]) -> list[ProgramFile | ProgramFileError]:
+    """Read programs by their names and bytes, whatever their brands; what is wrong with one stands at its place."""
+    found: dict[int, ProgramFile | ProgramFileError] = {}
+    by_brand: dict[str, list[int]] = {}
+    for i, (name, data) in enumerate(files):
+        brand = brand_of(name, data)
+        if brand is None:
+            found[i] = _unknown(name)
+        else:
+            by_brand.setdefault(brand.brand, []).append(i)
+    for name, rows in by_brand.items():
+        found |= zip(rows, _read(brand_named(name), [files[i] for i in rows]), strict=True)
+    return [found[i] for i in range(len(files))]
+
+
+def changed_together(programs: Sequence[ProgramFile], changes: Sequence[Change]) -> Sequence[ProgramFile]:
+    """Return programs of one brand with their changes.
+
+    Raises
+    ------
+    ProgramFileError
+        As `ProgramFile.changed`, of the first that cannot take its change.
+    """
+    together = brand_named(programs[0].brand).together if programs else None
+    if together is not None:
+        return together.change(programs, changes)
+    return [program.changed(change) for program, change in zip(programs, changes, strict=True)]
+
+
+def _read(
+    brand: ProgramBrand, files: Sequence[tuple[str, bytes]]
+) -> Sequence[ProgramFile | ProgramFileError]:
+    if brand.together is not None:
+        return brand.together.read(files)
+    return [_read_alone(brand, name, data) for name, data in files]
+
+
+def _read_alone(brand: ProgramBrand, name: str, data: bytes) -> ProgramFile | ProgramFileError:
+    try:
+        return brand.read(name, data)
+    except ProgramFileError as error:
+        return error
+
+
+def _unknown(name: str) -> ProgramFileError:
+    known = ", ".join(sorted({suffix for suffixes in SUFFIXES.values() for suffix in suffixes}))
+    return ProgramFileError(
+        name, "this is not a robot program that can be read.", remedy=f"There are {known}."
+    )

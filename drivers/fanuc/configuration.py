@@ -20,11 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.kinematics import RobotModel, chain_frames
+from calibration.arm.kinematics import RobotModel, cross, turned_frames
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
 
 _TURNING = [0, 3, 5]  # J1, J4, J6
+_WRIST = 4  # the frame whose origin is the wrist's centre
 _NEAR_RAD = 1e-5  # measured: within 0.0004 deg of 180 the controller says turn 1, from 0.0007 deg on 0
 _NEAR_M = 1e-6  # so close to the singularity either letter is right
 _NUMBER = re.compile(r"-?\d+")
@@ -105,9 +106,10 @@ def _six(model: RobotModel, joints: Array) -> Array:
 
 def _sides(model: RobotModel, joints: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return (N, 3) +1 or -1 for N/F, U/D, T/B, and where a posture is on the border of both."""
-    elbow, front = _elbow_and_front(model, joints)
-    elbow_zero, front_zero = _elbow_and_front(model, np.zeros((1, 6)))
-    values = np.stack([-joints[:, 4], elbow * np.sign(elbow_zero), front * np.sign(front_zero)], axis=1)
+    beside, before = _elbow_and_front(model, np.vstack([joints, np.zeros(6)]))
+    values = np.stack(
+        [-joints[:, 4], beside[:-1] * np.sign(beside[-1]), before[:-1] * np.sign(before[-1])], axis=1
+    )
     sides = np.where(values > 0, 1, -1)
     sides[:, 0] = np.where(joints[:, 4] > 0, -1, 1)
     return sides, np.abs(values) < [_NEAR_RAD, _NEAR_M, _NEAR_M]
@@ -115,16 +117,19 @@ def _sides(model: RobotModel, joints: Array) -> tuple[NDArray[np.int64], NDArray
 
 def _elbow_and_front(model: RobotModel, joints: Array) -> tuple[Array, Array]:
     """Return how far the wrist centre is beside the line shoulder - elbow, and before axis 1 [m], signs arbitrary."""
-    rotations, origins = chain_frames(model, joints)
-    axes, places = rotations[:, :, 2].transpose(0, 2, 1), origins.transpose(0, 2, 1)  # (frame, N, 3)
-    shoulder, elbow, wrist = places[1], places[2], places[4]
-    across = axes[1]
+    angles = model.joint_coupling @ joints.T + model.theta0_rad[:, None]
+    rotations, origins = turned_frames(model.placements[: _WRIST + 1], angles[:_WRIST])
+    across = rotations[1, :, 2]
+    shoulder, elbow, wrist = origins[1], origins[2], origins[_WRIST]
     upper = elbow - shoulder
-    upper = upper - (upper * across).sum(axis=1, keepdims=True) * across
-    length = np.linalg.norm(upper, axis=1)
-    beside = (np.cross(upper, wrist - shoulder) * across).sum(axis=1) / length
-    forward = np.cross(across, axes[0])
-    return beside, ((wrist - places[0]) * forward).sum(axis=1)
+    upper = upper - _dot(upper, across) * across
+    beside = _dot(cross(upper, wrist - shoulder), across) / np.sqrt(_dot(upper, upper))
+    return beside, _dot(wrist - origins[0], cross(across, rotations[0, :, 2]))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    found: Array = np.einsum("in,in->n", a, b)
+    return found
 
 
 def _turns(angles_rad: Array, margin_rad: float) -> Array:

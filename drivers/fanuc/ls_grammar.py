@@ -59,6 +59,7 @@ def _joined(pieces: tuple[tuple[str, bytes], ...]) -> re.Pattern[bytes]:
 
 _EITHER = NUMBER + rb"|" + _STARS
 HEAD = _joined(_HEAD_PIECES)
+HEAD_ALONE = re.compile(_GAP.join(pattern for _, pattern in _HEAD_PIECES))  # to be searched for
 CARTESIAN = _joined(_cartesian(NUMBER))  # groups: GP, UF, UT, CONFIG, X, Y, Z, W, P, R, extended axes
 JOINTS = _joined(_joints(NUMBER))  # groups: GP, UF, UT, CONFIG, joints, extended axes
 UNTAUGHT_CARTESIAN = _joined(_cartesian(_EITHER))

@@ -73,11 +73,11 @@ def _usual_columns(place: Place, start: int, end: int) -> _Columns | None:
         columns.user_frames += [_frame(text, words) for text in block.user_frames]
         columns.tools += [_frame(text, words) for text in block.tools]
         columns.configurations += [_word(text, words) for text in block.configurations]
-        poses, digits = _poses_of(*block.values_and_decimals())
+        poses, digits = poses_of(*block.values_and_decimals())
         columns.poses.append(poses)
         columns.joints.append(np.zeros((len(block), 0)))
         columns.external.append(np.zeros((len(block), 0)))
-        columns.resolutions.append(_resolutions(digits))
+        columns.resolutions.append(resolutions(digits))
     return columns
 
 
@@ -116,21 +116,22 @@ def _add_numbers(columns: _Columns, block: Sequence[Record]) -> None:
     values = np.array(list(map(float, texts))).reshape(-1, 6)
     poses = np.full((len(block), 4, 4), np.nan)
     digits = np.full((len(block), 2), _DIGITS_UNSAID)
-    poses[taught], digits[taught] = _poses_of(values, all_decimals(texts).reshape(-1, 6))
+    poses[taught], digits[taught] = poses_of(values, all_decimals(texts).reshape(-1, 6))
     columns.poses.append(poses)
     columns.joints.append(_axes(block, b"J"))
     columns.external.append(_axes(block, b"E"))
     _axis_digits(block, digits)
-    columns.resolutions.append(_resolutions(digits))
+    columns.resolutions.append(resolutions(digits))
 
 
-def _poses_of(values: Array, places: Array) -> tuple[Array, Array]:
+def poses_of(values: Array, places: Array) -> tuple[Array, Array]:
     """Return poses (N, 4, 4) and the decimals (N, 2) of lengths and angles, from (N, 6) in mm and deg."""
     poses = homogeneous(rotation_from("fanuc_wpr", np.radians(values[:, 3:])), 1e-3 * values[:, :3])
     return poses, np.column_stack([places[:, :3].min(axis=1), places[:, 3:].min(axis=1)])
 
 
-def _resolutions(digits: NDArray[np.number]) -> Array:
+def resolutions(digits: NDArray[np.number]) -> Array:
+    """Return one unit of the last decimal (N, 2) [m, rad]."""
     found: Array = 10.0 ** -digits.astype(float) * [1e-3, np.pi / 180.0]
     return found
 

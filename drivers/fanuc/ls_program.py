@@ -5,17 +5,20 @@ printed from a parsed form.
 """
 
 import re
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.fanuc.ls_edit import edited
+from drivers.fanuc.ls_fixed import Body
 from drivers.fanuc.ls_positions import positions_of
 from drivers.fanuc.ls_records import Place
 from drivers.fanuc.ls_remarks import remarks_of
+from drivers.fanuc.ls_together import FixedRead, Rewriting, read_fixed, rewriting, rewritten
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change, Frames, Positions, Remark
+from drivers.programs.positions import Change, Frames, Positions, ProgramFile, Remark
 
 _SECTION = re.compile(rb"/(PROG|ATTR|APPL|MN|POS|END)\b[^\n]*+")
 _INDENT = 40  # a section's name stands at the beginning of its line, behind so many blanks at most
@@ -33,11 +36,17 @@ class LsProgram:
     def __init__(self, file: str, data: bytes) -> None:
         self._place = Place(file, data)
         self._sections = _sections(self._place)
+        self._fixed: FixedRead | None = None
 
     @property
     def name(self) -> str:
         found = _PROGRAM.match(self._place.data, self._sections["PROG"])
         return found[1].decode("cp437") if found else ""
+
+    @property
+    def file(self) -> str:
+        """Return the file's name."""
+        return self._place.file
 
     @property
     def positions(self) -> Positions:
@@ -56,9 +65,25 @@ class LsProgram:
         return self._place.data
 
     def changed(self, change: Change) -> "LsProgram":
+        return _changed([self], [change])[0]
+
+    def edited(self, change: Change) -> bytes:
+        """Return the file with a change of any kind; `changed` says what it raises."""
         positions, offsets = self._read
-        start, end = self._body
-        return LsProgram(self._place.file, edited(self._place, (start, end), positions, offsets, change))
+        return edited(self._place, self._body, positions, offsets, change)
+
+    def rewriting(self, change: Change) -> Rewriting | None:
+        """Return what a change writes into fields of fixed width; None where it takes more than that."""
+        return rewriting(self._place.data, self._fixed, change)
+
+    @property
+    def body(self) -> Body:
+        """Return the records, between the line /POS and the line /END."""
+        return Body(self._place, *self._body)
+
+    def take(self, fixed: FixedRead | None) -> None:
+        """Take what was read of fixed width; without it the records are read one by one."""
+        self._fixed = fixed
 
     @property
     def _body(self) -> tuple[int, int]:
@@ -67,7 +92,16 @@ class LsProgram:
 
     @cached_property
     def _read(self) -> tuple[Positions, NDArray[np.int64]]:
-        return positions_of(self._place, *self._body)
+        return positions_of(self._place, *self._body) if self._fixed is None else self._fixed[:2]
+
+
+def read_listings(files: Sequence[tuple[str, bytes]]) -> list[LsProgram | ProgramFileError]:
+    """Read listings by their names and bytes, together; what is wrong with one stands at its place."""
+    found = [_opened(file, data) for file, data in files]
+    programs = [one for one in found if isinstance(one, LsProgram)]
+    for program, fixed in zip(programs, read_fixed([one.body for one in programs]), strict=True):
+        program.take(fixed)
+    return [_understood(one) for one in found]
 
 
 def read_ls(file: str, data: bytes) -> LsProgram:
@@ -78,9 +112,55 @@ def read_ls(file: str, data: bytes) -> LsProgram:
     ProgramFileError
         Not a program, damaged, or not understood in /POS: with line and column.
     """
-    program = LsProgram(file, data)
-    _ = program.positions
-    return program
+    return _or_raise(read_listings([(file, data)])[0])
+
+
+def change_listings(programs: Sequence[ProgramFile], changes: Sequence[Change]) -> list[ProgramFile]:
+    """Return programs with their changes; listings go together.
+
+    Raises
+    ------
+    ProgramFileError
+        As `ProgramFile.changed`, of the first that cannot take its change.
+    """
+    listings = [i for i, program in enumerate(programs) if isinstance(program, LsProgram)]
+    found = {i: programs[i].changed(changes[i]) for i in set(range(len(programs))) - set(listings)}
+    chosen = [program for program in programs if isinstance(program, LsProgram)]
+    found |= dict(zip(listings, _changed(chosen, [changes[i] for i in listings]), strict=True))
+    return [found[i] for i in range(len(programs))]
+
+
+def _changed(programs: Sequence[LsProgram], changes: Sequence[Change]) -> list[LsProgram]:
+    quick = [one.rewriting(change) for one, change in zip(programs, changes, strict=True)]
+    texts = iter(rewritten([one for one in quick if one is not None]))
+    new = [None if one is None else next(texts) for one in quick]
+    files = [
+        (program.file, program.edited(change) if text is None else text)
+        for program, change, text in zip(programs, changes, new, strict=True)
+    ]
+    return [_or_raise(one) for one in read_listings(files)]
+
+
+def _opened(file: str, data: bytes) -> LsProgram | ProgramFileError:
+    try:
+        return LsProgram(file, data)
+    except ProgramFileError as error:
+        return error
+
+
+def _understood(one: LsProgram | ProgramFileError) -> LsProgram | ProgramFileError:
+    try:
+        if isinstance(one, LsProgram):
+            _ = one.positions
+    except ProgramFileError as error:
+        return error
+    return one
+
+
+def _or_raise(one: LsProgram | ProgramFileError) -> LsProgram:
+    if isinstance(one, ProgramFileError):
+        raise one
+    return one
 
 
 def _sections(place: Place) -> dict[str, int]:

@@ -105,6 +105,8 @@ def _occurrences(
     said: set[object] = set()
     for pattern in patterns:
         found = [(match.start(), match[0]) for match in pattern.finditer(statements)]
+        if not found:  # as nearly always
+            continue
         lines = np.searchsorted(breaks, [at for at, _ in found]).tolist()
         for line, (_, text) in zip(lines, found, strict=True):
             key = text if once else line

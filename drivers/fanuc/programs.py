@@ -1,10 +1,13 @@
 """FANUC programs: .LS listings."""
 
 import re
+from collections.abc import Sequence
 
 from drivers.fanuc.configuration import FanucConfigurations
-from drivers.fanuc.ls_program import read_ls
+from drivers.fanuc.ls_program import change_listings, read_listings, read_ls
 from drivers.programs.brands import ProgramBrand
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import Change, ProgramFile
 
 _PROGRAM = re.compile(rb"\s*+/PROG\b")
 
@@ -14,10 +17,21 @@ def _is_program(data: bytes) -> bool:
     return _PROGRAM.match(data) is not None
 
 
+class _Listings:
+    """`drivers.programs.brands.Together`."""
+
+    def read(self, files: Sequence[tuple[str, bytes]]) -> Sequence[ProgramFile | ProgramFileError]:
+        return read_listings(files)
+
+    def change(self, programs: Sequence[ProgramFile], changes: Sequence[Change]) -> Sequence[ProgramFile]:
+        return change_listings(programs, changes)
+
+
 BRAND = ProgramBrand(
     brand="fanuc",
     suffixes=(".ls",),
     read=read_ls,
     configurations=FanucConfigurations(),
     writes_program=_is_program,
+    together=_Listings(),
 )

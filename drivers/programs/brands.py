@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array
-from drivers.programs.positions import ProgramFile
+from drivers.programs.errors import ProgramFileError
+from drivers.programs.positions import Change, ProgramFile
 
 
 class ConfigurationRule(Protocol):
@@ -42,3 +43,16 @@ class ProgramBrand:
     writes_program: Callable[[bytes], bool] = lambda _: (
         True
     )  # a suffix shared with other files: is it a program?
+    together: "Together | None" = None  # where many at once are quicker than one after another
+
+
+class Together(Protocol):
+    """How a brand reads and changes many programs at once."""
+
+    def read(self, files: Sequence[tuple[str, bytes]]) -> Sequence[ProgramFile | ProgramFileError]:
+        """Return programs by their names and bytes; what is wrong with one stands at its place."""
+        ...
+
+    def change(self, programs: Sequence[ProgramFile], changes: Sequence[Change]) -> Sequence[ProgramFile]:
+        """Return programs with their changes, as `ProgramFile.changed` of each."""
+        ...

@@ -3,16 +3,16 @@
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from drivers.interfaces import ProbeCapabilities
-from drivers.touch_probe.coupler import Coupler, Wiring
-from drivers.touch_probe.dial import DialGauge, DialOptions
-from drivers.touch_probe.probe import ProbeOptions, TouchProbe
-from drivers.touch_probe.registers import load_map
-from drivers.wire.modbus import ModbusLink
+
+if TYPE_CHECKING:
+    from drivers.touch_probe.coupler import Coupler
+    from drivers.touch_probe.dial import DialGauge
+    from drivers.touch_probe.probe import TouchProbe
 
 _TELEGRAM_SHARE = 0.3  # of the deadline: a failed telegram leaves time for saying so
 _MAC = re.compile(r"([0-9A-Fa-f]{2}[:-]?){5}[0-9A-Fa-f]{2}")
@@ -47,7 +47,11 @@ class _OnCoupler(BaseModel):
             raise ValueError("echo_output and echo_input go together: one is wired to the other")
         return self
 
-    def _coupler(self, *, digital_input: int = 0, analogue_input: int = 0) -> Coupler:
+    def _coupler(self, *, digital_input: int = 0, analogue_input: int = 0) -> "Coupler":
+        from drivers.touch_probe.coupler import Coupler, Wiring  # noqa: PLC0415  a cell file is read without the library
+        from drivers.touch_probe.registers import load_map  # noqa: PLC0415  as above
+        from drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
+
         echo = (
             None
             if self.echo_output is None or self.echo_input is None
@@ -84,8 +88,10 @@ class TouchProbeConfig(_OnCoupler):
         return self
 
     @asynccontextmanager
-    async def open(self) -> AsyncIterator[TouchProbe]:
+    async def open(self) -> AsyncIterator["TouchProbe"]:
         """Connect, check the MAC-ID, and hang up at the end."""
+        from drivers.touch_probe.probe import ProbeOptions, TouchProbe  # noqa: PLC0415  a cell file is read without the library
+
         options = ProbeOptions(
             self.deadline_s,
             self.poll_ms * 1e-3,
@@ -125,8 +131,10 @@ class DialGaugeConfig(_OnCoupler):
     end_margin_mm: float = Field(default=0.05, ge=0, le=10)
 
     @asynccontextmanager
-    async def open(self) -> AsyncIterator[DialGauge]:
+    async def open(self) -> AsyncIterator["DialGauge"]:
         """Connect, check the MAC-ID, and hang up at the end."""
+        from drivers.touch_probe.dial import DialGauge, DialOptions  # noqa: PLC0415  a cell file is read without the library
+
         options = DialOptions(
             self.range_mm * 1e-3, self.sigma_mm * 1e-3, self.end_margin_mm * 1e-3, self.deadline_s
         )
