@@ -9,6 +9,7 @@ export default defineConfig({
     outDir: "../service/web/dist",
     emptyOutDir: true,
     target: "es2022",
+    rollupOptions: { input: ["index.html", "fleet.html"] },
     assetsInlineLimit: 0, // the content security policy allows no data: scripts or styles
   },
   server: { proxy: { "/api": { target: "http://127.0.0.1:8470", ws: true } } },

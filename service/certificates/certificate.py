@@ -121,8 +121,7 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
         )
     entry = entry_named(view.procedure)
     verdict: dict[str, Any] = _NOTHING_CLAIMED if refused else view.judgement or _NO_VERDICT
-    set_aside = {told["step"]: told["reason"] for told in verdict.get("set_aside", [])}
-    points = readings(events, set_aside)
+    points = readings(events, verdict)
     content = {
         "status": STATUS,
         "run": _run_of(view, entry, events),
@@ -169,7 +168,7 @@ def _ended(events: list[Event]) -> Event:
 
 def _traceability(config: CellConfig, view: RunView, entry: Entry, end: Event) -> str:
     """Return what may be said of the gauge's own calibration on the day of the run."""
-    if "gauge" not in entry.needs:
+    if not entry.reads_gauge(view.spec.get("method"), view.spec.get("evidence")):
         return NO_TRACEABILITY
     if view.cell["config_sha256"] != config.sha256:
         return f"{NO_TRACEABILITY} The cell file has been edited since the run."

@@ -23,11 +23,12 @@ class _Taken:
     reason: str = ""  # why it was not used
 
 
-def readings(events: Sequence[Event], set_aside: Mapping[str, str]) -> list[dict[str, Any]]:
+def readings(events: Sequence[Event], judgement: Mapping[str, Any] | None) -> list[dict[str, Any]]:
     """Return the readings of a run in the order they were taken; those not used carry the reason.
 
-    ``set_aside`` are the steps that the procedure itself did not use, with the reason.
+    ``judgement`` is the run's verdict: it names the steps that the procedure itself did not use, with the reason.
     """
+    set_aside = {told["step"]: told["reason"] for told in (judgement or {}).get("set_aside", [])}
     told = [_told(taken, set_aside) for taken in _findings(events) if _is_reading(taken.body)]
     return sorted(told + _failures(events), key=lambda reading: str(reading["at_utc"]))
 

@@ -14,10 +14,12 @@ from rich.markup import escape
 
 from calibration.errors import CellError
 from service.cli.alignments import alignments
+from service.cli.backup import backup, restore
 from service.cli.bench import bench
 from service.cli.cells import check, fakes
 from service.cli.certificate import certificate, verify
 from service.cli.demo import demo
+from service.cli.export import export
 from service.cli.identify import identify
 from service.cli.mastering import mastering
 from service.cli.models import models
@@ -32,6 +34,7 @@ from service.cli.serve import serve
 from service.cli.simulate_cell import simulate_cell
 from service.cli.site import site
 from service.cli.watch import watch
+from service.cli.webhooks import webhooks
 from service.exit_codes import ExitCode, exit_code_of
 
 app = App(
@@ -52,6 +55,7 @@ for command in (
     people,
     site,
     monitor,
+    webhooks,
     procedures,
     run,
     runs,
@@ -59,6 +63,9 @@ for command in (
     resume,
     certificate,
     verify,
+    backup,
+    restore,
+    export,
     mastering,
     alignments,
     simulate_cell,

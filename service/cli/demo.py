@@ -1,61 +1,100 @@
-"""``cellcal demo``: the main job on a fake cell, told in the terminal."""
+"""``cellcal demo``: a fake cell to try everything on, in a browser or as a story in the terminal."""
 
+import os
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TextIO
 
 from cyclopts import Parameter
 
 _SLOWEST, _FASTEST = 1.0, 2000.0  # beyond it a reading takes longer in the world than an arm may stand still
+_IN_A_STORY, _ON_PAGES = 600.0, 20.0  # on pages a person wants to see the robot move
 
 
-def demo(
+def demo(  # noqa: PLR0913  a command's options are its arguments
     *,
     headless: Annotated[bool, Parameter(negative=())] = False,
-    loss: str = "turns",
+    port: int | None = None,
+    browser: bool = True,
+    loss: str | None = None,
     seed: int = 1,
-    time_factor: float = 600.0,
+    time_factor: float | None = None,
     keep: Path | None = None,
     as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
 ) -> int:
-    """Let a fake cell lose its encoders and get its zero back, over real sockets.
+    """Try cellcal on a fake cell: lose its encoders, get its zero back, over real sockets.
+
+    In a terminal it opens the pages in a browser and runs until Ctrl+C: a fake cell, the service, and a button for
+    each kind of loss and fault. With --headless, --loss or --json, without a terminal, or where CI is set, it tells
+    the main job as a story and ends by itself.
 
     Parameters
     ----------
     headless
         Tell the story in the terminal.
+    port
+        Serve the pages at this port of 127.0.0.1, with or without a terminal (8471, another where that is taken).
+    browser
+        Open a browser where there is a display.
     loss
-        turns (battery), motor:J1 … motor:J6 (motor exchanged), all (every reference gone), crash (arm bent),
-        memory (the controller forgot), backup (an old one was loaded), swap (another arm).
+        The story's loss: turns (battery; the usual one), motor:J1 … motor:J6 (motor exchanged), all (every
+        reference gone), crash (arm bent), memory (the controller forgot), backup (an old one was loaded), swap
+        (another arm).
     seed
         The world's hidden truth; another seed is another robot.
     time_factor
-        How much faster than real the world's clock runs.
+        How much faster than real the world's clock runs (600 in a story, 20 with pages).
     keep
-        Keep the cell file, the journal and the signed certificate of the recovery in this folder.
+        Keep the cell file, the journal and the signed certificates in this folder.
     as_json
         Print one JSON object on standard output; the story goes to standard error.
     """
-    import asyncio
     import logging
     import tempfile
+
+    from service.cli.printing import EN_ROUTE
+
+    logging.getLogger("drivers").setLevel(logging.ERROR)  # that a fake's firmware is unverified is no news
+    _refuse_impossible(seed, time_factor, keep)
+    with tempfile.TemporaryDirectory(prefix="cellcal-demo-") as scratch:
+        folder = keep or Path(scratch)
+        if not (headless or as_json or loss is not None) and is_for_pages(port, sys.stderr):
+            from service.demo.built_pages import see_to_pages
+            from service.demo.wizard import Staging, show_wizard
+
+            def say(line: str) -> None:
+                EN_ROUTE.print(line, markup=False, soft_wrap=True)
+
+            if see_to_pages(say) or port is not None:
+                show_wizard(folder, Staging(seed, time_factor or _ON_PAGES, port, browser, say))
+                return 0
+        code = _tell(folder, loss or "turns", seed, time_factor or _IN_A_STORY, as_json=as_json)
+    if keep is not None:
+        _certify(keep)
+    return code
+
+
+def is_for_pages(port: int | None, stream: TextIO) -> bool:
+    """Whether somebody is there who can look at pages and press Ctrl+C."""
+    in_ci = os.environ.get("CI", "").lower() not in ("", "0", "false")
+    return port is not None or (stream.isatty() and not in_ci)
+
+
+def _tell(folder: Path, loss: str, seed: int, time_factor: float, *, as_json: bool) -> int:
+    import asyncio
 
     from service.cli.printing import print_json
     from service.cli.story import Teller
     from service.demo.story import Plot, fault_of, tell_story
     from service.exit_codes import ExitCode
 
-    logging.getLogger("drivers").setLevel(logging.ERROR)  # that a fake's firmware is unverified is no news
     fault_of(loss)  # a misspelt loss is said before anything starts
-    _refuse_impossible(seed, time_factor, keep)
-    with tempfile.TemporaryDirectory(prefix="cellcal-demo-") as scratch, Teller() as teller:
-        plot = Plot(loss, seed, time_factor, teller.say, teller.on_event)
-        report = asyncio.run(tell_story(keep or Path(scratch), plot))
+    with Teller() as teller:
+        report = asyncio.run(tell_story(folder, Plot(loss, seed, time_factor, teller.say, teller.on_event)))
     if as_json:
         print_json(report.as_object())
     else:
         teller.close_with(report)
-    if keep is not None:
-        _certify(keep)
     return ExitCode.PASS if report.verdict == "PASS" else ExitCode.REFUSED
 
 
@@ -71,12 +110,12 @@ def _certify(folder: Path) -> None:
         EN_ROUTE.print(f"check it with:\n{check}", markup=False, soft_wrap=True)
 
 
-def _refuse_impossible(seed: int, time_factor: float, keep: Path | None) -> None:
+def _refuse_impossible(seed: int, time_factor: float | None, keep: Path | None) -> None:
     from calibration.errors import CellError
 
     if seed < 0:
         raise CellError(f"--seed {seed} is negative.", remedy="Give 0 or more.", code="usage")
-    if not _SLOWEST <= time_factor <= _FASTEST:  # also what is not a number
+    if time_factor is not None and not _SLOWEST <= time_factor <= _FASTEST:  # also what is not a number
         raise CellError(
             f"--time-factor {time_factor:g} is not possible.",
             remedy=f"Give {_SLOWEST:g} (real time) to {_FASTEST:g}.",

@@ -41,10 +41,12 @@ def monitor(  # a command's options are its arguments
     as_json: Annotated[bool, Parameter(name="--json", negative=())] = False,
     wait_s: float = 3.0,
     certificate: str = "",
+    port: int | None = None,
 ) -> int:
     """Show the cells of a site: which are there, alarms, runs, drift, last certificate, what is due.
 
-    A table that follows on a terminal; one picture of now where the output goes into a file or a pipe.
+    A table that follows on a terminal; one picture of now where the output goes into a file or a pipe; with --port a
+    page for browsers of this computer.
 
     Parameters
     ----------
@@ -58,12 +60,17 @@ def monitor(  # a command's options are its arguments
         How long to listen before one picture is given.
     certificate
         CELL/RUN: fetch that certificate from its cell, check it against the cell's key, and print it.
+    port
+        Serve a page on 127.0.0.1 at this port until interrupted. It shows, and commands nothing.
     """
     from service.cli.site import interrupted, part_of
     from service.site.link_files import MONITOR_FILE
     from service.site.listener import Listener
 
     folder = part_of(site, "monitor", MONITOR_FILE)
+    if port is not None:
+        with Listener(folder, store or folder / "received.sqlite") as listener:
+            return _serve(listener, folder, port)
     with (
         interrupted() as leave,
         Listener(folder, store or folder / "received.sqlite") as listener,
@@ -74,6 +81,29 @@ def monitor(  # a command's options are its arguments
             leave.wait(wait_s)
             return _print_picture(listener, as_json=as_json)
         _follow(listener, leave)
+    return 0
+
+
+def _serve(listener: "Listener", folder: Path, port: int) -> int:
+    import uvicorn
+
+    from service.cli.printing import EN_ROUTE
+    from service.web.fleet import create_fleet_app
+
+    address = f"http://127.0.0.1:{port}"
+
+    def show(token: str) -> None:
+        EN_ROUTE.print(
+            f"Open once: {address}/api/sign-in/console?token={token}", markup=False, soft_wrap=True
+        )
+
+    app = create_fleet_app(listener, folder, on_console_token=show)
+    EN_ROUTE.print(f"The cells of {listener.fleet.site} on {address} (Ctrl+C ends it).", markup=False)
+    show(app.state.house.entrance.console_token())
+    uvicorn.run(
+        app, host="127.0.0.1", port=port, log_level="warning", ws="websockets-sansio",
+        timeout_graceful_shutdown=3, server_header=False, proxy_headers=False,
+    )  # fmt: skip
     return 0
 
 

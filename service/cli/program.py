@@ -240,14 +240,14 @@ def _found(files: Sequence[str], cell: "CellProject", outputs: Outputs) -> "Foun
 
 def _of_each_brand(make: Callable[["ConfigurationRule | None"], "Carry"]) -> "Carry":
     """Return what carries programs of any brand: one carrier a brand, made when its first program comes."""
-    from drivers.program_registry import brands_by_name
+    from drivers.program_registry import brand_named
 
     made: dict[str, Carry] = {}
 
     def carry(programs: "Sequence[ProgramFile]") -> "Sequence[ProgramResult]":
         brand = programs[0].brand
         if brand not in made:
-            made[brand] = make(brands_by_name()[brand].configurations)
+            made[brand] = make(brand_named(brand).configurations)
         return made[brand](programs)
 
     make(None)  # what the projects lack is said once, and not of every file

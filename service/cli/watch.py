@@ -27,7 +27,7 @@ def watch(cell: Path, /) -> int:
     config = read_cell_file(cell)
 
     async def on_loss(loss: "PositionLoss") -> None:
-        EN_ROUTE.print(f"[bold red]{loss.robot} lost its position:[/] {loss.detected_by}")
+        EN_ROUTE.print(f"[bold red]{loss.robot} {loss.suspicion.headline}:[/] {loss.detected_by}")
         await _recover_or_offer(config, loss)
 
     EN_ROUTE.print("Watching. Ctrl+C ends it.")

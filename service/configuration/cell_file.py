@@ -5,7 +5,6 @@ Every fault of a file is reported at once, each with its key path and, for an un
 valid one.
 """
 
-import difflib
 import hashlib
 import math
 import os
@@ -22,7 +21,9 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 from calibration.arm.robot_models import model_names
 from calibration.errors import CellError
 from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
+from service.configuration.device_keys import CHOICES, keys_of, nearest, wrong_choice
 from service.configuration.motion_config import MOTION_KEYS, RobotMotion, read_motion
+from service.configuration.report_tables import MetricsTable, Reports, WebhookTable
 from service.configuration.site_config import SiteTable
 
 Triple = tuple[float, float, float]
@@ -36,8 +37,7 @@ class ConfigError(CellError):
     def __init__(self, path: Path, faults: list[tuple[str, str]]) -> None:
         lines = "\n".join(f"  {key}: {sentence}" for key, sentence in faults)
         super().__init__(f"{path} cannot be used:\n{lines}", remedy="\nCorrect the file and try again.")
-        self.path = path
-        self.faults = faults
+        self.path, self.faults = path, faults
 
 
 class _Table(BaseModel):
@@ -165,6 +165,7 @@ class CellConfig:
     probes: tuple[ProbeEntry, ...] = ()
     motions: Mapping[str, RobotMotion] = field(default_factory=dict)  # by the robot's name
     site: SiteTable | None = None
+    reports: Reports = field(default_factory=Reports)
 
     @property
     def sha256(self) -> str:
@@ -176,8 +177,8 @@ class CellConfig:
         for robot in self.robots:
             if name in (None, robot.name):
                 return robot
-        names = ", ".join(robot.name for robot in self.robots)
-        raise ConfigError(self.path, [("robot", f"there is no robot {name!r}; this cell has {names}")])
+        known = ", ".join(robot.name for robot in self.robots)
+        raise ConfigError(self.path, [("robot", f"there is no robot {name!r}; this cell has {known}")])
 
     def motion_of(self, robot: str) -> RobotMotion:
         """Return who moves that robot; a person, where the file does not say."""
@@ -228,7 +229,7 @@ def _text_of(path: Path) -> str:
 
 _NAME = re.compile(r"\w[\w .-]*")
 _MOST_BYTES = 1_000_000
-_TABLES = ("cell", "robot", "gauge", "tracker", "probe", "watch", "site", "fake")
+_TABLES = ("cell", "robot", "gauge", "tracker", "probe", "watch", "site", "metrics", "webhook", "fake")
 
 
 class _Reader:
@@ -241,7 +242,7 @@ class _Reader:
     def read(self, document: dict[str, Any]) -> CellConfig:
         for key in document:
             if key not in _TABLES:
-                self.faults.append((key, f"unknown table; {_nearest(key, _TABLES)}"))
+                self.faults.append((key, f"unknown table; {nearest(key, _TABLES)}"))
         cell = self._model(CellTable, document.get("cell", {}), "cell")
         tables = self._tables(document, "robot")
         robots = [self._robot(table, f"robot[{i}]") for i, table in enumerate(tables)]
@@ -253,7 +254,11 @@ class _Reader:
         trackers = self._placed(document, "tracker", TrackerConfig, TrackerEntry, TrackerSetup)
         probes = self._placed(document, "probe", ProbeConfig, ProbeEntry, ProbeSetup)
         watch = self._model(WatchTable, document.get("watch", {}), "watch")
-        site = self._model(SiteTable, document["site"], "site") if "site" in document else None
+        site = self._optional(SiteTable, document, "site")
+        reports = Reports(
+            self._optional(MetricsTable, document, "metrics"),
+            self._optional(WebhookTable, document, "webhook"),
+        )
         self._models(robots)
         if not robots and "robot" not in dict(self.faults):
             self.faults.append(("robot", "a cell needs at least one [[robot]]"))
@@ -280,6 +285,7 @@ class _Reader:
             tuple(probes),
             motions,
             None if site is None else site.seen_from(self.path),
+            reports.seen_from(self.path),
         )
 
     def _robot(self, table: dict[str, Any], where: str) -> Any:
@@ -289,7 +295,7 @@ class _Reader:
     def _models(self, robots: list[Any]) -> None:
         for i, robot in enumerate(robots):
             if robot is not None and robot.model not in model_names():
-                sentence = f"there is no robot model {robot.model!r}; {_nearest(robot.model, model_names())}"
+                sentence = f"there is no robot model {robot.model!r}; {nearest(robot.model, model_names())}"
                 self.faults.append((f"robot[{i}].model", sentence))
 
     def _tables(self, document: dict[str, Any], key: str) -> list[Any]:
@@ -328,10 +334,13 @@ class _Reader:
     def _model(self, model: type[Any], table: Any, where: str) -> Any:
         return self._validate(lambda: model.model_validate(table), where, tuple(model.model_fields))
 
+    def _optional(self, model: type[Any], document: dict[str, Any], key: str) -> Any:
+        return self._model(model, document[key], key) if key in document else None
+
     def _device(self, union: Any, table: dict[str, Any], where: str, placing: tuple[str, ...] = ()) -> Any:
         build = TypeAdapter(union).validate_python
-        tags = tuple(table.get(key) for key in _CHOICES)
-        return self._validate(lambda: build(table), where, (*_keys_of(union, table), *placing), tags, union)
+        tags = tuple(table.get(key) for key in CHOICES)
+        return self._validate(lambda: build(table), where, (*keys_of(union, table), *placing), tags, union)
 
     def _validate(
         self, build: Any, where: str, valid: tuple[str, ...], tags: tuple[Any, ...] = (), union: Any = None
@@ -344,53 +353,11 @@ class _Reader:
                 key = str(fault["loc"][-1]) if fault["loc"] else ""
                 sentence = fault["msg"]
                 if fault["type"] == "extra_forbidden":
-                    sentence = f"unknown key; {_nearest(key, valid)}"
+                    sentence = f"unknown key; {nearest(key, valid)}"
                 elif fault["type"].startswith("union_tag"):
-                    sentence = _wrong_choice(union, fault["ctx"])
+                    sentence = wrong_choice(union, fault["ctx"])
                 self.faults.append((f"{where}.{path}" if path else where, sentence))
             return None
-
-
-_CHOICES = ("driver", "interface")  # keys that choose among device models
-
-
-def _wrong_choice(union: Any, context: Mapping[str, Any]) -> str:
-    key = str(context["discriminator"]).strip("'")
-    told = f"there is no {key} {context['tag']!r}" if "tag" in context else f"names no {key}"
-    return f"{told}; there are {', '.join(_literals(union, key))}"
-
-
-def _literals(union: Any, key: str) -> tuple[str, ...]:
-    """Return what may stand behind a key that chooses."""
-    found = [str(name) for model in _device_models(union) for name in _literal(model, key)]
-    return tuple(dict.fromkeys(found))
-
-
-def _keys_of(union: Any, table: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the valid keys of the device model that a table chooses."""
-    choices = [(key, table[key]) for key in _CHOICES if key in table]
-    for model in _device_models(union):
-        if choices and all(value in _literal(model, key) for key, value in choices):
-            return tuple(model.model_fields)
-    return ("driver",)
-
-
-def _literal(model: Any, key: str) -> tuple[Any, ...]:
-    field = model.model_fields.get(key)
-    return () if field is None else getattr(field.annotation, "__args__", ())
-
-
-def _device_models(union: Any) -> list[Any]:
-    """Return the models of a union, which may hold unions."""
-    bare = getattr(union, "__origin__", union)
-    if hasattr(bare, "model_fields"):
-        return [bare]
-    return [model for part in bare.__args__ for model in _device_models(part)]
-
-
-def _nearest(key: str, valid: tuple[str, ...]) -> str:
-    close = difflib.get_close_matches(key, valid, n=1, cutoff=0.5)
-    return f"did you mean {close[0]!r}?" if close else f"valid here: {', '.join(sorted(valid))}"
 
 
 def _metres(millimetres: Triple) -> Triple:

@@ -20,7 +20,7 @@ class Door:
             try:
                 writer.write(json.dumps({"do": verb, **arguments}).encode() + b"\n")
                 await writer.drain()
-                answer: dict[str, Any] = json.loads(await reader.readline())
+                answer: dict[str, Any] = json.loads(await reader.readline() or b'{"error": "no answer"}')
             finally:
                 writer.close()
                 await writer.wait_closed()

@@ -17,15 +17,16 @@ from pydantic import TypeAdapter, ValidationError
 
 from service.configuration.cell_file import read_cell_file
 from service.desk.desk import Desk
-from service.desk.messages import Command
+from service.desk.messages import LONGEST_LINE, Command
 
-LONGEST_LINE = 1 << 20
 _COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
 
 
 def main(path: str) -> None:
     """Attend one cell until standard input ends."""
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="desk: %(message)s")
+    for library in ("pymodbus", "can", "canopen"):  # the drivers turn what matters into errors of ours
+        logging.getLogger(library).setLevel(logging.CRITICAL)
     asyncio.run(_attend(Path(path)))
 
 

@@ -1,12 +1,13 @@
 """The technician at a screen: questions become a prompt that anybody with the right may answer."""
 
 import asyncio
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from drivers.errors import BusyError, RefusedError
 from drivers.interfaces import Answer, Instruction, Question
+from procedures.shown import Page, StepKind, page_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,10 +20,12 @@ class Prompt:
     text: str
     unit: str
     step: str
+    page: StepKind = "ask"
+    data: Mapping[str, Any] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return it for a screen."""
-        return asdict(self)
+        return {**{f.name: getattr(self, f.name) for f in fields(self)}, "data": dict(self.data)}
 
 
 class StalePromptError(RefusedError):
@@ -46,10 +49,10 @@ class DeskOperator:
         self.step = ""
 
     async def confirm(self, instruction: Instruction) -> Answer:
-        return await self._ask("confirm", instruction.key, instruction.text, "")
+        return await self._ask("confirm", instruction.key, instruction.text, "", page_of(instruction))
 
     async def enter(self, question: Question) -> Answer:
-        return await self._ask("enter", question.key, question.text, question.unit)
+        return await self._ask("enter", question.key, question.text, question.unit, Page("enter"))
 
     def answer(self, prompt_id: str, who: str, value: str) -> None:
         """Answer what is asked; StalePromptError where something else, or nothing, is."""
@@ -71,12 +74,13 @@ class DeskOperator:
             raise StalePromptError
         return self._answer
 
-    async def _ask(self, kind: str, key: str, text: str, unit: str) -> Answer:
+    async def _ask(self, kind: str, key: str, text: str, unit: str, page: Page) -> Answer:
         if self.prompt is not None:
             raise BusyError("operator", f"{self.prompt.key!r} is being asked, {key!r} has to wait.")
         self._count += 1
         self._answer = asyncio.get_running_loop().create_future()
-        self.prompt = Prompt(f"{self.run_id}:{self._count}", kind, key, text, unit, self.step)
+        name = f"{self.run_id}:{self._count}"
+        self.prompt = Prompt(name, kind, key, text, unit, self.step, page.kind, page.data)
         self._changed()
         try:
             return await self._answer

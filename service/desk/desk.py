@@ -20,6 +20,7 @@ from drivers.interfaces import JogsAxes, Readiness, Robot
 from procedures.catalogue import entry_named
 from procedures.cell import Cell
 from procedures.entry import Phase
+from procedures.past import Kind
 from procedures.progress import Gate, Progress
 from service.certificates.certificate import issue
 from service.certificates.printing import print_beside
@@ -38,14 +39,17 @@ from service.desk.messages import (
     Pause,
     Resume,
     SelectRobot,
+    SignOff,
     Start,
     Stop,
 )
 from service.desk.messages import (
     Hold as HoldOrder,
 )
+from service.desk.recording import Recording
 from service.desk.running import Running
 from service.desk.watching import DeskWatch
+from service.parameters.simulated_cells import refuse_paths
 from service.runs.cell import open_cell, open_journal
 from service.runs.conduct import Conditions, Outcome
 from service.runs.execute import go_on_with, start_on
@@ -73,6 +77,8 @@ class Desk:
         self._config, self._tell, self._clock = config, tell, clock
         self._operator = DeskOperator(self._decided)
         self._hold = Hold(self._decided)
+        self._recording = Recording()
+        self._glance: Glance | None = None
         self._gate = Gate()
         self._watch = DeskWatch(config, self._decided)
         self._under_way = UnderWay(config.cell.data_dir)
@@ -157,12 +163,15 @@ class Desk:
         )
 
     async def _look_until_left(self, cell: Cell) -> None:
-        glance, gone_since_s = Glance(cell, clock=self._clock), None
+        self._glance, gone_since_s = Glance(cell, clock=self._clock), None
+        glance = self._glance
         while not self._leave.is_set():
             began_s = self._clock()
             busy = self._busy
             await glance.look(busy=busy)
-            self._tell("live", {"rev": self.rev, "at_s": time.time(), **glance.as_json()})
+            await self._recording.look(cell, self._operator.prompt, glance.standing(), self._clock())
+            told = {**glance.as_json(), "record": self._recording.as_json()}
+            self._tell("live", {"rev": self.rev, "at_s": time.time(), **told})
             await self._watch.look(cell, now_s=self._clock(), busy=busy)
             gone_since_s = self._gone(glance, gone_since_s, busy=busy)
             if gone_since_s is not None and self._clock() - gone_since_s > _RETRY_S:
@@ -199,7 +208,7 @@ class Desk:
     async def _do(self, command: Command) -> None:
         order = command.order
         if isinstance(order, AnswerIt):
-            self._operator.answer(order.prompt_id, command.who, order.value)
+            await self._answer(order, command.who)
         elif isinstance(order, Decline):
             self._operator.decline(order.prompt_id)
         elif isinstance(order, HoldOrder):
@@ -210,8 +219,18 @@ class Desk:
             self._select(order.robot)
         elif isinstance(order, Dismiss):
             self._dismiss()
+        elif isinstance(order, SignOff):
+            self._sign(order, command.who)
         else:
             await self._steer(order)
+
+    async def _answer(self, order: AnswerIt, who: str) -> None:
+        """Take an answer; one that records is looked at first: a press may be older than what it was made for."""
+        cell, glance = self._cell, self._glance
+        if cell is not None and glance is not None:
+            await self._recording.look(cell, self._operator.prompt, glance.standing(), self._clock())
+        self._recording.refuse_early(order.prompt_id)
+        self._operator.answer(order.prompt_id, who, order.value)
 
     async def _steer(self, order: Stop | Pause | GoOn) -> None:
         if isinstance(order, Pause):
@@ -225,6 +244,20 @@ class Desk:
     def _dismiss(self) -> None:
         self._refuse_while_busy()
         self._run = None
+        self._decided()
+
+    def _sign(self, order: SignOff, who: str) -> None:
+        """Journal who did what the run left to a person; every line that it named has to be there."""
+        run = self._run
+        if run is None or not run.ended or run.run_id != order.run_id or run.outcome is None:
+            raise DeskError("this run cannot be signed just now.", remedy="Sign on the page where it ended.")
+        wanted = (run.outcome.get("judgement") or {}).get("to_sign", [])
+        if not wanted or set(wanted) != set(order.lines):
+            raise DeskError("not every line is signed.", remedy="Do what each line says, and tick it.")
+        with open_journal(self._config) as journal:
+            body = {"who": who, "lines": list(order.lines)}
+            journal.append(run.run_id, Kind.SIGNED, body, key="signed", actor=who)
+        run.outcome["signed"] = {"who": who, "at_s": time.time()}
         self._decided()
 
     def _select(self, robot: str) -> None:
@@ -255,6 +288,7 @@ class Desk:
         self._gate.resume()
         if isinstance(order, Start):
             entry = entry_named(order.procedure)
+            refuse_paths(entry.spec_type, order.settings)
         else:
             with open_journal(self._config) as journal:
                 entry = entry_named(Store(journal).run(order.run_id).procedure)

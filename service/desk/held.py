@@ -14,7 +14,9 @@ from typing import Any
 
 from drivers.interfaces import Joints
 
-DEAD_MAN_S = 0.5  # a screen says "held" at least twice in this time
+DEAD_MAN_S = (
+    0.45  # let go within half a second, the way to the robot included; a screen says "held" twice in it
+)
 
 
 class Hold:

@@ -13,8 +13,10 @@ from typing import Any
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition, Reading
 from procedures.cell import Cell
+from service.desk.recording import SETTLE_SIGMAS, Settle, Standing
 
 CONDITION_EVERY_S = 1.0
+STOP_EVERY_S = 0.3  # a stopped robot is shown within half a second, in a run, too
 
 
 class SharedGauge:
@@ -46,6 +48,8 @@ class Shown:
     value: Any = None
     heard_at_s: float | None = None
     error: str = ""
+    settle: Settle | None = None
+    due: str = ""  # until when its calibration holds (ISO date)
 
     def as_json(self, now_s: float) -> dict[str, Any]:
         """Return it for a screen: the value with its age, and what is wrong."""
@@ -58,6 +62,8 @@ class Shown:
             "remedy": "" if condition is None else condition.remedy,
             "age_s": None if self.heard_at_s is None else round(now_s - self.heard_at_s, 3),
             "value": self.value,
+            "due": self.due,
+            "settle": None if self.settle is None else self.settle.as_json(now_s),
         }
 
 
@@ -66,10 +72,10 @@ class Glance:
 
     def __init__(self, cell: Cell, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._cell, self._clock = cell, clock
-        self._asked_at_s = float("-inf")
+        self._asked_at_s = self._robot_asked_at_s = float("-inf")
         self.robot = Shown("robot", cell.robot.name)
         self.others = [
-            Shown(role, device.name)
+            Shown(role, device.name, settle=_settle(role, device), due=_due(role, cell))
             for role, device in (
                 ("gauge", cell.gauge),
                 ("tracker", cell.tracker),
@@ -85,14 +91,28 @@ class Glance:
         for shown in self.others:
             if shown.role in ("gauge", "dial"):
                 await self._ask(shown, self._length(shown.role))
+        if self._clock() - self._robot_asked_at_s >= STOP_EVERY_S:
+            self._robot_asked_at_s = self._clock()
+            self.robot.condition = await self._cell.robot.condition()
         if not busy and self._clock() - self._asked_at_s >= CONDITION_EVERY_S:
             self._asked_at_s = self._clock()
-            await self._conditions()
+            await self._conditions_of_others()
 
     def as_json(self) -> dict[str, Any]:
         """Return the live message: newest values with their ages."""
         now_s = self._clock()
         return {"devices": [shown.as_json(now_s) for shown in (self.robot, *self.others)]}
+
+    def standing(self) -> Standing:
+        """Return how robot and wire stand, as they were seen last."""
+        now_s, robot = self._clock(), self.robot
+        age_s = float("inf") if robot.heard_at_s is None else now_s - robot.heard_at_s
+        gauge = next((shown for shown in self.others if shown.role == "gauge"), None)
+        settled = None if gauge is None or gauge.settle is None else gauge.settle.settled(now_s)
+        if robot.value is None:
+            return Standing(None, moving=False, age_s=age_s, settled=settled)
+        joints = tuple(robot.value["joints_rad"])
+        return Standing(joints, robot.value["moving"], age_s, settled)
 
     async def _joints(self) -> Any:
         reading = await self._cell.robot.joints()
@@ -109,10 +129,21 @@ class Glance:
         except DeviceError as error:
             shown.error, shown.value = error.message, None
             return
-        if value is not None:
-            shown.value, shown.heard_at_s, shown.error = value, self._clock(), ""
+        if value is None:
+            return
+        shown.value, shown.heard_at_s, shown.error = value, self._clock(), ""
+        if shown.settle is not None:
+            shown.settle.take(shown.heard_at_s, value["length_m"])
 
-    async def _conditions(self) -> None:
-        self.robot.condition = await self._cell.robot.condition()
+    async def _conditions_of_others(self) -> None:
         for shown in self.others:
             shown.condition = await getattr(self._cell, shown.role).condition()
+
+
+def _due(role: str, cell: Cell) -> str:
+    held = cell.gauge_certificate if role == "gauge" else None
+    return "" if held is None else held.due
+
+
+def _settle(role: str, device: Any) -> Settle | None:
+    return Settle(SETTLE_SIGMAS * device.capabilities.sigma_m) if role in ("gauge", "dial") else None

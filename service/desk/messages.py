@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+LONGEST_LINE = 1 << 20  # bytes, between web process and desk
 Text = Annotated[str, StringConstraints(max_length=2000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 
@@ -76,6 +77,14 @@ class Dismiss(_Asked):
     op: Literal["dismiss"]
 
 
+class SignOff(_Asked):
+    """Put one's name to what had to be done by hand after a run, line by line."""
+
+    op: Literal["sign"]
+    run_id: Name
+    lines: Annotated[tuple[Text, ...], Field(min_length=1, max_length=50)]
+
+
 class Hold(_Asked):
     """The button of hold-to-move is held, or let go."""
 
@@ -84,7 +93,7 @@ class Hold(_Asked):
 
 
 Order = Annotated[
-    Start | Resume | AnswerIt | Decline | Stop | Pause | GoOn | SelectRobot | Dismiss | Hold,
+    Start | Resume | AnswerIt | Decline | Stop | Pause | GoOn | SelectRobot | Dismiss | SignOff | Hold,
     Field(discriminator="op"),
 ]
 UNGUARDED = (Stop, Hold, Pause)  # obeyed whatever the screen knew of the session

@@ -6,6 +6,7 @@ from drivers.errors import DeviceError
 from procedures.cell import Cell
 from service.configuration.cell_file import CellConfig
 from service.watching.answers_to_loss import PreparedAnswer, journal_detection, prepare_answer
+from service.watching.held_mastering import HeldMastering, newest_record
 from service.watching.watch import LastHealthyCounts, PositionLoss, Watch, WatchedRobot
 
 
@@ -35,7 +36,8 @@ class DeskWatch:
             await self._watch.look()
         except DeviceError:
             return
-        if not condition.alarms and cell.robot.name in self._losses and await self._is_mastered(cell):
+        mended = not condition.alarms and not self._watch.standing
+        if mended and cell.robot.name in self._losses and await self._is_mastered(cell):
             del self._losses[cell.robot.name]
             self._changed()
 
@@ -62,7 +64,8 @@ class DeskWatch:
     def _new_watch(self, cell: Cell) -> Watch:
         memory = LastHealthyCounts(self._config.cell.data_dir)
         robot = cast(WatchedRobot, cell.robot)
-        return Watch(robot, memory, self._on_loss, period_s=self._config.watch.period_s)
+        held = HeldMastering(newest_record(self._config, self._config.robot(cell.robot.name).serial))
+        return Watch(robot, memory, self._on_loss, period_s=self._config.watch.period_s, held=held)
 
     async def _on_loss(self, loss: PositionLoss) -> None:
         journal_detection(self._config, loss)

@@ -12,6 +12,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry import Array, quaternion_from_rotation
 from calibration.orientation import CONVENTIONS, rotation_from
 from calibration.points.tag_points import TagPath
+from service.measured.carried import file_of, is_carried
 from service.measured.columns import Layout, detect_layout
 from service.measured.table import MeasurementError, Table, read_table
 
@@ -45,6 +46,8 @@ class ReadTags:
 def tags_of_setting(value: Any, what: str) -> TagPath:
     """Return the path that a setting names: a file, or ``{"file": …, "units": {…}, "columns": {…}, …}``.
 
+    ``file`` may also be carried whole, see ``carried.file_of``.
+
     Raises
     ------
     MeasurementError
@@ -52,15 +55,15 @@ def tags_of_setting(value: Any, what: str) -> TagPath:
     """
     given: dict[str, Any] = {"file": value} if isinstance(value, str) else {}
     if isinstance(value, dict):
-        given = dict(value)
+        given = {"file": value} if is_carried(value) else dict(value)
     known = {"file", "columns", "units", "convention", "sheet"}
-    if not isinstance(given.get("file"), str) or given.keys() - known:
+    if "file" not in given or given.keys() - known:
         raise MeasurementError(
             f"{what} names no file of tags: {json.dumps(value, default=str)[:80]}.",
             remedy=f'Write {what}=tags.csv, or {what}={{"file": "tags.csv", "units": {{"position": "mm"}}}}.',
         )
-    path = Path(given.pop("file"))
-    return read_tags(path, TagOptions(**given)).path
+    with file_of(given.pop("file"), what) as path:
+        return read_tags(path, TagOptions(**given)).path
 
 
 def read_tags(path: Path, options: TagOptions | None = None) -> ReadTags:

@@ -11,12 +11,13 @@ from pydantic_core import to_jsonable_python
 
 from calibration.arm.kinematics import load_model
 from calibration.arm.urdf import read_urdf
-from calibration.errors import CalibrationError
+from calibration.errors import CalibrationError, CellError
 from calibration.orientation import CONVENTIONS, values_from
 from calibration.points.tag_placement import PlacedTags
 from calibration.points.tag_points import TagPath
 from procedures.simulation_cell import CalibratedPart, CalibratedRobot, Description, SimulationCell
 from service.files import replace_file
+from service.measured.carried import file_of, is_carried
 from service.measured.tag_files import read_description, tags_of_setting
 from service.parameters.calibrated_models import nominal_sha256
 from service.parameters.parameter_files import Who
@@ -34,8 +35,33 @@ def with_files(kind: type, settings: dict[str, Any]) -> dict[str, Any]:
         if hints.get(key) is TagPath:
             read[key] = tags_of_setting(value, key)
         elif hints.get(key) is Description and value:
-            read[key] = read_description(Path(str(value)))
+            with file_of(value, key) as path:
+                read[key] = read_description(path)
     return read
+
+
+def file_settings(kind: type) -> tuple[str, ...]:
+    """Return the names of those settings of a procedure that are files."""
+    return tuple(name for name, hint in get_type_hints(kind).items() if hint in (TagPath, Description))
+
+
+def refuse_paths(kind: type, settings: dict[str, Any]) -> None:
+    """Refuse settings of a screen that name files of this computer: who looks from afar may not read them.
+
+    Raises
+    ------
+    CellError
+        A file is named and not carried.
+    """
+    for name in file_settings(kind):
+        value = settings.get(name)
+        file = value.get("file", value) if isinstance(value, dict) else value
+        if file and not is_carried(file):
+            raise CellError(
+                f"{name} names a file of the service's computer.",
+                remedy="Choose the file on the page, or start the run there with `cellcal run`.",
+                code="usage",
+            )
 
 
 def result_of_run(procedure: str, result: Any) -> CalibratedPart:

@@ -4,7 +4,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from service.people.device_keys import Challenges, is_signed, public_key_of, signed_text
@@ -31,6 +31,7 @@ class Person:
     locked: bool = False
     fresh_pin: bool = False
     alone: bool = False
+    seat: str = ""  # of the session; none where everybody is let in unasked
 
     def may(self, right: Right) -> bool:
         """Whether it is allowed."""
@@ -79,13 +80,21 @@ class Entrance:
             if self.open_access:
                 return LOCAL_PERSON
             raise NotSignedInError
+        return replace(self._who_sits(session), seat=session.seat)
+
+    def is_in_charge(self, seat: str) -> bool:
+        """Whether somebody sits there who may run procedures just now."""
+        session = self.sessions.at(seat)
+        return session is not None and self._who_sits(session).may(Right.RUN)
+
+    def _who_sits(self, session: Session) -> Person:
         people = self.register.people()
         if session.person is None:
-            if session.device == CONSOLE and not people:
+            if session.device == CONSOLE and (self.open_access or not people):
                 return LOCAL_PERSON
             return Person(self._device_name(session), Role.VIEWER)
         known = next((each for each in people if each.name == session.person), None)
-        if known is None or known.epoch != session.epoch:
+        if known is None or known.epoch != session.epoch or not self._is_known(session):
             return Person(self._device_name(session), Role.VIEWER)
         if self.sessions.locked(session):
             return Person(known.name, Role.VIEWER, locked=True)
@@ -99,15 +108,24 @@ class Entrance:
 
     def _session(self, token: str | None) -> Session | None:
         session = self.sessions.find(token)
-        if session is None or session.device == CONSOLE or self.register.device(session.device) is not None:
+        if session is None or self._is_known(session):
             return session
         assert token is not None
         self.sessions.end(token)
         return None
 
+    def _is_known(self, session: Session) -> bool:
+        return session.device == CONSOLE or self.register.device(session.device) is not None
+
     def _device_name(self, session: Session) -> str:
         device = self.register.device(session.device)
         return CONSOLE if device is None else device.name
+
+    def seat(self, token: str | None) -> str | None:
+        """Give a browser that is let in unasked a seat of its own; return its new token, None where it needs none."""
+        if not self.open_access or self._session(token) is not None:
+            return None
+        return self.sessions.begin(CONSOLE)
 
     # this computer's console
 
@@ -189,6 +207,21 @@ class Entrance:
         if known.epoch != session.epoch:
             raise NotSignedInError
         self.sessions.confirm(session)
+
+    def vouched(self, token: str | None, name: str, secret: str) -> Person:
+        """Return a second person, who gives name and PIN at somebody's screen for one approval; call in a thread.
+
+        Raises
+        ------
+        NotSignedInError, WrongSecretError, TooManyGuessesError
+            As `sign_in` does.
+        """
+        session = self._session(token)
+        if session is None:
+            raise NotSignedInError
+        known = self._proven(session, name, secret)
+        self.register.note(known.name, f"gave the PIN for an approval at {self._device_name(session)}")
+        return Person(known.name, known.role, fresh_pin=True, seat=session.seat)
 
     def leave(self, token: str | None) -> str:
         """Let the person go; the device looks on."""

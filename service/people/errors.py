@@ -10,6 +10,7 @@ class PeopleError(CellError):
 
     code = "people"
     status = 403
+    retry_after_s: int | None = None
 
 
 class NotSignedInError(PeopleError):
@@ -43,6 +44,7 @@ class TooManyGuessesError(PeopleError):
 
     def __init__(self, wait_s: float) -> None:
         minutes = math.ceil(wait_s / 60.0)
+        self.retry_after_s = math.ceil(wait_s)
         super().__init__(
             f"too many wrong PINs; the next try is possible in {minutes} min.",
             remedy="Wait, or let an administrator run `cellcal people reset`. Stop works all the time.",
@@ -78,4 +80,17 @@ class SecondPersonError(PeopleError):
         super().__init__(
             f"the approval of {name} is noted; writing to a controller takes an engineer or a second person.",
             remedy="Let an engineer, or another technician, sign in and approve the same question.",
+        )
+
+
+class ElsewhereError(PeopleError):
+    """Another screen has the session in hand."""
+
+    code = "people.elsewhere"
+    status = 409
+
+    def __init__(self, name: str) -> None:
+        super().__init__(
+            f"the session is controlled by {name}.",
+            remedy="Ask to take over; asking for a stop works always.",
         )

@@ -1,6 +1,7 @@
 """Whether somebody may give an order just now, and in whose name it goes to the desk."""
 
 from collections import OrderedDict
+from dataclasses import dataclass
 from typing import Any
 
 from service.desk.messages import AnswerIt, Order
@@ -9,6 +10,18 @@ from service.people.errors import NotAllowedError, PeopleError, PinAgainError, S
 from service.people.roles import Need, Right, Role, need_of
 
 _KEPT = 200
+
+
+@dataclass(frozen=True, slots=True)
+class First:
+    """The first of two approvals: of which question, what it asks word for word, and whose."""
+
+    prompt_id: str
+    asked: str
+    name: str
+
+
+_NONE = First("", "", "")
 
 
 class StaleViewError(PeopleError):
@@ -25,7 +38,7 @@ class Permits:
     """What has been approved by a first person, and which answers passed."""
 
     def __init__(self) -> None:
-        self._first: tuple[str, str] = ("", "")  # what is asked, word for word, and who said yes to it first
+        self._first = _NONE
         self._passed: OrderedDict[str, str] = OrderedDict()
 
     def granted(
@@ -53,19 +66,40 @@ class Permits:
         prompt = _prompt(order, rev, session)
         need = need_of(order, prompt)
         _refuse(person, need)
-        who = person.name if person.may_by_itself(need) else self._second(person, str(sorted(prompt.items())))
+        who = person.name if person.may_by_itself(need) else self._second(person, prompt)
         self._passed[same] = who
         while len(self._passed) > _KEPT:
             self._passed.popitem(last=False)
         return who
 
-    def _second(self, person: Person, asked: str) -> str:
-        before, first = self._first
-        if before == asked and first != person.name:
-            self._first = ("", "")
-            return f"{first} and {person.name}"
-        self._first = (asked, person.name)
+    def awaits(self, person: Person, order: Order, rev: int, session: dict[str, Any] | None) -> bool:
+        """Whether an order is the second approval that a first person's waits for: at any screen it counts."""
+        if not isinstance(order, AnswerIt) or session is None or session["rev"] != rev:
+            return False
+        prompt, first = session["prompt"], self._first
+        return (
+            prompt is not None
+            and prompt["id"] == order.prompt_id
+            and first.asked == _word_for_word(prompt)
+            and first.name != person.name
+        )
+
+    @property
+    def first(self) -> First:
+        """The approval that waits for a second person's; an empty one where none does."""
+        return self._first
+
+    def _second(self, person: Person, prompt: dict[str, Any]) -> str:
+        before, asked = self._first, _word_for_word(prompt)
+        if before.asked == asked and before.name != person.name:
+            self._first = _NONE
+            return f"{before.name} and {person.name}"
+        self._first = First(str(prompt["id"]), asked, person.name)
         raise SecondPersonError(person.name)
+
+
+def _word_for_word(prompt: dict[str, Any]) -> str:
+    return str(sorted(prompt.items()))
 
 
 def _prompt(order: AnswerIt, rev: int, session: dict[str, Any] | None) -> dict[str, Any]:

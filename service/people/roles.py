@@ -6,7 +6,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Any
 
-from service.desk.messages import AnswerIt, Hold, Order, Start, Stop
+from service.desk.messages import AnswerIt, Hold, Order, SignOff, Start, Stop
 
 
 class Role(StrEnum):
@@ -69,6 +69,8 @@ def need_of(order: Order, prompt: Mapping[str, Any] | None) -> Need:
         return Need(Right.STOP)
     if isinstance(order, Start) and LIMIT_SETTINGS & {key for key, value in order.settings.items() if value}:
         return Need(Right.CHANGE_LIMITS)
+    if isinstance(order, SignOff):
+        return Need(Right.RUN, fresh_pin=True)
     if isinstance(order, AnswerIt) and prompt is not None:
         return _need_of_yes(str(prompt["key"]))
     return Need(Right.RUN)

@@ -8,7 +8,7 @@ import hashlib
 import secrets
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 IDLE_S = 300.0
 WHOLE_S = 12 * 3600.0
@@ -27,6 +27,7 @@ class Session:
     person: str | None = None
     epoch: int = 0
     confirmed_s: float = float("-inf")
+    seat: str = field(default_factory=lambda: secrets.token_hex(8))  # names it to others; opens nothing
 
 
 class Sessions:
@@ -55,6 +56,12 @@ class Sessions:
             del self._open[key]
             return None
         return session
+
+    def at(self, seat: str) -> Session | None:
+        """Return the session of a seat, None when it is over."""
+        now = self._clock()
+        found = (each for each in self._open.values() if each.seat == seat)
+        return next((each for each in found if now - each.opened_s <= WHOLE_S), None)
 
     def enter(self, token: str, person: str, epoch: int) -> str:
         """Let a person in after the PIN; the token changes, so that one known before is worth nothing."""

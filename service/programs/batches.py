@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from calibration.errors import CellError
-from drivers.program_registry import read_program
+from drivers.program_registry import read_programs
 from drivers.programs.positions import ProgramFile
 from service.programs.files import Refused, Source, read_bytes
 
 Found = TypeVar("Found")
 _POINTS_AT_ONCE = 20_000
 _FILES_AT_ONCE = 500
+_BYTES_AT_ONCE = 4 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,14 +30,7 @@ def batches(
     """Yield programs of one brand at a time; what ``check`` or the reader refuses goes to the refused."""
     batch: list[Read] = []
     points = 0
-    for source in sources:
-        try:
-            check(source)
-            data = read_bytes(source.path)
-            read = Read(source, data, read_program(str(source.path), data))
-        except CellError as error:
-            refused.append(Refused.because(source.path, error))
-            continue
+    for read in _read(sources, check, refused):
         if batch and batch[0].program.brand != read.program.brand:
             yield batch
             batch, points = [], 0
@@ -52,14 +46,49 @@ def batches(
 def together(
     batch: Sequence[Read], work: Callable[[Sequence[ProgramFile]], Sequence[Found]], refused: list[Refused]
 ) -> Iterator[tuple[Read, Found]]:
-    """Yield programs with what was found of them; where one of them is refused, each is worked on alone."""
+    """Yield programs with what was found of them; where one of them is refused, the halves are worked on."""
     try:
         found = work([read.program for read in batch])
     except CellError as error:
         if len(batch) == 1:
             refused.append(Refused.because(batch[0].source.path, error))
             return
-        for read in batch:
-            yield from together([read], work, refused)
+        middle = len(batch) // 2
+        yield from together(batch[:middle], work, refused)
+        yield from together(batch[middle:], work, refused)
         return
     yield from zip(batch, found, strict=True)
+
+
+def _read(
+    sources: Iterable[Source], check: Callable[[Source], object], refused: list[Refused]
+) -> Iterator[Read]:
+    """Yield programs in the order of their sources, read some at once."""
+    for some in _bytes_of(sources, check, refused):
+        programs = read_programs([(str(source.path), data) for source, data in some])
+        for (source, data), program in zip(some, programs, strict=True):
+            if isinstance(program, CellError):
+                refused.append(Refused.because(source.path, program))
+            else:
+                yield Read(source, data, program)
+
+
+def _bytes_of(
+    sources: Iterable[Source], check: Callable[[Source], object], refused: list[Refused]
+) -> Iterator[list[tuple[Source, bytes]]]:
+    some: list[tuple[Source, bytes]] = []
+    size = 0
+    for source in sources:
+        try:
+            check(source)
+            data = read_bytes(source.path)
+        except CellError as error:
+            refused.append(Refused.because(source.path, error))
+            continue
+        some.append((source, data))
+        size += len(data)
+        if size >= _BYTES_AT_ONCE or len(some) >= _FILES_AT_ONCE:
+            yield some
+            some, size = [], 0
+    if some:
+        yield some

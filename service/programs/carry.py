@@ -5,17 +5,16 @@ and what fails is left as it was, with a reason.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from calibration.compensation.pose_gap import Arm, Flags
+from calibration.compensation.pose_gap import Arm
 from calibration.geometry import Array, inverse_transform
 from calibration.programs.transfer import Transferred, Way, same_place, tips, transfer
 from drivers.programs.brands import ConfigurationRule
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change, ProgramFile
+from drivers.programs.positions import ProgramFile
 from service.programs.cell_of_program import (
     Group,
     Points,
@@ -30,13 +29,13 @@ from service.programs.cell_of_program import (
 )
 from service.programs.expected import Ends, Expectation
 from service.programs.judge import Judge
+from service.programs.outcome import Outcome, results_of
 from service.programs.postures import PostureSearch
 from service.programs.project import Project, Tool
-from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
+from service.programs.result import ProgramResult
 
 _BLOCK = 32768  # the few points that need many steps take them together
 _CONTRADICTS_M = 5e-4  # between the joints and the pose of one position
-_MOST_FOREIGN = 0.5  # of a program's points
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,28 +69,6 @@ class Route(Protocol):
         ...
 
 
-@dataclass(eq=False)
-class _Outcome:
-    """Columns of all points, NaN where a point is left."""
-
-    frame_tip: Array
-    joints: Array  # one row of NaN for all while no joints are written
-    before: Array
-    after: Array
-    shift_m: Array
-    turn_rad: Array
-    expected_m: Array
-    uncorrected_m: Array
-    texts: dict[int, str] = field(default_factory=dict)
-
-    @classmethod
-    def empty(cls, count: int, axes: int) -> "_Outcome":
-        new, before, after = (np.full((count, 4, 4), np.nan) for _ in range(3))
-        shift, turn, expected, uncorrected = (np.full(count, np.nan) for _ in range(4))
-        joints = np.broadcast_to(np.full(axes, np.nan), (count, axes))
-        return cls(new, joints, before, after, shift, turn, expected, uncorrected)
-
-
 class Carrier:
     """Carries programs along one route; what it prepares is kept for the next program."""
 
@@ -117,13 +94,13 @@ class Carrier:
             refuse_foreign(program, self._route.source)
         axes = self._route.source.nominal.axes
         points = points_of(programs, axes)
-        result = _Outcome.empty(len(points), axes)
+        result = Outcome.empty(len(points), axes)
         warnings: list[str] = []
         for group in groups_of(points, bring_their_own(programs) or self._rule is None):
             self._go(points, group, result, warnings)
-        return tuple(self._told(points, i, result, warnings) for i in range(len(programs)))
+        return results_of(points, result, warnings, source=self._route.source)
 
-    def _go(self, points: Points, group: Group, result: _Outcome, warnings: list[str]) -> None:
+    def _go(self, points: Points, group: Group, result: Outcome, warnings: list[str]) -> None:
         if not self._route.takes(group.frame):
             points.refuse(group.rows, "belongs to a user frame that is not moved")
             return
@@ -198,7 +175,7 @@ class Carrier:
         )
 
     def _block(
-        self, points: Points, rows: Rows, joints: Array, by: tuple[Way, Passage], result: _Outcome
+        self, points: Points, rows: Rows, joints: Array, by: tuple[Way, Passage], result: Outcome
     ) -> Array:
         found = self._transferred(points, rows, joints, by[0])
         self._judge.judge(points, rows, joints, found)
@@ -232,7 +209,7 @@ class Carrier:
         rows: Rows,
         joints: tuple[Array, Transferred],
         by: tuple[Way, Passage],
-        result: _Outcome,
+        result: Outcome,
     ) -> None:
         (old, found), (way, passage) = joints, by
         posed = points.cartesian[rows]
@@ -253,93 +230,3 @@ class Carrier:
             result.joints = result.joints if result.joints.flags.writeable else result.joints.copy()
             result.joints[rows[written]] = found.joints_rad[written]
         result.before[rows], result.after[rows] = before, found.base_tip
-
-    def _told(self, points: Points, number: int, result: _Outcome, warnings: list[str]) -> ProgramResult:
-        program = points.programs[number]
-        first, beyond = np.searchsorted(points.of, [number, number + 1]).tolist()
-        chosen = slice(first, beyond)  # views: a large file is not copied
-        reasons = tuple(points.reasons[chosen])
-        _refuse_foreign_points(program, reasons, self._route.source)
-        good = np.array([not reason for reason in reasons], dtype=bool)
-        rows = first + np.flatnonzero(good)
-        after = program.changed(_change(points, rows, result)) if len(rows) else program
-        _check_written(program.name, after, points.row[rows], (result.frame_tip, rows))
-        left = first + np.flatnonzero(~good)
-        for column in (result.shift_m, result.turn_rad, result.expected_m, result.uncorrected_m):
-            column[left] = np.nan
-        result.after[left] = np.nan
-        return ProgramResult(
-            before=program,
-            after=after,
-            status=_status(program, after, good),
-            reason=reasons,
-            shift_m=result.shift_m[chosen],
-            turn_rad=result.turn_rad[chosen],
-            base_tip_before=result.before[chosen],
-            base_tip_after=result.after[chosen],
-            expected_error_m=result.expected_m[chosen],
-            uncorrected_m=result.uncorrected_m[chosen],
-            warnings=(*warnings, *(f"line {r.line}: {r.text}" for r in program.remarks)),
-        )
-
-
-def _change(points: Points, rows: Rows, result: _Outcome) -> Change:
-    whole = len(rows) == rows[-1] - rows[0] + 1
-    part = slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
-    poses, joints = result.frame_tip[part], result.joints[part]
-    texts = [result.texts.get(i, points.texts[i]) for i in rows.tolist()]
-    return Change(
-        rows=points.row[rows].astype(np.int64),
-        frame_tip=poses if np.isfinite(poses[:, 0, 0]).any() else None,
-        joints=joints if np.isfinite(joints[:, 0]).any() else None,
-        configurations=texts if any(i in result.texts for i in rows.tolist()) else None,
-    )
-
-
-def _status(before: ProgramFile, after: ProgramFile, good: Flags) -> tuple[str, ...]:
-    old, new = before.positions, after.positions
-    same = np.array([a == b for a, b in zip(old.configurations, new.configurations, strict=True)], dtype=bool)
-    for first in range(0, len(same), _BLOCK):
-        block = slice(first, first + _BLOCK)
-        for a, b in ((old.frame_tip[block], new.frame_tip[block]), (old.joints[block], new.joints[block])):
-            one = (a == b) | (np.isnan(a) & np.isnan(b))
-            same[block] &= one.reshape(len(a), -1).all(axis=1)
-    words = np.where(good, np.where(same, UNCHANGED, CHANGED), LEFT)
-    return tuple(words.tolist())
-
-
-def _check_written(name: str, after: ProgramFile, rows: Rows, wanted: tuple[Array, Rows]) -> None:
-    """Read back what was written: the file's numbers say the point, within their own resolution.
-
-    Raises
-    ------
-    ProgramFileError
-        They do not; nothing of this file may be used.
-    """
-    positions, (poses, at) = after.positions, wanted
-    for first in range(0, len(rows), _BLOCK):
-        some, frame_tip = rows[first : first + _BLOCK], poses[at[first : first + _BLOCK]]
-        posed = np.isfinite(frame_tip).all(axis=(1, 2))
-        some = some[posed]
-        apart, turned = same_place(positions.frame_tip[some], frame_tip[posed])
-        far = apart > 2.0 * positions.resolution_m[some] + 1e-9
-        far |= turned > 4.0 * positions.resolution_rad[some] + 1e-7
-        if far.any():
-            worst = positions.names[int(some[np.argmax(apart)])]
-            raise ProgramFileError(
-                name,
-                f"the numbers written for {worst} are {apart.max() * 1e3:.4f} mm from the point.",
-                remedy="Do not use this file; report it with the program.",
-            )
-
-
-def _refuse_foreign_points(program: ProgramFile, reasons: Sequence[str], project: Project) -> None:
-    """Refuse a program most of whose points its own robot cannot reach."""
-    beyond = sum(reason.startswith(("unreachable: the arm has", "its joints and")) for reason in reasons)
-    if beyond > _MOST_FOREIGN * len(reasons):
-        raise ProgramFileError(
-            program.name,
-            f"{beyond} of its {len(reasons)} positions do not belong to the {project.nominal.name} of "
-            f"{project.path.name}: {next(r for r in reasons if r)}.",
-            remedy="See that robot, user frame and tool of the project are those this program was taught with.",
-        )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array, Pose
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, ProgramFile
+from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
 from service.programs.project import Project, Tool
 
 Rows = NDArray[np.intp]
@@ -75,20 +75,20 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
     points = Points(
         programs=tuple(programs),
         of=np.repeat(np.arange(len(programs)), count).astype(np.intp),
-        row=_joined([np.arange(n, dtype=np.intp) for n in count], np.zeros(0, dtype=np.intp)),
+        row=side_by_side([np.arange(n, dtype=np.intp) for n in count], np.zeros(0, dtype=np.intp)),
         cartesian=np.array([kind == CARTESIAN for p in all_of for kind in p.kinds], dtype=bool),
-        frame_tip=_joined([p.frame_tip for p in all_of], np.zeros((0, 4, 4))),
-        joints=_joined([_six(p.joints, axes) for p in all_of], np.zeros((0, axes))),
+        frame_tip=side_by_side([p.frame_tip for p in all_of], np.zeros((0, 4, 4))),
+        joints=side_by_side([joints_of(p, axes) for p in all_of], np.zeros((0, axes))),
         texts=tuple(text for p in all_of for text in p.configurations),
         tools=tuple(name for p in all_of for name in p.tools),
         user_frames=tuple(name for p in all_of for name in p.user_frames),
         reasons=[_first_reason(kind, axes) for p in all_of for kind in p.kinds],
     )
-    groups = _joined([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
+    groups = side_by_side([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
     points.refuse(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
     moving = [np.abs(np.nan_to_num(p.external)).max(axis=1, initial=0.0) > 0 for p in all_of]
     points.refuse(
-        np.flatnonzero(_joined(moving, np.zeros(0, dtype=bool))),
+        np.flatnonzero(side_by_side(moving, np.zeros(0, dtype=bool))),
         "carries external axes, and the project does not know what they move",
     )
     return points
@@ -207,7 +207,8 @@ def arm_length(model: RobotModel) -> float:
     return float(np.linalg.norm(model.placements[:, :3, 3], axis=1).sum())
 
 
-def _joined(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArray[Some]:
+def side_by_side(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArray[Some]:
+    """Return columns of some programs one after the other."""
     return parts[0] if len(parts) == 1 else np.concatenate([empty, *parts])  # a large file is not copied
 
 
@@ -217,7 +218,9 @@ def _own(poses: Mapping[str, Pose], name: str, always: tuple[str, ...]) -> Array
     return np.eye(4) if name in always else None
 
 
-def _six(joints: Array, axes: int) -> Array:
+def joints_of(positions: Positions, axes: int) -> Array:
+    """Return the joints (N, axes) of a program's positions, NaN where it holds none."""
+    joints = positions.joints
     if joints.shape[1] == axes:
         return joints
     wide = np.full((len(joints), axes), np.nan)

@@ -114,7 +114,7 @@ def _spread(project: Project, tool: Tool, joints_rad: Array) -> TipSpread | None
     if found is not None:
         pose = found.base_fixture.matrix()
         points = np.array(found.points_in_fixture_m) @ pose[:3, :3].T + pose[:3, 3]
-        references = fixture_postures(spread.arm, points, joints_rad)
+        references = fixture_postures(spread.arm, project.nominal, points, joints_rad)
     if len(references) < _FEWEST:
         references = joints_rad[:: -(-len(joints_rad) // _MOST_REFERENCES)]
     return spread.against(references) if len(references) >= _FEWEST else spread

@@ -5,9 +5,10 @@ A source is never written. What cannot be used is refused by name with the cure;
 
 import errno
 import os
-import tempfile
+import secrets
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import takewhile
@@ -15,10 +16,11 @@ from pathlib import Path, PurePath
 from typing import IO
 
 from calibration.errors import CellError
-from drivers.program_registry import BRANDS, brand_of
+from drivers.program_registry import SUFFIXES, brand_of
 from drivers.programs.errors import ProgramFileError
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
+_WRITERS = 8
 _WILD = frozenset("*?[")
 
 
@@ -155,6 +157,17 @@ class NewPlace:
                 remedy="Give another folder with --out.",
             )
 
+    def write_all(self, programs: Sequence[tuple[Source, bytes]]) -> list[Path | ProgramFileError]:
+        """Write programs and return where each is, or why it is not; while one waits for the disk, others go on."""
+        with ThreadPoolExecutor(min(_WRITERS, max(len(programs), 1))) as writers:
+            return list(writers.map(lambda one: self._written(*one), programs))
+
+    def _written(self, source: Source, data: bytes) -> Path | ProgramFileError:
+        try:
+            return self.write(source, data)
+        except ProgramFileError as error:
+            return error
+
     def write(self, source: Source, data: bytes) -> Path:
         """Write a program and return where it is."""
         path = self.path_of(source)
@@ -180,10 +193,9 @@ def whole_file(path: Path, *, replace: bool) -> Iterator[IO[bytes]]:
     OSError
         It cannot be written, or (FileExistsError) is there already.
     """
-    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=".cellcal-")
-    draft = Path(name)
+    draft = path.parent / f".cellcal-{secrets.token_hex(8)}"
     try:
-        with os.fdopen(descriptor, "wb") as file:
+        with draft.open("xb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
@@ -231,7 +243,7 @@ def _one(path: Path) -> Source:
 
 
 def _below(folder: Path, out: Path | None, passed: list[Path]) -> list[Source]:
-    suffixes = {suffix for brand in BRANDS for suffix in brand.suffixes}
+    suffixes = {suffix for its in SUFFIXES.values() for suffix in its}
     named = [
         path
         for path in sorted(folder.rglob("*"))

@@ -22,6 +22,7 @@ from calibration.motion.collision import CellShape
 from calibration.points.alignment import Alignment, read_alignments
 from service.configuration.cell_shapes import read_cell_shape
 from service.programs.project_arms import IdentifiedArm, factory_arm, identified_arm
+from service.programs.project_backup import kept_by_controller, pose_as_kept
 from service.programs.project_poses import (
     ProjectError,
     number,
@@ -38,7 +39,7 @@ SMALLEST_SIGMA = 0.01  # m/rad: nearer to a singularity no point is computed unl
 
 _ROBOT = {
     "serial", "model", "factory", "parameters", "parameter_store", "parameter_version", "held_out_rms_mm",
-    "lower_deg", "upper_deg", "smallest_sigma",
+    "lower_deg", "upper_deg", "smallest_sigma", "backup",
 }  # fmt: skip
 _TOP = {"format", "name", "master", "robot", "tools", "frames", "unsaid", "fixture", "shapes", "programs"}
 
@@ -118,6 +119,7 @@ def read_project(path: Path) -> Project:
     unsaid = sub_table(data, "unsaid", where)
     refuse_keys(unsaid, {"tool", "frame"}, f"{where}: [unsaid]")
     smallest = number(robot, "smallest_sigma", where)
+    kept = kept_by_controller(robot, folder, nominal, where)
     return Project(
         path=path,
         name=word(data, "name", where) or path.stem,
@@ -126,8 +128,8 @@ def read_project(path: Path) -> Project:
         controller=controller,
         factory_known=factory is not None,
         identified=identified_arm(robot, folder, replace_limits(nominal, controller), serial, where),
-        tools=_tools(sub_table(data, "tools", where), where),
-        frames=_frames(sub_table(data, "frames", where), where),
+        tools=_tools(sub_table(data, "tools", where), kept.tools, where),
+        frames=_frames(sub_table(data, "frames", where), kept.frames, where),
         unsaid_tool=word(unsaid, "tool", where),
         unsaid_frame=word(unsaid, "frame", where),
         alignment=_alignment(sub_table(data, "fixture", where), folder, serial, where),
@@ -171,8 +173,8 @@ def _limited(model: RobotModel, robot: Mapping[str, Any], where: str) -> RobotMo
     return replace(model, lower_rad=side("lower", model.lower_rad), upper_rad=side("upper", model.upper_rad))
 
 
-def _tools(tables: Mapping[str, Any], where: str) -> dict[str, Tool]:
-    tools = {}
+def _tools(tables: Mapping[str, Any], kept: Mapping[str, Array], where: str) -> dict[str, Tool]:
+    tools = {name: Tool(pose, pose) for name, pose in kept.items()}
     for name in tables:
         place = f"{where}: [tools.{name}]"
         table = sub_table(tables, name, place)
@@ -180,20 +182,20 @@ def _tools(tables: Mapping[str, Any], where: str) -> dict[str, Tool]:
         entered, real = sub_table(table, "entered", place), sub_table(table, "real", place)
         refuse_keys(entered, pose_keys(), f"{place[:-1]}.entered]")
         refuse_keys(real, {*pose_keys(), "sigma_mm"}, f"{place[:-1]}.real]")
-        pose = pose_of(entered, f"{place[:-1]}.entered]")
+        pose = pose_as_kept(entered, kept.get(name), f"{place[:-1]}.entered]")
         sigma = number(real, "sigma_mm", place)
         measured = pose_of(real, f"{place[:-1]}.real]") if real else pose
         tools[name] = Tool(pose, measured, (sigma or 0.0) / 1e3, bool(real))
     return tools
 
 
-def _frames(tables: Mapping[str, Any], where: str) -> dict[str, Array]:
-    frames = {}
+def _frames(tables: Mapping[str, Any], kept: Mapping[str, Array], where: str) -> dict[str, Array]:
+    frames = dict(kept)
     for name in tables:
         place = f"{where}: [frames.{name}]"
         table = sub_table(tables, name, place)
         refuse_keys(table, pose_keys(), place)
-        frames[name] = pose_of(table, place)
+        frames[name] = pose_as_kept(table, kept.get(name), place)
     return frames
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.compensation.pose_gap import Arm
 from calibration.geometry import Array, inverse_transform
 from calibration.programs.transfer import smallest_sigma, tips
-from drivers.program_registry import brands_by_name
+from drivers.program_registry import brand_named
 from drivers.programs.positions import ProgramFile
 from service.programs.cell_of_program import (
     Group,
@@ -55,7 +55,7 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[Reach, ...
         refuse_foreign(program, cell)
     axes = cell.nominal.axes
     points = points_of(programs, axes)
-    rule = brands_by_name()[programs[0].brand].configurations
+    rule = brand_named(programs[0].brand).configurations
     search = PostureSearch(cell.nominal, cell.controller, rule)
     found = _Columns.empty(len(points), axes)
     for group in groups_of(points, bring_their_own(programs) or rule is None):

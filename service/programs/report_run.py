@@ -80,15 +80,16 @@ class _Work:
         part = _Part(sources)
         # what cannot be written need not be computed: its place is looked at first
         for some in batches(sources, self.place.path_of, part.refused):
-            for read, result in together(some, self.change, part.refused):
-                try:
-                    self._keep(read.source, result, part)
-                except CellError as error:
-                    part.refused.append(Refused.because(read.source.path, error))
+            done = list(together(some, self.change, part.refused))
+            places = self.place.write_all([(read.source, result.after.to_bytes()) for read, result in done])
+            for (read, result), place in zip(done, places, strict=True):
+                if isinstance(place, CellError):
+                    part.refused.append(Refused.because(read.source.path, place))
+                else:
+                    self._keep(read.source, str(place), result, part)
         return part
 
-    def _keep(self, source: Source, result: ProgramResult, part: _Part) -> None:
-        written = str(self.place.write(source, result.after.to_bytes()))
+    def _keep(self, source: Source, written: str, result: ProgramResult, part: _Part) -> None:
         part.entries.append(entry_of(str(source.path), written, result))
         part.told.append(tuple(form.one(str(source.path), written, result) for form in self.formats))
         if self.also is not None:

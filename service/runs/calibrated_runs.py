@@ -1,11 +1,13 @@
 """From a kept robot calibration to a version of the robot's parameter set, for `cellcal parameters keep`."""
 
+from dataclasses import replace
+
 from calibration.arm.kinematics import load_model
 from calibration.poses.calibrated_arm import CalibratedArm
 from service.configuration.cell_file import CellConfig
 from service.parameters.calibrated_models import nominal_sha256, values_of_identification
 from service.parameters.parameter_files import Who
-from service.parameters.parameter_sets import ParameterSet, ParameterSetError, ParameterSets
+from service.parameters.parameter_sets import ParameterSet, ParameterSetError, ParameterSets, Value
 from service.runs.cell import open_journal
 from service.runs.store import Store
 
@@ -48,6 +50,13 @@ def draft_of(arm: CalibratedArm, who: Who) -> ParameterSet:
         made_at=who.made_at,
         made_by=who.made_by,
         source=f"robot_calibration with {arm.device}, sha256 {arm.sha256}",
-        values=values_of_identification(arm.parameters),
+        values=_correlated(values_of_identification(arm.parameters), arm.correlations),
         note="for the mastering that the robot had then" if arm.counts_at_zero else "",
     )
+
+
+def _correlated(values: tuple[Value, ...], correlations: tuple[tuple[float, ...], ...]) -> tuple[Value, ...]:
+    """Return values with their correlations, without which nobody can say how surely a point will be hit."""
+    if not correlations:
+        return values
+    return tuple(replace(value, correlations=rho) for value, rho in zip(values, correlations, strict=True))

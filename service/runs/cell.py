@@ -20,7 +20,7 @@ from drivers.interfaces import (
     ToolFrameStore,
     UserFrameStore,
 )
-from procedures.cell import Cell, GaugeSetup, MotionLimits, ProbeSetup, TrackerSetup
+from procedures.cell import Cell, GaugeSetup, HeldCertificate, MotionLimits, ProbeSetup, TrackerSetup
 from service.configuration.cell_file import CellConfig, GaugeEntry, ProbeEntry, TrackerEntry
 from service.pendant_programs import program_shelf
 from service.runs.journal import Journal, StoreError
@@ -154,12 +154,20 @@ def _lend(
         named_frames=motion.active,
         gauge=gauge,
         gauge_setup=None if at is None else _setup(at),
+        gauge_certificate=None if at is None else _held(at),
         model=load_model(entry.model),
         limits=MotionLimits(speed_rad_s=entry.speed_limit_rad_s, settle_s=getattr(entry, "settle_s", 1.0)),
         level=motion.level,
         surroundings=motion.surroundings,
         programs=program_shelf(config, entry),
         config_sha256=config.sha256,
+    )
+
+
+def _held(entry: GaugeEntry) -> HeldCertificate | None:
+    held = entry.setup.certificate
+    return (
+        None if held is None else HeldCertificate(held.number, held.issued.isoformat(), held.due.isoformat())
     )
 
 

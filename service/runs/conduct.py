@@ -5,6 +5,7 @@ import logging
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from procedures.run import (
     ReplayMismatchError,
     Run,
 )
+from procedures.verdict import Characteristic, enough
 from service.runs.definition import software
 from service.runs.journal import Journal, NewEvent, StoreError
 from service.runs.lease import Lease, lease
@@ -221,10 +223,21 @@ class _Conductor:
         try:
             verdict = self._entry.verdict(spec, result)
             unseen = untold(self._cell.motion.frames)
-            return replace(verdict, not_verified=(*verdict.not_verified, *unseen)).as_object()
+            figures = (*verdict.characteristics, *self._lapsed(spec))
+            verdict = replace(verdict, characteristics=figures, not_verified=(*verdict.not_verified, *unseen))
+            return verdict.as_object()
         except Exception:  # noqa: BLE001  a result that was written to a robot is journalled, judged or not
             _log.exception("the verdict of run %s could not be given", self._run_id)
             return None
+
+    def _lapsed(self, spec: Any) -> tuple[Characteristic, ...]:
+        """Return what keeps a result from a PASS where the gauge's own calibration does not hold today."""
+        held, day = self._cell.gauge_certificate, datetime.now(UTC).date().isoformat()
+        reads = self._entry.reads_gauge(getattr(spec, "method", ""), getattr(spec, "evidence", ""))
+        if held is None or not reads or held.holds_on(day):
+            return ()
+        rule = f"certificate {held.number} holds from {held.issued} to {held.due}, this is {day}: calibrate the gauge"
+        return (enough("the gauge's calibration is valid", False, rule, found=0.0, limit=1.0),)
 
     def _end(self, outcome: Outcome, spec: Any = None) -> Outcome:
         passed = outcome.verdict is Verdict.PASSED

@@ -10,6 +10,7 @@ from procedures.catalogue import ENTRIES, entry_named
 from procedures.cell import Cell
 from procedures.entry import Entry, Phase, lacking
 from procedures.forecast import Forecast, Knowledge
+from procedures.instruments import instruments_of
 from service.configuration.cell_file import CellConfig
 from service.quantities import quantity
 from service.runs.cell import journal_path, on_paper, open_journal
@@ -136,6 +137,7 @@ def _forecast(entry: Entry, spec: Any, cell: Cell, config: CellConfig) -> tuple[
         limits=cell.limits,
         tracker_setup=cell.tracker_setup,
         tracker=None if cell.tracker is None else cell.tracker.capabilities,
+        instruments=instruments_of(cell),
     )
     try:
         return entry.forecast(spec, known), ""

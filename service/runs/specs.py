@@ -27,6 +27,10 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[st
     if "last_counts" in valid and "last_counts" not in settings:
         healthy = LastHealthyCounts(config.cell.data_dir).load(robot)
         settings = settings | {"last_counts": None if healthy is None else healthy.counts}
+    if "evidence" in valid and "evidence" not in settings and config.gauge_for(robot) is None:
+        settings = settings | {
+            "evidence": "places"
+        }  # without a draw-wire, by touched points, a seat or targets
     return _in_the_cell(spec_of(procedure, settings), config.motion_of(robot).surroundings)
 
 

@@ -33,8 +33,8 @@ class Alarm:
 class Alarms:
     """Which alarms are up."""
 
-    def __init__(self) -> None:
-        self._up: dict[str, tuple[Alarm, float]] = {}  # with when it was last true
+    def __init__(self, known: Iterable[Alarm] = (), now_s: float = 0.0) -> None:
+        self._up = {alarm.id: (alarm, now_s) for alarm in known}  # with when it was last true
 
     @property
     def up(self) -> list[Alarm]:

@@ -1,7 +1,7 @@
-"""Keeps the publisher of a cell's site beside the web service, and passes the desk's words on to it.
+"""Keeps a process beside the web service that tells somebody outside, and passes the desk's words on to it.
 
 The web process only writes lines into a pipe and never waits for it: what does not fit is left out, since the next
-line is newer anyway. zenoh, signatures and files are in the publisher's process.
+line is newer anyway. The site's publisher and the webhook's sender are such processes.
 """
 
 import asyncio
@@ -21,11 +21,11 @@ _LEAVE_S = 5.0
 _SESSION_AGAIN_S = 2.0
 
 
-class SiteFeed:
-    """Runs ``python -m service.site.publisher`` for one cell file; one that ends is started again."""
+class Feed:
+    """Runs ``python -m MODULE CELL_FILE`` for one cell file; one that ends is started again."""
 
-    def __init__(self, cell_file: Path) -> None:
-        self._cell_file = cell_file
+    def __init__(self, module: str, cell_file: Path) -> None:
+        self.module, self._cell_file = module, cell_file
         self._process: asyncio.subprocess.Process | None = None
         self._session: bytes = b""
 
@@ -37,12 +37,12 @@ class SiteFeed:
         self._write(line)
 
     async def keep(self) -> None:
-        """Keep the publisher until cancelled."""
-        again = asyncio.create_task(self._say_session_again(), name="site feed")
+        """Keep the process until cancelled."""
+        again = asyncio.create_task(self._say_session_again(), name=f"{self.module} feed")
         try:
             while True:
                 code = await self._run_once()
-                _LOG.warning("what tells the site of %s ended with code %s", self._cell_file, code)
+                _LOG.warning("%s of %s ended with code %s", self.module, self._cell_file, code)
                 await asyncio.sleep(_RESTART_S)
         finally:
             again.cancel()
@@ -51,7 +51,7 @@ class SiteFeed:
 
     async def _run_once(self) -> int:
         self._process = process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "service.site.publisher", str(self._cell_file),
+            sys.executable, "-m", self.module, str(self._cell_file),
             stdin=asyncio.subprocess.PIPE, start_new_session=True,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
@@ -59,7 +59,7 @@ class SiteFeed:
         return await process.wait()
 
     async def _say_session_again(self) -> None:
-        while True:  # a line may have been left out, and a publisher that was started again has heard none
+        while True:  # a line may have been left out, and a process that was started again has heard none
             await asyncio.sleep(_SESSION_AGAIN_S)
             self._write(self._session)
 

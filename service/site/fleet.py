@@ -18,12 +18,12 @@ from service.site.keys import StationKeys, cell_of
 from service.site.link_files import StationsFile
 from service.site.sealed import Flaw, Message, opened, public_key, wall_utc
 from service.site.site_store import Reach
+from service.site.state_shape import is_alarm, state_flaw
 
 SILENT_S = 4.0  # a state comes every second; without a goodbye this tells a cable that was pulled
 _MOST_KEYS = 200
 _FLAWS_KEPT = 200
 OPENED_A_SECOND = 250  # states; more cells than that are looked at in turn
-_STATE_PARTS = {"cell", "alarms", "run", "asks", "attended", "drift", "certificate", "due", "outbox"}
 
 
 @dataclass(slots=True)
@@ -121,13 +121,14 @@ class Fleet:
     def note_alarm(self, message: Message) -> None:
         """Take an alarm's event."""
         body = message.body
-        if not isinstance(body, dict) or not isinstance(body.get("id"), str):
+        if not is_alarm(body):
+            self.name_flaw(message.station, "its alarm is not one of ours: another version?")
             return
-        alarms = self._stations[message.station].alarms
+        station = self._stations[message.station]
+        alarms = {key: alarm for key, alarm in station.alarms.items() if key != body["id"]}
         if body.get("active"):
             alarms[body["id"]] = body
-        else:
-            alarms.pop(body["id"], None)
+        station.alarms = alarms  # whole: a page may be reading the one before
 
     def note_reach(self, cell: str, reach: Reach) -> None:
         """Take note of how far a cell's events are here."""
@@ -183,8 +184,9 @@ class Fleet:
         message = self.opened(key, waiting[0])
         if message is None:
             return None
-        if not isinstance(message.body, dict) or not message.body.keys() >= _STATE_PARTS:
-            self.name_flaw(cell, "its state has not the parts of one: another version?")
+        flaw = state_flaw(message.body)
+        if flaw:
+            self.name_flaw(cell, flaw)
             return None
         if station.state is not None and message.place <= station.state.place:
             return None  # older than what is known: a repetition

@@ -59,6 +59,10 @@ class Ledger:
         elif event.kind == Kind.ENDED:
             self._end(run, event, json.loads(event.body))
 
+    def run(self, run_id: str) -> _Run | None:
+        """Return one of the newest runs as it stands."""
+        return self._runs.get(run_id)
+
     def runs(self) -> list[dict[str, Any]]:
         """Return the newest runs, newest first."""
         return [run.as_json() for run in reversed(list(self._runs.values()))]  # zenoh's threads ask, too

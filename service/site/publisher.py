@@ -14,79 +14,34 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
-import orjson
 import zenoh
 
 from service.certificates.signing import station_key
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.runs.cell import journal_path
 from service.runs.journal import Event
-from service.site.alarms import Alarm, Alarms, wrong_in
+from service.site.alarms import Alarm
 from service.site.answers import Answers
+from service.site.desk_tap import DeskTap
 from service.site.journal_tail import JournalTail, told
 from service.site.keys import SiteError, StationKeys
 from service.site.ledger import Ledger
 from service.site.link_files import CELL_FILE, read_link_folder, read_station
 from service.site.outbox import Outbox, Sent, ToSend
 from service.site.sealed import Sealer
-from service.site.standing import due_dates, overdue, state_of
+from service.site.standing import due_dates, state_of
 from service.site.station import Station
+from service.site.troubles import Troubles
 
 _LOG = logging.getLogger(__name__)
 PERIOD_S = 0.1
 STATE_EVERY_S = 1.0
 JOURNAL_EVERY_S = 0.2
 DEVICE_STATE_EVERY_S = 10.0
-DESK_SILENT_S = 5.0
-LONGEST_LINE = 1 << 20
 CERTIFICATES = "certificates"  # as certificates/certificate.py keeps them; to import it takes seconds
-
-
-class DeskTap:
-    """The newest that the desk said. A thread reads; older lines are left out, never waited for."""
-
-    def __init__(self, stream: BinaryIO | None, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._session: tuple[float, dict[str, Any]] | None = None
-        self._live: tuple[float, dict[str, Any]] | None = None
-        self.ended = threading.Event()
-        if stream is not None:
-            threading.Thread(target=self._read, args=(stream,), name="desk tap", daemon=True).start()
-
-    def session(self) -> dict[str, Any] | None:
-        """Return the desk's session; None while there is no desk, or it is silent."""
-        kept, live = self._session, self._live
-        if kept is None or self._clock() - max(kept[0], live[0] if live else 0.0) > DESK_SILENT_S:
-            return None
-        return kept[1]
-
-    def live(self) -> dict[str, Any] | None:
-        """Return the newest live values; None while there are none that are new enough."""
-        kept = self._live
-        return None if kept is None or self._clock() - kept[0] > DESK_SILENT_S else kept[1]
-
-    def take(self, line: bytes) -> None:
-        """Take in one line."""
-        try:
-            said = orjson.loads(line)
-            kind, content = said["told"], said["content"]
-        except (orjson.JSONDecodeError, KeyError, TypeError):
-            return
-        if kind == "live":
-            self._live = (self._clock(), content)
-        elif kind == "session":
-            self._session = (self._clock(), content)
-        elif kind == "gone":
-            self._session = self._live = None
-
-    def _read(self, stream: BinaryIO) -> None:
-        while line := stream.readline(LONGEST_LINE):
-            self.take(line)
-        self.ended.set()
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +62,7 @@ class Publisher:
     def __init__(self, parts: Parts, ledger: Ledger, clock: Callable[[], float] = time.monotonic) -> None:
         self._parts, self._ledger, self._clock = parts, ledger, clock
         self._tail = JournalTail(journal_path(parts.config))
-        self._alarms = Alarms()
-        self._attended = False
+        self._troubles = Troubles(parts.config, parts.tap, parts.due)
         self._state_at_s = self._journal_at_s = float("-inf")
         self._shown: Any = None
         self._live_seen: Any = None
@@ -148,34 +102,8 @@ class Publisher:
         return ToSend(key, lambda seq: self._parts.sealer.seal(key, seq, told(event)), event.seq)
 
     def _new_alarms(self, now_s: float) -> list[Sent]:
-        changes = self._alarms.look([*self._desks_troubles(), *self._own_troubles()], now_s)
+        changes = self._troubles.look(now_s, self._tail.trouble)
         return self._parts.outbox.add([self._of_alarm(*change) for change in changes]) if changes else []
-
-    def _desks_troubles(self) -> list[Alarm]:
-        tap = self._parts.tap
-        session = tap.session()
-        if session is not None:
-            self._attended = True
-            return wrong_in(session, tap.live())
-        if not self._attended:
-            return []
-        silent = Alarm(
-            "desk.silent",
-            self._parts.config.cell.name,
-            "nothing is heard of its desk",
-            "Look at its service.",
-        )
-        return [*self._alarms.up, silent]  # who hears nothing must not say that all is well
-
-    def _own_troubles(self) -> list[Alarm]:
-        late = [
-            Alarm("due", told["what"], f"was due on {told['due']}", "Have it renewed.")
-            for told in overdue(self._parts.due, datetime.now(UTC).date())
-        ]
-        broken = [Alarm("journal", self._parts.config.cell.name, self._tail.trouble)] * bool(
-            self._tail.trouble
-        )
-        return late + broken
 
     def _of_alarm(self, alarm: Alarm, raised: bool) -> ToSend:
         key, body = self._parts.keys.alarm, alarm.as_json() | {"active": raised}
@@ -204,7 +132,7 @@ class Publisher:
 
     def _tell_state(self, station: Station, now_s: float) -> None:
         parts = self._parts
-        body = state_of(parts.config, parts.tap.session(), self._ledger, self._alarms.up, parts.due)
+        body = state_of(parts.config, parts.tap.session(), self._ledger, self._troubles.up, parts.due)
         if body == self._shown and now_s - self._state_at_s < STATE_EVERY_S:
             return
         self._shown, self._state_at_s = body, now_s

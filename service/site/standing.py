@@ -11,17 +11,17 @@ from service.site.authority import valid_until
 from service.site.ledger import Ledger
 
 
-def due_dates(config: CellConfig, link_certificate: Path) -> list[dict[str, str]]:
-    """Return what becomes due in this cell: the calibration of its gauges, and its certificate on the bus."""
+def due_dates(config: CellConfig, link_certificate: Path | None = None) -> list[dict[str, str]]:
+    """Return what becomes due in this cell: the calibration of its gauges, its certificate where it is on a bus."""
     due = [
         {"what": f"calibration of {gauge.device.name}", "due": gauge.setup.certificate.due.isoformat()}
         for gauge in config.gauges
         if gauge.setup.certificate is not None
     ]
-    ends = valid_until(link_certificate).date()
-    return sorted(
-        [*due, {"what": "certificate on the bus", "due": ends.isoformat()}], key=lambda told: told["due"]
-    )
+    if link_certificate is not None:
+        ends = valid_until(link_certificate).date()
+        due.append({"what": "certificate on the bus", "due": ends.isoformat()})
+    return sorted(due, key=lambda told: told["due"])
 
 
 def overdue(due: list[dict[str, str]], today: date) -> list[dict[str, str]]:

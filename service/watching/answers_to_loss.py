@@ -62,7 +62,9 @@ def _hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
     """Say what keeps the recovery from being started without a person."""
     motion, watch = config.motion_of(loss.robot), config.watch
     found = []
-    if not loss.suspicion.may_run_alone:
+    if loss.suspicion.record_differs:
+        found.append("somebody may have mastered the robot on purpose")
+    elif not loss.suspicion.may_run_alone:
         found.append(f"{loss.suspicion.mode.value} needs a person's judgement")
     if loss.last_healthy is None:
         found.append("nobody saw the robot healthy before")

@@ -9,6 +9,7 @@ from drivers.errors import DeviceError, WrongDeviceError
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import leases
 from service.runs.lease import DEVICES, is_held
+from service.watching.held_mastering import HeldMastering, newest_record
 from service.watching.loss_modes import wrong_robot
 from service.watching.watch import LastHealthyCounts, PositionLoss, Watch
 
@@ -57,7 +58,9 @@ async def _follow_robot(config: CellConfig, entry: Any, listener: Listener) -> N
 
 async def _look_again_and_again(config: CellConfig, entry: Any, robot: Any, listener: Listener) -> None:
     memory = LastHealthyCounts(config.cell.data_dir)
-    watch = Watch(robot, memory, listener.on_loss, period_s=config.watch.period_s, warn=listener.say)
+    held = HeldMastering(newest_record(config, entry.serial))
+    period_s = config.watch.period_s
+    watch = Watch(robot, memory, listener.on_loss, period_s=period_s, warn=listener.say, held=held)
     while True:
         if is_held(
             leases(config), entry.serial, DEVICES

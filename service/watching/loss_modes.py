@@ -47,6 +47,9 @@ _TOLD = {
     LossMode.GEOMETRY: "the robot hit something: its geometry may have changed, and re-mastering would hide it",
     LossMode.WRONG_ROBOT: "another robot answers than the cell file names: its record must not be used",
 }
+_OLD_BACKUP = (
+    "an old backup was loaded; or the robot was mastered on purpose since: take a new mastering record then"
+)
 _ALONE = frozenset({LossMode.MEMORY, LossMode.TURNS})  # what may be recovered without a person's judgement
 
 
@@ -58,11 +61,17 @@ class Suspicion:
     axes: tuple[int, ...]
     words: str
     position_lost: bool = True
+    record_differs: bool = False  # from what the controller holds, and no alarm tells of it
+
+    @property
+    def headline(self) -> str:
+        """Return what happened to the robot, in a few words."""
+        return "does not hold the mastering of its record" if self.record_differs else "lost its position"
 
     @property
     def procedure(self) -> str | None:
         """Which procedure answers it; None where a person must act first. A recovery refuses a bent arm itself."""
-        if self.mode is LossMode.WRONG_ROBOT:
+        if self.mode is LossMode.WRONG_ROBOT and not self.record_differs:
             return None
         return "mastering_recovery" if self.position_lost else "drift_check"
 
@@ -89,6 +98,14 @@ def suspect(alarms: tuple[Alarm, ...], *, position_lost: bool = True) -> Suspici
 def wrong_robot() -> Suspicion:
     """Return what is suspected where a serial number is not the one of the cell file."""
     return Suspicion(LossMode.WRONG_ROBOT, (), _TOLD[LossMode.WRONG_ROBOT])
+
+
+def old_backup() -> Suspicion:
+    """Return what is suspected where a controller holds another mastering than the record, without any alarm.
+
+    A recovery tells the two cases apart by measuring: it writes the record back, or refuses it as the older one.
+    """
+    return Suspicion(LossMode.WRONG_ROBOT, (), _OLD_BACKUP, record_differs=True)
 
 
 def crashed(condition: Condition) -> bool:

@@ -1,7 +1,8 @@
 """Follows the robots and sees an encoder loss by itself.
 
 Three independent witnesses, each enough: the controller's own alarms, the encoder epoch, and counts that jump
-further between two looks than the arm could have moved. A battery that is low is told before it is empty.
+further between two looks than the arm could have moved. A fourth sees what raises no alarm: mastering data that are
+not the newest record's. A battery that is low is told before it is empty.
 The last healthy counts are kept on disk: after a
 loss they tell to within a few turns where each motor stood.
 """
@@ -22,7 +23,8 @@ import numpy as np
 from calibration.mastering.counts import DriveTrain
 from drivers.errors import DeviceError
 from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
-from service.watching.loss_modes import Suspicion, battery_warning, crashed, suspect
+from service.watching.held_mastering import HeldMastering
+from service.watching.loss_modes import Suspicion, battery_warning, crashed, old_backup, suspect
 
 _LOG = logging.getLogger(__name__)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
@@ -107,9 +109,10 @@ class Watch:
         *,
         period_s: float,
         warn: Callable[[str], None] = _LOG.warning,
+        held: HeldMastering | None = None,
     ) -> None:
         self._robot, self._memory, self._on_loss, self._period_s = robot, memory, on_loss, period_s
-        self._warn, self._warned = warn, ""
+        self._warn, self._warned, self._held = warn, "", held
         self._seen: tuple[float, Counts] | None = None
         self._saved: HealthyCounts | None = memory.load(robot.name)
         self._drive: DriveTrain | None = None
@@ -138,13 +141,16 @@ class Watch:
             found = f"the controller reports: {condition.message}"
         else:
             found = await self._compare()
+        suspicion = _suspected(condition)
+        if found is None and self._held is not None:
+            found, suspicion = await self._held.difference(self._robot), old_backup()
         if found is None:
             self._reported = False
             return None
         if self._reported:
             return None
         self._reported = True
-        loss = PositionLoss(self._robot.name, found, condition.alarms, self._saved, _suspected(condition))
+        loss = PositionLoss(self._robot.name, found, condition.alarms, self._saved, suspicion)
         await self._on_loss(loss)
         return loss
 
@@ -158,9 +164,16 @@ class Watch:
         self._saved = await remember_healthy(self._robot.name, self._robot, self._memory)
         self._seen, self._reported = None, False
 
+    @property
+    def standing(self) -> bool:
+        """Whether what was reported last was still so at the last look."""
+        return self._reported
+
     def forget_motion(self) -> None:
         """Do not compare the next look with the last: the robot may have been moved on command meanwhile."""
         self._seen = None
+        if self._held is not None:
+            self._held.look_anew()
 
     async def _compare(self) -> str | None:
         """Compare with what was seen before; remember this look when all is well."""

@@ -5,12 +5,57 @@ from pathlib import Path
 
 from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, HTMLResponse, Response
+from pydantic import BaseModel, ConfigDict
 
-from service.certificates.certificate import issue
-from service.certificates.printing import html_from, pdf_from
+from service.certificates.signing import Finding, check, read_document, station_key
+from service.configuration.cell_file import CellConfig
 from service.web.door import Who, house_of
+from service.web.worker import issue, open_journal, store_of
 
 router = APIRouter()
+
+
+class Verified(BaseModel):
+    """What a check of the signed file on this computer's disk ends with."""
+
+    model_config = ConfigDict(frozen=True)
+
+    run_id: str
+    word: str  # pass, fail, undecided, refused; empty where the file is not intact
+    finding: Finding
+    sentence: str
+    sha256: str
+    public_key: str  # of whoever signed it
+    by_this_cell: bool  # with the key that this cell signs with today
+
+
+@router.get("/runs/{run_id}/certificate/check")
+async def certificate_check(run_id: str, request: Request, who: Who) -> Verified:
+    """Check the signed file as it lies on the disk, to the last byte; as `cellcal verify` does."""
+    del who
+    return await asyncio.to_thread(_checked, house_of(request).config, run_id)
+
+
+def _checked(config: CellConfig, run_id: str) -> Verified:
+    from service.certificates.certificate import certificates_folder  # noqa: PLC0415  not while the service starts
+
+    with open_journal(config) as journal:
+        store = store_of(journal)
+        known = store.run(store.newest(run_id)).run_id
+    names = [certificates_folder(config) / f"{known}{end}.json" for end in ("", "-refused")]
+    path = next((name for name in names if name.exists()), None) or issue(config, known).json_path
+    raw = read_document(path)
+    found = check(raw) if isinstance(raw, bytes) else raw
+    content = found.content if isinstance(found.content, dict) else {}
+    return Verified(
+        run_id=known,
+        word=str(content.get("verdict", {}).get("word", "")),
+        finding=found.finding,
+        sentence=found.sentence,
+        sha256=found.sha256,
+        public_key=found.public_key,
+        by_this_cell=found.public_key == station_key(config.cell.data_dir).public,
+    )
 
 
 @router.get(
@@ -20,6 +65,8 @@ router = APIRouter()
 )
 async def certificate_pdf(run_id: str, request: Request, who: Who) -> Response:
     """Return the certificate of a run, or the record of its refusal, as PDF/A."""
+    from service.certificates.printing import pdf_from  # noqa: PLC0415  not while the service starts
+
     del who
     path = await _signed(request, run_id)
     content = await asyncio.to_thread(pdf_from, path)
@@ -31,6 +78,7 @@ async def certificate_pdf(run_id: str, request: Request, who: Who) -> Response:
 async def certificate_html(run_id: str, request: Request, who: Who) -> HTMLResponse:
     """Return the certificate of a run, or the record of its refusal, as one page that prints on A4."""
     from service.certificates.html import POLICY  # noqa: PLC0415  not while the service starts
+    from service.certificates.printing import html_from  # noqa: PLC0415  as above
 
     del who
     content = await asyncio.to_thread(html_from, await _signed(request, run_id))

@@ -1,13 +1,20 @@
 """Orders to the desk: what a person presses."""
 
-from typing import Any
+import asyncio
+from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, StringConstraints
 
 from service.desk.messages import Name, Order
-from service.web.door import Who, house_of
+from service.people.naming import LONGEST_NAME, LONGEST_SECRET
+from service.people.permits import StaleViewError
+from service.web.control import permitted, told
+from service.web.door import Who, house_of, token_of
+
+if TYPE_CHECKING:
+    from service.web.app import House
 
 router = APIRouter()
 
@@ -29,6 +36,16 @@ class Obeyed(BaseModel):
     rev: int
 
 
+class Seconded(BaseModel):
+    """The same press with name and PIN of a second person, who stands beside the first."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    pressed: Pressed
+    name: Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_NAME)]
+    secret: Annotated[str, StringConstraints(min_length=1, max_length=LONGEST_SECRET)]
+
+
 @router.post(
     "/commands",
     response_model=Obeyed,
@@ -37,9 +54,38 @@ class Obeyed(BaseModel):
 async def command(pressed: Pressed, request: Request, who: Who) -> Any:
     """Do what a person asks for; the same id sent again is done once. 409 carries the present session."""
     house = house_of(request)
-    link = house.link
-    name = house.permits.granted(who, pressed.id, pressed.rev, pressed.order, link.session)
-    reply = await link.order({**pressed.model_dump(mode="json"), "who": name})
+    try:
+        name = await permitted(house, who, pressed.id, pressed.rev, pressed.order)
+    except StaleViewError as behind:
+        return _refreshed(house, behind)
+    return await _sent(house, pressed, name)
+
+
+@router.post(
+    "/commands/second",
+    response_model=Obeyed,
+    responses={409: {"description": "no first approval waits for this one, or the page was out of date"}},
+)
+async def second(given: Seconded, request: Request, who: Who) -> Any:
+    """Take the second approval of what writes, at the first person's screen: both names go to the desk."""
+    del who
+    house, pressed = house_of(request), given.pressed
+    witness = await asyncio.to_thread(house.entrance.vouched, token_of(request), given.name, given.secret)
+    session = house.link.session
+    async with told(house):
+        if not house.permits.awaits(witness, pressed.order, pressed.rev, session):
+            return _refreshed(house, StaleViewError())
+        name = house.permits.granted(witness, pressed.id, pressed.rev, pressed.order, session)
+    return await _sent(house, pressed, name)
+
+
+def _refreshed(house: "House", behind: StaleViewError) -> JSONResponse:
+    told = {"code": behind.code, "message": behind.message, "remedy": behind.remedy}
+    return JSONResponse({"session": house.link.session, **told}, status_code=behind.status)
+
+
+async def _sent(house: "House", pressed: Pressed, name: str) -> Any:
+    reply = await house.link.order({**pressed.model_dump(mode="json"), "who": name})
     if reply["ok"]:
         return reply
-    return JSONResponse({"session": link.session, **reply}, status_code=409)
+    return JSONResponse({"session": house.link.session, **reply}, status_code=409)

@@ -1,11 +1,13 @@
 """What routes ask of a request: the house, and who is asking."""
 
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from service.people.entrance import Person
+from service.people.errors import NotSignedInError
+from service.people.roles import Right
 
 if TYPE_CHECKING:
     from service.web.app import House
@@ -40,6 +42,21 @@ def person_of(connection: HTTPConnection) -> Person:
         Nobody that is known.
     """
     return house_of(connection).entrance.present(token_of(connection))
+
+
+def standing(connection: HTTPConnection) -> dict[str, Any]:
+    """Return who asks and what is wanted next: a device's proof, a person, the PIN again, or nothing."""
+    entrance = house_of(connection).entrance
+    try:
+        who = entrance.present(token_of(connection))
+    except NotSignedInError:
+        return {"wanted": "device", "person": None}
+    session = entrance.sessions.find(token_of(connection))
+    nobody = session is None or session.person is None
+    wanted = "pin" if who.locked else "person" if nobody and not who.alone else "nothing"
+    rights = [right.name.lower() for right in Right if who.may(right)]
+    person = {"name": who.name, "role": who.role, "locked": who.locked, "alone": who.alone, "rights": rights}
+    return {"wanted": wanted, "person": person}
 
 
 Who = Annotated[Person, Depends(person_of)]

@@ -1,21 +1,22 @@
 """What was done: runs, and their certificates. There is no way to delete anything here."""
 
 import asyncio
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse
 
-from service.certificates.certificate import issue
 from service.configuration.cell_file import CellConfig
-from service.runs.cell import open_journal
-from service.runs.store import RunView, Store
-from service.web import certificates, parameters
+from service.web import certificates, overlays, parameters, residuals, rollback, trends
 from service.web.door import Who, house_of
+from service.web.worker import issue, open_journal, store_of
+
+if TYPE_CHECKING:
+    from service.runs.store import RunView
 
 router = APIRouter()
-router.include_router(certificates.router)
-router.include_router(parameters.router)
+for room in (certificates, parameters, rollback, residuals, overlays, trends):
+    router.include_router(room.router)
 
 
 @router.get("/runs")
@@ -42,12 +43,12 @@ async def certificate(run_id: str, request: Request, who: Who) -> FileResponse:
 
 def _runs(config: CellConfig) -> list[dict[str, Any]]:
     with open_journal(config) as journal:
-        return [_short(view) for view in reversed(Store(journal).runs())]
+        return [_short(view) for view in reversed(store_of(journal).runs())]
 
 
 def _run(config: CellConfig, run_id: str) -> dict[str, Any]:
     with open_journal(config) as journal:
-        store = Store(journal)
+        store = store_of(journal)
         view = store.run(store.newest(run_id))
     return {
         **_short(view),
@@ -58,6 +59,8 @@ def _run(config: CellConfig, run_id: str) -> dict[str, Any]:
     }
 
 
-def _short(view: RunView) -> dict[str, Any]:
+def _short(view: "RunView") -> dict[str, Any]:
     keys = ("run_id", "procedure", "started_utc", "state", "reason")
-    return {key: getattr(view, key) for key in keys}
+    told = {key: getattr(view, key) for key in keys}
+    devices, word = view.cell["devices"], (view.judgement or {}).get("word", "")
+    return {**told, "word": word, "robot_serial": devices[0]["identity"]["serial"] if devices else ""}

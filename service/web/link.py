@@ -13,7 +13,7 @@ from typing import Any
 import orjson
 
 from calibration.errors import CellError
-from service.desk.__main__ import LONGEST_LINE
+from service.desk.messages import LONGEST_LINE
 
 _log = logging.getLogger(__name__)
 ANSWER_S = 10.0

@@ -7,9 +7,8 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from procedures.catalogue import entry_named
+from service.configuration.cell_file import CellConfig
 from service.desk.messages import Name
-from service.runs.outline import dry_run, possible
 from service.web.door import Who, house_of
 
 router = APIRouter()
@@ -19,9 +18,7 @@ router = APIRouter()
 async def procedures(request: Request, who: Who, robot: str | None = None) -> list[dict[str, Any]]:
     """Return the catalogue: title, settings as JSON schema, and what this cell lacks for each."""
     del who
-    house = house_of(request)
-    found = await asyncio.to_thread(possible, house.config, robot)
-    return [{**to_jsonable_python(each), "settings": _schema(each.name)} for each in found]
+    return await asyncio.to_thread(_possible, house_of(request).config, robot)
 
 
 class Outlook(BaseModel):
@@ -39,10 +36,34 @@ async def foretell(asked: Outlook, request: Request, who: Who) -> dict[str, Any]
     """Foretell a run: steps, poses, duration, predicted uncertainty, and what the cell lacks."""
     del who
     config = house_of(request).config
-    told = await asyncio.to_thread(dry_run, config, asked.procedure, asked.settings, asked.robot)
-    found: dict[str, Any] = to_jsonable_python(told)
+    return await asyncio.to_thread(_foretold, config, asked)
+
+
+def _possible(config: CellConfig, robot: str | None) -> list[dict[str, Any]]:
+    from procedures.catalogue import entry_named  # noqa: PLC0415  heavy: not while the service starts
+    from service.runs.outline import possible  # noqa: PLC0415  as above
+
+    return [
+        {**to_jsonable_python(each), "settings": _schema(entry_named(each.name).spec_type)}
+        for each in possible(config, robot)
+    ]
+
+
+def _schema(kind: type) -> dict[str, Any]:
+    """Return the settings as JSON schema; those that are files say so."""
+    from service.parameters.simulated_cells import file_settings  # noqa: PLC0415  as above
+
+    schema = TypeAdapter(kind).json_schema()
+    for name in file_settings(kind):
+        schema["properties"][name]["x-file"] = True
+    return schema
+
+
+def _foretold(config: CellConfig, asked: Outlook) -> dict[str, Any]:
+    from procedures.catalogue import entry_named  # noqa: PLC0415  heavy: not while the service starts
+    from service.parameters.simulated_cells import refuse_paths  # noqa: PLC0415  as above
+    from service.runs.outline import dry_run  # noqa: PLC0415  as above
+
+    refuse_paths(entry_named(asked.procedure).spec_type, asked.settings)
+    found: dict[str, Any] = to_jsonable_python(dry_run(config, asked.procedure, asked.settings, asked.robot))
     return found
-
-
-def _schema(procedure: str) -> dict[str, Any]:
-    return TypeAdapter(entry_named(procedure).spec_type).json_schema()

@@ -2,16 +2,18 @@
 
 import asyncio
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from fastapi import APIRouter, Query, Request
 from pydantic import BaseModel, ConfigDict
 
 from service.configuration.cell_file import CellConfig
 from service.parameters.parameter_sets import Change, ParameterSet, ParameterSets, diff
-from service.runs.cell import open_journal
-from service.runs.store import RunView, Store
 from service.web.door import Who, house_of
+from service.web.worker import open_journal, store_of
+
+if TYPE_CHECKING:
+    from service.runs.store import RunView
 
 router = APIRouter()
 FOLDER = "parameter_sets"  # beside the cell file, where `cellcal parameters` keeps them when it runs there
@@ -163,7 +165,7 @@ def _changed(change: Change) -> Changed:
 
 def _trend(config: CellConfig, serial: str, procedure: str) -> list[Trend]:
     with open_journal(config) as journal:
-        runs = [run for run in Store(journal).runs() if _is_judged(run, serial, procedure)]
+        runs = [run for run in store_of(journal).runs() if _is_judged(run, serial, procedure)]
     found: dict[tuple[str, str], list[Point]] = {}
     for run in runs:
         for figure in run.judgement["characteristics"]:
@@ -174,6 +176,6 @@ def _trend(config: CellConfig, serial: str, procedure: str) -> list[Trend]:
     return [Trend(name=name, unit=unit, points=points) for (name, unit), points in found.items()]
 
 
-def _is_judged(run: RunView, serial: str, procedure: str) -> bool:
+def _is_judged(run: "RunView", serial: str, procedure: str) -> bool:
     robot = run.cell["devices"][0]["identity"]["serial"] if run.cell["devices"] else ""
     return run.procedure == procedure and robot == serial and isinstance(run.judgement, dict)

@@ -78,8 +78,7 @@ def points_of(config: CellConfig, run_id: str) -> RunPoints:
         store = Store(journal)
         view = store.run(store.newest(run_id))
         events = journal.events(view.run_id)
-    aside = {told["step"]: told["reason"] for told in (view.judgement or {}).get("set_aside", [])}
-    taken = readings(events, aside)
+    taken = readings(events, view.judgement)
     spreads = tuple(_spread(reading) for reading in taken if len(_samples(reading)) > 1)
     found = (*_errors(view.result), *((SeriesSeen(SPREAD, "", spreads),) if spreads else ()))
     return RunPoints(tuple(_reading(each) for each in taken), found)

@@ -1,30 +1,71 @@
-"""What a screen sees: the session whenever it changes, live values ten times a second."""
+"""What a screen sees: the session whenever it changes, live values ten times a second, who it is, who has control."""
 
 import asyncio
 import contextlib
-from typing import Any
+import time
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Literal
 
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from service.desk.messages import Hold
 from service.people.errors import NotSignedInError, PeopleError
-from service.web.door import Who, house_of, person_of, token_of
+from service.web.control import permitted, show_control, told
+from service.web.door import Who, house_of, person_of, standing, token_of
 from service.web.link import DeskGoneError
 from service.web.screens import Screen, framed
 
 router = APIRouter()
+FRESH_S = 0.5
 _LOOK_S = 5.0
-_HOLD: TypeAdapter[Hold] = TypeAdapter(Hold)
+_BEATS = 16
+
+
+class Said(BaseModel):
+    """The only thing that a screen may say: whether its hold-to-move button is held."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    op: Literal["hold"]
+    held: bool
+    beat: int = 0
+
+
+@dataclass
+class Beats:
+    """Numbers that a screen says back within half a second of being told them.
+
+    A link that broke delivers later what it could not deliver then. "Held" from seconds ago must not move a robot.
+    """
+
+    clock: Callable[[], float] = time.monotonic
+    _told: OrderedDict[int, float] = field(default_factory=OrderedDict)
+    _count: int = 0
+
+    def next(self) -> int:
+        """Return the number to tell now."""
+        self._count += 1
+        self._told[self._count] = self.clock()
+        while len(self._told) > _BEATS:
+            self._told.popitem(last=False)
+        return self._count
+
+    def is_fresh(self, number: int) -> bool:
+        """Whether a number was told just now."""
+        return self.clock() - self._told.get(number, float("-inf")) < FRESH_S
 
 
 @router.get("/session")
 async def session(request: Request, who: Who) -> dict[str, Any]:
     """Return the whole present state: run, question, devices' connection, losses; null while the desk starts."""
+    del who
     house = house_of(request)
     return {
         "session": house.link.session,
-        "person": {"name": who.name, "role": who.role, "locked": who.locked},
+        **standing(request),
         "demo": house.settings.demo,
     }
 
@@ -34,30 +75,43 @@ async def screen(socket: WebSocket) -> None:
     """Feed one screen; the only thing it may say is whether its hold-to-move button is held."""
     house, who = house_of(socket), person_of(socket)
     await socket.accept()
-    shown = Screen(socket, who.name)
+    shown, beats = Screen(socket, who.name, who.seat), Beats()
+    shown.show("person", framed("person", standing(socket)))
+    show_control(house, shown)
     if house.link.session is not None:
         shown.show("session", framed("session", house.link.session))
 
     async def receive() -> None:
         with contextlib.suppress(WebSocketDisconnect, NotSignedInError):
+            known = standing(socket)
             while True:
                 person_of(socket)  # a session that has ended, or whose device was revoked, sees nothing more
+                if (now := standing(socket)) != known:  # locked by idling, or made something else
+                    known = now
+                    shown.show("person", framed("person", known))
+                async with told(house):
+                    pass  # a holder who was locked out, or somebody who asked and left, is shown no longer
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(_LOOK_S):
                         text = await socket.receive_text()
-                    await _take(socket, text)
+                    await _take(socket, shown, beats, text)
 
     await house.screens.attend(shown, receive)
 
 
-async def _take(socket: WebSocket, text: str) -> None:
+async def _take(socket: WebSocket, shown: Screen, beats: Beats, text: str) -> None:
     house, who = house_of(socket), person_of(socket)
     try:
-        hold = _HOLD.validate_json(text)
+        said = Said.model_validate_json(text)
     except ValidationError:
         return  # a screen that babbles moves nothing
+    if said.held:
+        shown.show("beat", framed("beat", beats.next()))
+        if not beats.is_fresh(said.beat):
+            return
+    hold = Hold(op="hold", held=said.held)
     with contextlib.suppress(DeskGoneError, PeopleError):
-        name = house.permits.granted(who, "hold", 0, hold, None)
+        name = await permitted(house, who, "hold", 0, hold)
         if hold.held:
             house.entrance.busy(token_of(socket))
         await house.link.order({"id": "hold", "rev": 0, "who": name, "order": hold.model_dump()})

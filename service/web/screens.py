@@ -5,7 +5,6 @@ A screen that is slow misses what is old, never what is newest, and is dropped w
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -14,6 +13,7 @@ import orjson
 from fastapi import WebSocketDisconnect
 
 SLOW_S = 1.0
+TICK_S = 1.0  # a screen hears something at least this often, so that silence means a lost link
 
 
 class Socket(Protocol):
@@ -29,9 +29,10 @@ class Screen:
 
     socket: Socket
     who: str
+    seat: str = ""
+    left: bool = False
     newest: dict[str, str] = field(default_factory=dict)
     ready: asyncio.Event = field(default_factory=asyncio.Event)
-    heard_at_s: float = 0.0
 
     def show(self, kind: str, text: str) -> None:
         """Put a message into its slot; what was there and not yet sent is dropped."""
@@ -39,11 +40,13 @@ class Screen:
         self.ready.set()
 
     async def feed(self) -> None:
-        """Send what is newest, again and again; TimeoutError when the screen takes nothing."""
-        while True:
-            await self.ready.wait()
+        """Send what is newest until the screen has to leave; TimeoutError when it takes nothing."""
+        while not self.left:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(TICK_S):
+                    await self.ready.wait()
             self.ready.clear()
-            waiting, self.newest = self.newest, {}
+            waiting, self.newest = self.newest or {"tick": framed("tick", None)}, {}
             for text in waiting.values():
                 async with asyncio.timeout(SLOW_S):
                     await self.socket.send_text(text)
@@ -57,8 +60,7 @@ def framed(kind: str, content: object) -> str:
 class Screens:
     """All of them."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
+    def __init__(self) -> None:
         self._open: set[Screen] = set()
 
     def __len__(self) -> int:
@@ -70,6 +72,18 @@ class Screens:
         text = framed(kind, content)
         for screen in self._open:
             screen.show(kind, text)
+
+    @property
+    def open(self) -> tuple[Screen, ...]:
+        """All that are open."""
+        return tuple(self._open)
+
+    def close(self, seat: str) -> None:
+        """Let the screens of one session go: it has ended, and another may begin in the same browser."""
+        for screen in self._open:
+            if seat and screen.seat == seat:
+                screen.left = True
+                screen.ready.set()
 
     async def attend(self, screen: Screen, receive: Callable[[], Awaitable[None]]) -> None:
         """Feed a screen until it leaves or is too slow; ``receive`` ends when the screen closes."""

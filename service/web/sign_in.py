@@ -12,10 +12,10 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, RedirectResponse, Response
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
-from service.people.errors import NotSignedInError
 from service.people.naming import LONGEST_NAME, LONGEST_SECRET
 from service.people.sessions import WHOLE_S
-from service.web.door import Who, cookie_of, house_of, token_of
+from service.web.control import told
+from service.web.door import Who, cookie_of, house_of, standing, token_of
 
 router = APIRouter()
 Token = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -54,18 +54,12 @@ class PinAgain(_Given):
     secret: Secret
 
 
-@router.get("/sign-in")
-async def state(request: Request) -> dict[str, Any]:
+@router.get("/sign-in", response_model=dict[str, Any])
+async def state(request: Request) -> Any:
     """Return what is wanted next: a device's proof, a person, the PIN again, or nothing."""
-    entrance = house_of(request).entrance
-    try:
-        who = entrance.present(token_of(request))
-    except NotSignedInError:
-        return {"wanted": "device", "person": None}
-    session = entrance.sessions.find(token_of(request))
-    person = None if session is None else session.person
-    wanted = "pin" if who.locked else "person" if person is None and not who.alone else "nothing"
-    return {"wanted": wanted, "person": {"name": who.name, "role": who.role, "locked": who.locked}}
+    told_now = standing(request)
+    seat = house_of(request).entrance.seat(token_of(request))
+    return told_now if seat is None else _with_session(JSONResponse(told_now), request, seat)
 
 
 @router.get("/sign-in/console", response_class=RedirectResponse, include_in_schema=False)
@@ -106,8 +100,10 @@ async def device(given: Proof, request: Request) -> Response:
 @router.post("/sign-in/person")
 async def person(given: NameAndPin, request: Request) -> Response:
     """Let a person in on this device."""
-    entrance = house_of(request).entrance
-    session = await asyncio.to_thread(entrance.sign_in, token_of(request), given.name, given.secret)
+    entrance, old = house_of(request).entrance, token_of(request)
+    seat = _seat(request)
+    session = await asyncio.to_thread(entrance.sign_in, old, given.name, given.secret)
+    await _left(request, seat)
     return _with_session(JSONResponse({"ok": True}), request, session)
 
 
@@ -121,8 +117,23 @@ async def confirm(given: PinAgain, request: Request) -> dict[str, bool]:
 @router.post("/sign-in/leave")
 async def leave(request: Request) -> Response:
     """Sign the person out; the device goes on looking on, and the run goes on."""
+    seat = _seat(request)
     session = house_of(request).entrance.leave(token_of(request))
+    await _left(request, seat)
     return _with_session(JSONResponse({"ok": True}), request, session)
+
+
+def _seat(request: Request) -> str:
+    session = house_of(request).entrance.sessions.find(token_of(request))
+    return "" if session is None else session.seat
+
+
+async def _left(request: Request, seat: str) -> None:
+    """Close the screens of a session that has ended, and give up its control."""
+    house = house_of(request)
+    async with told(house) as control:
+        control.release(seat)
+    house.screens.close(seat)
 
 
 def _with_session(response: Response, request: Request, token: str) -> Response:

@@ -1,8 +1,8 @@
 // Pages by the part of the address after "#": a link can be kept, and the back button works.
 
-export type Page = "home" | "procedure" | "history" | "devices";
+export type Page = "home" | "procedure" | "history" | "devices" | "parameters" | "sign-in" | "enrol";
 
-const PAGES: Page[] = ["procedure", "history", "devices"];
+const PAGES: Page[] = ["procedure", "history", "devices", "parameters", "sign-in", "enrol"];
 
 class Route {
   page = $state<Page>("home");
@@ -14,9 +14,17 @@ class Route {
   }
 
   #read() {
-    const [page = "", detail = ""] = location.hash.replace(/^#\//, "").split("/").map(decodeURIComponent);
+    const [page = "", detail = ""] = location.hash.replace(/^#\//, "").split("/").map(decoded);
     this.page = PAGES.find((known) => known === page) ?? "home";
     this.detail = detail;
+  }
+}
+
+function decoded(part: string): string {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return part; // a stray "%" in an address is no reason for an empty page
   }
 }
 

@@ -28,11 +28,12 @@ import {
   type Object3D,
 } from "three";
 import URDFLoader, { type URDFRobot } from "urdf-loader";
+import type { FrameSeen, PlannedPose, ToolDoubt } from "./cell_view";
+import { axes, bend, Doubt, FIELD_DEG, fitTexts, frame, Ghosts, release, text } from "./overlays";
 import type { CellSeen } from "./types";
 
 const LEAST_MS = 1000 / 12;
 const STILL_RAD = 5e-5; // a smaller turn moves no pixel
-const FIELD_DEG = 32;
 const UP = new Vector3(0, 0, 1);
 const WIRE_RADIUS_M = 0.006; // drawn thicker than it is, or nobody would see it
 
@@ -41,7 +42,11 @@ export interface Shown {
   robot: string;
   joints_rad: number[];
   flange_m: number[];
-  frames: number;
+  frames: number; // pictures drawn so far
+  ghosts: { name: string; flange_m: number[] }[];
+  axes: string[]; // names of the frames that are drawn
+  wire_m: number[][]; // its two ends, where there is one
+  ellipsoid: { semi_axes_m: number[]; times: number } | null;
 }
 
 declare global {
@@ -56,11 +61,15 @@ export class RobotScene {
   #scene = new Scene();
   #camera = new PerspectiveCamera(FIELD_DEG, 1, 0.05, 60);
   #arm: URDFRobot;
+  #ghosts: Ghosts;
+  #doubt = new Doubt();
+  #frames: Object3D[] = [];
   #wire: Mesh | null = null;
   #seen: CellSeen;
   #bounds = new Box3();
   #turn = -0.9; // of the camera about the base's z, and its height above the horizon [rad]
   #rise = 0.35;
+  #high_px = 300; // of the picture
   #timer: ReturnType<typeof setTimeout> | undefined;
   #lastMs = 0;
 
@@ -74,9 +83,13 @@ export class RobotScene {
     const sun = new DirectionalLight(0xffffff, 2.2);
     sun.position.set(2, -3, 5);
     this.#scene.add(new HemisphereLight(0xffffff, 0x8a97a3, 1.9), sun, this.#arm);
-    this.#scene.add(this.#surroundings());
+    this.#ghosts = new Ghosts(new URDFLoader().parse(description), seen);
+    this.#scene.add(this.#surroundings(), this.#ghosts.group, this.#doubt.group);
     this.#camera.up.copy(UP);
-    this.shown = { robot: seen.robot, joints_rad: [], flange_m: [], frames: 0 };
+    this.shown = {
+      robot: seen.robot, joints_rad: [], flange_m: [], frames: 0, ghosts: [], axes: [], wire_m: [], ellipsoid: null,
+    };
+    this.frames([], "base");
     window.__robot = this.shown;
   }
 
@@ -85,11 +98,7 @@ export class RobotScene {
     const before = this.shown.joints_rad;
     if (before.length > 0 && joints_rad.every((angle, i) => Math.abs(angle - (before[i] ?? Infinity)) < STILL_RAD)) return;
     this.shown.joints_rad = [...joints_rad];
-    this.#seen.joints.forEach((name, row) => {
-      const factors = this.#seen.description_from_controller[row] ?? [];
-      this.#arm.setJointValue(name, factors.reduce((sum, factor, i) => sum + factor * (joints_rad[i] ?? 0), 0));
-    });
-    this.#arm.updateMatrixWorld(true);
+    bend(this.#arm, this.#seen, joints_rad);
     const flange = this.#arm.links["flange"]!;
     this.shown.flange_m = flange.getWorldPosition(new Vector3()).toArray();
     if (before.length === 0) this.#bounds.setFromObject(this.#arm);
@@ -98,11 +107,52 @@ export class RobotScene {
     this.draw();
   }
 
+  /** Show planned poses; ``chosen`` is the one that is drawn whole. */
+  ghosts(poses: PlannedPose[], chosen: number) {
+    if (poses.length === 0 && this.shown.ghosts.length === 0) return;
+    this.#ghosts.show(poses, chosen);
+    this.shown.ghosts = this.#ghosts.shown;
+    for (const { flange_m } of this.shown.ghosts) this.#bounds.expandByPoint(new Vector3().fromArray(flange_m));
+    this.#look();
+    this.draw();
+  }
+
+  /** Show the base's axes and those of the frames that were found; ``base`` is what people call the base. */
+  frames(found: FrameSeen[], base: string, name: (seen: FrameSeen) => string = (seen) => seen.name) {
+    for (const drawn of this.#frames) {
+      release(drawn);
+      drawn.removeFromParent();
+    }
+    const flange = this.#arm.links["flange"]!;
+    this.#frames = found.map((seen) => {
+      const drawn = frame(seen, name(seen));
+      (seen.fixed_in === "flange" ? flange : this.#scene).add(drawn);
+      return drawn;
+    });
+    const own = axes(base);
+    this.#scene.add(own);
+    this.#frames.push(own);
+    fitTexts(this.#scene, this.#high_px);
+    this.shown.axes = [base, ...found.map(name)];
+    this.draw();
+  }
+
+  /** Show how surely the tip is known; null while nobody has said it for this posture. */
+  doubt(told: ToolDoubt | null) {
+    this.#doubt.show(told, this.#arm.links["flange"]!);
+    const times = this.#doubt.times;
+    const before = this.shown.ellipsoid;
+    this.shown.ellipsoid = times > 0 && told ? { semi_axes_m: told.semi_axes_m, times } : null;
+    if (before !== this.shown.ellipsoid) this.draw();
+  }
+
   /** Fit the canvas to its place on the page [CSS px]. */
   resize(width: number, height: number) {
     if (width < 1 || height < 1) return;
     this.#renderer.setSize(width, height, false);
     this.#camera.aspect = width / height;
+    this.#high_px = height;
+    fitTexts(this.#scene, height);
     this.#look();
     this.draw();
   }
@@ -152,6 +202,7 @@ export class RobotScene {
       this.#scene.add(this.#wire, house);
       this.#bounds.expandByPoint(from);
     }
+    this.shown.wire_m = [from.toArray(), to.toArray()];
     const along = to.clone().sub(from);
     this.#wire.position.copy(from).addScaledVector(along, 0.5);
     this.#wire.scale.set(WIRE_RADIUS_M, along.length(), WIRE_RADIUS_M);
@@ -165,12 +216,12 @@ export class RobotScene {
     for (const box of this.#seen.boxes) {
       const part = mesh(new BoxGeometry(...box.size_m), 0x7f93a5, 0.75);
       part.applyMatrix4(new Matrix4().fromArray(box.base_box).transpose());
-      group.add(part);
+      group.add(part, named(box.name, part.position.clone().add(new Vector3(0, 0, box.size_m[2] / 2 + 0.06))));
     }
     for (const ball of this.#seen.balls) {
       const part = mesh(new SphereGeometry(ball.radius_m, 24, 16), 0x7f93a5, 0.75);
       part.position.set(...ball.centre_in_base_m);
-      group.add(part);
+      group.add(part, named(ball.name, part.position.clone().add(new Vector3(0, 0, ball.radius_m + 0.06))));
     }
     for (const plane of this.#seen.planes) {
       const normal = new Vector3(...plane.normal_in_base).normalize();
@@ -212,6 +263,12 @@ export class RobotScene {
 function mesh(geometry: BufferGeometry, colour: number, opacity = 1): Mesh {
   const material = new MeshLambertMaterial({ color: new Color(colour), transparent: opacity < 1, opacity });
   return new Mesh(geometry, material);
+}
+
+function named(name: string, at: Vector3): Object3D {
+  const label = text(name, 17, 0x42566a);
+  label.position.copy(at);
+  return label;
 }
 
 /** A floor with its grid and, where the base stands above it, a column: the column is for the eye only. */

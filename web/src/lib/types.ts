@@ -28,7 +28,14 @@ export interface Outcome {
   reason: string;
   remedy: string;
   code?: string;
-  judgement?: { word: string; characteristics?: Characteristic[]; not_verified?: string[]; remarks?: string[] } | null;
+  judgement?: {
+    word: string;
+    characteristics?: Characteristic[];
+    not_verified?: string[];
+    remarks?: string[];
+    to_sign?: string[];
+  } | null;
+  signed?: { who: string; at_s: number };
   result?: unknown;
   certificate?: string | null;
   no_certificate?: string;
@@ -47,6 +54,73 @@ export interface Run {
   events: RunEvent[];
   outcome: Outcome | null;
   hold_to_move: boolean;
+  does: "" | "read" | "move" | "write" | "solve";
+  left_s: number | null;
+}
+
+export type StepKind = "ask" | "enter" | "teach" | "capture" | "approve" | "motion" | "review" | "sign";
+
+export interface PlannedPose {
+  name: string;
+  joints_rad: number[];
+  way_rad: number[][]; // the corners before it
+  tip_in_base_m?: number[];
+}
+
+export interface Plan {
+  poses: PlannedPose[];
+  most?: number | null; // poses that are gone to at most, where the measurements choose
+  speed_rad_s?: number;
+  duration_s?: number | null;
+  checked?: string[];
+  not_checked?: string[];
+  predictions?: { name: string; expanded: number; unit: string; limits: Record<string, number> }[];
+  level?: string;
+}
+
+export interface Changed {
+  name: string;
+  before: number | null;
+  after: number | null;
+  unit: string;
+}
+
+export interface Judged extends Characteristic {
+  rule: string;
+  expanded_uncertainty: number;
+}
+
+export interface Review {
+  word: string;
+  limits_from: string;
+  characteristics: Judged[];
+  changes: Changed[];
+  displacement?: { most_m: number; at: string; lever_m?: number } | null;
+  set_aside: { step: string; reason: string }[];
+  not_verified: string[];
+  to_sign: string[];
+  writes: boolean;
+  write_anyway: string;
+}
+
+export interface AxisLever {
+  name: string;
+  tenth_degree_m: number;
+  before?: number;
+  after?: number;
+  turns?: number;
+  u_rad?: number;
+}
+
+/** What a page of some kind draws beside the words; each kind has its own part. */
+export interface PromptData {
+  points?: { name: string; state: "recorded" | "now" | "to_do" | "anew" }[];
+  meter?: { of: string } | null;
+  plan?: Plan;
+  review?: Review;
+  axes?: AxisLever[];
+  usual?: number; // of a number that is asked for, in the unit shown
+  target?: { joints_rad: number[]; tolerance_rad: number };
 }
 
 export interface Prompt {
@@ -56,6 +130,27 @@ export interface Prompt {
   text: string;
   unit: string;
   step: string;
+  page: StepKind;
+  data: PromptData;
+}
+
+export interface MeterFigure {
+  name: string;
+  value: number;
+  unit: string;
+  least: number | null;
+  most: number | null;
+}
+
+/** What recording just now would be worth. */
+export interface Recording {
+  prompt_id: string;
+  ready: boolean;
+  why: string;
+  words: string;
+  remedy: string;
+  warning: string;
+  figures: MeterFigure[];
 }
 
 export interface Loss {
@@ -88,7 +183,9 @@ export interface Device {
   message: string;
   remedy: string;
   age_s: number | null;
+  due?: string; // until when its calibration holds; empty where nobody has told
   value: { joints_rad?: number[]; moving?: boolean; length_m?: number; sigma_m?: number } | null;
+  settle?: { std_m: number | null; limit_m: number; settled: boolean } | null;
 }
 
 type Triple = [number, number, number];
@@ -110,6 +207,7 @@ export interface Live {
   rev: number;
   at_s: number;
   devices: Device[];
+  record?: Recording | null;
 }
 
 export interface Procedure {
@@ -167,4 +265,5 @@ export type Order =
   | { op: "pause" }
   | { op: "go_on" }
   | { op: "select_robot"; robot: string }
+  | { op: "sign"; run_id: string; lines: string[] }
   | { op: "dismiss" };

@@ -1,14 +1,21 @@
 // The line to the service. The server owns the run; this page only shows the newest session and sends orders.
 //
-// A link that falls silent is taken for lost after 2.5 s: a closed TCP connection may not be reported for minutes.
+// A link that falls silent is taken for lost after 2.2 s: a closed TCP connection may not be reported for minutes.
 // A lost socket is dropped and its late events are ignored. An order that could not be sent waits, once, under its
 // own id: sent again after the link is back it is obeyed once.
 
+import { post } from "./device";
+import { people, type Standing } from "./people.svelte";
 import type { Live, Order, Session } from "./types";
 
-const SILENT_MS = 2500;
-const RETRY_MS = 700;
+const SILENT_MS = 2200; // a link that worked
+const TRY_MS = 1500; // a new one
+const RETRY_MS = 300;
+const UNKNOWN_MS = 2000; // a device that may not come in asks rarely
+const LOOK_MS = 250;
 const HOLD_MS = 150;
+const TAP_MS = 400; // the second of two quick taps must not answer the question that the first one brought
+const QUEUED_MS = 30_000; // what could not be sent for longer is pressed again, by somebody who looks
 
 export interface Refusal {
   code: string;
@@ -16,11 +23,31 @@ export interface Refusal {
   remedy: string;
 }
 
-interface Waiting {
+export interface Pressed {
   id: string;
   rev: number;
   order: Order;
 }
+
+export interface Control {
+  mine: boolean;
+  holder: string | null;
+  asking: string | null;
+  asking_mine: boolean;
+  remaining_s: number | null;
+  approved: string; // the question that a first person has approved and that waits for a second
+  approved_by: string;
+}
+
+const FREE: Control = {
+  mine: false,
+  holder: null,
+  asking: null,
+  asking_mine: false,
+  remaining_s: null,
+  approved: "",
+  approved_by: "",
+};
 
 class Wire {
   session = $state<Session | null>(null);
@@ -29,57 +56,147 @@ class Wire {
   online = $state(false);
   nowMs = $state(Date.now());
   refusal = $state<Refusal | null>(null);
-  waiting = $state<Waiting | null>(null);
-  person = $state<{ name: string; role: string } | null>(null);
+  waiting = $state<Pressed | null>(null);
   demo = $state(false);
+  control = $state<Control>(FREE);
+  wantsPin = $state<Pressed | null>(null); // what is sent again once the PIN is there
+  wantsSecond = $state<Pressed | null>(null);
 
+  #controlAtMs = $state(0);
+  #dueRev = $state(0);
+  #askedAtMs = $state(0);
   #socket: WebSocket | null = null;
+  #opened = false;
+  #turn = 0;
   #heardMs = 0;
+  #lookedMs = 0;
+  #queuedMs = 0;
+  #sending = false;
+  #askedMs = 0;
+  #beat = 0;
   #holding: ReturnType<typeof setInterval> | undefined;
 
+  get person() {
+    return people.person;
+  }
+
+  /** Whether somebody else's screen has the session in hand. */
+  get elsewhere(): boolean {
+    return this.control.holder !== null && !this.control.mine;
+  }
+
+  /** Whether an order (other than a stop) has a chance: the link, the role, the control, and none on its way. */
+  get mayOrder(): boolean {
+    return this.mayHold && this.#settled;
+  }
+
+  /** The same for the hold button, which an order on its way does not let go. */
+  get mayHold(): boolean {
+    return this.online && people.may("run") && !this.elsewhere;
+  }
+
+  /** Whether a yes counts: as an order, or as the second of two approvals, which any screen may give. */
+  get mayApprove(): boolean {
+    return this.mayOrder || (this.online && this.#settled && people.may("run") && this.secondWanted);
+  }
+
+  /** Whether the question shown waits for this person's approval as the second. */
+  get secondWanted(): boolean {
+    const { approved, approved_by } = this.control;
+    return approved !== "" && approved === this.session?.prompt?.id && approved_by !== people.person?.name;
+  }
+
+  get #settled(): boolean {
+    if (this.nowMs - this.#askedAtMs < TAP_MS) return false;
+    return this.waiting === null && (this.session?.rev ?? 0) >= this.#dueRev;
+  }
+
+  /** Seconds until a request to take over is granted. */
+  get remainingS(): number {
+    return Math.max(0, (this.control.remaining_s ?? 0) - (this.nowMs - this.#controlAtMs) / 1000);
+  }
+
   start() {
-    void this.#ask();
-    this.#open();
-    setInterval(() => this.#look(), 250);
+    people.onNewSession = () => this.#reopen();
+    void this.#comeIn();
+    setInterval(() => this.#look(), LOOK_MS);
   }
 
   // Orders
 
   async order(order: Order): Promise<boolean> {
-    if (this.waiting || !this.session) return false; // a second tap while the first is on its way
-    this.waiting = { id: crypto.randomUUID?.() ?? randomId(), rev: this.session.rev, order };
+    if (!this.session) return false;
+    const pressed = { id: randomId(), rev: this.session.rev, order };
+    if (order.op === "stop") return this.#answered(pressed, await post("commands", pressed, SILENT_MS)); // behind nothing else
+    if (this.waiting) return false; // a second tap while the first is on its way
+    this.waiting = pressed;
     this.refusal = null;
+    this.#queuedMs = Date.now();
     return this.#send();
   }
 
-  async #send(): Promise<boolean> {
-    const waiting = this.waiting;
-    if (!waiting) return false;
-    try {
-      const answer = await fetch("./api/commands", {
-        method: "POST",
-        headers: { "Content-Type": "application/json" },
-        body: JSON.stringify(waiting),
-        signal: AbortSignal.timeout(SILENT_MS),
-      });
-      const told = await answer.json();
-      this.waiting = null;
-      if (answer.ok) return true;
-      if (told.session) this.session = told.session;
-      this.refusal = { code: told.code ?? "error", message: told.message ?? answer.statusText, remedy: told.remedy ?? "" };
-      return false;
-    } catch {
-      return false; // it stays waiting; #look sends it again when the link is back
-    }
+  /** Send what waited for a PIN, as a new press of what was looked at then. */
+  async again(pressed: Pressed): Promise<boolean> {
+    if (this.waiting) return false;
+    this.waiting = { ...pressed, id: randomId() };
+    this.#queuedMs = Date.now();
+    return this.#send();
   }
 
-  // Hold to move: said again and again while the button is held; silence lets go on the other side.
+  /** Let a second person approve at this screen. */
+  async second(pressed: Pressed, name: string, secret: string) {
+    const answer = await post("commands/second", { pressed: { ...pressed, id: randomId() }, name, secret });
+    if (answer.ok) this.#dueRev = Number(answer.told.rev);
+    return answer;
+  }
+
+  async #send(): Promise<boolean> {
+    const pressed = this.waiting;
+    if (!pressed || this.#sending) return false;
+    this.#sending = true;
+    const answer = await post("commands", pressed, SILENT_MS);
+    this.#sending = false;
+    if (answer.code === "offline") return false; // it stays waiting; #look sends it when the link is back
+    this.waiting = null;
+    return this.#answered(pressed, answer);
+  }
+
+  #answered(pressed: Pressed, answer: Awaited<ReturnType<typeof post>>): boolean {
+    if (answer.ok) {
+      this.#dueRev = Number(answer.told.rev ?? 0);
+      return true;
+    }
+    const { code, message, remedy, told } = answer;
+    if (told.session) this.#show(told.session as Session);
+    if (code === "people.pin") this.wantsPin = pressed;
+    else if (code === "people.second_person") this.wantsSecond = pressed;
+    else this.refusal = { code: code || "error", message, remedy };
+    if (code === "people.sign_in") void people.check();
+    return false;
+  }
+
+  // Control
+
+  async wish(what: "ask" | "withdraw" | "give" | "refuse") {
+    const answer = await post("control", { do: what });
+    if (answer.ok) this.#takeControl(answer.told as unknown as Control);
+    else if (answer.code === "people.pin") people.wanted = "pin";
+    else if (answer.code !== "offline") this.refusal = answer;
+  }
+
+  #takeControl(control: Control) {
+    this.control = control;
+    this.#controlAtMs = this.nowMs = Date.now();
+  }
+
+  // Hold to move: said again and again while the button is held; silence lets go on the other side. Each word says
+  // back the service's newest number: words that a broken link delivers late count for nothing.
 
   hold() {
     if (this.#holding) return;
-    const say = () => this.#say({ op: "hold", held: true });
-    say();
-    this.#holding = setInterval(say, HOLD_MS);
+    this.#beat = 0;
+    this.#sayHeld();
+    this.#holding = setInterval(() => this.#sayHeld(), HOLD_MS);
   }
 
   release() {
@@ -88,70 +205,133 @@ class Wire {
     this.#say({ op: "hold", held: false });
   }
 
+  #sayHeld() {
+    this.#say({ op: "hold", held: true, beat: this.#beat });
+  }
+
+  #hearBeat(beat: number) {
+    const first = this.#beat === 0;
+    this.#beat = beat;
+    if (first && this.#holding) this.#sayHeld();
+  }
+
   #say(message: object) {
     if (this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify(message));
   }
 
   // The link
 
+  async #comeIn() {
+    const turn = ++this.#turn;
+    const answered = await people.check();
+    if (turn !== this.#turn) return; // asked again meanwhile: the newer one opens the line
+    if (!answered) setTimeout(() => void this.#comeIn(), RETRY_MS);
+    else if (people.wanted === "device") {
+      this.#forget();
+      setTimeout(() => void this.#comeIn(), UNKNOWN_MS);
+    } else {
+      void this.#ask();
+      this.#open();
+    }
+  }
+
+  #forget() {
+    this.session = this.live = null;
+    this.control = FREE;
+  }
+
   #open() {
     const url = new URL("./api/screen", location.href);
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+    this.#socket?.close();
     const socket = new WebSocket(url);
     this.#socket = socket;
+    this.#opened = false;
     this.#heardMs = Date.now();
+    socket.onopen = () => {
+      if (socket === this.#socket) this.#opened = true;
+    };
     socket.onmessage = (event) => {
       if (socket === this.#socket) this.#take(JSON.parse(event.data));
     };
-    socket.onclose = () => {
-      if (socket === this.#socket) this.#drop();
+    socket.onclose = (event) => {
+      if (socket !== this.#socket) return;
+      if (event.code === 1000) this.#reopen(); // this session has ended; another may have begun
+      else this.#drop(!this.#opened);
     };
+  }
+
+  #reopen() {
+    const socket = this.#socket;
+    this.#socket = null;
+    socket?.close();
+    void this.#comeIn();
   }
 
   #take(message: { kind: string; content: never }) {
     this.#heardMs = Date.now();
     this.online = true;
-    if (message.kind === "session") {
-      const session = message.content as Session;
-      if (!this.session || session.rev >= this.session.rev) this.session = session;
-    } else if (message.kind === "live") {
-      this.live = message.content;
+    const { kind, content } = message;
+    if (kind === "session") {
+      const session = content as Session;
+      if (!this.session || session.rev >= this.session.rev) this.#show(session);
+    } else if (kind === "live") {
+      this.live = content;
       this.liveAtMs = Date.now();
-    } else if (message.kind === "gone") {
-      this.session = null;
-      this.live = null;
-    }
+    } else if (kind === "person") people.take(content as Standing);
+    else if (kind === "control") this.#takeControl(content);
+    else if (kind === "beat") this.#hearBeat(content);
+    else if (kind === "gone") this.session = this.live = null;
   }
 
-  #drop() {
+  #show(session: Session) {
+    if (session.prompt && session.prompt.id !== this.session?.prompt?.id) this.#askedAtMs = this.nowMs = Date.now();
+    this.session = session;
+  }
+
+  /** Try anew; ``refused``: somebody answered and did not open, so it is asked who may come in. */
+  #drop(refused: boolean) {
     const socket = this.#socket;
     this.#socket = null;
     this.online = false;
     socket?.close();
-    setTimeout(() => this.#open(), RETRY_MS);
+    setTimeout(() => (refused ? void this.#comeIn() : this.#open()), RETRY_MS);
   }
 
   #look() {
     this.nowMs = Date.now();
-    if (this.#socket && this.nowMs - this.#heardMs > SILENT_MS) this.#drop();
-    if (this.online && this.waiting && !this.#resending) void this.#resend();
+    const asleepMs = this.nowMs - this.#lookedMs - LOOK_MS;
+    if (asleepMs > 1000) this.#heardMs += asleepMs; // it was this page that stood still, not the link
+    this.#lookedMs = this.nowMs;
+    if (this.nowMs - this.#heardMs > (this.online ? SILENT_MS : TRY_MS)) this.#lose();
+    if (this.waiting && this.nowMs - this.#queuedMs > QUEUED_MS) this.#giveUp();
+    else if (this.online && this.waiting) void this.#send();
+    if (this.online && this.control.asking_mine && this.remainingS === 0) this.#takeOver();
   }
 
-  #resending = false;
-  async #resend() {
-    this.#resending = true;
-    const waiting = this.waiting;
-    await new Promise((done) => setTimeout(done, SILENT_MS / 2));
-    if (waiting && waiting === this.waiting) await this.#send();
-    this.#resending = false;
+  #lose() {
+    if (this.#socket) this.#drop(false);
+    else this.online = false;
+  }
+
+  #giveUp() {
+    this.waiting = null;
+    this.refusal = { code: "offline", message: "", remedy: "" };
+  }
+
+  #takeOver() {
+    if (this.nowMs - this.#askedMs < 1000) return;
+    this.#askedMs = this.nowMs;
+    void this.wish("ask");
   }
 
   async #ask() {
     try {
-      const told = await (await fetch("./api/session")).json();
-      this.person = told.person;
+      const answer = await fetch("./api/session", { signal: AbortSignal.timeout(SILENT_MS) });
+      if (!answer.ok) return;
+      const told = await answer.json();
       this.demo = told.demo;
-      if (told.session && !this.session) this.session = told.session;
+      if (told.session && !this.session) this.#show(told.session);
     } catch {
       setTimeout(() => void this.#ask(), RETRY_MS);
     }

@@ -1,0 +1,172 @@
+"""``cellcal backup`` and ``cellcal restore``: a cell's data in one file, and back."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from service.export.restore import Proved
+
+Json = Annotated[bool, Parameter(name="--json", negative=())]
+Flag = Annotated[bool, Parameter(negative=())]
+
+
+def backup(  # a command's options are its arguments
+    cell: Path,
+    /,
+    *,
+    to: Path = Path(),
+    keys: Flag = False,
+    passphrase_file: Path | None = None,
+    keep: int | None = None,
+    as_json: Json = False,
+) -> int:
+    """Keep a cell's data in one file, also while it runs: journal, certificates, people, records, parameter sets.
+
+    Parameters
+    ----------
+    cell
+        The cell file (TOML).
+    to
+        A new file, or a folder in which it gets a name of cell and time.
+    keys
+        Also the signing key and the pepper, encrypted under a passphrase. Without them, keep both elsewhere.
+    passphrase_file
+        A file whose first line is that passphrase, for its owner only; asked for where it is not given.
+    keep
+        Remove all but so many of this cell's backups in the folder.
+    """
+    from calibration.errors import CellError
+    from service.cli.printing import EN_ROUTE, print_json
+    from service.configuration.cell_file import read_cell_file
+    from service.export.backup import back_up, forget_older
+
+    if keep is not None and (keep < 1 or not to.is_dir()):
+        raise CellError(
+            "--keep takes a number from 1 on, and --to a folder.", remedy="Correct it.", code="usage"
+        )
+    config = read_cell_file(cell)
+    phrase = _passphrase(passphrase_file, twice=True) if keys else None
+    made = back_up(config, to, phrase)
+    gone = [] if keep is None else forget_older(config, to, keep)
+    EN_ROUTE.print(
+        f"{made.path}: {made.events} events, {made.certificates} certificates, {made.files} files, "
+        f"{made.size / 1e6:.1f} MB.",
+        markup=False, soft_wrap=True,
+    )  # fmt: skip
+    if not made.has_keys:
+        EN_ROUTE.print(
+            "The signing key and the pepper are not in it: keep signing_key.pem and pepper.key elsewhere, or use "
+            "--keys.",
+            style="yellow",
+        )
+    for name in made.left_out:
+        EN_ROUTE.print(f"left out, since it is no plain file: {name}", style="yellow", markup=False)
+    if as_json:
+        print_json(
+            {
+                "path": str(made.path),
+                "events": made.events,
+                "certificates": made.certificates,
+                "files": made.files,
+                "bytes": made.size,
+                "has_keys": made.has_keys,
+                "left_out": list(made.left_out),
+                "removed": [str(path) for path in gone],
+            }
+        )
+    return 0
+
+
+def restore(
+    archive: Path,
+    cell: Path | None = None,
+    /,
+    *,
+    passphrase_file: Path | None = None,
+    keys: Flag = False,
+    check: Flag = False,
+    as_json: Json = False,
+) -> int:
+    """Put a backup back where nothing is, after every byte, the journal's chain and every certificate were proved.
+
+    Parameters
+    ----------
+    archive
+        The backup.
+    cell
+        The cell file: its data_dir says where to. One that is not there yet is taken from the backup.
+    keys
+        Also the keys that are in it.
+    passphrase_file
+        A file whose first line is their passphrase; asked for where it is not given.
+    check
+        Only prove it: a drill that needs no cell file and changes nothing.
+    """
+    from calibration.errors import CellError
+    from service.cli.printing import print_json
+    from service.export.restore import prove
+    from service.export.restore import restore as put_back
+
+    if (cell is None) != check:
+        raise CellError(
+            "Name a cell file, or --check to look only.",
+            remedy="`cellcal restore FILE cell.toml`, or `cellcal restore FILE --check`.",
+            code="usage",
+        )
+    phrase = _passphrase(passphrase_file, twice=False) if keys else None
+    found = prove(archive, phrase) if cell is None else put_back(archive, cell, phrase)
+    _tell(found)
+    if as_json:
+        told = {name: getattr(found, name) for name in ("cell", "made_utc", "events", "certificates")}
+        told |= {"public_key": found.public_key, "has_keys": found.has_keys, "keys_opened": found.keys_opened}
+        print_json({**told, "data_dir": None if found.data_dir is None else str(found.data_dir)})
+    return 0
+
+
+def _tell(found: "Proved") -> None:
+    from service.cli.printing import EN_ROUTE
+
+    EN_ROUTE.print(
+        f"Whole: {found.cell}, {found.made_utc}, {found.events} events in one chain, {found.certificates} "
+        f"certificates as they were signed. The list of files is signed by key {found.public_key}.",
+        style="green", markup=False, soft_wrap=True,
+    )  # fmt: skip
+    if found.data_dir is None:
+        return
+    EN_ROUTE.print(f"Put back to {found.data_dir}.", markup=False, soft_wrap=True)
+    EN_ROUTE.print(
+        f"All is as of {found.made_utc}. A robot that was mastered or changed since is not what the records say: "
+        "take a new mastering record before anything is recovered from one. Who or what was revoked since is let in "
+        "again: look through `cellcal people`.",
+        style="yellow",
+        markup=False,
+    )
+    if not found.keys_opened:
+        EN_ROUTE.print(
+            "No keys were put back: bring signing_key.pem and pepper.key from where you keep them before the service "
+            "starts. Without the pepper every PIN has to be set anew; a new signing key is another signature.",
+            style="yellow",
+        )
+
+
+def _passphrase(file: Path | None, *, twice: bool) -> str:
+    from getpass import getpass
+
+    from calibration.errors import CellError
+
+    if file is not None:
+        handed = str(file.parent) == os.environ.get("CREDENTIALS_DIRECTORY")  # systemd keeps it from others
+        if not handed and file.stat().st_mode & 0o077:
+            raise CellError(
+                f"other users of this computer may read {file}.",
+                remedy=f"Run: chmod 600 {file}",
+                code="usage",
+            )
+        return file.read_text(encoding="utf-8").partition("\n")[0].rstrip("\r")
+    phrase = getpass("Passphrase of the keys: ")
+    if twice and getpass("Once more: ") != phrase:
+        raise CellError("the passphrases differ.", remedy="Try again.", code="usage")
+    return phrase

@@ -1,0 +1,31 @@
+"""What a technician does at the cabinet when an instruction says so, done at the fake cell's control door."""
+
+import re
+
+from service.demo.door import Door
+
+_MOUNT = re.compile(r"mount_wire_(\d+)")
+_HOOK = re.compile(r"hook_wire_(\d+)")
+_MOUTH = re.compile(r"towards x (-?\d+), y (-?\d+), z (-?\d+) mm")
+_AT_THE_CABINET = {"new_battery": "new_battery", "power_cycle": "power_cycle"}
+
+
+async def lend_a_hand(door: Door, key: str, text: str, wire: str | None = None) -> str:
+    """Do what an instruction asks for; return which fault of the door it was, empty where hands have nothing to do.
+
+    ``wire`` is the gauge that the hands are on; None is the only one. Its mouth looks where the text says.
+    """
+    which = {} if wire is None else {"device": wire}
+    if key in _AT_THE_CABINET:
+        name = _AT_THE_CABINET[key]
+        await door.fault(name)
+        return name
+    if mount := _MOUNT.fullmatch(key):
+        mouth = _MOUTH.search(text)
+        told = {} if mouth is None else {"mouth_at_m": [int(value) * 1e-3 for value in mouth.groups()]}
+        await door.fault("mount_wire", point=int(mount[1]), **told, **which)
+        return "mount_wire"
+    if hook := _HOOK.fullmatch(key):
+        await door.fault("hook_wire", target=int(hook[1]), **which)
+        return "hook_wire"
+    return ""

@@ -1,0 +1,139 @@
+"""The demo in a browser: fake cell, service and pages on this computer alone, until Ctrl+C."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import sys
+import webbrowser
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+import uvicorn
+from fastapi import FastAPI
+
+from calibration.errors import CellError
+from service.demo.fake_cell import free_address, running_fakes, write_cell_file
+
+HOST = "127.0.0.1"
+PORT = 8471
+_LEAVE_S = 2
+_ENDS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+@dataclass(frozen=True, slots=True)
+class Staging:
+    """Which world is played, how fast, at which port (None: the usual one or, where it is taken, another)."""
+
+    seed: int
+    time_factor: float
+    port: int | None
+    browser: bool
+    say: Callable[[str], None]
+
+
+def show_wizard(folder: Path, staging: Staging) -> None:
+    """Play a fresh fake cell whose files live in ``folder`` and serve its pages until Ctrl+C.
+
+    Raises
+    ------
+    CellError
+        The port is taken, or the fake cell cannot start.
+    """
+    with _listening(staging.port) as listening:
+        asyncio.run(_serve(folder, staging, listening))
+
+
+def has_display() -> bool:
+    """Whether a browser has somewhere to open."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+
+
+class _Server(uvicorn.Server):
+    """Ends on Ctrl+C without raising it again: that is how a demo ends, not how it fails."""
+
+    def __init__(self, app: FastAPI) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=_LEAVE_S,
+                ws_per_message_deflate=False, server_header=False, proxy_headers=False,
+            )
+        )  # fmt: skip
+        self.is_up = asyncio.Event()
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start, and say so."""
+        await super().startup(sockets)
+        self.is_up.set()
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        def end(number: int, _frame: FrameType | None) -> None:
+            self.handle_exit(number, None)
+
+        before = [(number, signal.signal(number, end)) for number in _ENDS]
+        try:
+            yield
+        finally:
+            for number, handler in before:
+                signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _listening(port: int | None) -> Iterator[socket.socket]:
+    with socket.socket() as listening:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((HOST, PORT if port is None else port))
+        except OSError as error:
+            if port is not None:
+                raise CellError(
+                    f"port {port} of {HOST} cannot be used: {error.strerror or error}.",
+                    remedy="Leave --port out, or name another one.",
+                    code="usage",
+                ) from error
+            listening.bind((HOST, 0))
+        yield listening
+
+
+async def _serve(folder: Path, staging: Staging, listening: socket.socket) -> None:
+    with free_address() as address:
+        path = write_cell_file(folder, address, seed=staging.seed, time_factor=staging.time_factor)
+    loading = asyncio.create_task(asyncio.to_thread(_load))  # while the fakes start
+    async with running_fakes(path) as door:
+        await loading
+        from service.demo.opening import Opening  # noqa: PLC0415  loaded by now
+        from service.web.app import Settings, create_app  # noqa: PLC0415  as above
+
+        app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
+        server = _Server(app)
+        opening = asyncio.create_task(Opening(app.state.house.link, staging.time_factor).play())
+        telling = asyncio.create_task(_tell(server, listening, staging))
+        try:
+            await server.serve([listening])
+        finally:
+            for task in (opening, telling):
+                task.cancel()
+            await asyncio.gather(opening, telling, return_exceptions=True)
+    staging.say("The demo has ended.")
+
+
+def _load() -> None:
+    import service.demo.opening  # noqa: PLC0415  takes as long as the fakes do
+    import service.web.app  # noqa: PLC0415, F401  as above
+
+
+async def _tell(server: _Server, listening: socket.socket, staging: Staging) -> None:
+    await server.is_up.wait()
+    address = f"http://{HOST}:{listening.getsockname()[1]}/"
+    staging.say(f"Demo, no robot: a fake cell at {address}")
+    if staging.browser and has_display():
+        await asyncio.to_thread(webbrowser.open, address)
+    else:
+        staging.say("Open this address in a browser of this computer.")
+    staging.say("Ctrl+C ends the demo.")

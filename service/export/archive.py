@@ -1,0 +1,223 @@
+"""One backup as one file: a plain tar with a signed list of its content first, and a SHA-256 of it all at its end.
+
+``tar -tf`` reads it, too. The list (``manifest.json``) is signed by the cell; it names every file with its size and
+hash. The last 65 bytes are the SHA-256 of all bytes before them: one that changed anywhere is noticed before a byte
+is unpacked.
+"""
+
+import hashlib
+import io
+import os
+import tarfile
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import IO, Any
+
+from calibration.errors import CellError
+from service.certificates.signing import Finding, StationKey, check
+
+FORMAT = "cellcal backup 1"
+MANIFEST = "manifest.json"
+_TRAILER_BYTES = 65
+_CHUNK = 1 << 20
+_MOST_MANIFEST_BYTES = 32_000_000
+_MOST_FILES = 200_000
+_LONGEST_PATH = 512
+
+
+class BackupError(CellError):
+    """A backup cannot be made, read or put back."""
+
+    code = "store"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One file of a backup."""
+
+    path: str  # relative, with "/"
+    size: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Manifest:
+    """What a backup says of itself, as it was signed."""
+
+    content: Mapping[str, Any]
+    entries: Mapping[str, Entry]
+    public_key: str
+
+
+def damaged(path: Path, why: str) -> BackupError:
+    """Return the refusal of an archive that cannot be trusted."""
+    return BackupError(
+        f"{path} is no whole backup: {why}. Nothing of it was put back.",
+        remedy="Take another copy of it, or an earlier backup.",
+        code="store.damaged",
+    )
+
+
+def write_archive(path: Path, files: Mapping[str, Path], content: Mapping[str, Any], key: StationKey) -> None:
+    """Write files, by their paths in the archive, whole or not at all, and never over another file.
+
+    Raises
+    ------
+    BackupError
+        The archive is there already, or cannot be written.
+    """
+    entries = [_entry(name, source) for name, source in sorted(files.items())]
+    listed = [{"path": one.path, "bytes": one.size, "sha256": one.sha256} for one in entries]
+    manifest = key.sign(FORMAT, {**content, "files": listed}).encode()
+    try:
+        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # for its owner only
+        draft = Path(name)
+        try:
+            with os.fdopen(descriptor, "w+b") as file:
+                _write_tar(file, manifest, entries, files)
+                file.write(f"{_sha256(file, file.tell())}\n".encode())
+                file.flush()
+                os.fsync(file.fileno())
+            os.link(draft, path)
+        finally:
+            draft.unlink(missing_ok=True)
+    except FileExistsError as error:
+        raise BackupError(f"{path} is there already.", remedy="Name another file.", code="usage") from error
+    except OSError as error:
+        raise BackupError(
+            f"the backup {path} cannot be written: {error.strerror}.",
+            remedy="See that the folder is there and may be written, and that its disk has room.",
+            code="store.io",
+        ) from error
+
+
+def unpack(path: Path, folder: Path) -> Manifest:
+    """Unpack a backup into an empty folder after all of it was found whole; each file is checked once more.
+
+    Raises
+    ------
+    BackupError
+        It is damaged, or no backup of ours. The folder then holds nothing that may be used.
+    """
+    try:
+        with path.open("rb") as file:
+            length = _whole(path, file)
+            with _opened(path, file, length) as tar:
+                manifest = _manifest(path, tar)
+                _unpack_files(path, tar, manifest, folder)
+    except OSError as error:
+        raise BackupError(
+            f"{path} cannot be read or unpacked: {error.strerror}.",
+            remedy="See that it is there, and that the disk has room.",
+            code="store.io",
+        ) from error
+    return manifest
+
+
+def _entry(name: str, source: Path) -> Entry:
+    with source.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        return Entry(name, size, _sha256(file, size))
+
+
+def _write_tar(file: IO[bytes], manifest: bytes, entries: list[Entry], files: Mapping[str, Path]) -> None:
+    with tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar:
+        tar.addfile(_header(MANIFEST, len(manifest)), io.BytesIO(manifest))
+        for entry in entries:
+            with files[entry.path].open("rb") as source:
+                tar.addfile(_header(entry.path, entry.size), source)
+
+
+def _header(name: str, size: int) -> tarfile.TarInfo:
+    header = tarfile.TarInfo(name)
+    header.size, header.mode = size, 0o600
+    return header
+
+
+def _whole(path: Path, file: IO[bytes]) -> int:
+    """Return how long the tar is, once the trailer has proved every byte of it."""
+    length = os.fstat(file.fileno()).st_size - _TRAILER_BYTES
+    if length <= 0:
+        raise damaged(path, "it is too short")
+    found = f"{_sha256(file, length)}\n".encode()
+    if file.read(_TRAILER_BYTES) != found:
+        raise damaged(path, "a byte was changed, or its end is missing")
+    return length
+
+
+def _sha256(file: IO[bytes], length: int) -> str:
+    file.seek(0)
+    hashed, left = hashlib.sha256(), length
+    while left > 0 and (chunk := file.read(min(_CHUNK, left))):
+        hashed.update(chunk)
+        left -= len(chunk)
+    return hashed.hexdigest()
+
+
+@contextmanager
+def _opened(path: Path, file: IO[bytes], length: int) -> Iterator[tarfile.TarFile]:
+    del length  # the tar ends by itself, before the trailer
+    file.seek(0)
+    try:
+        with tarfile.open(fileobj=file, mode="r:") as tar:
+            yield tar
+    except (tarfile.TarError, EOFError, ValueError, OverflowError) as error:
+        raise damaged(path, f"it is no tar: {error}") from error
+
+
+def _manifest(path: Path, tar: tarfile.TarFile) -> Manifest:
+    first = tar.next()
+    if first is None or first.name != MANIFEST or not _is_plain(first) or first.size > _MOST_MANIFEST_BYTES:
+        raise damaged(path, f"it does not begin with {MANIFEST}")
+    reader = tar.extractfile(first)
+    checked = check(b"" if reader is None else reader.read())
+    if checked.finding is not Finding.INTACT or checked.format != FORMAT:
+        raise damaged(path, f"its {MANIFEST} is not what was signed. {checked.sentence}")
+    try:
+        listed = [Entry(str(f["path"]), int(f["bytes"]), str(f["sha256"])) for f in checked.content["files"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise damaged(path, f"its {MANIFEST} names no files") from error
+    wrong = [entry.path for entry in listed if not _is_safe(entry.path)]
+    if wrong or len({entry.path for entry in listed}) != len(listed) or len(listed) > _MOST_FILES:
+        raise damaged(path, f"its list names files that no backup has: {', '.join(map(repr, wrong[:3]))}")
+    return Manifest(checked.content, {entry.path: entry for entry in listed}, checked.public_key)
+
+
+def _unpack_files(path: Path, tar: tarfile.TarFile, manifest: Manifest, folder: Path) -> None:
+    left = dict(manifest.entries)
+    while (member := tar.next()) is not None:
+        entry = left.pop(member.name, None)
+        if entry is None or not _is_plain(member) or member.size != entry.size:
+            raise damaged(path, f"it holds {member.name!r} otherwise than its list says")
+        reader = tar.extractfile(member)
+        if reader is None or _copied(reader, folder / entry.path) != entry.sha256:
+            raise damaged(path, f"{entry.path} is not what was put into it")
+    if left:
+        raise damaged(path, f"{next(iter(left))} is missing in it")
+
+
+def _copied(reader: IO[bytes], target: Path) -> str:
+    target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    hashed = hashlib.sha256()
+    descriptor = os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        while chunk := reader.read(_CHUNK):
+            hashed.update(chunk)
+            file.write(chunk)
+        file.flush()
+        os.fsync(file.fileno())
+    return hashed.hexdigest()
+
+
+def _is_plain(member: tarfile.TarInfo) -> bool:
+    return member.type == tarfile.REGTYPE
+
+
+def _is_safe(path: str) -> bool:
+    parts = PurePosixPath(path).parts
+    plain = path == "/".join(parts) and not path.startswith("/") and ".." not in parts
+    readable = path.isprintable() and "\\" not in path
+    return plain and readable and 0 < len(path) <= _LONGEST_PATH

@@ -1,0 +1,125 @@
+"""What is exported of a cell: runs, the figures they ended with, the readings of one, parameter sets."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from service.certificates.points import readings
+from service.configuration.cell_file import CellConfig
+from service.export.tables import Column, ExportError, Table, Value, unit_of
+from service.parameters.parameter_sets import ParameterSets
+from service.runs.cell import open_journal
+from service.runs.store import RunView, Store
+
+SETS = "parameter_sets"  # beside the cell file
+_MOST_COLUMNS = 4000
+_RUN = ("run_id", "procedure", "version", "robot_serial", "started_utc", "state", "word", "reason")
+_FIGURE = ("run_id", "started_utc", "procedure", "robot_serial", "figure", "unit", "value")
+_FIGURE_REST = ("standard_uncertainty", "coverage", "expanded_uncertainty", "limit", "decision")
+_READING = ("step", "at_utc", "used", "reason")
+_PARAMETER = ("robot_serial", "version", "made_at", "made_by", "source", "note", "rolls_back_to", "sha256")
+_PARAMETER_REST = ("name", "unit", "value", "standard_uncertainty")
+
+
+def runs_table(config: CellConfig) -> Table:
+    """Return every run, oldest first."""
+    with open_journal(config) as journal:
+        views = Store(journal).runs()
+    rows = [
+        (
+            view.run_id, view.procedure, view.version, _serial(view), view.started_utc, view.state,
+            str((view.judgement or {}).get("word", "")), view.reason,
+        )
+        for view in views
+    ]  # fmt: skip
+    return Table("runs", _columns(_RUN), tuple(rows))
+
+
+def history_table(config: CellConfig) -> Table:
+    """Return every figure that a run ended with, oldest first; the unit stands in its row."""
+    with open_journal(config) as journal:
+        views = Store(journal).runs()
+    rows = [
+        _figure(view, figure)
+        for view in views
+        for figure in (view.judgement or {}).get("characteristics", [])
+    ]
+    return Table("history", _columns((*_FIGURE, *_FIGURE_REST)), tuple(rows))
+
+
+def points_table(config: CellConfig, run_id: str) -> Table:
+    """Return every reading of a run, used or not, with all numbers it holds; ``last`` is the newest run.
+
+    Raises
+    ------
+    CellError
+        There is no such run.
+    """
+    with open_journal(config) as journal:
+        store = Store(journal)
+        view = store.run(store.newest(run_id))
+        events = journal.events(view.run_id)
+    taken = [(told, dict(_flat(told.get("value")))) for told in readings(events, view.judgement)]
+    names = list(dict.fromkeys(name for _, flat in taken for name in flat))
+    if len(names) > _MOST_COLUMNS:
+        raise ExportError(
+            f"the readings of {view.run_id} hold {len(names)} different numbers.",
+            remedy="Take them from the certificate (JSON).",
+        )
+    columns = (
+        *_columns(_READING),
+        *(Column(name, unit_of(name.rpartition(".")[2].partition("[")[0])) for name in names),
+    )
+    rows = [(*(told[key] for key in _READING), *(flat.get(name) for name in names)) for told, flat in taken]
+    return Table("points", columns, tuple(rows))
+
+
+def parameters_table(config: CellConfig, robot_serial: str, version: int | None = None) -> Table:
+    """Return every parameter of all versions of a robot's sets, or of one; the unit stands in its row.
+
+    Raises
+    ------
+    CellError
+        There is no such robot or version, or a set was changed after it was written.
+    """
+    sets = ParameterSets(Path(config.path).parent / SETS)
+    found = sets.history(robot_serial) if version is None else (sets.load(robot_serial, version),)
+    rows = [
+        (*(getattr(one, key) for key in _PARAMETER), *(getattr(value, key) for key in _PARAMETER_REST))
+        for one in found
+        for value in one.values
+    ]
+    return Table("parameters", _columns((*_PARAMETER, *_PARAMETER_REST)), tuple(rows))
+
+
+def _columns(names: tuple[str, ...]) -> tuple[Column, ...]:
+    return tuple(Column(name) for name in names)
+
+
+def _figure(view: RunView, figure: Mapping[str, Any]) -> tuple[Value, ...]:
+    head = (
+        view.run_id,
+        view.started_utc,
+        view.procedure,
+        _serial(view),
+        str(figure["name"]),
+        str(figure["unit"]),
+    )
+    return (*head, figure["value"], *(figure.get(key) for key in _FIGURE_REST))
+
+
+def _serial(view: RunView) -> str:
+    devices = view.cell.get("devices") or [{}]
+    return str((devices[0].get("identity") or {}).get("serial", ""))
+
+
+def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Value]]:
+    """Yield every number and text of a JSON value under the path that leads to it; places count from 1."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _flat(part, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list):
+        for place, part in enumerate(value, 1):
+            yield from _flat(part, f"{name}[{place}]")
+    elif value is not None:
+        yield name or "value", value

@@ -1,0 +1,99 @@
+"""One run as an MCAP file, for Foxglove, Lichtblick and whoever reads logs of robots: an extra, ``cellcal[mcap]``.
+
+Three channels of JSON: ``/run`` (what it is), ``/events`` (the journal, event by event) and ``/readings`` (what was
+measured, also what was not used). Times are those of the journal: this computer's clock, in milliseconds.
+"""
+
+import importlib
+import json
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from calibration.errors import CellError
+from service.certificates.points import readings
+from service.configuration.cell_file import CellConfig
+from service.files import replace_file
+from service.runs.cell import open_journal
+from service.runs.journal import Event
+from service.runs.store import RunView, Store
+
+_TEXT, _NUMBER, _ANYTHING = {"type": "string"}, {"type": "number"}, dict[str, str]()
+_SCHEMAS: Mapping[str, Mapping[str, Any]] = {
+    "run": {"run_id": _TEXT, "procedure": _TEXT, "state": _TEXT, "spec": _ANYTHING, "cell": _ANYTHING},
+    "events": {"seq": _NUMBER, "idx": _NUMBER, "kind": _TEXT, "actor": _TEXT, "body": _ANYTHING},
+    "readings": {"step": _TEXT, "used": {"type": "boolean"}, "reason": _TEXT, "value": _ANYTHING},
+}
+
+
+def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
+    """Write a run (``last`` is the newest) and return how many messages it gave.
+
+    Raises
+    ------
+    CellError
+        There is no such run, or the extra is not installed.
+    """
+    writer_module = _library()
+    with open_journal(config) as journal:
+        store = Store(journal)
+        view = store.run(store.newest(run_id))
+        events = journal.events(view.run_id)
+    draft = out.with_name(f".{out.name}.draft")
+    try:
+        count = _write(writer_module, draft, view, events)
+        replace_file(out, draft.read_bytes())
+    finally:
+        draft.unlink(missing_ok=True)
+    return count
+
+
+def _write(module: Any, path: Path, view: RunView, events: list[Event]) -> int:
+    count = 0
+    with path.open("wb") as file:
+        writer = module.Writer(file)
+        writer.start(profile="", library="cellcal")
+        channels = {name: _channel(writer, name) for name in _SCHEMAS}
+        for name, time_ns, message in sorted(_messages(view, events), key=lambda told: told[1]):
+            data = json.dumps(message, allow_nan=False, ensure_ascii=False).encode()
+            writer.add_message(
+                channels[name], log_time=time_ns, publish_time=time_ns, data=data, sequence=count
+            )
+            count += 1
+        writer.add_metadata("cellcal", {"run_id": view.run_id, "journal_head": events[-1].hash.hex()})
+        writer.finish()
+    return count
+
+
+def _channel(writer: Any, name: str) -> int:
+    schema = {"type": "object", "properties": _SCHEMAS[name]}
+    schema_id = writer.register_schema(f"cellcal.{name}", "jsonschema", json.dumps(schema).encode())
+    channel: int = writer.register_channel(f"/{name}", "json", schema_id)
+    return channel
+
+
+def _messages(view: RunView, events: list[Event]) -> Iterator[tuple[str, int, dict[str, Any]]]:
+    head = {key: getattr(view, key) for key in ("run_id", "procedure", "state")}
+    yield "run", _ns(view.started_utc), {**head, "spec": view.spec, "cell": view.cell}
+    for event in events:
+        told = {"seq": event.seq, "idx": event.idx, "kind": event.kind, "actor": event.actor}
+        yield "events", _ns(event.wall_utc), {**told, "body": json.loads(event.body)}
+    for taken in readings(events, view.judgement):
+        message = {key: taken.get(key) for key in ("step", "used", "reason", "value")}
+        yield "readings", _ns(taken["at_utc"]), message
+
+
+def _ns(wall_utc: str) -> int:
+    return round(datetime.fromisoformat(wall_utc).timestamp() * 1000) * 1_000_000
+
+
+def _library() -> Any:
+    try:
+        return importlib.import_module("mcap.writer")  # an extra: most who calibrate never need it
+    except ImportError as error:
+        raise CellError(
+            "writing MCAP needs the library mcap, which is not installed.",
+            remedy='Install the extra: pip install "cellcal[mcap]" (mcap 1.6.0). CSV and XLSX need none.',
+            code="missing_extra",
+        ) from error

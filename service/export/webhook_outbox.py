@@ -1,0 +1,166 @@
+"""Alarms that wait for their receiver, on disk: none is lost while it is away, and each has one id for ever.
+
+What is up is kept beside what waits, in the same transaction: a sender that was started again neither says an alarm
+twice nor forgets to say that it is over.
+"""
+
+import json
+import sqlite3
+import uuid
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+from service.export.webhook_target import WebhookError
+from service.site.alarms import Alarm
+
+OUTBOX_NAME = "webhook_outbox.sqlite"
+KEPT_ROWS = 10_000
+_SCHEMA = (
+    "CREATE TABLE IF NOT EXISTS event(seq INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE,"
+    " body BLOB NOT NULL, refusals INTEGER NOT NULL DEFAULT 0, refused TEXT) STRICT",
+    "CREATE TABLE IF NOT EXISTS up(id TEXT PRIMARY KEY, alarm TEXT NOT NULL) STRICT",
+    "CREATE TABLE IF NOT EXISTS tally(name TEXT PRIMARY KEY, value TEXT NOT NULL) STRICT",
+)
+_PRAGMAS = (
+    "PRAGMA busy_timeout=5000",
+    "PRAGMA journal_mode=WAL",
+    "PRAGMA synchronous=FULL",
+    "PRAGMA trusted_schema=OFF",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """An event that is to be delivered."""
+
+    seq: int
+    id: str
+    body: bytes
+    refusals: int
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How deliveries stand."""
+
+    waiting: int
+    delivered: int
+    refused: int
+    dropped: int
+    last_error: str
+    last_delivered_utc: str
+
+
+class WebhookOutbox:
+    """One connection; each thread opens its own."""
+
+    def __init__(self, data_dir: Path, *, kept_rows: int = KEPT_ROWS) -> None:
+        data_dir.mkdir(parents=True, exist_ok=True)
+        self.path, self._kept_rows = data_dir / OUTBOX_NAME, kept_rows
+        try:
+            self._database = sqlite3.connect(self.path, isolation_level=None)
+            for statement in (*_PRAGMAS, *_SCHEMA):
+                self._database.execute(statement)
+        except sqlite3.Error as error:
+            raise WebhookError(
+                f"the outbox {self.path} cannot be used: {error}.",
+                remedy="Free the disk; or move the file away, with what waits in it.",
+                code="store",
+            ) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._database.close()
+
+    def up(self) -> list[Alarm]:
+        """Return the alarms that were up at the last change."""
+        rows = self._database.execute("SELECT alarm FROM up ORDER BY rowid").fetchall()
+        return [Alarm(**json.loads(row[0])) for row in rows]
+
+    def put(self, cell: str, changes: Sequence[tuple[Alarm, bool]]) -> None:
+        """Keep alarms that were raised or cleared, all or none."""
+        with self._whole():
+            for alarm, raised in changes:
+                self._put(cell, alarm, raised=raised)
+
+    def next(self) -> Waiting | None:
+        """Return the oldest event that is to be delivered."""
+        sql = "SELECT seq, id, body, refusals FROM event WHERE refused IS NULL ORDER BY seq LIMIT 1"
+        row = self._database.execute(sql).fetchone()
+        return None if row is None else Waiting(*row)
+
+    def delivered(self, event: Waiting) -> None:
+        """Forget an event that was taken."""
+        with self._whole():
+            self._database.execute("DELETE FROM event WHERE seq = ?", (event.seq,))
+            self._count("delivered")
+            self._note("last_delivered_utc", _now())
+            self._note("last_error", "")
+
+    def failed(self, why: str) -> None:
+        """Note why the newest attempt came to nothing."""
+        with self._whole():
+            self._note("last_error", why)
+
+    def refused(self, event: Waiting, why: str, *, at_last: bool) -> None:
+        """Note that the receiver refused an event; at last it is set aside, so that later ones get through."""
+        sql = "UPDATE event SET refusals = refusals + 1, refused = ? WHERE seq = ?"
+        with self._whole():
+            self._database.execute(sql, (why if at_last else None, event.seq))
+            self._note("last_error", why)
+
+    def standing(self) -> Standing:
+        """Return how many wait, and what became of the others."""
+        tally = dict(self._database.execute("SELECT name, value FROM tally").fetchall())
+        waiting, refused = self._database.execute(
+            "SELECT count(*) FILTER (WHERE refused IS NULL), count(*) FILTER (WHERE refused IS NOT NULL) FROM event"
+        ).fetchone()
+        counted = {name: int(tally.get(name, "0")) for name in ("delivered", "dropped")}
+        return Standing(
+            waiting, counted["delivered"], refused, counted["dropped"],
+            tally.get("last_error", ""), tally.get("last_delivered_utc", ""),
+        )  # fmt: skip
+
+    def _put(self, cell: str, alarm: Alarm, *, raised: bool) -> None:
+        body = event_body("alarm.raised" if raised else "alarm.cleared", {"cell": cell, **alarm.as_json()})
+        self._database.execute("INSERT INTO event(id, body) VALUES(?, ?)", (f"evt_{uuid.uuid4().hex}", body))
+        if raised:
+            told = {name: getattr(alarm, name) for name in alarm.__slots__}
+            self._database.execute("INSERT OR REPLACE INTO up VALUES(?, ?)", (alarm.id, json.dumps(told)))
+        else:
+            self._database.execute("DELETE FROM up WHERE id = ?", (alarm.id,))
+        sql = "DELETE FROM event WHERE seq <= (SELECT max(seq) FROM event) - ?"
+        for _ in range(self._database.execute(sql, (self._kept_rows,)).rowcount):
+            self._count("dropped")
+
+    def _count(self, name: str) -> None:
+        sql = "INSERT INTO tally VALUES(?, '1') ON CONFLICT(name) DO UPDATE SET value = CAST(value AS INTEGER) + 1"
+        self._database.execute(sql, (name,))
+
+    def _note(self, name: str, value: str) -> None:
+        self._database.execute("INSERT OR REPLACE INTO tally VALUES(?, ?)", (name, value))
+
+    @contextmanager
+    def _whole(self) -> Iterator[None]:
+        self._database.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+            self._database.execute("COMMIT")
+        except BaseException:
+            self._database.execute("ROLLBACK")
+            raise
+
+
+def event_body(kind: str, data: dict[str, Any]) -> bytes:
+    """Return the body of an event: {type, timestamp, data}."""
+    return json.dumps({"type": kind, "timestamp": _now(), "data": data}, allow_nan=False).encode()
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

@@ -1,0 +1,226 @@
+"""Sends a cell's alarms to a receiver; a process of its own beside the service. People are told, nothing acts on it.
+
+One thread looks for alarms and puts them on disk, another delivers, oldest first, for as long as it takes. Signed as
+"Standard Webhooks" (standardwebhooks.com, 1.0.0) says: ``webhook-id`` stays the same however often an event is sent,
+so a receiver that has seen it drops it; ``webhook-signature`` is ``v1,`` and the base64 of HMAC-SHA256 over
+``id.timestamp.body``.
+"""
+
+import base64
+import binascii
+import fcntl
+import hashlib
+import hmac
+import logging
+import os
+import random
+import secrets
+import sqlite3
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from calibration.errors import CellError
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.configuration.report_tables import WebhookTable
+from service.export.webhook_outbox import OUTBOX_NAME, WebhookOutbox
+from service.export.webhook_target import Target, WebhookError, deliver, target_of
+from service.site.desk_tap import DeskTap
+from service.site.standing import due_dates
+from service.site.troubles import Troubles
+
+_LOG = logging.getLogger(__name__)
+PERIOD_S = 0.1
+FIRST_RETRY_S, LONGEST_RETRY_S = 1.0, 300.0
+REFUSALS = 5  # of one event, before later ones get their turn
+_NOT_UNDERSTOOD = frozenset({400, 413, 415, 422})  # it is about this event; all else is about the receiver
+SECRET_PREFIX = "whsec_"
+_SECRET_BYTES, _FEWEST_SECRET_BYTES = 32, 24
+
+
+def signed_headers(secret: bytes, event_id: str, body: bytes, now_s: float) -> dict[str, str]:
+    """Return the headers of one delivery."""
+    stamp = str(int(now_s))
+    signed = b".".join((event_id.encode(), stamp.encode(), body))
+    value = base64.b64encode(hmac.new(secret, signed, hashlib.sha256).digest()).decode()
+    return {
+        "content-type": "application/json",
+        "user-agent": "cellcal",
+        "webhook-id": event_id,
+        "webhook-timestamp": stamp,
+        "webhook-signature": f"v1,{value}",
+    }
+
+
+def new_secret() -> str:
+    """Return a secret as a file holds it."""
+    return SECRET_PREFIX + base64.b64encode(secrets.token_bytes(_SECRET_BYTES)).decode()
+
+
+def read_secret(path: Path) -> bytes:
+    """Return the secret of a file.
+
+    Raises
+    ------
+    WebhookError
+        It cannot be read, others may read it, or it is none.
+    """
+    try:
+        if path.stat().st_mode & 0o077:
+            raise WebhookError(
+                f"other users of this computer may read {path}.",
+                remedy=f"Run: chmod 600 {path}",
+                code="usage",
+            )
+        text = path.read_text(encoding="utf-8").strip().removeprefix(SECRET_PREFIX)
+        secret = base64.b64decode(text, validate=True)
+    except OSError as error:
+        raise WebhookError(
+            f"the webhook's secret {path} cannot be read: {error.strerror}.",
+            remedy=f"Make one with `cellcal webhooks secret {path}`, and give it to the receiver.",
+            code="usage",
+        ) from error
+    except (ValueError, binascii.Error) as error:
+        raise _no_secret(path) from error
+    if len(secret) < _FEWEST_SECRET_BYTES:
+        raise _no_secret(path)
+    return secret
+
+
+class Delivery:
+    """Takes event after event from the outbox to the receiver."""
+
+    def __init__(self, outbox: WebhookOutbox, target: Target, secret: bytes) -> None:
+        self._outbox, self._target, self._secret = outbox, target, secret
+        self._failures = 0
+
+    def step(self) -> float:
+        """Try the oldest event; return after how many seconds to go on."""
+        event = self._outbox.next()
+        if event is None:
+            return PERIOD_S
+        try:
+            status = deliver(
+                self._target, event.body, signed_headers(self._secret, event.id, event.body, time.time())
+            )
+        except WebhookError as error:
+            return self._later(error.message)
+        if 200 <= status < 300:
+            self._failures = 0
+            self._outbox.delivered(event)
+            return 0.0
+        if status in _NOT_UNDERSTOOD:
+            at_last = event.refusals + 1 >= REFUSALS
+            self._outbox.refused(event, f"the receiver answers {status}.", at_last=at_last)
+            return 0.0 if at_last else self._wait_s()
+        redirect = " That is a redirect: give the address it leads to." if 300 <= status < 400 else ""
+        return self._later(f"the receiver answers {status}.{redirect}")
+
+    def _later(self, why: str) -> float:
+        if self._failures == 0:
+            _LOG.warning("%s It is tried again.", why)
+        self._outbox.failed(why)
+        return self._wait_s()
+
+    def _wait_s(self) -> float:
+        wait_s = min(FIRST_RETRY_S * 2.0**self._failures, LONGEST_RETRY_S)
+        self._failures = min(self._failures + 1, 20)
+        return wait_s * random.uniform(0.75, 1.25)  # many cells do not come at once
+
+
+def send(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) -> None:
+    """Send a cell's alarms until ``leave`` is set, or the stream of the desk's words ends.
+
+    Raises
+    ------
+    WebhookError
+        The cell file has no usable ``[webhook]``, or another process sends already.
+    """
+    table = webhook_of(config)
+    target, secret = target_of(table), read_secret(table.secret_file)
+    with _alone(config.cell.data_dir), WebhookOutbox(config.cell.data_dir) as outbox:
+        ended = threading.Event()
+        carrier = threading.Thread(
+            target=_carry, args=(config.cell.data_dir, target, secret, ended), name="webhook", daemon=True
+        )
+        carrier.start()
+        try:
+            _look(config, DeskTap(stream), outbox, leave)
+        finally:
+            ended.set()
+            carrier.join(PERIOD_S)  # a delivery that hangs is begun anew at the next start
+
+
+def webhook_of(config: CellConfig) -> WebhookTable:
+    """Return the ``[webhook]`` table of a cell file, or raise WebhookError where there is none."""
+    if config.reports.webhook is None:
+        raise WebhookError(
+            f"{config.path} has no [webhook] table.",
+            remedy='Add [webhook] with url = "https://…" and secret_file = "…".',
+            code="usage",
+        )
+    return config.reports.webhook
+
+
+def _look(config: CellConfig, tap: DeskTap, outbox: WebhookOutbox, leave: threading.Event) -> None:
+    now_s = time.monotonic()
+    troubles = Troubles(config, tap, due_dates(config), known=outbox.up(), now_s=now_s, awaits_desk=True)
+    while not (leave.is_set() or tap.ended.is_set()):
+        changes = troubles.look(time.monotonic())
+        if changes:
+            outbox.put(config.cell.name, changes)
+        leave.wait(PERIOD_S)
+
+
+def _carry(data_dir: Path, target: Target, secret: bytes, ended: threading.Event) -> None:
+    while not ended.is_set():
+        try:
+            with WebhookOutbox(data_dir) as outbox:
+                delivery = Delivery(outbox, target, secret)
+                while not ended.wait(delivery.step()):
+                    pass
+        except (sqlite3.Error, WebhookError) as error:
+            _LOG.error("the webhook's outbox cannot be used just now: %s", error)
+            ended.wait(FIRST_RETRY_S)
+
+
+@contextmanager
+def _alone(data_dir: Path) -> Iterator[None]:
+    data_dir.mkdir(parents=True, exist_ok=True)
+    path = (data_dir / OUTBOX_NAME).with_suffix(".lock")
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    except BlockingIOError as error:
+        raise WebhookError(
+            "another process already sends this cell's alarms.", remedy="End one of the two.", code="busy"
+        ) from error
+    finally:
+        os.close(descriptor)
+
+
+def _no_secret(path: Path) -> WebhookError:
+    return WebhookError(
+        f"{path} holds no secret of a webhook: {SECRET_PREFIX} and base64 of {_FEWEST_SECRET_BYTES} bytes or more.",
+        remedy="Make one with `cellcal webhooks secret FILE`.",
+        code="usage",
+    )
+
+
+def main(path: str) -> None:
+    """Send alarms until standard input ends."""
+    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="webhook: %(message)s")
+    try:
+        send(read_cell_file(path), sys.stdin.buffer, threading.Event())
+    except CellError as error:
+        _LOG.error("%s %s", error.message, error.remedy)
+        raise SystemExit(2) from None
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

@@ -1,0 +1,54 @@
+"""What the desk says, as it comes through a pipe: the newest counts, nothing is waited for."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, BinaryIO
+
+import orjson
+
+DESK_SILENT_S = 5.0
+LONGEST_LINE = 1 << 20
+
+
+class DeskTap:
+    """The newest that the desk said. A thread reads; older lines are left out, never waited for."""
+
+    def __init__(self, stream: BinaryIO | None, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._session: tuple[float, dict[str, Any]] | None = None
+        self._live: tuple[float, dict[str, Any]] | None = None
+        self.ended = threading.Event()
+        if stream is not None:
+            threading.Thread(target=self._read, args=(stream,), name="desk tap", daemon=True).start()
+
+    def session(self) -> dict[str, Any] | None:
+        """Return the desk's session; None while there is no desk, or it is silent."""
+        kept, live = self._session, self._live
+        if kept is None or self._clock() - max(kept[0], live[0] if live else 0.0) > DESK_SILENT_S:
+            return None
+        return kept[1]
+
+    def live(self) -> dict[str, Any] | None:
+        """Return the newest live values; None while there are none that are new enough."""
+        kept = self._live
+        return None if kept is None or self._clock() - kept[0] > DESK_SILENT_S else kept[1]
+
+    def take(self, line: bytes) -> None:
+        """Take in one line."""
+        try:
+            said = orjson.loads(line)
+            kind, content = said["told"], said["content"]
+        except (orjson.JSONDecodeError, KeyError, TypeError):
+            return
+        if kind == "live":
+            self._live = (self._clock(), content)
+        elif kind == "session":
+            self._session = (self._clock(), content)
+        elif kind == "gone":
+            self._session = self._live = None
+
+    def _read(self, stream: BinaryIO) -> None:
+        while line := stream.readline(LONGEST_LINE):
+            self.take(line)
+        self.ended.set()

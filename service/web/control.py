@@ -1,0 +1,109 @@
+"""One screen orders, the others look on: what the doors ask before an order, and the routes to take over."""
+
+import contextlib
+from collections.abc import AsyncIterator
+from typing import TYPE_CHECKING, Any, Literal
+
+from fastapi import APIRouter, Request
+from pydantic import BaseModel, ConfigDict
+
+from service.desk.messages import Hold, Order
+from service.people.control import Control, Seat
+from service.people.entrance import Person
+from service.people.errors import NotAllowedError, PinAgainError
+from service.people.roles import Right, need_of
+from service.web.door import Who, house_of
+from service.web.link import DeskGoneError
+from service.web.screens import Screen, framed
+
+if TYPE_CHECKING:
+    from service.web.app import House
+
+router = APIRouter()
+
+
+class Wish(BaseModel):
+    """What somebody wants with the control of the session."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    do: Literal["ask", "withdraw", "give", "refuse"]
+
+
+@router.post("/control")
+async def wish(given: Wish, request: Request, who: Who) -> dict[str, Any]:
+    """Ask to take over, or answer whoever asks; every screen is shown what came of it."""
+    house = house_of(request)
+    async with told(house) as control:
+        if given.do == "ask":
+            _refuse_whoever_only_looks(who)
+            control.ask(Seat(who.seat, who.name))
+        elif given.do == "withdraw":
+            control.withdraw(who.seat)
+        else:
+            control.answer(who.seat, give=given.do == "give")
+    return _as_seen(house, who.seat)
+
+
+def _refuse_whoever_only_looks(who: Person) -> None:
+    if who.locked:
+        raise PinAgainError("this screen was left alone for a while:")
+    if not who.may(Right.RUN):
+        raise NotAllowedError(who.name, who.role, Right.RUN.value, "Let a technician or an engineer sign in.")
+
+
+async def permitted(house: "House", who: Person, press: str, rev: int, order: Order) -> str:
+    """Return the name in which an order may go to the desk: the right, the PIN, the second person, the control.
+
+    Raises
+    ------
+    PeopleError
+        What is missing, and the cure.
+    """
+    session = house.link.session
+    async with told(house) as control:
+        stops = need_of(order, None).right is Right.STOP
+        if (
+            who.seat
+            and not stops
+            and who.may(Right.RUN)
+            and not house.permits.awaits(who, order, rev, session)
+        ):
+            control.take(Seat(who.seat, who.name))
+        return house.permits.granted(who, press, rev, order, session)
+
+
+@contextlib.asynccontextmanager
+async def told(house: "House") -> AsyncIterator[Control]:
+    """Lend the control; afterwards show every screen what has changed, and let go what its last holder held."""
+    control = house.control
+    holder, shown = control.holder, _shown(house)
+    control.settle(house.entrance.is_in_charge)
+    try:
+        yield control
+    finally:
+        if _shown(house) != shown:
+            for screen in house.screens.open:
+                show_control(house, screen)
+        if holder is not None and control.holder != holder:
+            await _let_go(house, holder)
+
+
+def show_control(house: "House", screen: Screen) -> None:
+    """Put into a screen's slot who has control, as its own seat sees it, and what waits for a second person."""
+    screen.show("control", framed("control", _as_seen(house, screen.seat)))
+
+
+def _as_seen(house: "House", seat: str) -> dict[str, Any]:
+    first = house.permits.first
+    return {**house.control.told(seat), "approved": first.prompt_id, "approved_by": first.name}
+
+
+def _shown(house: "House") -> tuple[object, ...]:
+    return house.control.holder, house.control.asks, house.permits.first
+
+
+async def _let_go(house: "House", seat: Seat) -> None:
+    order = Hold(op="hold", held=False).model_dump()
+    with contextlib.suppress(DeskGoneError):
+        await house.link.order({"id": "hold", "rev": 0, "who": seat.name, "order": order})

@@ -1,0 +1,50 @@
+"""By how much a robot's tip is displaced where another version of its parameters holds: a diff in millimetres."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration.arm.kinematics import load_model
+from calibration.mastering.pose_design import candidate_joints
+from calibration.motion.motion_check import MotionLimits
+from service.configuration.cell_file import CellConfig
+from service.parameters.calibrated_models import calibrated_model
+from service.parameters.parameter_sets import ParameterSets
+from service.web.overlays import newest_kept
+from service.web.parameters import FOLDER
+
+POSTURES = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Displacement:
+    """The largest displacement of the tip over postures drawn evenly between the joint limits."""
+
+    most_m: float
+    mean_m: float
+    postures: int
+    tip_in_flange_m: tuple[float, float, float]  # of the newest tool that was found; zeros: the flange
+    left_out: tuple[str, ...]  # parameters that differ and that a rigid arm has no place for
+
+
+def displacement(config: CellConfig, robot_serial: str, before: int, after: int) -> Displacement:
+    """Compare the arms of two versions.
+
+    Raises
+    ------
+    ParameterSetError
+        There is no such version, or it refers to another nominal model.
+    """
+    sets = ParameterSets(Path(config.path).parent / FOLDER)
+    old, new = sets.load(robot_serial, before), sets.load(robot_serial, after)
+    nominal = load_model(new.model)
+    tool = newest_kept(config, robot_serial, "tool_frame")
+    x, y, z = (0.0, 0.0, 0.0) if tool is None else tool.value["flange_tool"]["position_m"]
+    tip = (float(x), float(y), float(z))
+    joints = candidate_joints(nominal, MotionLimits(), POSTURES, hook_in_flange_m=tip)
+    arms = [calibrated_model(nominal, version) for version in (old, new)]
+    places = [arm.model.tip_positions(joints, np.array(tip)) for arm in arms]
+    away = np.linalg.norm(places[1] - places[0], axis=1)
+    changed = {name for arm in arms for name in arm.left_out if old.value(name) != new.value(name)}
+    return Displacement(float(away.max()), float(away.mean()), len(joints), tip, tuple(sorted(changed)))

@@ -1,0 +1,199 @@
+"""The fleet in a browser: every cell of a site on one page. It shows; there is no way to command anything here.
+
+Only this computer can come in, with the address that the console showed. A page is told what changed, twice a second
+at most: a row that stays as it is, is not sent and not drawn again.
+"""
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol, cast
+
+import orjson
+from fastapi import APIRouter, FastAPI, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi.exceptions import RequestValidationError
+from fastapi.middleware.gzip import GZipMiddleware
+from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.requests import HTTPConnection
+
+from calibration.errors import CellError
+from service.certificates.signing import Checked, Finding
+from service.people.entrance import Entrance
+from service.people.errors import NotSignedInError
+from service.site.fleet import Fleet
+from service.site.keys import SiteError
+from service.web.answers import not_understood, told
+from service.web.door import Who, person_of
+from service.web.guard import Guard
+from service.web.pages import DIST
+from service.web.sign_in import console
+
+PERIOD_S = 0.5
+SLOW_S = 2.0
+PAGE = "fleet.html"
+_FLAWS = 20
+_NOT_BUILT = "The pages of this copy of cellcal are not built: run `make pages`, then start again.\n"
+
+
+class Bus(Protocol):
+    """What hears the cells; ``site/listener.py`` is one."""
+
+    @property
+    def fleet(self) -> Fleet: ...
+    @property
+    def linked(self) -> bool: ...
+    def certificate(self, cell: str, run_id: str) -> tuple[bytes, Checked]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Plain:
+    tls: bool = False
+
+
+@dataclass
+class FleetHouse:
+    """What the routes share. ``rows`` is every cell as it is sent, ``ages`` of those that are not heard just now."""
+
+    bus: Bus
+    entrance: Entrance
+    settings: _Plain = field(default_factory=_Plain)
+    rows: dict[str, bytes] = field(default_factory=dict)
+    ages: dict[str, int] = field(default_factory=dict)
+
+    def look(self) -> None:
+        """Take the picture of now."""
+        views = [view.as_json() for view in self.bus.fleet.views(time.monotonic())]
+        self.ages = {
+            view["cell"]: int(view["age_s"])
+            for view in views
+            if view["link"] != "online" and view["age_s"] is not None
+        }
+        for view in views:
+            del view["age_s"]  # it changes all the time; the row does not
+            view["clock_off_s"] = round(view["clock_off_s"])
+            self.rows[view["cell"]] = orjson.dumps(view)
+
+    def message(self, sent: dict[str, bytes]) -> str:
+        """Return what a page does not know yet, and note that it does."""
+        changed = [row for cell, row in self.rows.items() if sent.get(cell) != row]
+        sent.update(self.rows)
+        fleet = self.bus.fleet
+        head = {
+            "site": fleet.site,
+            "router": self.bus.linked,
+            "cells": len(self.rows),
+            "ages": self.ages,
+            "not_believed": list(fleet.flaws)[-_FLAWS:],
+        }
+        return (orjson.dumps(head)[:-1] + b',"rows":[' + b",".join(changed) + b"]}").decode()
+
+
+router = APIRouter(prefix="/api")
+
+
+@router.get("/fleet")
+async def fleet(request: Request, who: Who) -> Response:
+    """Return every cell as it stands."""
+    del who
+    return Response(_house(request).message({}), media_type="application/json")
+
+
+@router.get("/fleet/{cell}/certificates/{run_id}.json")
+async def certificate(cell: str, run_id: str, request: Request, who: Who) -> Response:
+    """Return a certificate from its cell, after it was checked against the cell's key."""
+    del who
+    raw, checked = await asyncio.to_thread(_house(request).bus.certificate, cell, run_id)
+    if checked.finding is not Finding.INTACT:
+        raise SiteError(
+            f"what {cell} sent is not its certificate. {checked.sentence}",
+            remedy="Look into that cell before you trust it.",
+            code="signature",
+        )
+    name = "".join(letter for letter in f"{cell}-{run_id}" if letter.isalnum() or letter in "_-")
+    headers = {"content-disposition": f'attachment; filename="{name}.json"'}
+    return Response(raw, media_type="application/json", headers=headers)
+
+
+@router.websocket("/fleet/live")
+async def live(socket: WebSocket) -> None:
+    """Tell a page what changed, until it leaves or is too slow."""
+    house = _house(socket)
+    person_of(socket)
+    await socket.accept()
+    sent: dict[str, bytes] = {}
+    leaving = asyncio.ensure_future(_left(socket))
+    try:
+        with contextlib.suppress(WebSocketDisconnect, NotSignedInError, TimeoutError):
+            while not leaving.done():
+                person_of(socket)  # a session that has ended sees nothing more
+                async with asyncio.timeout(SLOW_S):
+                    await socket.send_text(house.message(sent))
+                await asyncio.wait([leaving], timeout=PERIOD_S)
+    finally:
+        leaving.cancel()
+        with contextlib.suppress(asyncio.CancelledError, RuntimeError):
+            await leaving
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+            await socket.close()
+
+
+async def _left(socket: WebSocket) -> None:
+    with contextlib.suppress(WebSocketDisconnect):
+        while True:
+            await socket.receive_text()  # a page that babbles is not listened to
+
+
+def create_fleet_app(
+    bus: Bus, folder: Path, on_console_token: Callable[[str], None] | None = None
+) -> FastAPI:
+    """Build the monitor's door. A register of people would lie in ``folder``; there is none, and no need of one."""
+    house = FleetHouse(bus, Entrance(folder, on_console_token=on_console_token))
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncIterator[None]:
+        looking = asyncio.create_task(_keep_looking(house), name="fleet")
+        yield
+        looking.cancel()
+        await asyncio.gather(looking, return_exceptions=True)
+
+    app = FastAPI(title="cellcal monitor", lifespan=lifespan, docs_url=None, redoc_url=None)
+    app.state.house = house
+    app.add_exception_handler(CellError, told)
+    app.add_exception_handler(RequestValidationError, not_understood)
+    app.include_router(router)
+    app.add_api_route(
+        "/api/sign-in/console", console, response_class=RedirectResponse, include_in_schema=False
+    )
+    pages = _add_page(app)
+    app.add_middleware(Guard, pages=pages)
+    return app
+
+
+def _add_page(app: FastAPI) -> frozenset[str]:
+    """Serve the fleet's page and what it loads; return their paths. The wizard's page is not among them."""
+    page = DIST / PAGE
+    if not page.is_file():
+        app.add_api_route(
+            "/", lambda: PlainTextResponse(_NOT_BUILT, status_code=503), include_in_schema=False
+        )
+        return frozenset({"/"})
+    app.add_api_route("/", lambda: FileResponse(page), include_in_schema=False)
+    app.add_api_route("/icon.svg", lambda: FileResponse(DIST / "icon.svg"), include_in_schema=False)
+    assets = DIST / "assets"
+    app.mount("/assets", GZipMiddleware(StaticFiles(directory=assets), minimum_size=1000), name="assets")
+    return frozenset({"/", "/icon.svg", *(f"/assets/{file.name}" for file in assets.iterdir())})
+
+
+async def _keep_looking(house: FleetHouse) -> None:
+    while True:
+        house.look()
+        await asyncio.sleep(PERIOD_S)
+
+
+def _house(connection: HTTPConnection) -> FleetHouse:
+    return cast("FleetHouse", connection.app.state.house)

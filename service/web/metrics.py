@@ -1,0 +1,48 @@
+"""``GET /metrics`` for a Prometheus server: this computer's programs, or whoever has the token of the cell file."""
+
+import asyncio
+import hmac
+from pathlib import Path
+
+from fastapi import APIRouter, Request
+from fastapi.responses import PlainTextResponse, Response
+
+from service.export.exposition import CONTENT_TYPE
+from service.web.door import house_of
+from service.web.guard import is_loopback
+
+router = APIRouter()
+PATH = "/metrics"
+SHORTEST_TOKEN = 24
+
+
+@router.get(PATH, response_class=PlainTextResponse)
+async def metrics(request: Request) -> Response:
+    """Return the cell's figures in Prometheus' text format 0.0.4."""
+    table = house_of(request).config.reports.metrics
+    if table is None:
+        client = request.client
+        if client is None or not is_loopback(client.host):
+            return _refused(
+                403, "only programs on this computer may read it; see [metrics] of the cell file."
+            )
+    elif not await asyncio.to_thread(_is_right, table.token_file, request.headers.get("authorization", "")):
+        return _refused(401, "the token is missing or wrong; see [metrics] of the cell file.")
+    text = await asyncio.to_thread(request.app.state.meter.text)
+    return Response(text, media_type=CONTENT_TYPE, headers={"cache-control": "no-store"})
+
+
+def _is_right(file: Path, header: str) -> bool:
+    """Compare with the file as it is now; one that cannot be used lets nobody in."""
+    try:
+        token = file.read_text(encoding="utf-8").partition("\n")[0].strip()
+    except (OSError, ValueError):
+        return False
+    scheme, _, given = header.partition(" ")
+    right = hmac.compare_digest(given.strip().encode(), token.encode())
+    return len(token) >= SHORTEST_TOKEN and scheme.lower() == "bearer" and right
+
+
+def _refused(status: int, why: str) -> Response:
+    headers = {"www-authenticate": "Bearer"} if status == 401 else {}
+    return PlainTextResponse(f"{why}\n", status_code=status, headers=headers)

@@ -1,0 +1,109 @@
+// The line to the monitor: it tells what changed, and this page only shows it. There is nothing to send.
+//
+// A monitor that says nothing for 3 s is taken for lost: a closed connection may not be reported for minutes.
+
+import { SvelteMap } from "svelte/reactivity";
+
+const SILENT_MS = 3000;
+const LOOK_MS = 250;
+const RETRY_MS = 1000;
+
+export interface FleetAlarm {
+  id: string;
+  code: string;
+  source: string;
+  text: string;
+  remedy: string;
+}
+
+export interface FleetRow {
+  cell: string;
+  name: string;
+  link: "online" | "silent" | "offline" | "never";
+  alarms: FleetAlarm[];
+  run: { procedure: string; title: string; state: string; step: string; index: number; expected: number; verdict: string | null } | null;
+  asks: { key: string; step: string } | null;
+  attended: boolean;
+  drift: { ended_utc: string; change_rms_m: number; word: string }[];
+  certificate: { run_id: string; procedure: string; word: string; ended_utc: string } | null;
+  due: { what: string; due: string }[];
+  events: { have: number; known: number; lost: number };
+  clock_off_s: number;
+}
+
+interface Told {
+  site: string;
+  router: boolean;
+  cells: number;
+  ages: Record<string, number>;
+  not_believed: { wall: string; cell: string; what: string }[];
+  rows: FleetRow[];
+}
+
+class FleetLine {
+  rows = new SvelteMap<string, FleetRow>();
+  site = $state("");
+  router = $state(true);
+  heard = $state(false);
+  signedIn = $state(true);
+  ages = $state.raw<Record<string, number>>({});
+  notBelieved = $state.raw<Told["not_believed"]>([]);
+
+  #socket: WebSocket | null = null;
+  #heardMs = 0;
+  #triedMs = 0;
+
+  start() {
+    this.#open();
+    setInterval(() => this.#look(), LOOK_MS);
+  }
+
+  #open() {
+    this.#triedMs = Date.now();
+    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/fleet/live`);
+    this.#socket = socket;
+    socket.onmessage = (event) => {
+      if (this.#socket === socket) this.#take(JSON.parse(event.data as string) as Told);
+    };
+    socket.onclose = () => {
+      if (this.#socket === socket) void this.#closed();
+    };
+  }
+
+  #take(told: Told) {
+    this.#heardMs = Date.now();
+    this.heard = this.signedIn = true;
+    this.site = told.site;
+    this.router = told.router;
+    for (const row of told.rows) this.rows.set(row.cell, row);
+    if (!same(this.ages, told.ages)) this.ages = told.ages;
+    if (!same(this.notBelieved, told.not_believed)) this.notBelieved = told.not_believed;
+  }
+
+  async #closed() {
+    this.heard = false;
+    this.#socket = null;
+    try {
+      this.signedIn = (await fetch("/api/fleet")).status !== 401;
+    } catch {
+      return; // the monitor is not there: it is tried again
+    }
+  }
+
+  #look() {
+    const now = Date.now();
+    if (this.#socket !== null && now - Math.max(this.#heardMs, this.#triedMs) > SILENT_MS) {
+      const lost = this.#socket;
+      this.#socket = null;
+      lost.close();
+      this.heard = false;
+    }
+    if (this.#socket === null && this.signedIn && now - this.#triedMs > RETRY_MS) this.#open();
+  }
+}
+
+function same(a: unknown, b: unknown): boolean {
+  return JSON.stringify(a) === JSON.stringify(b);
+}
+
+export const fleet = new FleetLine();

@@ -1,0 +1,193 @@
+// Frames, planned poses and the doubt about the tool, as things to draw in the robot's base frame [m].
+
+import {
+  BufferGeometry,
+  CanvasTexture,
+  Color,
+  CylinderGeometry,
+  Float32BufferAttribute,
+  Group,
+  LineBasicMaterial,
+  LineSegments,
+  Matrix4,
+  Mesh,
+  MeshLambertMaterial,
+  SphereGeometry,
+  SRGBColorSpace,
+  Sprite,
+  SpriteMaterial,
+  Vector3,
+  type Object3D,
+} from "three";
+import type { URDFRobot } from "urdf-loader";
+import { magnification, type FrameSeen, type PlannedPose, type ToolDoubt } from "./cell_view";
+import type { CellSeen } from "./types";
+
+export const FIELD_DEG = 32; // of the camera
+
+const AXES = [
+  ["X", 0xb3261e, new Vector3(1, 0, 0)],
+  ["Y", 0x1b7a3d, new Vector3(0, 1, 0)],
+  ["Z", 0x0b4fa8, new Vector3(0, 0, 1)],
+] as const;
+const AXIS_M = 0.2;
+const AXIS_RADIUS_M = 0.006;
+const LETTER_PX = 17; // on the screen, however far away
+const NAME_PX = 20;
+const FIELD_RAD = (FIELD_DEG * Math.PI) / 180;
+const GHOST = 0x2f6fb5;
+const DOUBT = 0x8e24aa;
+
+/** Set an arm's description to the controller's joints [rad]. */
+export function bend(arm: URDFRobot, seen: CellSeen, joints_rad: number[]) {
+  seen.joints.forEach((name, row) => {
+    const factors = seen.description_from_controller[row] ?? [];
+    arm.setJointValue(name, factors.reduce((sum, factor, i) => sum + factor * (joints_rad[i] ?? 0), 0));
+  });
+  arm.updateMatrixWorld(true);
+}
+
+/** Three axes with their letters, and a name. */
+export function axes(name: string): Group {
+  const group = new Group();
+  for (const [letter, colour, direction] of AXES) {
+    const bar = new Mesh(
+      new CylinderGeometry(AXIS_RADIUS_M, AXIS_RADIUS_M, AXIS_M, 8),
+      new MeshLambertMaterial({ color: colour }),
+    );
+    bar.quaternion.setFromUnitVectors(new Vector3(0, 1, 0), direction);
+    bar.position.copy(direction).multiplyScalar(AXIS_M / 2);
+    const end = text(letter, LETTER_PX, colour);
+    end.position.copy(direction).multiplyScalar(AXIS_M * 1.15);
+    group.add(bar, end);
+  }
+  const label = text(name, NAME_PX, 0x12212e);
+  label.center.set(0.5, 2.2); // below the origin, whichever way the frame is turned
+  group.add(label);
+  return group;
+}
+
+/** A frame where it was found; one that is fixed in the flange is for the caller to hang there. */
+export function frame(seen: FrameSeen, name: string): Group {
+  const group = axes(name);
+  group.applyMatrix4(new Matrix4().fromArray(seen.matrix).transpose());
+  return group;
+}
+
+/** A short text that always faces the viewer, so high on the screen; ``fitTexts`` gives it its size. */
+export function text(words: string, high_px: number, colour: number): Sprite {
+  const canvas = document.createElement("canvas");
+  const pen = canvas.getContext("2d")!;
+  const font = `600 44px ${getComputedStyle(document.documentElement).fontFamily}`;
+  pen.font = font;
+  canvas.width = Math.ceil(pen.measureText(words).width) + 16;
+  canvas.height = 60;
+  pen.font = font;
+  pen.textBaseline = "middle";
+  pen.lineJoin = "round";
+  pen.lineWidth = 9;
+  pen.strokeStyle = "rgb(255 255 255 / 92%)";
+  pen.strokeText(words, 8, 31);
+  pen.fillStyle = `#${new Color(colour).getHexString()}`;
+  pen.fillText(words, 8, 31);
+  const map = new CanvasTexture(canvas);
+  map.colorSpace = SRGBColorSpace;
+  const sprite = new Sprite(new SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
+  sprite.userData = { high_px, aspect: canvas.width / canvas.height };
+  sprite.renderOrder = 3;
+  return sprite;
+}
+
+/** Give every text its size in a picture of this height [CSS px]. */
+export function fitTexts(root: Object3D, picture_px: number) {
+  root.traverse((part) => {
+    if (!(part as Sprite).isSprite) return;
+    const high = (2 * Math.tan(FIELD_RAD / 2) * part.userData["high_px"]) / picture_px;
+    part.scale.set(high * part.userData["aspect"], high, 1);
+  });
+}
+
+/** Every planned pose as a thin skeleton, one of them as a whole translucent arm. */
+export class Ghosts {
+  readonly group = new Group();
+  shown: { name: string; flange_m: number[] }[] = [];
+  #arm: URDFRobot;
+  #seen: CellSeen;
+
+  constructor(arm: URDFRobot, seen: CellSeen) {
+    this.#arm = arm;
+    this.#seen = seen;
+    const cloth = new MeshLambertMaterial({ color: GHOST, transparent: true, opacity: 0.32, depthWrite: false });
+    arm.traverse((part) => {
+      part.matrixAutoUpdate = true;
+      if ((part as Mesh).isMesh) (part as Mesh).material = cloth;
+    });
+    for (const joint of Object.values(arm.joints)) joint.ignoreLimits = true;
+    this.group.visible = false;
+  }
+
+  show(poses: PlannedPose[], chosen: number) {
+    release(this.group);
+    this.group.clear();
+    this.shown = [];
+    this.group.visible = poses.length > 0;
+    const bones: Vector3[] = [];
+    for (const pose of poses) {
+      bend(this.#arm, this.#seen, pose.joints_rad);
+      const joints = this.#seen.joints.map((name) => this.#arm.joints[name]!.getWorldPosition(new Vector3()));
+      const flange = this.#arm.links["flange"]!.getWorldPosition(new Vector3());
+      const chain = [...joints, flange];
+      for (let i = 1; i < chain.length; i++) bones.push(chain[i - 1]!, chain[i]!);
+      this.shown.push({ name: pose.name, flange_m: flange.toArray() });
+    }
+    if (bones.length) this.group.add(lines(bones, GHOST));
+    const whole = poses[chosen];
+    if (!whole) return;
+    bend(this.#arm, this.#seen, whole.joints_rad);
+    this.group.add(this.#arm);
+  }
+}
+
+/** The ellipsoid about the tip, so many times larger than it is. */
+export class Doubt {
+  readonly group = new Group();
+  times = 0;
+  #ball: Mesh;
+
+  constructor() {
+    const skin = new MeshLambertMaterial({ color: DOUBT, transparent: true, opacity: 0.55, depthTest: false });
+    this.#ball = new Mesh(new SphereGeometry(1, 24, 16), skin);
+    this.#ball.matrixAutoUpdate = false;
+    this.#ball.renderOrder = 2; // seen through the tool
+    this.group.add(this.#ball);
+    this.group.visible = false;
+  }
+
+  show(doubt: ToolDoubt | null, flange: Object3D) {
+    const known = doubt !== null && doubt.semi_axes_m.length === 3;
+    this.group.visible = known;
+    this.times = known ? magnification(doubt.semi_axes_m) : 0;
+    if (!known) return;
+    const [a, b, c] = doubt.semi_axes_m.map((size) => Math.max(size, 1e-9) * this.times) as [number, number, number];
+    const e = doubt.base_ellipsoid as [number, number, number, number, number, number, number, number, number];
+    const tip = flange.localToWorld(new Vector3(...doubt.tip_in_flange_m));
+    const turn = new Matrix4().set(e[0], e[1], e[2], 0, e[3], e[4], e[5], 0, e[6], e[7], e[8], 0, 0, 0, 0, 1);
+    this.#ball.matrix.makeTranslation(tip).multiply(turn).scale(new Vector3(a, b, c));
+    this.#ball.matrixWorldNeedsUpdate = true;
+  }
+}
+
+/** Give back what drawing a part holds. */
+export function release(part: Object3D) {
+  part.traverse((each) => {
+    const { isSprite, isLineSegments, material } = each as Sprite & LineSegments;
+    if (isLineSegments) (each as LineSegments).geometry.dispose();
+    if (isSprite) (material as SpriteMaterial).map?.dispose();
+  });
+}
+
+function lines(points: Vector3[], colour: number): LineSegments {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new Float32BufferAttribute(points.flatMap((p) => p.toArray()), 3));
+  return new LineSegments(geometry, new LineBasicMaterial({ color: colour }));
+}

@@ -1,0 +1,119 @@
+// Who sits at this screen, and what that allows. The service decides; the page only does not offer what would be refused.
+
+import { post, prove, type Answer } from "./device";
+import { language, type Key } from "./i18n.svelte";
+
+export type Role = "viewer" | "technician" | "engineer" | "admin";
+export type Right = "see" | "stop" | "run" | "change_limits" | "write_alone";
+
+export interface Person {
+  name: string;
+  role: Role;
+  locked: boolean;
+  alone: boolean;
+  rights: Right[];
+}
+
+export interface Standing {
+  wanted: "device" | "person" | "pin" | "nothing";
+  person: Person | null;
+}
+
+const CODES: Record<string, Key> = {
+  offline: "people_offline",
+  "people.wrong": "people_wrong",
+  "people.sign_in": "people_unknown_device",
+  "people.pin": "people_pin_again",
+  "people.role": "people_not_allowed",
+  "people.second_person": "people_second_what",
+  "people.elsewhere": "control_elsewhere",
+  "desk.stale": "control_stale",
+  "desk.gone": "control_desk_gone",
+};
+
+/** What an answer of the service means, in the page's language where the page knows it. */
+export function inWords(answer: { code: string; message: string; remedy: string; waitS?: number }): string {
+  const { t } = language;
+  if (answer.code === "people.wait") return t("people_wait", { minutes: Math.ceil((answer.waitS ?? 60) / 60) });
+  const key = CODES[answer.code];
+  return key ? t(key) : `${answer.message} ${answer.remedy}`.trim();
+}
+
+class People {
+  wanted = $state<Standing["wanted"] | null>(null); // null until the service has said
+  person = $state<Person | null>(null);
+  /** Called when the session's cookie is a new one. */
+  onNewSession: () => void = () => {};
+
+  may(right: Right): boolean {
+    return this.person?.rights.includes(right) ?? false;
+  }
+
+  take(standing: Standing) {
+    this.wanted = standing.wanted;
+    this.person = standing.person;
+  }
+
+  /** Ask what is wanted; an enrolled device proves itself unasked. False when the service does not answer. */
+  async check(): Promise<boolean> {
+    try {
+      let standing = await look();
+      if (standing.wanted === "device" && (await prove())) standing = await look();
+      this.take(standing);
+      return true;
+    } catch {
+      return false;
+    }
+  }
+
+  /** Who may sign in here. */
+  async known(): Promise<{ name: string; role: Role }[]> {
+    const answer = await fetch("./api/sign-in/people", { signal: AbortSignal.timeout(10_000) });
+    if (!answer.ok) throw new Error(answer.statusText);
+    return answer.json();
+  }
+
+  async signIn(name: string, secret: string): Promise<Answer> {
+    return this.#changed(await post("sign-in/person", { name, secret }));
+  }
+
+  async leave(): Promise<Answer> {
+    return this.#changed(await post("sign-in/leave", {}));
+  }
+
+  async confirm(secret: string): Promise<Answer> {
+    const answer = await post("sign-in/confirm", { secret });
+    if (answer.ok) await this.check();
+    return answer;
+  }
+
+  /** Whether whoever sits here has a passphrase: the role that counts just now may be less, behind a lock. */
+  async hasPassphrase(): Promise<boolean> {
+    const known = await this.known().catch(() => []);
+    const role = known.find((each) => each.name === this.person?.name)?.role;
+    return role === "engineer" || role === "admin";
+  }
+
+  /** Begin a session of this device's own, after it was enrolled. */
+  async comeInAsDevice() {
+    if (!(await prove())) return;
+    await this.check();
+    this.onNewSession();
+  }
+
+  async #changed(answer: Answer): Promise<Answer> {
+    if (answer.ok) {
+      await this.check();
+      this.onNewSession();
+    }
+    return answer;
+  }
+}
+
+async function look(): Promise<Standing> {
+  const answer = await fetch("./api/sign-in", { signal: AbortSignal.timeout(4000) });
+  if (!answer.ok) throw new Error(answer.statusText);
+  return answer.json();
+}
+
+export const people = new People();

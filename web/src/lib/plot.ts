@@ -1,0 +1,61 @@
+// uPlot, fetched when the first plot is shown; with the marks that all plots share: shape says what colour says.
+
+import type uPlot from "uplot";
+
+export type { default as uPlot } from "uplot";
+
+export const COLOURS = { used: "#0072b2", out: "#b83a00", odd: "#7b1fa2", grid: "#c5d0da", ink: "#42566a", limit: "#a3150f" };
+
+export async function plotter(): Promise<typeof uPlot> {
+  const [{ default: made }] = await Promise.all([import("uplot"), import("uplot/dist/uPlot.min.css")]);
+  return made;
+}
+
+export type Mark = "dot" | "cross" | "diamond" | "cross-diamond";
+
+/** Draw one mark; ``size`` is its radius in canvas pixels. */
+export function mark(pen: CanvasRenderingContext2D, kind: Mark, x: number, y: number, size: number) {
+  pen.save();
+  pen.lineWidth = Math.max(2, size * 0.4);
+  if (kind === "dot") {
+    pen.fillStyle = COLOURS.used;
+    pen.beginPath();
+    pen.arc(x, y, size, 0, 2 * Math.PI);
+    pen.fill();
+  }
+  if (kind === "cross" || kind === "cross-diamond") {
+    pen.strokeStyle = COLOURS.out;
+    pen.beginPath();
+    pen.moveTo(x - size, y - size);
+    pen.lineTo(x + size, y + size);
+    pen.moveTo(x + size, y - size);
+    pen.lineTo(x - size, y + size);
+    pen.stroke();
+  }
+  if (kind === "diamond" || kind === "cross-diamond") {
+    const wide = size * 2;
+    pen.strokeStyle = COLOURS.odd;
+    pen.fillStyle = COLOURS.odd;
+    pen.beginPath();
+    pen.moveTo(x, y - wide);
+    pen.lineTo(x + wide, y);
+    pen.lineTo(x, y + wide);
+    pen.lineTo(x - wide, y);
+    pen.closePath();
+    if (kind === "diamond") pen.fill();
+    pen.stroke();
+  }
+  pen.restore();
+}
+
+/** An axis as all plots have it; ``written`` turns values into text. */
+export function axis(label: string, written: (value: number) => string, size = 64): uPlot.Axis {
+  return {
+    label,
+    size,
+    stroke: COLOURS.ink,
+    grid: { stroke: COLOURS.grid, width: 1 },
+    ticks: { stroke: COLOURS.grid, width: 1 },
+    values: (_, values) => values.map((value) => (value === null ? "" : written(value))),
+  };
+}

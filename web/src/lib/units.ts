@@ -1,0 +1,79 @@
+// Quantities as people read and type them. The service speaks SI; a name's ending tells its unit.
+
+export interface Unit {
+  name: string; // as shown
+  factor: number; // shown = SI times factor
+  digits: number;
+}
+
+const PER_DEGREE = 180 / Math.PI;
+const NONE: Unit = { name: "", factor: 1, digits: 3 };
+const BY_ENDING: [string, Unit][] = [
+  ["_rad_s", { name: "°/s", factor: PER_DEGREE, digits: 1 }],
+  ["_m_s", { name: "mm/s", factor: 1000, digits: 1 }],
+  ["_rad", { name: "°", factor: PER_DEGREE, digits: 3 }],
+  ["_m", { name: "mm", factor: 1000, digits: 3 }],
+  ["_s", { name: "s", factor: 1, digits: 1 }],
+];
+const BY_SYMBOL: Record<string, Unit> = {
+  m: { name: "mm", factor: 1000, digits: 3 },
+  rad: { name: "°", factor: PER_DEGREE, digits: 3 },
+  s: { name: "s", factor: 1, digits: 1 },
+  "1": { name: "", factor: 1, digits: 3 },
+  count: { name: "", factor: 1, digits: 0 },
+  turn: { name: "rev", factor: 1, digits: 3 },
+};
+
+/** The unit of a setting, by its name. */
+export function unitOf(name: string): Unit {
+  return BY_ENDING.find(([end]) => name.endsWith(end))?.[1] ?? NONE;
+}
+
+/** The unit of a figure, by its SI symbol. */
+export function unitOfSymbol(symbol: string): Unit {
+  return BY_SYMBOL[symbol] ?? { name: symbol, factor: 1, digits: 3 };
+}
+
+/** The number a person typed, comma or point; null where it is none. */
+export function typedNumber(text: string): number | null {
+  const plain = text.trim().replace(/\s/g, "");
+  if (!/^[-+]?(\d+([.,]\d*)?|[.,]\d+)(e[-+]?\d+)?$/i.test(plain)) return null;
+  const number = Number(plain.replace(",", "."));
+  return Number.isFinite(number) ? number : null;
+}
+
+/** What a person may have meant who typed `typed` in another unit than is shown; null where it looks right. */
+export function meantOtherwise(typed: number, unit: Unit, usual: number | null): { number: number; unit: string } | null {
+  if (typed === 0) return null;
+  if (unit.name === "mm") {
+    const small = usual === null ? Math.abs(typed) < 3 && !Number.isInteger(typed) : Math.abs(typed) < Math.abs(usual) / 200;
+    return small ? { number: typed * 1000, unit: "m" } : null;
+  }
+  if (unit.name === "°" && usual !== null && Math.abs(usual) > 3 && Math.abs(typed) < Math.abs(usual) / 20) {
+    return { number: typed * PER_DEGREE, unit: "rad" };
+  }
+  return null;
+}
+
+/** W, P, R [rad] about the fixed axes x, y, z as a quaternion (w, x, y, z). */
+export function quaternionOf([w, p, r]: number[]): [number, number, number, number] {
+  const [cx, sx] = [Math.cos((w ?? 0) / 2), Math.sin((w ?? 0) / 2)];
+  const [cy, sy] = [Math.cos((p ?? 0) / 2), Math.sin((p ?? 0) / 2)];
+  const [cz, sz] = [Math.cos((r ?? 0) / 2), Math.sin((r ?? 0) / 2)];
+  return [
+    cx * cy * cz + sx * sy * sz,
+    sx * cy * cz - cx * sy * sz,
+    cx * sy * cz + sx * cy * sz,
+    cx * cy * sz - sx * sy * cz,
+  ];
+}
+
+/** The other way round. */
+export function turnsOf([w, x, y, z]: number[]): [number, number, number] {
+  const [a, b, c, d] = [w ?? 1, x ?? 0, y ?? 0, z ?? 0];
+  return [
+    Math.atan2(2 * (a * b + c * d), 1 - 2 * (b * b + c * c)),
+    Math.asin(Math.min(1, Math.max(-1, 2 * (a * c - d * b)))),
+    Math.atan2(2 * (a * d + b * c), 1 - 2 * (c * c + d * d)),
+  ];
+}
