@@ -307,9 +307,11 @@ class Hands:
     refuses: set[str] = field(default_factory=set)
     knows: dict[str, str] = field(default_factory=dict)
     asked: list[str] = field(default_factory=list)
+    read: dict[str, str] = field(default_factory=dict)  # the words last read under each key
 
     async def confirm(self, instruction: Instruction) -> Answer:
         self.asked.append(instruction.key)
+        self.read[instruction.key] = instruction.text
         await asyncio.sleep(0)
         if instruction.key in self.refuses:
             raise RefusedError("operator", "no")
@@ -318,4 +320,5 @@ class Hands:
 
     async def enter(self, question: Question) -> Answer:
         self.asked.append(question.key)
+        self.read[question.key] = question.text
         return Answer("anna", self.knows[question.key])

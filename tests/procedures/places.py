@@ -1,5 +1,6 @@
 """A technician who brings the ideal arm to places: points to touch, a keyed seat, targets that an instrument sees."""
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -82,8 +83,21 @@ class Technician:
             for what in ("point", "seat", "target", "nest"):
                 made.hands.does[f"visit_{what}_{k + 1}"] = lambda k=k, what=what: self.visit(what, k)
 
+    def follow_the_words(self) -> None:
+        """Make each mark near where the instruction wants it, once; afterwards it is where it is."""
+        self.homes_known: set[int] = set()
+
+    def _read_home(self, what: str, number: int) -> None:
+        known = getattr(self, "homes_known", None)
+        found = re.search(r"at about (.*?) deg", self.made.hands.read.get(f"visit_{what}_{number + 1}", ""))
+        if known is not None and number not in known and found:
+            degrees = [float(word.split()[1]) for word in found[1].split(",")]
+            self.homes[number] = np.radians(degrees) + self.dice.uniform(-0.08, 0.08, 6)
+            known.add(number)
+
     def visit(self, what: str, number: int) -> None:
         """Bring the tip where it belongs."""
+        self._read_home(what, number)
         arm, model = self.made.arm, self.made.arm.model
         if self.tracker is not None:
             self.tracker.nest_m = self.nests[number] if what == "nest" else None

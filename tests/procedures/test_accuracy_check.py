@@ -9,8 +9,7 @@ import pytest
 from calibration.accuracy import REDUCED_TITLE, AccuracyTest
 from calibration.errors import DegenerateDataError
 from calibration.line_accuracy import LineTest
-from calibration.poses.arm_fit import FoundParameter
-from calibration.poses.calibrated_arm import CalibratedArm
+from calibration.poses.calibrated_arm import CalibratedArm, FoundParameter
 from procedures.accuracy_check import ENTRY, AccuracyResult, accuracy_check
 from procedures.forecast import Knowledge
 from procedures.limits import PoseLimits

@@ -11,6 +11,7 @@ import pytest
 
 from calibration.geometry import Pose
 from procedures.catalogue import CATALOGUE, ENTRIES
+from procedures.cell import HeldCertificate
 from procedures.forecast import Knowledge
 from procedures.limits import FrameLimits
 from procedures.recovery.recovery_verdict import verdict_on_recovery
@@ -237,6 +238,18 @@ async def test_traceability_only_with_a_certificate_that_is_valid_on_the_day(tmp
         edited = replace(with_it, text=config.text + "\n# edited")
         assert NO_TRACEABILITY in certified(edited)["traceability"]
     assert certified(config)["traceability"] == NO_TRACEABILITY
+
+
+@pytest.mark.parametrize(("due", "word"), [("2001-02-03", "undecided"), ("2999-12-31", "pass")])
+async def test_a_gauge_whose_calibration_has_lapsed_gives_no_pass(
+    tmp_path: Path, due: str, word: str
+) -> None:
+    made = hanging(TARGETS[:1])
+    made.cell = replace(made.cell, gauge_certificate=HeldCertificate("C-77", "2000-02-03", due))
+    outcome = await run_in(cell_config(tmp_path), made, "end_effector_points")
+    told = {figure["name"]: figure for figure in outcome.judgement["characteristics"]}
+    assert outcome.judgement["word"] == word
+    assert ("the gauge's calibration is valid" in told) == (word == "undecided")
 
 
 async def test_a_run_without_the_gauge_claims_nothing_of_its_certificate(tmp_path: Path) -> None:

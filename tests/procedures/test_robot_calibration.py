@@ -10,9 +10,12 @@ from calibration.errors import CalibrationError
 from procedures.arm.calibration_plan import SeriesRules
 from procedures.arm.calibration_result import HoldOut
 from procedures.forecast import Knowledge
+from procedures.progress import Progress
 from procedures.robot_calibration import ENTRY, CalibrationResult, RobotCalibration, robot_calibration
 from procedures.run import RefusalError, Run
+from procedures.steps.measure_point import StationMovedError
 from tests.procedures.cells import FEW, ZERO, Scene, calibrating
+from tests.procedures.ideal import IdealTracker
 from tests.procedures.ledgers import MemoryLedger
 from tests.soak.calibration_campaign import calibrate
 
@@ -35,6 +38,29 @@ async def test_wrong_zeros_are_found_written_and_seen_to_be_right() -> None:
     assert result.final_rms_m < 1.5 * result.identified.hold_out.after_rms_m + 1e-4
     offsets = {p.name: p.value for p in result.arm.parameters}
     assert max(abs(offsets[f"J{k} offset"]) for k in (2, 4, 5)) < 1e-5  # they are in the robot now
+
+
+@pytest.mark.parametrize(("way_m", "told"), [(0.002, True), (0.0001, False)])
+async def test_a_tripod_that_is_pushed_silently_in_the_series_is_seen_at_its_end(
+    way_m: float, told: bool
+) -> None:
+    made = calibrating(write_zeros=False)
+    tracker = made.cell.tracker
+    assert isinstance(tracker, IdealTracker)
+
+    def announce(progress: Progress) -> None:
+        if (progress.kind, progress.step) == ("started", "choose check poses"):
+            x, y, z = tracker.base_tracker.position_m
+            tracker.base_tracker = replace(tracker.base_tracker, position_m=(x, y, z + way_m))
+
+    run = Run(made.cell, MemoryLedger(), announce=announce)
+    if told:
+        with pytest.raises(StationMovedError, match="from where it was in pose 1") as moved:
+            await robot_calibration(run, made.spec)
+        assert "anew" in moved.value.remedy
+        return
+    result = await robot_calibration(run, made.spec)
+    assert result.moved_m == pytest.approx(way_m, abs=1e-4)
 
 
 async def test_with_a_wire_the_error_falls_and_hidden_zeros_are_named_not_written() -> None:
@@ -72,6 +98,14 @@ async def test_a_caught_wire_is_measured_again_and_named() -> None:
     assert [one.step for one in result.set_aside] == ["capture 21"]
     assert result.identified.rejected == ()
     assert result.identified.hold_out.as_predicted
+
+
+async def test_a_caught_wire_that_may_not_be_measured_again_is_left_out_and_named() -> None:
+    made = calibrating(method="wire", rules=replace(WIRE, retakes=0), write_zeros=False)
+    made.wire.kink_m = {20: 0.02}
+    result = await _calibrate(made)
+    assert [result.set_aside[0].step, *result.identified.rejected] == ["capture 21", 20]
+    assert "left it out" in result.set_aside[0].reason
 
 
 async def test_zeros_are_not_written_where_they_are_not_the_whole_story() -> None:

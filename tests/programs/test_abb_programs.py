@@ -195,3 +195,33 @@ def test_new_confdata_is_written_in_place():
 def test_other_makers_mod_files_are_not_taken():
     assert not writes_program(b"M.K.\0\0")
     assert writes_program(b"%%%\n  VERSION:1\n%%%\nMODULE a\n")
+
+
+# A public RAPID program of an IRB 120 that turns the layers of a cube (MainModule, procedures D and D2, tool0): after
+# MoveAbsJ to the joints it goes to a target that was taught in this very posture.
+TAUGHT_TOGETHER = [
+    ("[-2.25121,2.78876,13.3434,0.317686,76.8499,135.2142]",
+     "[[318.72,-12.14,471.11],[0.0128513,-0.931854,-0.361886,0.022812],[-1,0,1,0],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]"),
+    ("[-2.25139,2.78889,13.3435,0.317466,76.8479,223.215]",
+     "[[318.72,-12.13,471.11],[0.00658412,0.921755,-0.386889,-0.0253209],[-1,0,2,0],[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]]"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("joints", "robtarget"), TAUGHT_TOGETHER)
+def test_joints_and_target_of_one_posture_on_a_real_controller(joints: str, robtarget: str):
+    none = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
+    text = (
+        "MODULE MainModule\n"
+        f"    CONST jointtarget jpos11:=[{joints},{none}];\n    CONST robtarget p12:={robtarget};\n"
+        "    PROC D()\n        MoveAbsJ jpos11\\NoEOffs, v1000, fine, tool0;\n"
+        "        MoveL p12, v1000, fine, tool0;\n    ENDPROC\nENDMODULE\n"
+    )
+    positions = BRAND.read("cube.mod", text.encode()).positions
+    assert positions.kinds == (JOINTS, CARTESIAN)
+    model = load_model("abb_irb120")
+    flange = model.base_flange(positions.joints[:1, :6])[0]
+    said = positions.frame_tip[1]
+    assert np.linalg.norm(flange[:3, 3] - said[:3, 3]) < 2e-5
+    turned = flange[:3, :3].T @ said[:3, :3]
+    assert np.degrees(np.arccos((np.trace(turned) - 1.0) / 2.0)) < 0.01
+    assert AbbConfigurations().agrees(model, positions.joints[:1, :6], positions.configurations[1:]).all()

@@ -2,6 +2,7 @@
 
 import pytest
 
+from drivers.program_registry import SUFFIXES, all_brands
 from tests.programs.fuzz import Source, mutated, roundtrip, sources, token_invariant
 
 _SOURCES = sources()
@@ -44,3 +45,7 @@ def test_a_damaged_file_is_refused_or_kept_to_the_last_byte(source: Source):
     assert not tally.failures
     assert tally.refused > 30
     assert tally.changed > 30
+
+
+def test_a_brand_s_suffixes_are_known_before_it_is_loaded():
+    assert {brand.brand: brand.suffixes for brand in all_brands()} == dict(SUFFIXES)

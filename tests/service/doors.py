@@ -137,8 +137,9 @@ async def a_door(folder: Path, *, people: bool = True, **settings: Any) -> Async
         yield Door(app, client, clock)
 
 
-def another_browser(app: FastAPI, origin: str = ORIGIN) -> httpx.AsyncClient:
-    return httpx.AsyncClient(transport=httpx.ASGITransport(app, raise_app_exceptions=False), base_url=origin)
+def another_browser(app: FastAPI, origin: str = ORIGIN, address: str = "127.0.0.1") -> httpx.AsyncClient:
+    transport = httpx.ASGITransport(app, raise_app_exceptions=False, client=(address, 50_000))
+    return httpx.AsyncClient(transport=transport, base_url=origin)
 
 
 def url64(raw: bytes) -> str:

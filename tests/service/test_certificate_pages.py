@@ -27,7 +27,7 @@ from service.cli.certificate import write
 from service.configuration.cell_file import CellConfig
 from service.parameters.parameter_sets import ParameterSet, ParameterSets, Value
 from service.web import history
-from service.web.app import _told
+from service.web.answers import told
 from service.web.door import Person, person_of
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
@@ -282,7 +282,7 @@ async def asking(config: CellConfig) -> AsyncIterator[httpx.AsyncClient]:
     """Lend the routes to a viewer: reading is all that they let anybody do."""
     app = FastAPI()
     app.include_router(history.router, prefix="/api")
-    app.add_exception_handler(CellError, _told)
+    app.add_exception_handler(CellError, told)
     app.dependency_overrides[person_of] = lambda: Person("vera", "viewer")
     app.state.house = SimpleNamespace(config=config)
     transport = httpx.ASGITransport(app=app)

@@ -86,6 +86,11 @@ async def test_what_cannot_be_done_just_now_is_said(tmp_path: Path) -> None:
         outcome = await person.until(lambda session: session["run"]["outcome"])
         assert outcome["verdict"] == "refused"
         assert "record" in outcome["reason"]
+        unsigned = await person.order({"op": "sign", "run_id": "another", "lines": ["done"]})
+        assert (unsigned["ok"], unsigned["code"]) == (False, "desk.refused")
+        run_id = person.session["run"]["id"]
+        unsigned = await person.order({"op": "sign", "run_id": run_id, "lines": ["done"]})
+        assert "not every line" in unsigned["message"] or "cannot be signed" in unsigned["message"]
         await person.order({"op": "dismiss"})
         await person.order(RECORD)
         busy = await person.order({"op": "select_robot", "robot": "ur"})

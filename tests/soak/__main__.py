@@ -9,13 +9,20 @@ from tests.soak import (
     compensation,
     coverage,
     cramer_rao,
+    day,
+    desk_kills,
     durability,
     fixtures,
     losses,
     motion_gate,
     outliers,
+    pages_link,
+    places,
+    program_speed,
     programs,
+    screens,
     site,
+    starts,
     stories,
     tcp,
     ur_fence,
@@ -34,6 +41,9 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "poor": (losses.poor, 200),
     "exchanged": (losses.exchanged, 300),
     "kill": (durability.kill, 100),
+    "desk_kills": (desk_kills.desk_kills, 100),
+    "screens": (screens.screens, 50),
+    "starts": (starts.starts, 10),
     "matrix": (durability.matrix, 1000),
     "power": (durability.power, 300),
     "fence": (ur_fence.fence, 20),
@@ -45,26 +55,31 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "drifts": (calibration_campaign.drifts, 20),
     "clones": (clones.clones, 100),
     "compensation": (compensation.compensation, 1_000_000),
+    "places": (places.places, 60),
     "outliers": (outliers.outliers, 400),
     "coverage": (coverage.coverage, 2000),
     "gate": (motion_gate.gate, 100_000),
     "cramer_rao": (cramer_rao.cramer_rao, 1000),
     "programs_roundtrip": (programs.programs_roundtrip, 10_000),
+    "pages_link": (pages_link.pages_link, 20),
     "site": (site.site, 1000),
+    "day": (day.day, 1),
     "programs_mutated": (programs.programs_mutated, 100_000),
+    "programs_speed": (program_speed.programs_speed, 1_000_000),
 }
 
 
 def main() -> int:
     """Run the campaigns that are named, or all."""
     words = [word.partition("=") for word in sys.argv[1:] or CAMPAIGNS]
-    unknown = [name for name, _, _ in words if name not in CAMPAIGNS]
+    known = CAMPAIGNS | programs.of_one_generator()  # parts, which run when they are named
+    unknown = [name for name, _, _ in words if name not in known]
     if unknown:
-        sys.stderr.write(f"no campaign {', '.join(unknown)}; there are {', '.join(CAMPAIGNS)}\n")
+        sys.stderr.write(f"no campaign {', '.join(unknown)}; there are {', '.join(known)}\n")
         return 2
     ended = []
     for name, _, count in words:
-        campaign, full = CAMPAIGNS[name]
+        campaign, full = known[name]
         figures = campaign(int(count) if count else full)
         ended.append(figures.reached)
         sys.stdout.write(f"{'reached' if figures.reached else 'MISSED '} {figures.line}\n")

@@ -2,6 +2,8 @@
 
 import sys
 import time
+from collections.abc import Callable
+from functools import partial
 
 from tests.programs.fuzz import Source, Tally, blocks, mutated, roundtrip, sources, token_invariant
 from tests.soak.figures import Figures
@@ -10,10 +12,26 @@ _BLOCK = 2000
 _SLOWEST_S = 1.0
 
 
-def programs_roundtrip(count: int) -> Figures:
+def of_one_generator() -> dict[str, tuple[Callable[[int], Figures], int]]:
+    """Return both campaigns of one brand's files, as ``programs_mutated.kuka``."""
+    return {
+        f"{name}.{source.name}": (partial(campaign, only=source.name), full)
+        for name, campaign, full in (
+            ("programs_roundtrip", programs_roundtrip, 10_000),
+            ("programs_mutated", programs_mutated, 100_000),
+        )
+        for source in sources()
+    }
+
+
+def _sources(only: str) -> list[Source]:
+    return [source for source in sources() if only in ("", source.name)]
+
+
+def programs_roundtrip(count: int, only: str = "") -> Figures:
     """Parse and print ``count`` generated files a generator; every tenth is also changed and compared."""
     words, reached = [], True
-    for source in sources():
+    for source in _sources(only):
         tally = roundtrip(source.brand, source.generate, range(count), suffix=source.suffix)
         proved, wrong = _changed(source, count // 10)
         reached &= not tally.failures and not wrong
@@ -43,10 +61,10 @@ def _changed(source: Source, count: int) -> tuple[int, list[str]]:
     return proved, wrong
 
 
-def programs_mutated(count: int) -> Figures:
+def programs_mutated(count: int, only: str = "") -> Figures:
     """Read ``count`` damaged files a generator: refused, or kept with every byte and every point."""
     words, reached = [], True
-    for source in sources():
+    for source in _sources(only):
         total = Tally()
         for seeds in blocks(count, _BLOCK):
             _add(total, _mutants(source, seeds))

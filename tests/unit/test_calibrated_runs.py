@@ -1,19 +1,22 @@
 """A kept calibration is lent to later runs, and becomes a version of the robot's parameter set."""
 
+import hashlib
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pydantic_core import to_jsonable_python
 
 from calibration.arm.kinematics import load_model
 from calibration.drift.reference import DriftReference
-from calibration.poses.arm_fit import FoundParameter
-from calibration.poses.calibrated_arm import CalibratedArm
+from calibration.poses.calibrated_arm import CalibratedArm, FoundParameter
 from procedures.past import Kind
 from service.configuration.cell_file import CellConfig, read_cell_file
-from service.parameters.calibrated_models import calibrated_model
+from service.parameters.calibrated_models import calibrated_model, covariance_of
+from service.parameters.parameter_files import Who
 from service.parameters.parameter_sets import ParameterSetError, ParameterSets
-from service.runs.calibrated_runs import keep_calibration
+from service.runs.calibrated_runs import draft_of, keep_calibration
 from service.runs.cell import open_journal
 from service.runs.outline import remembered
 from service.runs.store import stored_body
@@ -80,3 +83,22 @@ def test_a_calibration_becomes_a_version_once(config: CellConfig, tmp_path: Path
     assert moved.model.dh.rows()[1, 0] == pytest.approx(load_model("fanuc_m6ib").dh.rows()[1, 0] + 0.002)  # type: ignore[union-attr]
     with pytest.raises(ParameterSetError, match="version 1 already"):
         keep_calibration(config, None, sets, "anna", "2026-11-21T11:00:00+00:00")
+
+
+def test_a_kept_calibration_keeps_its_correlations(config: CellConfig, tmp_path: Path) -> None:
+    sets = ParameterSets(tmp_path / "sets")
+    correlated = replace(ARM, correlations=((), (-0.4,)))
+    assert len({ARM.sha256, correlated.sha256, replace(ARM, correlations=((), (0.4,))).sha256}) == 3
+    _store(config, "parameter_set", correlated)
+    assert remembered(config).calibrated == correlated
+    keep_calibration(config, None, sets, "anna", "2026-11-21T10:00:00+00:00")
+    covariance = covariance_of(sets.load(SERIAL))
+    assert covariance is not None
+    assert covariance == pytest.approx(np.array([[1e-8, -0.4 * 5e-9], [-0.4 * 5e-9, 2.5e-9]]))
+
+
+def test_what_was_kept_without_correlations_keeps_its_hash_and_tells_no_covariance() -> None:
+    # of the record as it was kept before correlations were: such a calibration is not saved a second time
+    assert ARM.sha256 == hashlib.sha256(repr(ARM).encode()).hexdigest()
+    assert "correlations" not in repr(ARM)
+    assert all(not value.correlations for value in draft_of(ARM, Who(SERIAL, "anna", "2026-11-21")).values)

@@ -14,7 +14,7 @@ from service.demo.fake_cell import write_cell_file
 from service.runs.cell import open_journal
 from service.runs.store import Store
 from service.watching.answers_to_loss import DETECTION, journal_detection, prepare_answer
-from service.watching.loss_modes import LossMode, battery_warning, suspect, wrong_robot
+from service.watching.loss_modes import LossMode, battery_warning, old_backup, suspect, wrong_robot
 from service.watching.watch import HealthyCounts, PositionLoss
 
 BATTERY = Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:3)", 2)
@@ -52,6 +52,15 @@ def test_the_gravest_alarm_speaks(alarms: tuple[Alarm, ...], mode: LossMode, axe
     assert (found.mode, found.axes) == (mode, axes)
     assert found.procedure == "mastering_recovery"
     assert found.words
+
+
+def test_an_old_backup_is_never_mended_alone_and_the_recovery_is_prepared(config: CellConfig) -> None:
+    seen = PositionLoss("fanuc", "the mastering differs", (), HEALTHY, old_backup())
+    answer = prepare_answer(config, seen)
+    assert not answer.starts_alone
+    assert answer.procedure == "mastering_recovery"
+    assert answer.reasons == ("somebody may have mastered the robot on purpose",)
+    assert "on purpose" in seen.suspicion.words
 
 
 def test_a_closed_cell_that_allows_it_recovers_turns_alone(config: CellConfig) -> None:

@@ -29,7 +29,9 @@ def test_a_mastering_record_is_planned_with_every_cable_pulled(config: CellConfi
     joints = np.array([pose.joints_rad for pose in found.forecast.poses])
     assert np.isfinite(joints).all()
     assert 300 < found.forecast.duration_s < 7200
-    (turns,) = found.forecast.predictions
+    turns, new_zero, *kits = found.forecast.predictions
+    assert "motor exchanged" in new_zero.name
+    assert all("kit" in kit.name and "by hand" in kit.sentence for kit in kits)
     assert "chance that all lost turns are found" in turns.sentence
     assert any("gears" in line for line in found.forecast.assumed)
     assert any("not checked" in line for line in found.forecast.not_checked)

@@ -52,3 +52,11 @@ def test_the_walk_that_is_gone_is_the_best_of_those_tried():
     assert len(walks) > 1
     assert costs == sorted(costs)
     assert np.array_equal(planned.plan(kit()[2], 8), walks[0])
+
+
+def test_an_exchange_that_nobody_told_of_needs_more_than_four_deviations() -> None:
+    """Seed 539 of a thousand: chance puts J6 four deviations from a whole turn; only turns were lost."""
+    loss, at = loss_of(539)
+    done = recover_walking(loss, at)
+    assert not done.wrong()
+    assert "not decidable" in done.recovery.reason

@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from calibration.mastering.counts import DriveTrain
+from calibration.mastering.counts import DriveTrain, MasteringRecord
 from drivers.errors import UnreachableError
 from drivers.interfaces import Alarm, Condition, MasteringData, Readiness
+from service.watching.held_mastering import HeldMastering
+from service.watching.loss_modes import LossMode
 from service.watching.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch
 
 PER_COUNT = 2 * 3.141592653589793 / (524288 * 100)
@@ -24,6 +26,7 @@ class Controller:
     alarms: tuple[Alarm, ...] = ()
     link_is_up: bool = True
     losses: list[PositionLoss] = field(default_factory=list)
+    held: MasteringData = field(default_factory=lambda: MasteringData((0, 0), mastered=True))
 
     async def condition(self) -> Condition:
         if not self.link_is_up:
@@ -39,7 +42,7 @@ class Controller:
         return self.epoch
 
     async def mastering(self) -> MasteringData:
-        return MasteringData((0, 0), mastered=True)
+        return self.held
 
     async def drive_train(self) -> DriveTrain:
         return DriveTrain(((PER_COUNT, 0.0), (0.0, PER_COUNT)), (524288, 524288))
@@ -100,6 +103,75 @@ async def test_a_lost_link_is_no_loss_and_the_next_look_does_not_compare(
     assert await watch.look() is None
     arm.link_is_up, arm.counts = True, (1000 + 60 * 524288, 2000)  # moved while we could not see
     assert await watch.look() is None
+
+
+def record_of(counts_at_zero: tuple[int, ...]) -> MasteringRecord:
+    drive = DriveTrain(((PER_COUNT, 0.0), (0.0, PER_COUNT)), (524288, 524288))
+    return MasteringRecord(
+        "F-1",
+        "fanuc_m6ib",
+        4,
+        drive,
+        counts_at_zero,
+        (0.0, 0.0),
+        counts_at_zero,
+        (),
+        None,
+        None,
+        "test",
+        "c0ffee",
+    )
+
+
+def watching(arm: Controller, folder: Path, records: list[MasteringRecord], every_s: float = 0.0) -> Watch:
+    held = HeldMastering(lambda: records[-1] if records else None, look_every_s=every_s)
+    return Watch(arm, LastHealthyCounts(folder), arm.on_loss, period_s=0.01, held=held)  # type: ignore[arg-type]
+
+
+async def test_an_old_backup_raises_no_alarm_and_is_seen_once_until_it_is_mended(
+    arm: Controller, tmp_path: Path
+) -> None:
+    watch = watching(arm, tmp_path, [record_of((0, 0))])
+    assert await watch.look() is None
+    arm.held = MasteringData((0, 174763), mastered=True)
+    found = await watch.look()
+    assert found is not None
+    assert "J2 by 1.200 deg" in found.detected_by
+    assert "no alarm" in found.detected_by
+    assert (found.suspicion.mode, found.suspicion.procedure) == (LossMode.WRONG_ROBOT, "mastering_recovery")
+    assert not found.suspicion.may_run_alone
+    assert found.last_healthy is not None  # the encoders are fine: what they said serves the recovery
+    assert await watch.look() is None
+    assert watch.standing
+    arm.held = MasteringData((0, 0), mastered=True)
+    assert await watch.look() is None
+    assert not watch.standing
+    arm.held = MasteringData((1, 0), mastered=True)
+    assert await watch.look() is not None  # the next one is told again
+
+
+async def test_a_new_record_makes_the_robots_own_mastering_the_right_one(
+    arm: Controller, tmp_path: Path
+) -> None:
+    records = [record_of((0, 0))]
+    watch = watching(arm, tmp_path, records, every_s=3600.0)
+    arm.held = MasteringData((0, 9), mastered=True)
+    assert await watch.look() is not None
+    records.append(record_of((0, 9)))
+    assert await watch.look() is None
+    assert watch.standing  # between two looks the last answer stands
+    watch.forget_motion()  # a run has ended
+    await watch.look()
+    assert not watch.standing
+
+
+async def test_without_a_record_or_while_nothing_is_mastered_there_is_nothing_to_compare(
+    arm: Controller, tmp_path: Path
+) -> None:
+    arm.held = MasteringData((0, 9), mastered=True)
+    assert await watching(arm, tmp_path, []).look() is None
+    arm.held = MasteringData((0, 9), mastered=False)
+    assert await watching(arm, tmp_path, [record_of((0, 0))]).look() is None
 
 
 def test_the_memory_survives_a_restart_and_damage(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 from calibration.orientation import rotation_from
 from service.programs.project import read_project
 from service.programs.project_poses import ProjectError
+from tests.unit.helpers.fanuc_va import Controller
 
 PLAIN = """\
 format = 1
@@ -80,3 +81,60 @@ def test_the_examples_want_only_the_files_they_name(cell: str) -> None:
 
     with pytest.raises(ProjectError, match=r"E-987\d\d.toml cannot be read"):
         read_project(path)
+
+
+BACKED = """\
+format = 1
+[robot]
+serial = "E-1"
+model = "fanuc_m6ib"
+backup = "saved"
+[tools.1.real]
+position_mm = [0.5, 2.0, 150.5]
+sigma_mm = 0.05
+"""
+
+
+def _saved(folder: Path) -> None:
+    tool, frame = (1.0, 2.0, 150.0, 10.0, 20.0, 30.0), (900.0, -200.0, 350.0, 0.0, 0.0, 90.0)
+    Controller(frames={2: frame}, tools={1: tool, 4: (0.0, 0.0, 80.0, 0.0, 0.0, 0.0)}).save(folder / "saved")
+
+
+def test_tools_and_frames_come_from_the_controller_s_backup(tmp_path: Path) -> None:
+    _saved(tmp_path)
+    project = read_project(_written(tmp_path, BACKED))
+    tool = project.tools["1"]
+    assert tool.entered[:3, 3] == pytest.approx([0.001, 0.002, 0.15])
+    assert np.allclose(tool.entered[:3, :3], rotation_from("fanuc_wpr", np.deg2rad([10, 20, 30])))
+    assert tool.real[:3, 3] == pytest.approx([0.0005, 0.002, 0.1505])
+    assert (tool.measured, tool.sigma_m) == (True, 5e-5)
+    assert project.tools["4"].entered[:3, 3] == pytest.approx([0, 0, 0.08])
+    assert not project.tools["4"].measured
+    assert project.frames["2"][:3, 3] == pytest.approx([0.9, -0.2, 0.35])
+    assert np.allclose(project.frames["2"][:3, :3], rotation_from("fanuc_wpr", np.deg2rad([0, 0, 90])))
+    written = BACKED + "[frames.2]\nposition_mm = [900.004, -200, 350]\nfanuc_wpr_deg = [0, 0, 90]\n"
+    assert read_project(_written(tmp_path, written)).frames["2"][0, 3] == pytest.approx(0.900004)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "[tools.1.real]",
+            "[frames.2]\nposition_mm = [900, -200, 350.5]\n[tools.1.real]",
+            "0.500 mm and 90.000 deg",
+        ),
+        ("[tools.1.real]", "[tools.1.entered]\nposition_mm = [1, 2, 150]\n[tools.1.real]", "0.000 mm and"),
+        ("[tools.1.real]", "[tools.99.real]", "position_mm is missing"),
+        ('"saved"', '"nowhere"', "nowhere"),
+        ('"saved"', '"empty"', "SYSFRAME.VA"),
+        ('"fanuc_m6ib"', '"abb_irb120"', "abb_irb120"),
+    ],
+)
+def test_a_backup_that_does_not_fit_is_refused(tmp_path: Path, old: str, new: str, words: str) -> None:
+    _saved(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "POSREG.VA").write_bytes((tmp_path / "saved" / "POSREG.VA").read_bytes())
+    with pytest.raises(ProjectError, match=words) as caught:
+        read_project(_written(tmp_path, BACKED.replace(old, new)))
+    assert caught.value.remedy or "missing" in words

@@ -1,0 +1,72 @@
+"""Every example cell file is read, every driver has one, and each gives the configuration that it says."""
+
+import re
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
+from service.cli.app import run_command_line
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.runs.cell import on_paper
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "deploy/example_cells").glob("*.toml"))
+
+
+def models_of(union: Any) -> set[type]:
+    """Return the configuration models of a union, which may hold unions."""
+    if isinstance(union, type):
+        return {union}
+    return {model for part in get_args(union) if not _is_note(part) for model in models_of(part)}
+
+
+def _is_note(part: Any) -> bool:
+    return type(part).__name__ == "FieldInfo"
+
+
+def devices(config: CellConfig) -> list[Any]:
+    placed = (*config.gauges, *config.trackers, *config.probes)
+    return [*config.robots, *(entry.device for entry in placed)]
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_is_read_and_a_cell_is_made_of_it_on_paper(path: Path) -> None:
+    config = read_cell_file(path)
+    assert config.cell.data_dir.is_relative_to("/var/lib/cellcal")
+    for robot in config.robots:
+        cell = on_paper(config, robot.name)
+        assert cell.model.name == robot.model
+        assert cell.limits.speed_rad_s == robot.speed_limit_rad_s
+    for device in devices(config):
+        assert callable(device.open), device.name  # the model is the factory
+
+
+def test_every_driver_has_an_example() -> None:
+    shown = {type(device) for path in EXAMPLES for device in devices(read_cell_file(path))}
+    wanted = set.union(
+        *(models_of(union) for union in (RobotConfig, GaugeConfig, TrackerConfig, ProbeConfig))
+    )
+    assert len(wanted) >= 8
+    assert shown == wanted
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_what_stands_in_comments_is_right_too(path: Path, tmp_path: Path) -> None:
+    text = re.sub(
+        r"^# (?=\[{1,2}[a-z.]+\]|[a-z_]+ = )", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE
+    )
+    (tmp_path / path.name).write_text(text)
+    config = read_cell_file(tmp_path / path.name)
+    if path.stem == "fanuc_draw_wire":
+        assert config.reports.metrics is not None
+        assert config.reports.webhook is not None
+        assert config.site is not None
+        assert config.gauges[0].setup.certificate is not None
+
+
+def test_one_that_is_wrong_is_refused(tmp_path: Path) -> None:
+    for path in EXAMPLES:
+        broken = tmp_path / path.name
+        broken.write_text(path.read_text(encoding="utf-8").replace('driver = "', 'driver = "x', 1))
+        assert run_command_line(["check", str(broken)]) == 2

@@ -1,0 +1,169 @@
+"""A cell without a draw-wire: its record by a kit, its turns lost, its recovery by that kit; drivers and sockets."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.interfaces import Readiness
+from procedures.catalogue import CATALOGUE
+from procedures.entry import lacking
+from procedures.run import RefusalError, Run
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.demo.door import Door
+from service.runs.cell import open_cell
+from service.runs.outline import dry_run, possible
+from service.runs.specs import build_spec
+from tests.procedures.fake_hands import FakeHands
+from tests.procedures.ledgers import MemoryLedger
+from tests.wire.fakes import running
+
+TIP_MM = [45.0, 20.0, 150.0]
+_ROBOT = """
+[cell]
+name = "no wire"
+data_dir = "{{folder}}"
+
+[[robot]]
+name = "fanuc"
+driver = "modbus_robot"
+profile = "fanuc_hmi"
+address = "{{address}}"
+port = 1502
+model = "fanuc_m6ib"
+motion = "commanded"
+serial = "F-104711"
+deadline_s = 6.0
+speed_limit_rad_s = 0.5
+settle_s = 0.01
+
+[[robot.space.plane]]
+name = "floor"
+point_in_base_mm = [0, 0, -900]
+normal_in_base = [0, 0, 1]
+{instrument}
+[fake]
+seed = {seed}
+time_factor = 600.0
+control_port = 0
+"""
+PROBE = f"""
+[[probe]]
+name = "probe"
+driver = "touch_probe"
+address = "{{{{address}}}}"
+port = 1503
+serial = "00:30:DE:0A:0B:0C"
+robot = "fanuc"
+contact_input = 1
+tip_in_flange_mm = {TIP_MM}
+tip_sigma_mm = 0.5
+tip_radius_mm = 1.5
+pretravel_mm = 0.02
+sigma_mm = 0.003
+overtravel_mm = 6.0
+delay_ms = 6.0
+delay_tolerance_ms = 3.0
+deadline_s = 5.0
+silence_ms = 1000.0
+poll_ms = 6.0
+"""
+TRACKER = f"""
+[[tracker]]
+name = "at"
+driver = "laser_tracker"
+address = "{{{{address}}}}"
+port = 1700
+serial = 390793
+station = 1
+robot = "fanuc"
+deadline_s = 5.0
+measure_deadline_s = 20.0
+target_in_flange_mm = {TIP_MM}
+target_sigma_mm = 0.5
+"""
+
+
+@asynccontextmanager
+async def cell_with(folder: Path, instrument: str, kit: str, seed: int = 1) -> AsyncIterator[tuple[Any, ...]]:
+    text = _ROBOT.format(instrument=instrument.format(), seed=seed)
+    with running(folder, text) as (path, door):
+        config, hands = read_cell_file(path), FakeHands(door, kit)
+        async with open_cell(config, hands) as cell:
+            yield config, cell, door, hands
+
+
+async def do(config: CellConfig, cell: Any, procedure: str, **settings: Any) -> Any:
+    spec = build_spec(config, "fanuc", procedure, settings)
+    assert spec.evidence == "places"  # nobody had to say so
+    return await CATALOGUE[procedure].procedure(Run(cell, MemoryLedger()), spec)
+
+
+async def lose(cell: Any, door: Door, fault: str = "battery_loss", **given: Any) -> None:
+    await door.fault(fault, **given)
+    async with asyncio.timeout(20.0):
+        while (condition := await cell.robot.condition()).readiness is not Readiness.POSITION_LOST:
+            await asyncio.sleep(0.05)
+    assert condition.alarms
+
+
+async def wrong_rad(cell: Any, door: Door) -> np.ndarray:
+    truth = (await door.truth())["robots"]["fanuc"]
+    drive = await cell.mastering.drive_train()
+    return drive.joints(np.array(truth["counts_at_zero"]), np.array(truth["true_counts_at_zero"]))
+
+
+@pytest.mark.parametrize(("kit", "instrument"), [("probe", PROBE), ("seat", PROBE), ("tracker", TRACKER)])
+async def test_a_record_by_places_brings_every_turn_back(tmp_path: Path, kit: str, instrument: str) -> None:
+    async with cell_with(tmp_path, instrument, kit) as (config, cell, door, hands):
+        assert lacking(CATALOGUE["mastering_record"], cell) == ()
+        recorded = await do(config, cell, "mastering_record")
+        assert recorded.record.wire is None
+        assert f"{kit}: " in hands.text["choose_kit"]
+        last = await cell.mastering.encoder_counts()
+        await lose(cell, door)
+        if instrument is TRACKER:
+            await door.fault("set_up_again")  # nobody leaves a tracker standing for a year
+        known = replace(cell, record=recorded.record)
+        found = await do(config, known, "mastering_recovery", last_counts=list(last))
+        assert (found.verdict, found.mode) == ("restored", "turns")
+        assert any(joint.turns_restored for joint in found.joints)
+        assert np.abs(await wrong_rad(cell, door)).max() == 0.0
+
+
+async def test_a_crash_is_refused_and_an_exchanged_motor_lies_inside_its_uncertainty(tmp_path: Path) -> None:
+    async with cell_with(tmp_path, PROBE, "probe", seed=2) as (config, cell, door, _):
+        recorded = await do(config, cell, "mastering_record")
+        known = replace(cell, record=recorded.record)
+        last = await cell.mastering.encoder_counts()
+        await lose(cell, door, "motor_exchange")
+        found = await do(config, known, "mastering_recovery", last_counts=list(last))
+        assert [joint.exact for joint in found.joints] == [True, True, False, True, True, True]
+        wrong = np.abs(await wrong_rad(cell, door))
+        assert wrong[2] <= found.joints[2].offset_u_rad
+        assert wrong[[0, 1, 3, 4, 5]].max() == 0.0
+        known = replace(cell, record=found.record)
+        last = await cell.mastering.encoder_counts()
+        before = await cell.mastering.mastering()
+        await lose(cell, door, "crash")
+        with pytest.raises(RefusalError, match="nothing was written"):
+            await do(config, known, "mastering_recovery", last_counts=list(last))
+        assert (await cell.mastering.mastering()).counts_at_zero == before.counts_at_zero
+
+
+def test_the_list_and_the_dry_run_say_that_it_is_possible(tmp_path: Path) -> None:
+    text = _ROBOT.format(instrument=PROBE.format(), seed=1).format(folder=tmp_path, address="127.0.0.9")
+    path = tmp_path / "cell.toml"
+    path.write_text(text, encoding="utf-8")
+    config = read_cell_file(path)
+    listed = {row.name: row.lacks for row in possible(config)}
+    assert listed["mastering_record"] == ()
+    told = dry_run(config, "mastering_record", {})
+    assert told.lacks == ()
+    assert told.forecast is not None
+    assert {"probe", "seat"} == {prediction.name.split("'")[1] for prediction in told.forecast.predictions}

@@ -1,0 +1,120 @@
+"""Two tablets in front of the fake cell, and ways to bring a run where a test begins."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+from playwright.async_api import CDPSession, Page, expect
+
+from service.demo.door import Door
+from tests.service.black_hole import BlackHole, a_black_hole
+from tests.service.desks import a_cell
+from tests.service.doors import Clock
+from tests.service.shop import PATIENCE_MS, PATIENCE_S, Shop, a_shop
+
+
+class Floor(Shop):
+    """The shop with its fake cell, and ways to bring a run where a test begins."""
+
+    door: Door
+    hole: BlackHole
+    tom: Page  # behind a link that can be broken, with a screen to touch
+    tina: Page
+
+    async def order(self, **order: Any) -> None:
+        """Give an order past the pages, in nobody's name."""
+        link = self.app.state.house.link
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                rev = link.session["rev"]
+                asked = {"id": f"{order} {rev}", "rev": rev, "who": "test", "order": order}
+                if (await link.order(asked)).get("code") != "desk.stale":
+                    return
+
+    async def no_run(self) -> None:
+        """Leave whatever the test before left."""
+        session = await self.until(lambda session: session["connection"]["connected"])
+        if session["run"] is not None:
+            await self.order(op="stop")
+            await self.until(lambda session: session["run"]["outcome"])
+            await self.order(op="dismiss")
+        await self.until(lambda session: session["run"] is None)
+
+    async def asked(self) -> dict[str, Any]:
+        """Begin a run that asks one thing after the other; return its first question."""
+        await self.no_run()
+        await self.order(
+            op="start", procedure="six_point_tcp", settings={"tool_number": 1}, hold_to_move=True
+        )
+        return dict((await self.until(lambda session: session["prompt"]))["prompt"])
+
+    async def waits_for_hold(self) -> None:
+        """Bring a run to a move that waits for the button; one that is there already will do, plans cost."""
+        session = self.session()
+        if session is not None and session["waits_for_hold"]:
+            return
+        await self.no_run()
+        await self.order(op="start", procedure="mastering_record", settings={}, hold_to_move=True)
+        while not (session := await self.until(lambda s: s["prompt"] or s["waits_for_hold"]))[
+            "waits_for_hold"
+        ]:
+            await self.order(op="answer", prompt_id=session["prompt"]["id"])
+
+    def answered_once_since(self, first: dict[str, Any]) -> bool:
+        """Whether the question shown is the very next one."""
+        session = self.session()
+        assert session is not None
+        now, before = (int(prompt["id"].rpartition(":")[2]) for prompt in (session["prompt"], first))
+        return now == before + 1
+
+    async def stands(self) -> None:
+        """Wait until the move waits for the button again, and see that the robot stays where it is."""
+        await self.until(lambda session: session["waits_for_hold"])
+        before = (await self.door.truth())["robots"]["fanuc"]["counts_read"]
+        await asyncio.sleep(0.3)
+        session = self.session()
+        assert session is not None
+        assert session["waits_for_hold"]
+        assert (await self.door.truth())["robots"]["fanuc"]["counts_read"] == before
+
+
+@asynccontextmanager
+async def a_floor(folder: Path, *, time_factor: float = 20.0) -> AsyncIterator[Floor]:
+    """Open a shop over the fake cell, with Tom's tablet behind a link that can be broken and Tina's beside it."""
+    async with AsyncExitStack() as stack:
+        path, door = await stack.enter_async_context(a_cell(folder, time_factor=time_factor))
+        shop = await stack.enter_async_context(a_shop(path, clock=Clock()))
+        hole = await stack.enter_async_context(a_black_hole(shop.port))
+        tom = await stack.enter_async_context(shop.tablet("Tom", port=hole.port, has_touch=True))
+        tina = await stack.enter_async_context(shop.tablet("Tina"))
+        floor = Floor(shop.app, shop.entrance, shop.port, shop.browser, shop.complaints)
+        floor.door, floor.hole, floor.tom, floor.tina = door, hole, tom, tina
+        yield floor
+
+
+async def seen(page: Page, test_id: str, *, there: bool = True) -> None:
+    found = expect(page.get_by_test_id(test_id))
+    await (found.to_be_visible(timeout=PATIENCE_MS) if there else found.to_have_count(0, timeout=PATIENCE_MS))
+
+
+async def can(page: Page, test_id: str, *, be_pressed: bool = True) -> None:
+    found = expect(page.get_by_test_id(test_id))
+    await (found.to_be_enabled if be_pressed else found.to_be_disabled)(timeout=PATIENCE_MS)
+
+
+async def touch(page: Page) -> tuple[CDPSession, dict[str, float]]:
+    await page.get_by_test_id("hold").scroll_into_view_if_needed()
+    fingers = await page.context.new_cdp_session(page)
+    box = await page.get_by_test_id("hold").bounding_box()
+    assert box is not None
+    return fingers, {"x": box["x"] + box["width"] / 2, "y": box["y"] + box["height"] / 2, "id": 1.0}
+
+
+async def press(fingers: CDPSession, *points: dict[str, float], kind: str = "touchStart") -> None:
+    await fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": list(points)})
+
+
+async def held(page: Page, *, yes: bool = True) -> None:
+    await page.locator(f"[data-testid=hold][aria-pressed={str(yes).lower()}]").wait_for()

@@ -1,0 +1,93 @@
+"""A cell with a past: runs of an ideal arm in its journal, and versions of its parameters beside its file."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from calibration.geometry import Pose, homogeneous
+from drivers.interfaces import PointReading
+from procedures.arm.calibration_plan import SeriesRules
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.parameters.parameter_sets import ParameterSets
+from service.runs.calibrated_runs import keep_calibration
+from service.web.parameters import FOLDER
+from tests.procedures.cells import Scene, calibrating, going_round, pointing, touching
+from tests.procedures.certified import run_in
+from tests.procedures.ideal import IdealArm, IdealTracker
+
+SERIAL, ROBOT = "F-104711", "fanuc"
+SPOILT_STEP = "capture 6"
+QUICK = SeriesRules(
+    first=12, batch=4, min_captures=16, max_captures=16, candidates=50, tests=12, samples=1, retakes=0
+)
+
+
+class Knocked(IdealTracker):
+    """A tracker whose target was knocked for one reading of a series."""
+
+    def __init__(self, arm: IdealArm, spoilt: int) -> None:
+        super().__init__(arm)
+        self._spoilt, self._count = spoilt, 0
+
+    async def point(self) -> PointReading:
+        reading = await super().point()
+        self._count += 1
+        if self._count != self._spoilt:
+            return reading
+        x, y, z = reading.position_m
+        return replace(reading, position_m=(x + 0.004, y - 0.003, z))
+
+
+@dataclass(frozen=True)
+class Past:
+    """What was done in the cell, by run."""
+
+    config: CellConfig
+    calibration: str
+    touches: str
+    spoilt: str
+    frame: str
+
+
+def _of_cell(made: Scene) -> Scene:
+    made.arm.serial = SERIAL
+    return made
+
+
+def taught_roughly() -> Scene:
+    """Return a scene whose touches scatter by tenths of millimetres, as hands do."""
+    made = _of_cell(touching(min_touches=6, max_touches=8, rms_limit_m=0.002))
+    dice = np.random.default_rng(4)
+    for key, place in list(made.hands.does.items()):
+        if key.startswith("touch"):
+            slip = dice.normal(0.0, 1e-4, 3)
+            made.hands.does[key] = _slipping(made, place, slip)
+    return made
+
+
+def _slipping(made: Scene, place: Callable[[], object], slip: np.ndarray) -> Callable[[], None]:
+    def do() -> None:
+        place()
+        taught = made.arm.taught
+        assert taught is not None
+        made.arm.taught = Pose.from_matrix(homogeneous(taught.rotation(), np.array(taught.position_m) + slip))
+
+    return do
+
+
+async def with_a_past(cell_file: Path) -> Past:
+    """Fill the journal of a cell file, and save two versions of the first robot's parameters."""
+    config = read_cell_file(cell_file)
+    sets = ParameterSets(cell_file.parent / FOLDER)
+    good = await run_in(config, _of_cell(calibrating(write_zeros=False, rules=QUICK)), "robot_calibration")
+    keep_calibration(config, ROBOT, sets, "Anna", "2026-11-01T08:00:00+00:00")
+    made = _of_cell(calibrating(write_zeros=False, rules=QUICK))
+    made.cell = replace(made.cell, tracker=Knocked(made.arm, 6))
+    spoilt = await run_in(config, made, "robot_calibration")
+    keep_calibration(config, ROBOT, sets, "Anna", "2026-11-08T08:00:00+00:00")
+    rough = await run_in(config, taught_roughly(), "six_point_tcp")
+    await run_in(config, _of_cell(going_round()), "accuracy_check")
+    frame = await run_in(config, _of_cell(pointing()), "three_point_frame")
+    return Past(config, good.run_id, rough.run_id, spoilt.run_id, frame.run_id)

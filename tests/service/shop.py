@@ -1,0 +1,185 @@
+"""A shop floor: the service with people, over a desk, and a real browser whose contexts are tablets."""
+
+import asyncio
+import socket
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI
+from playwright.async_api import Browser, BrowserContext, Page, async_playwright
+
+from service.people.entrance import Entrance
+from service.web.app import Settings, create_app
+from service.web.pages import DIST
+from tests.service.doors import PINS, ROLES, quick, with_people
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 90.0
+PATIENCE_MS = 1000.0 * PATIENCE_S
+LOCALES = ("en", "de", "es", "zh")
+CHROMIUM = next(
+    (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
+)
+FLAGS = ["--no-sandbox", "--disable-gpu"]
+NO_WEBGL = "HTMLCanvasElement.prototype.getContext = () => null"  # the picture has tests of its own
+AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
+RUN_AXE = """async () => (await axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21aa', 'wcag22aa']}))
+    .violations.map(v => v.id + ': ' + v.nodes.map(n => n.html.slice(0, 120)).join(' | '))"""
+BUTTONS = "button, a.button, select, input:not([type=checkbox]), summary"
+CRAMPED = """(buttons) => {
+    const top = document.querySelector('dialog[open]') ?? document;
+    const boxes = [...top.querySelectorAll(buttons)].filter(e => e.checkVisibility())
+        .map(e => [e.outerHTML.slice(0, 90), e.getBoundingClientRect(), e]);
+    const wrong = boxes.filter(([, b]) => b.height < 44 || b.width < 44).map(([html]) => 'small: ' + html);
+    for (const [html, b, e] of boxes) if (e.scrollWidth > e.clientWidth + 1 && e.tagName !== 'INPUT'
+        && e.tagName !== 'SELECT') wrong.push('overfull: ' + html);
+    for (let i = 0; i < boxes.length; i++) for (let j = i + 1; j < boxes.length; j++) {
+        const [p, q] = [boxes[i][1], boxes[j][1]];
+        const dx = Math.max(p.left - q.right, q.left - p.right), dy = Math.max(p.top - q.bottom, q.top - p.bottom);
+        if (Math.max(dx, dy) < 8 - 0.01) wrong.push('close: ' + boxes[i][0] + ' and ' + boxes[j][0]);
+    }
+    for (const e of document.querySelectorAll('.main, [data-testid=hold], [data-testid=stop], [data-testid^=key-]'))
+        if (e.checkVisibility() && e.getBoundingClientRect().height < 64)
+            wrong.push('low: ' + e.outerHTML.slice(0, 90));
+    if (document.documentElement.scrollWidth > innerWidth + 1) wrong.push('wider than the screen');
+    return wrong;
+}"""
+
+
+@dataclass
+class Shop:
+    """The service as it runs, and the browser that looks at it."""
+
+    app: FastAPI
+    entrance: Entrance
+    port: int
+    browser: Browser
+    complaints: list[str]
+
+    def session(self) -> dict[str, Any] | None:
+        """Return what the desk told last."""
+        told: dict[str, Any] | None = self.app.state.house.link.session
+        return told
+
+    async def until(self, true: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+        """Wait until something is true of the session."""
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                with suppress(TypeError, KeyError):
+                    session = self.session()
+                    if session is not None and true(session):
+                        return session
+                await asyncio.sleep(0.02)
+
+    def nobody_has_control(self) -> None:
+        """Let go what somebody who left without signing out still has."""
+        control = self.app.state.house.control
+        if control.holder is not None:
+            control.release(control.holder.id)
+
+    @asynccontextmanager
+    async def context(
+        self, locale: str = "en", size: tuple[int, int] = (1280, 800), **settings: Any
+    ) -> AsyncIterator[BrowserContext]:
+        """Open a browser that nobody knows yet."""
+        width, height = size
+        context = await self.browser.new_context(viewport={"width": width, "height": height}, **settings)
+        context.set_default_timeout(PATIENCE_MS)
+        await context.add_init_script(f"localStorage.setItem('locale', '{locale}'); {NO_WEBGL}")
+        try:
+            yield context
+        finally:
+            await context.close()
+
+    @asynccontextmanager
+    async def tablet(self, name: str, *, port: int | None = None, **settings: Any) -> AsyncIterator[Page]:
+        """Enrol a tablet and sign somebody in, as people do."""
+        async with self.context(**settings) as context:
+            page = await context.new_page()
+            page.on("pageerror", lambda error: self.complaints.append(str(error)))
+            await self.enrol(page, f"tablet of {name}", port)
+            await sign_in(page, name)
+            yield page
+
+    async def enrol(self, page: Page, device: str, port: int | None = None) -> None:
+        """Open the address that an administrator gave, and press the button."""
+        token = self.entrance.register.enrolment(device, "test")
+        await page.goto(f"http://127.0.0.1:{port or self.port}/#/enrol/{token}")
+        await page.get_by_test_id("enrol-device").click()
+        await page.get_by_test_id("enrolled").wait_for()
+
+
+async def sign_in(page: Page, name: str, secret: str | None = None) -> None:
+    """Pick a name and give the PIN."""
+    await page.evaluate("location.hash = '#/sign-in'")
+    await page.get_by_test_id("person").filter(has_text=name).click()
+    await give_pin(page, secret or PINS[name])
+    await page.locator(f"[data-testid=who][data-role={ROLES[name]}]").wait_for()
+
+
+async def give_pin(page: Page, secret: str) -> None:
+    """Press the keys of a PIN, or type a passphrase."""
+    await page.get_by_test_id("secret").wait_for()
+    if secret.isdigit():
+        for digit in secret:
+            await page.get_by_test_id(f"key-{digit}").click()
+    else:
+        await page.get_by_test_id("secret").fill(secret)
+    await page.get_by_test_id("secret-enter").click()
+
+
+async def for_everybody(page: Page, where: str) -> None:
+    """Hold a page to its accessibility, to targets for gloves, and to texts that fit."""
+    if not await page.evaluate("'axe' in window"):
+        await page.evaluate(AXE.read_text(encoding="utf-8"))
+    wrong = [*await page.evaluate(RUN_AXE), *await page.evaluate(CRAMPED, BUTTONS)]
+    assert not wrong, (where, wrong)
+
+
+@asynccontextmanager
+async def a_shop(
+    cell_file: Path,
+    *,
+    desk: Callable[[FastAPI], Any] | None = None,
+    clock: Callable[[], float] = time.monotonic,
+) -> AsyncIterator[Shop]:
+    """Serve a cell to people; ``desk`` puts a double in the place of the desk's process; ``clock`` is of sessions."""
+    assert CHROMIUM, (
+        "These tests look at the pages in Chromium, which is not installed: apt-get install chromium"
+    )
+    assert (DIST / "index.html").is_file(), "The pages are not built: run `make pages`."
+    app = create_app(Settings(cell_file))
+    entrance = with_people(Entrance(app.state.house.config.cell.data_dir, clock=clock, make_hasher=quick))
+    app.state.house = replace(app.state.house, entrance=entrance)
+    if desk is not None:
+        app.state.house = replace(app.state.house, link=desk(app))
+    async with AsyncExitStack() as stack:
+        listening = stack.enter_context(socket.socket())
+        listening.bind(("127.0.0.1", 0))
+        await stack.enter_async_context(_serving(app, listening, lifespan="off" if desk else "on"))
+        playwright = await stack.enter_async_context(async_playwright())
+        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        stack.push_async_callback(browser.close)
+        yield Shop(app, entrance, listening.getsockname()[1], browser, [])
+
+
+@asynccontextmanager
+async def _serving(app: FastAPI, listening: socket.socket, lifespan: Any) -> AsyncIterator[None]:
+    how = uvicorn.Config(
+        app, log_level="critical", ws="websockets-sansio", lifespan=lifespan, timeout_graceful_shutdown=2
+    )
+    server = uvicorn.Server(how)
+    serving = asyncio.create_task(server.serve([listening]))
+    try:
+        async with asyncio.timeout(PATIENCE_S):
+            while not server.started:
+                await asyncio.sleep(0.01)
+        yield
+    finally:
+        server.should_exit = True
+        await serving

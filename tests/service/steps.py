@@ -1,0 +1,147 @@
+"""A technician at a page and at the pendant: brings the fake arm where it is asked for, and presses what is shown."""
+
+import asyncio
+import math
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import uvicorn
+from fastapi import FastAPI
+from playwright.async_api import Page, async_playwright
+from scipy.optimize import least_squares
+
+from calibration.arm.kinematics import load_model
+from calibration.geometry import Array, exp_rotation, log_rotation
+from service.demo.door import Door
+from service.web.app import Settings, create_app
+from service.web.pages import DIST
+from tests.service.desks import PATIENCE_S, a_cell
+from tests.service.test_pages import CHROMIUM, FLAGS, Looking
+
+MODEL = load_model("fanuc_m6ib")
+HOME = np.radians([5.0, -5.0, 5.0, 12.0, -78.0, 8.0])
+TIP_IN_FLANGE_M = np.array([0.02, 0.01, 0.18])
+
+
+class Pendant:
+    """The fake robot's pendant."""
+
+    def __init__(self, door: Door, looks: Looking, app: FastAPI) -> None:
+        self.door, self.looks, self._app = door, looks, app
+        self.start_rad: list[float] = []
+
+    def nobody_has_control(self) -> None:
+        """Let whoever pressed last leave: a browser that is closed keeps the session in hand."""
+        control = self._app.state.house.control
+        if control.holder is not None:
+            control.release(control.holder.id)
+
+    async def bring(self, joints_rad: Any) -> None:
+        """Drive the arm by hand to where the controller shows these joints, and see that the service has seen it."""
+        wanted = [float(angle) for angle in joints_rad]
+        await self.door.fault("hand_moves", joints=wanted, device="fanuc")
+
+    async def touch(self, pin_m: Array, turned: Array) -> None:
+        """Hold the tip at a point, the flange turned as told from how it is at home."""
+        home = MODEL.base_flange(HOME[None])[0][:3, :3]
+        await self.bring(joints_for(home @ turned, pin_m))
+
+
+def joints_for(rotation: Array, tip_m: Array, tip_in_flange_m: Array = TIP_IN_FLANGE_M) -> Array:
+    """Return joints at which the flange has an attitude and the tip is at a point."""
+
+    def misses(joints: Array) -> Array:
+        flange = MODEL.base_flange(joints[None])[0]
+        away = flange[:3, :3] @ tip_in_flange_m + flange[:3, 3] - tip_m
+        return np.concatenate([away * 1e3, log_rotation(rotation.T @ flange[:3, :3]) * 1e3])
+
+    found = least_squares(misses, HOME, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    assert np.abs(found.fun).max() < 1e-3, found.fun
+    return np.asarray(found.x)
+
+
+def tip_at_home() -> Array:
+    """Return where the tip is while the arm is at home."""
+    flange = MODEL.base_flange(HOME[None])[0]
+    return np.asarray(flange[:3, :3] @ TIP_IN_FLANGE_M + flange[:3, 3])
+
+
+def about(axis: str, degrees: float) -> Array:
+    """Return a turn of the flange about one of its axes."""
+    return exp_rotation(np.eye(3)["xyz".index(axis)] * math.radians(degrees))
+
+
+@asynccontextmanager
+async def at_the_pages(
+    folder: Path, *, observe: bool = False, time_factor: float = 500.0
+) -> AsyncIterator[Pendant]:
+    """Serve a fake cell and open a browser on it. ``observe``: people move the robot, nothing is commanded."""
+    assert CHROMIUM, "These tests look at the pages in Chromium: apt-get install chromium"
+    assert (DIST / "index.html").is_file(), "The pages are not built: run `make pages`."
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        async with a_cell(folder, time_factor=time_factor) as (path, door), async_playwright() as playwright:
+            if observe:
+                text = path.read_text(encoding="utf-8")
+                path.write_text(
+                    text.replace('motion = "commanded"', 'motion = "observe"', 1), encoding="utf-8"
+                )
+            app = create_app(Settings(path, open_access=True))
+            server = uvicorn.Server(
+                uvicorn.Config(
+                    app,
+                    log_level="warning",
+                    ws="websockets-sansio",
+                    timeout_graceful_shutdown=2,
+                )
+            )
+            serving = asyncio.create_task(server.serve([listening]))
+            browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+            looks = Looking(browser, f"http://127.0.0.1:{listening.getsockname()[1]}")
+            try:
+                await looks.until(lambda session: session["connection"]["connected"])
+                pendant = Pendant(door, looks, app)
+                truth = (await door.truth())["robots"]["fanuc"]
+                pendant.start_rad = truth["controller_joints_rad"]
+                yield pendant
+            finally:
+                await browser.close()
+                await looks.client.aclose()
+                server.should_exit = True
+                await serving
+
+
+async def asked(page: Page, key: str) -> None:
+    """Wait until the page asks this."""
+    await page.locator(f'[data-testid=prompt][data-key="{key}"]').wait_for(timeout=PATIENCE_S * 1e3)
+
+
+async def why(page: Page, key: str) -> None:
+    """Wait until the page says that this is in the way; an empty key: nothing is."""
+    await page.locator(f'[data-testid=meter][data-why="{key}"]').wait_for(timeout=PATIENCE_S * 1e3)
+
+
+async def record(page: Page) -> None:
+    """Press the button once it can be pressed, and wait until that question is gone."""
+    prompt = page.get_by_test_id("prompt")
+    step = await prompt.locator("h2").inner_text()
+    await page.get_by_test_id("yes").click(timeout=PATIENCE_S * 1e3)
+    await page.wait_for_function(
+        "step => document.querySelector('[data-testid=prompt] h2')?.innerText !== step",
+        arg=step,
+        timeout=PATIENCE_S * 1e3,
+    )
+
+
+async def press_for(page: Page, seconds: float) -> None:
+    """Hold the main button down for a while."""
+    box = await page.get_by_test_id("yes").bounding_box()
+    assert box is not None
+    await page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    await page.mouse.down()
+    await page.wait_for_timeout(seconds * 1e3)
+    await page.mouse.up()

@@ -1,0 +1,62 @@
+"""Files in settings: a page carries them; it reads no file of the service's computer."""
+
+import base64
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from calibration.errors import CellError
+from procedures.simulation_cell import SimulationCell
+from service.parameters.simulated_cells import file_settings, refuse_paths
+from service.runs.specs import spec_of
+from tests.service.desks import at_desk
+
+TAGS = "tag,x,y,z\nP1,0.1,0.2,0.3\nP2,0.5,0.2,0.3\nP3,0.1,0.9,0.3\n"
+
+
+def carried(name: str = "robot.csv", text: str = TAGS) -> dict[str, Any]:
+    """Return a file as a page sends it."""
+    return {"name": name, "content_base64": base64.b64encode(text.encode()).decode()}
+
+
+def test_a_carried_file_is_read_as_one_that_is_named(tmp_path: Path) -> None:
+    (tmp_path / "robot.csv").write_text(TAGS, encoding="utf-8")
+    named = {"part": "base", "simulated": str(tmp_path / "robot.csv"), "measured": carried("fixture.csv")}
+    spec = spec_of("simulation_cell", named)
+    assert spec == spec_of("simulation_cell", named | {"simulated": {"file": carried()}})
+    assert spec.simulated.positions_m == spec.measured.positions_m
+    assert (spec.simulated.source, spec.measured.source) == ("robot.csv", "fixture.csv")
+
+
+@pytest.mark.parametrize(
+    "file",
+    [
+        {"name": "..", "content_base64": ""},
+        {"name": "a/../.bashrc", "content_base64": ""},
+        {"name": 7, "content_base64": ""},
+        {"name": "tags.csv", "content_base64": "no base64!"},
+        {"name": "tags.csv", "content_base64": None},
+        {"name": "tags.csv", "content_base64": base64.b64encode(b"\xff\xfe\x00").decode()},
+    ],
+)
+def test_what_is_no_file_is_refused_in_words(file: dict[str, Any]) -> None:
+    with pytest.raises(CellError) as refused:
+        spec_of("simulation_cell", {"part": "base", "simulated": file, "measured": carried()})
+    assert refused.value.remedy
+
+
+def test_the_files_of_a_procedure_are_known_and_a_path_from_a_screen_is_refused() -> None:
+    assert set(file_settings(SimulationCell)) == {"simulated", "measured", "description"}
+    refuse_paths(SimulationCell, {"simulated": carried(), "measured": {"file": carried()}, "description": ""})
+    for path in ("/etc/passwd", {"file": "/etc/passwd"}, {"file": "/etc/passwd", "columns": {}}):
+        with pytest.raises(CellError, match="file of the service's computer"):
+            refuse_paths(SimulationCell, {"simulated": carried(), "measured": path})
+
+
+async def test_a_screen_cannot_have_the_desk_read_a_file(tmp_path: Path) -> None:
+    async with at_desk(tmp_path) as person:
+        settings = {"part": "base", "simulated": "/etc/passwd", "measured": carried()}
+        answer = await person.order({"op": "start", "procedure": "simulation_cell", "settings": settings})
+        assert "file of the service's computer" in str(answer)
+        assert person.session["run"] is None

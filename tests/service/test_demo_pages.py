@@ -1,0 +1,209 @@
+"""The demo with pages: buttons that make things go wrong, hands that help, and an end that leaves nothing."""
+
+import asyncio
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.cli.demo import is_for_pages
+from service.demo import mishaps
+from service.demo.door import Door
+from service.demo.mishaps import MISHAPS
+from service.web.app import Settings, create_app
+from service.web.demo import DemoLink, DemoWorld
+from tests.service.desks import a_cell
+
+PATIENCE_S = 240.0  # a whole record is taken
+
+
+@asynccontextmanager
+async def a_demo(*arguments: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, httpx.AsyncClient]]:
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "service", "demo", "--no-browser", *arguments,
+        stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"}, start_new_session=True,
+    )  # fmt: skip
+    try:
+        async with httpx.AsyncClient(base_url=await _address_of(process), timeout=20.0) as client:
+            yield process, client
+    finally:
+        with suppress(ProcessLookupError):
+            process.kill()
+        await process.communicate()
+
+
+async def _address_of(process: asyncio.subprocess.Process) -> str:
+    assert process.stderr is not None
+    async with asyncio.timeout(PATIENCE_S):
+        while b"fake cell at " not in (line := await process.stderr.readline()):
+            assert line
+    return line.decode().partition("fake cell at ")[2].strip()
+
+
+async def _until(client: httpx.AsyncClient, path: str, true: Any) -> dict[str, Any]:
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            told: dict[str, Any] = (await client.get(path)).json()
+            if true(told):
+                return told
+            await asyncio.sleep(0.3)
+
+
+def _below(pid: int) -> set[int]:
+    """Return the processes that a process started, and those that they started."""
+    listed = subprocess.run(["ps", "-eo", "pid=,ppid="], capture_output=True, text=True, check=True).stdout
+    pairs = [tuple(map(int, line.split())) for line in listed.splitlines()]
+    found, new = set[int](), {pid}
+    while new:
+        new = {child for child, parent in pairs if parent in new} - found
+        found |= new
+    return found
+
+
+async def _are_gone(pids: set[int]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while any(_lives(pid) for pid in pids):
+            await asyncio.sleep(0.05)
+
+
+def _lives(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+async def test_a_loss_pressed_is_noticed_and_offered_for_recovery_and_ctrl_c_ends_all() -> None:
+    async with a_demo("--port", "0", "--time-factor", "600") as (process, client):
+        shown = await _until(client, "/api/demo", lambda told: not told["preparing"])
+        assert shown["tcp_error_m"]["max"] < 1e-9
+        assert {each["name"] for each in shown["mishaps"]} == {each.name for each in MISHAPS}
+        assert (await client.get("/api/session")).json()["demo"] is True
+        runs = (await client.get("/api/runs")).json()
+        assert [(run["procedure"], run["state"]) for run in runs] == [("mastering_record", "passed")]
+        pressed = (await client.post("/api/demo/mishaps", json={"name": "battery"})).json()
+        assert [each["name"] for each in pressed["pressed"]] == ["battery"]
+        told = await _until(client, "/api/session", lambda told: told["session"]["losses"])
+        loss = told["session"]["losses"][0]
+        assert (loss["mode"], loss["procedure"], loss["reasons"]) == ("M1", "mastering_recovery", [])
+        assert (await client.get("/api/demo")).json()["tcp_error_m"]["max"] > 1e-3
+        unknown = await client.post("/api/demo/mishaps", json={"name": "earthquake"})
+        assert unknown.status_code == 422
+        assert "battery" in unknown.json()["remedy"]
+        children = _below(process.pid)
+        assert len(children) >= 2  # the desk and the fakes
+        process.send_signal(signal.SIGINT)
+        assert await process.wait() == 0
+        await _are_gone(children)
+
+
+async def test_two_demos_at_once_and_a_killed_one_leaves_no_orphan() -> None:
+    async with a_demo("--port", "0") as (one, first), a_demo("--port", "0") as (_, second):
+        for client in (first, second):
+            connected = lambda told: told["session"] and told["session"]["connection"]["connected"]  # noqa: E731
+            await _until(client, "/api/session", connected)
+        children = _below(one.pid)
+        assert len(children) >= 2
+        one.kill()
+        await one.wait()
+        await _are_gone(children)
+        assert (await second.get("/api/demo")).status_code == 200
+
+
+async def test_hands_do_what_a_yes_says_and_nothing_else(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (path, door):
+        link = DemoLink(path, lambda _kind, _content: None, DemoWorld(door))
+        await door.fault("battery_loss")
+        prompt = {"id": "r:1", "kind": "confirm", "key": "new_battery", "text": "Exchange the batteries."}
+        link.session = {"rev": 5, "prompt": prompt}
+        yes = {"op": "answer", "prompt_id": "r:1", "value": "yes"}
+        wrong: list[dict[str, Any]] = [
+            {"rev": 4, "order": yes},
+            {"rev": 5, "order": yes | {"prompt_id": "r:2"}},
+            {"rev": 5, "order": {"op": "decline", "prompt_id": "r:1"}},
+        ]
+        for command in wrong:
+            await _to_no_desk(link, command)
+        assert not link.world.pressed
+        await _to_no_desk(link, {"rev": 5, "order": yes})
+        assert [each.name for each in link.world.pressed] == ["hand_new_battery"]
+
+
+async def _to_no_desk(link: DemoLink, command: dict[str, Any]) -> None:
+    with pytest.raises(Exception, match="does not answer"):
+        await link.order(command)
+
+
+async def test_every_mishap_happens_and_mending_takes_back_all_but_the_lost_zero(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (_, door):
+        before = await _state(door)
+        for mishap in MISHAPS:
+            if mishap.kind != "loss":
+                await mishaps.happen(door, mishap.name)
+        assert await _state(door) != before
+        await mishaps.mend(door)
+        assert await _state(door) == before
+        await mishaps.happen(door, "battery")
+        await mishaps.mend(door)
+        assert (await door.ask("tcp_error", robot="fanuc"))["max"] > 1e-3
+
+
+async def _state(door: Door) -> dict[str, Any]:
+    told = await door.truth()
+    fanuc, ur, wire = told["robots"]["fanuc"], told["robots"]["ur"], told["gauges"]["wire"]
+    return {
+        "fanuc": {key: fanuc[key] for key in ("active", "mode", "emergency_stop", "alarms", "mastered")},
+        "ur": {key: ur[key] for key in ("tcp", "safety_mode", "robot_mode", "remote")},
+        "wire": {key: wire[key] for key in ("snapped", "slipped_m", "powered", "error_register")},
+    }
+
+
+async def test_a_real_cells_service_has_no_such_buttons(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (path, _):
+        paths = create_app(Settings(path)).openapi()["paths"]
+    assert not [name for name in paths if "demo" in name]
+
+
+async def test_the_pace_of_the_world_changes_without_a_leap(tmp_path: Path) -> None:
+    async with a_cell(tmp_path, time_factor=1000.0) as (_, door):
+        before_s = (await door.truth())["time_s"]
+        assert (await door.ask("pace", time_factor=1.0))["time_factor"] == 1.0
+        after_s = (await door.truth())["time_s"]
+        assert before_s <= after_s
+        await asyncio.sleep(0.05)
+        assert (await door.truth())["time_s"] - after_s < 20.0  # 1000 times as fast it would be 50 and more
+        with pytest.raises(Exception, match="refused"):
+            await door.ask("pace", time_factor=-1.0)
+
+
+def test_pages_are_for_a_terminal_where_no_ci_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    master, slave = pty.openpty()
+    with open(master, "rb"), open(slave, "w") as terminal, open(os.devnull, "w") as nobody:  # noqa: PTH123
+        monkeypatch.delenv("CI", raising=False)
+        assert is_for_pages(None, terminal)
+        assert not is_for_pages(None, nobody)
+        assert is_for_pages(8471, nobody)
+        monkeypatch.setenv("CI", "true")
+        assert not is_for_pages(None, terminal)
+
+
+def test_a_taken_port_that_was_asked_for_is_refused(tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        ended = subprocess.run(
+            [sys.executable, "-m", "service", "demo", "--port", port], capture_output=True, text=True,
+            timeout=110, check=False, cwd=tmp_path,
+        )  # fmt: skip
+    assert ended.returncode == 2
+    assert port in ended.stderr

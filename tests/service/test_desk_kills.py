@@ -1,0 +1,11 @@
+"""A slice of `make soak ARGS="desk_kills=100"`: kill -9 in a browser's view."""
+
+from pathlib import Path
+
+from tests.soak.desk_kills import kill_and_look
+
+
+async def test_after_a_few_kills_the_page_shows_the_same_step_and_no_point_is_lost(tmp_path: Path) -> None:
+    seen = await kill_and_look(tmp_path, 2, seed=2, longest_life=20)
+    assert seen.wrong == []
+    assert seen.captures > 0

@@ -1,0 +1,346 @@
+"""The fleet in a browser: two hundred cells, only what changed is drawn, and nothing on the page commands a cell."""
+
+import asyncio
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import uvicorn
+from fastapi.routing import APIRoute, APIWebSocketRoute, iter_route_contexts
+from playwright.async_api import Page, async_playwright
+
+from service.certificates.signing import Checked, check, station_key
+from service.people.entrance import Entrance
+from service.site import fleet
+from service.site.fleet import Fleet
+from service.site.keys import StationKeys
+from service.site.link_files import Enrolled, StationsFile
+from service.site.sealed import Sealer
+from service.web.fleet import PAGE, FleetHouse, create_fleet_app
+from service.web.pages import DIST
+from tests.service.sites import SITE, Site, free_port, live_of, session_of, until
+from tests.service.test_pages import CHROMIUM, FLAGS, RUN_AXE, SMALL
+
+ROOT = Path(__file__).parents[2]
+CELLS = 200
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No cell is silent for having spoken once only, however slow this computer is."""
+    monkeypatch.setattr(fleet, "SILENT_S", 1e6)
+
+
+ALARM = {
+    "id": "device.stopped:fanuc",
+    "code": "device.stopped",
+    "source": "fanuc",
+    "text": "E-stop.",
+    "remedy": "Look.",
+}
+DRIFT = [{"run_id": f"d{k}", "robot_serial": "F-1", "ended_utc": f"2026-0{k}-01T00:00:00Z", "change_rms_m": k * 4e-5,
+          "change_max_m": k * 9e-5, "word": "pass"} for k in range(1, 7)]  # fmt: skip
+CERTIFICATE = {"run_id": "frame-1", "procedure": "three_point_frame", "robot_serial": "F-1", "word": "pass",
+               "ended_utc": "2026-05-02T10:00:00+00:00"}  # fmt: skip
+RUN = {"id": "r", "procedure": "drift_check", "title": "", "state": "running", "step": "capture 3", "index": 3,
+       "expected": 20, "verdict": None}  # fmt: skip
+
+
+class Hall:
+    """A monitor whose cells are played: what they say is signed and opened as on the bus."""
+
+    def __init__(self, folder: Path, count: int) -> None:
+        self.names = [f"cell-{k:03d}" for k in range(count)]
+        self.key, self.linked, self._seq = station_key(folder), True, 0
+        enrolled = Enrolled(public_key=self.key.public, enrolled_utc="")
+        self.fleet = Fleet(StationsFile(site=SITE, cells=dict.fromkeys(self.names, enrolled)))
+        self.certificates: dict[str, bytes] = {}
+
+    def certificate(self, cell: str, run_id: str) -> tuple[bytes, Checked]:
+        raw = self.certificates[run_id]
+        return raw, check(raw, expected_key=self.key.public)
+
+    def say(self, cell: str, /, **changes: Any) -> None:
+        """Let a cell tell its state."""
+        self._seq += 1
+        body = {
+            "cell": f"Line 3, {cell}", "alarms": [], "run": None, "asks": None, "attended": True, "drift": [],
+            "certificate": None, "due": [], "outbox": {"first": 1, "last": 1},
+        } | changes  # fmt: skip
+        key = StationKeys(SITE, cell).state
+        self.fleet.sample(key, Sealer(self.key, cell, "1").seal(key, self._seq, body), time.monotonic())
+        self.fleet.liveliness(StationKeys(SITE, cell).alive, alive=True)
+        self.fleet.look(most=10_000)
+
+    def fill(self) -> None:
+        for k, cell in enumerate(self.names):
+            due = [{"what": "calibration of wire", "due": "2020-01-01" if k == 5 else "2099-01-01"}]
+            self.say(
+                cell, drift=DRIFT[: k % 7], certificate=CERTIFICATE if k % 2 else None, due=due,
+                run=RUN if k % 10 == 0 else None, asks={"key": "x", "step": "y"} if k % 20 == 0 else None,
+            )  # fmt: skip
+
+    def leave(self, cell: str) -> None:
+        self.fleet.liveliness(StationKeys(SITE, cell).alive, alive=False)
+
+
+@asynccontextmanager
+async def served(hall: Hall, folder: Path) -> AsyncIterator[tuple[str, Entrance]]:
+    app, port = create_fleet_app(hall, folder), free_port()
+    server = uvicorn.Server(uvicorn.Config(app, port=port, log_level="warning", ws="websockets-sansio"))
+    task = asyncio.create_task(server.serve())
+    try:
+        while not server.started:
+            await asyncio.sleep(0.02)
+        yield f"http://127.0.0.1:{port}", app.state.house.entrance
+    finally:
+        server.should_exit = True
+        await task
+
+
+@asynccontextmanager
+async def page_of(
+    hall: Hall, folder: Path, size: tuple[int, int] = (1280, 800), expected: str = "no complaint"
+) -> AsyncIterator[Page]:
+    assert CHROMIUM is not None, "The tests of the pages need Chromium."
+    assert (DIST / PAGE).is_file(), "The pages are not built: run `make pages`."
+    async with served(hall, folder) as (url, entrance), async_playwright() as playwright:
+        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        context = await browser.new_context(viewport={"width": size[0], "height": size[1]})
+        page = await context.new_page()
+        complaints: list[str] = []
+        page.on("console", lambda line: complaints.append(line.text) if line.type == "error" else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on(
+            "request", lambda asked: complaints.append(asked.url) if not asked.url.startswith(url) else None
+        )
+        try:
+            await page.goto(f"{url}/api/sign-in/console?token={entrance.console_token()}")
+            await page.get_by_test_id(f"cell-{hall.names[-1]}").wait_for()
+            yield page
+        finally:
+            await browser.close()
+        assert [told for told in complaints if not re.search(expected, told)] == []
+
+
+async def test_two_hundred_cells_are_shown_and_only_what_changed_is_drawn(tmp_path: Path) -> None:
+    hall = Hall(tmp_path, CELLS)
+    hall.fill()
+    async with page_of(hall, tmp_path) as page:
+        assert await page.locator("tbody tr").count() == CELLS
+        assert await page.get_by_test_id("sum").inner_text() == f"{CELLS} of {CELLS} online\nAlarms: 0"
+        assert "overdue" in await page.get_by_test_id("cell-cell-005").inner_text()
+        assert "0.240 mm" in await page.get_by_test_id("cell-cell-006").inner_text()
+        assert "waits for a person" in await page.get_by_test_id("cell-cell-020").inner_text()
+        await page.evaluate(
+            """() => {
+                document.querySelectorAll('tbody tr').forEach((row, k) => { row.kept = row.dataset.testid; });
+                window.touched = new Set();
+                new MutationObserver((all) => all.forEach((one) => {
+                    const node = one.target.nodeType === 1 ? one.target : one.target.parentElement;
+                    window.touched.add(node.closest('tr')?.dataset.testid ?? node.tagName);
+                })).observe(document.querySelector('tbody'),
+                            {subtree: true, childList: true, attributes: true, characterData: true});
+            }"""
+        )
+        hall.say("cell-020", run=RUN | {"index": 4, "step": "capture 4"}, asks=None)
+        hall.leave("cell-042")
+        gone = page.locator('[data-testid="cell-cell-042"][data-link="offline"]')
+        await gone.wait_for()
+        await page.get_by_text("4/20").wait_for()
+        touched = set(await page.evaluate("[...window.touched]"))
+        assert touched <= {
+            "cell-cell-020",
+            "cell-cell-042",
+            "TBODY",
+        }  # the body: a row went up, and was not made anew
+        kept = await page.evaluate(
+            "[...document.querySelectorAll('tbody tr')].filter(r => r.kept === r.dataset.testid).length"
+        )
+        assert kept == CELLS
+        grey = await gone.evaluate("row => getComputedStyle(row).backgroundColor")
+        assert len(set(re.findall(r"\d+", grey))) > 0
+        assert grey != await page.get_by_test_id("cell-cell-043").evaluate(
+            "row => getComputedStyle(row).backgroundColor"
+        )
+        await gone.get_by_text("s ago").wait_for()
+
+        hall.say("cell-150", alarms=[ALARM])
+        first = page.locator("tbody tr").first
+        await page.get_by_text("E-stop.").wait_for()
+        assert await first.get_attribute("data-testid") == "cell-cell-150"
+        await page.get_by_role("button", name="Only what needs a look").click()
+        assert await page.locator("tbody tr").count() == 2
+        await page.get_by_role("button", name="Only what needs a look").click()
+        await page.get_by_test_id("find").fill("cell-15")
+        assert await page.locator("tbody tr").count() == 10
+
+
+async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
+    hall = Hall(tmp_path, 12)
+    hall.fill()
+    hall.say("cell-003", alarms=[ALARM])
+    hall.leave("cell-004")
+    axe = (ROOT / "web/node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
+    async with page_of(hall, tmp_path, (800, 1280)) as page:
+        await page.evaluate(axe)
+        for locale, word in (
+            ("en", "offline"),
+            ("de", "stumm|offline"),
+            ("es", "desconectada"),
+            ("zh", "离线"),
+        ):
+            await page.locator("select").select_option(locale)
+            await page.locator("tr.offline").get_by_text(re.compile(word)).first.wait_for()
+            assert await page.evaluate(RUN_AXE) == [], locale
+            assert await page.evaluate(SMALL) == [], locale
+            assert await page.evaluate("document.documentElement.scrollWidth <= innerWidth"), locale
+            assert not re.search(r"fleet_|verdict_|\{\w+\}", await page.locator("body").inner_text()), locale
+
+
+async def test_a_monitor_that_is_gone_is_said_and_what_is_old_is_grey(tmp_path: Path) -> None:
+    hall = Hall(tmp_path, 3)
+    hall.fill()
+    async with page_of(hall, tmp_path, expected="40[13]") as page:  # refusals, as the browser tells them
+        hall.linked = False
+        await page.get_by_text("The site's router does not answer").wait_for()
+        hall.linked = True
+        await page.get_by_text("The site's router does not answer").wait_for(state="detached")
+        await page.context.clear_cookies()
+        await page.reload()
+        await page.get_by_text("Open the address that the monitor printed").wait_for()
+
+
+async def test_a_page_is_told_what_changed_and_nothing_else(tmp_path: Path) -> None:
+    hall = Hall(tmp_path, 50)
+    hall.fill()
+    house = FleetHouse(hall, Entrance(tmp_path))
+    sent: dict[str, bytes] = {}
+    house.look()
+    assert len(json.loads(house.message(sent))["rows"]) == 50
+    house.look()
+    assert json.loads(house.message(sent))["rows"] == []
+    hall.say("cell-007", alarms=[ALARM])
+    hall.leave("cell-008")
+    house.look()
+    told = json.loads(house.message(sent))
+    assert [(row["cell"], row["link"], len(row["alarms"])) for row in told["rows"]] == [
+        ("cell-007", "online", 1), ("cell-008", "offline", 0),
+    ]  # fmt: skip
+    assert told["ages"].keys() == {"cell-008"}
+    hall.fleet.sample(StationKeys(SITE, "cell-009").state, b'{"forged": 1}', time.monotonic())
+    hall.fleet.look()
+    assert json.loads(house.message(sent))["not_believed"][0]["cell"] == "cell-009"
+
+
+WRONG: list[dict[str, Any]] = [
+    {"alarms": [{"id": 5}]},
+    {"alarms": "x"},
+    {"drift": [DRIFT[0] | {"change_rms_m": "much"}]},
+    {"run": {"state": "x"}},
+    {"certificate": {"word": "pass"}},
+    {"due": [None]},
+    {"cell": 7},
+    {"outbox": None},
+    {"attended": "yes"},
+]
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_cell_of_another_version_spoils_nothing(tmp_path: Path, wrong: dict[str, Any]) -> None:
+    hall = Hall(tmp_path, 3)
+    hall.fill()
+    before = hall.fleet.views(time.monotonic())[1]
+    hall.say("cell-001", **wrong)
+    assert hall.fleet.flaws[-1]["cell"] == "cell-001"
+    assert "another version" in hall.fleet.flaws[-1]["what"]
+    after = hall.fleet.views(time.monotonic())[1]
+    assert (after.name, after.alarms, after.drift, after.due) == (
+        before.name,
+        before.alarms,
+        before.drift,
+        before.due,
+    )
+
+
+async def test_nobody_comes_in_unasked_and_there_is_nothing_to_command(tmp_path: Path) -> None:
+    hall = Hall(tmp_path, 2)
+    hall.fill()
+    app = create_fleet_app(hall, tmp_path)
+    for context in iter_route_contexts(app.routes):
+        route = context.original_route
+        if isinstance(route, APIRoute):
+            assert (context.methods or set()) <= {"GET", "HEAD"}, route.path
+        else:
+            assert isinstance(route, APIWebSocketRoute) or route.name in ("assets", "openapi"), route
+    transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as browser:
+        app.state.house.look()
+        for path in ("/api/fleet", "/api/fleet/cell-000/certificates/x.json", "/openapi.json"):
+            assert (await browser.get(path)).status_code == 401, path
+        assert (await browser.get("/api/fleet", headers={"host": "evil.example"})).status_code == 421
+        assert (await browser.get("/api/fleet", headers={"origin": "http://evil.example"})).status_code == 403
+        assert (await browser.get("/api/sign-in/console", params={"token": "guess"})).status_code >= 400
+        token = app.state.house.entrance.console_token()
+        assert (await browser.get("/api/sign-in/console", params={"token": token})).status_code == 303
+        assert len((await browser.get("/api/fleet")).json()["rows"]) == 2
+        assert (
+            (await browser.get("/api/fleet"))
+            .headers["content-security-policy"]
+            .startswith("default-src 'self'")
+        )
+        hall.certificates = {
+            "good": hall.key.sign("cellcal certificate 1", {"a": 1}).encode(),
+            "forged": station_key(tmp_path / "thief").sign("cellcal certificate 1", {"a": 1}).encode(),
+        }
+        good = await browser.get("/api/fleet/cell-000/certificates/good.json")
+        assert (good.status_code, good.content) == (200, hall.certificates["good"])
+        forged = await browser.get("/api/fleet/cell-000/certificates/forged.json")
+        assert forged.status_code == 422
+        assert "not its certificate" in forged.json()["message"]
+        assert (await browser.get("/api/sign-in/console", params={"token": token})).status_code >= 400
+
+
+def test_the_command_serves_what_a_real_bus_tells(tmp_path: Path) -> None:
+    site, port = Site(tmp_path, "cell-07"), free_port()
+    with site.router():
+        monitor = subprocess.Popen(
+            [sys.executable, "-m", "service", "monitor", str(site.folder), "--port", str(port)],
+            stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "300"},
+        )  # fmt: skip
+        try:
+            assert monitor.stderr is not None
+            assert SITE in monitor.stderr.readline()
+            address = monitor.stderr.readline().removeprefix("Open once: ").strip()
+            with httpx.Client(timeout=30.0) as browser, site.publishing("cell-07") as say:
+
+                def cell() -> dict[str, Any]:
+                    row: dict[str, Any] = browser.get(f"http://127.0.0.1:{port}/api/fleet").json()["rows"][0]
+                    return row
+
+                until(lambda: _answers(browser, address))
+                say("session", session_of("cell-07"))
+                say("live", live_of(state="stopped"))
+                until(lambda: cell()["link"] == "online" and cell()["alarms"])
+                assert cell()["alarms"][0]["text"] == "E-stop."
+            with httpx.Client(timeout=30.0) as stranger:
+                assert stranger.get(f"http://127.0.0.1:{port}/api/fleet").status_code == 401
+        finally:
+            monitor.terminate()
+            monitor.communicate(timeout=30)
+
+
+def _answers(browser: httpx.Client, address: str) -> bool:
+    try:
+        return browser.get(address).status_code == 303
+    except httpx.TransportError:
+        return False

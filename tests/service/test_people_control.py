@@ -1,0 +1,182 @@
+"""One screen orders, the others look on: who gets control, and how it passes on."""
+
+from pathlib import Path
+
+import pytest
+
+from service.people.control import ASKED_S, Control, Seat
+from service.people.errors import ElsewhereError
+from service.web.screen import FRESH_S, Beats
+from tests.service.doors import Clock, Door, a_door, another_browser
+
+TOM, TINA, EMIL = Seat("1", "Tom"), Seat("2", "Tina"), Seat("3", "Emil")
+PAUSE, STOP = {"op": "pause"}, {"op": "stop"}
+
+
+def test_whoever_orders_first_has_control_until_it_is_given() -> None:
+    control = Control(Clock())
+    control.take(TOM)
+    control.take(TOM)
+    with pytest.raises(ElsewhereError, match="Tom"):
+        control.take(TINA)
+    control.answer(TINA.id, give=True)  # nobody asks, and Tina has nothing to give
+    control.ask(TINA)
+    control.answer(TINA.id, give=True)
+    assert control.holder == TOM
+    control.answer(TOM.id, give=True)
+    assert control.holder == TINA
+    assert control.told(TINA.id) == {
+        "mine": True, "holder": "Tina", "asking": None, "asking_mine": False, "remaining_s": None
+    }  # fmt: skip
+
+
+def test_a_request_that_nobody_answers_is_granted_to_whoever_still_asks() -> None:
+    clock = Clock()
+    control = Control(clock)
+    control.take(TOM)
+    control.ask(TINA)
+    clock.pass_by(ASKED_S - 1.0)
+    control.ask(TINA)
+    assert control.holder == TOM
+    assert control.told(TOM.id)["remaining_s"] == 1.0
+    with pytest.raises(ElsewhereError, match="Tina"):
+        control.ask(EMIL)
+    clock.pass_by(1.0)
+    control.ask(TINA)
+    assert control.holder == TINA
+    control.ask(EMIL)
+    clock.pass_by(2.0 * ASKED_S)  # Emil's tablet was put away
+    control.settle(lambda _: True)
+    assert control.told(EMIL.id)["asking"] is None
+    control.ask(EMIL)
+    assert control.holder == TINA
+
+
+def test_a_request_can_be_refused_or_taken_back() -> None:
+    control = Control(Clock())
+    control.take(TOM)
+    control.ask(TINA)
+    control.answer(TOM.id, give=False)
+    assert (control.holder, control.told(TINA.id)["asking_mine"]) == (TOM, False)
+    control.ask(TINA)
+    control.withdraw(EMIL.id)
+    assert control.told(TINA.id)["asking_mine"]
+    control.withdraw(TINA.id)
+    assert not control.told(TINA.id)["asking_mine"]
+
+
+def test_whoever_may_order_nothing_any_more_has_no_control() -> None:
+    control = Control(Clock())
+    control.take(TOM)
+    control.ask(TINA)
+    control.settle(lambda seat: seat != TOM.id)
+    control.take(EMIL)
+    assert control.holder == EMIL
+    control.settle(lambda seat: seat != TINA.id)
+    assert control.told(EMIL.id)["asking"] is None
+    control.release(EMIL.id)
+    assert control.holder is None
+
+
+def test_a_word_that_lay_in_a_broken_link_moves_nothing() -> None:
+    clock = Clock()
+    beats = Beats(clock)
+    assert not beats.is_fresh(0)
+    first = beats.next()
+    assert beats.is_fresh(first)
+    clock.pass_by(FRESH_S)
+    assert not beats.is_fresh(first)
+    assert beats.is_fresh(beats.next())
+    assert not beats.is_fresh(99)
+
+
+async def two(door: Door, first: str, second: str) -> Door:
+    """Sign two people in, each at a browser of their own; return the second's view."""
+    await door.from_console()
+    await door.sign_in(first)
+    other = Door(door.app, another_browser(door.app), door.clock)
+    await other.from_console()
+    await other.sign_in(second)
+    return other
+
+
+async def test_only_one_of_two_screens_orders_and_both_may_stop(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as tom:
+        tina = await two(tom, "Tom", "Tina")
+        assert (await tom.order(PAUSE)).json()["code"] == "desk.gone"  # it went on to the desk
+        refused = await tina.order(PAUSE)
+        assert (refused.status_code, refused.json()["code"]) == (409, "people.elsewhere")
+        assert "Tom" in refused.json()["message"]
+        for door in (tom, tina):
+            assert (await door.order(STOP)).json()["code"] == "desk.gone"
+        assert (await tina.post("/api/control", {"do": "ask"})).json()["asking_mine"]
+        assert (await tina.post("/api/control", {"do": "give"})).json()["holder"] == "Tom"
+        assert (await tom.post("/api/control", {"do": "refuse"})).json()["mine"]
+        await tina.post("/api/control", {"do": "ask"})
+        tom.app.state.house.control.clock = lambda: float("inf")
+        assert (await tina.post("/api/control", {"do": "ask"})).json()[
+            "mine"
+        ] is False  # it is long forgotten
+
+
+async def test_control_is_free_when_its_holder_leaves_idles_or_is_removed(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as tom:
+        tina = await two(tom, "Tom", "Tina")
+        for leaves in ("signs out", "idles", "is removed"):
+            assert (await tom.order(PAUSE)).json()["code"] == "desk.gone"
+            assert (await tina.order(PAUSE)).json()["code"] == "people.elsewhere"
+            if leaves == "signs out":
+                await tom.post("/api/sign-in/leave", {})
+            elif leaves == "idles":
+                tom.clock.pass_by(301.0)
+                await tina.post("/api/sign-in/confirm", {"secret": "141421"})
+            else:
+                tom.entrance.register.remove("Tom", "test")
+            assert (await tina.order(PAUSE)).json()["code"] == "desk.gone", leaves
+            await tina.post("/api/sign-in/leave", {})
+            await tina.sign_in("Tina")
+            await tom.sign_in("Tom")
+
+
+@pytest.mark.parametrize("name", ["Vera", "Ada"])
+async def test_whoever_only_looks_on_gets_no_control(tmp_path: Path, name: str) -> None:
+    async with a_door(tmp_path) as door:
+        other = await two(door, "Tom", name)
+        await door.order(PAUSE)
+        for asks in (other, door):
+            answer = await asks.post("/api/control", {"do": "ask"})
+            assert answer.status_code == (403 if asks is other else 200)
+        door.clock.pass_by(301.0)
+        assert (await door.post("/api/control", {"do": "ask"})).json()["code"] == "people.pin"
+
+
+async def test_the_second_person_approves_at_the_own_screen_or_at_the_first_s(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as tom:
+        tina = await two(tom, "Tom", "Tina")
+        yes = tom.shows("accept_mastering")
+        assert (await tina.order(yes, press="early")).json()["code"] == "people.second_person"
+        assert (await tom.order(yes, press="2")).json()[
+            "code"
+        ] == "desk.gone"  # Tina has control; Tom approves
+        yes = tom.shows("accept_mastering", rev=2, prompt_id="run:2")
+        press = {"id": "3", "rev": 2, "order": yes}
+        second = {"pressed": press, "name": "Tom", "secret": "314159"}
+        assert (await tina.post("/api/commands/second", second)).json()["code"] == "desk.stale"
+        assert (await tina.order(yes, rev=2, press="3")).json()["code"] == "people.second_person"
+        wrong = await tina.post("/api/commands/second", second | {"secret": "111222"})
+        assert wrong.json()["code"] == "people.wrong"
+        same = await tina.post("/api/commands/second", second | {"name": "Tina", "secret": "141421"})
+        assert same.json()["code"] == "desk.stale"
+        viewer = await tina.post("/api/commands/second", second | {"name": "Vera", "secret": "271828"})
+        assert viewer.json()["code"] == "people.role"
+        assert (await tina.post("/api/commands/second", second)).json()["code"] == "desk.gone"
+
+
+async def test_a_wait_says_how_long(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        for _ in range(5):
+            assert (await door.sign_in("Tom", "000999")).status_code == 403
+        refused = await door.sign_in("Tom")
+        assert refused.status_code == 429
+        assert int(refused.headers["retry-after"]) == 3600

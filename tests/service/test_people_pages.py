@@ -1,0 +1,264 @@
+"""The pages of people in a real browser: enrol, sign in and out, roles, the PIN again, a second person.
+
+The desk is a double that asks one question that writes; what needs devices is in test_two_tablets.
+"""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from fastapi import FastAPI
+from playwright.async_api import Page, expect
+
+from service.demo.fake_cell import write_cell_file
+from service.people.sessions import FRESH_S, IDLE_S
+from tests.service.doors import PINS
+from tests.service.shop import LOCALES, PATIENCE_MS, Shop, a_shop, for_everybody, give_pin, sign_in
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+
+
+class OneQuestion:
+    """Stands where the desk's process is: asks the same question anew, and keeps who said yes to it."""
+
+    def __init__(self, app: FastAPI) -> None:
+        self._app = app
+        self.rev = 1
+        self.key = "wire_is_hooked"
+        self.orders: list[tuple[str, str]] = []
+
+    @property
+    def session(self) -> dict[str, Any]:
+        prompt = {"id": f"run:{self.rev}", "kind": "confirm", "key": self.key, "step": "write mastering"}
+        prompt |= {
+            "text": "Write the new mastering?\nJ1: 100 -> 200 counts",
+            "unit": "",
+            "page": "ask",
+            "data": {},
+        }
+        run: dict[str, Any] = {"id": "run", "procedure": "mastering_recovery", "title": "Mastering recovery"}
+        run |= {"state": "running", "step": "write mastering", "index": 1, "expected": 2, "phases": []}
+        run |= {"found": [], "events": [], "outcome": None, "hold_to_move": True}
+        return {
+            "rev": self.rev, "cell": "cell 7", "robots": [{"name": "fanuc", "model": "m6ib", "serial": "1"}],
+            "robot": "fanuc", "level": "commanded", "losses": [], "waits_for_hold": False,
+            "connection": {"connected": True, "message": "", "remedy": ""}, "run": run, "prompt": prompt,
+        }  # fmt: skip
+
+    def ask(self, key: str) -> None:
+        """Ask something else."""
+        self.key = key
+        self.rev += 1
+        self._app.state.house.screens.show("session", self.session)
+
+    async def order(self, command: dict[str, Any]) -> dict[str, Any]:
+        order = command["order"]
+        if order["op"] == "hold":
+            return {"ok": True, "rev": self.rev}
+        self.orders.append((order["op"], command["who"]))
+        self.ask(self.key)
+        return {"ok": True, "rev": self.rev}
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def shop(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Shop]:
+    path = write_cell_file(tmp_path_factory.mktemp("cell"), "127.0.0.1", seed=1, time_factor=1.0)
+    async with a_shop(path, desk=OneQuestion) as opened:
+        yield opened
+        assert opened.complaints == []
+
+
+@pytest_asyncio.fixture(loop_scope="module", autouse=True)
+async def desk(shop: Shop) -> AsyncIterator[OneQuestion]:
+    double: OneQuestion = shop.app.state.house.link
+    double.orders.clear()
+    shop.nobody_has_control()
+    yield double
+    shop.entrance.register._clock = shop.entrance.wall_clock
+    shop.entrance.sessions._clock = shop.entrance.clock
+
+
+@asynccontextmanager
+async def unknown(shop: Shop, **settings: Any) -> AsyncIterator[Page]:
+    async with shop.context(**settings) as context:
+        page = await context.new_page()
+        page.on("pageerror", lambda error: shop.complaints.append(str(error)))
+        yield page
+
+
+async def shown(page: Page, test_id: str) -> None:
+    await expect(page.get_by_test_id(test_id)).to_be_visible(timeout=PATIENCE_MS)
+
+
+async def gone(page: Page, test_id: str) -> None:
+    await expect(page.get_by_test_id(test_id)).to_have_count(0, timeout=PATIENCE_MS)
+
+
+async def disabled(page: Page, test_id: str) -> None:
+    await expect(page.get_by_test_id(test_id)).to_be_disabled(timeout=PATIENCE_MS)
+
+
+async def enabled(page: Page, test_id: str) -> None:
+    await expect(page.get_by_test_id(test_id)).to_be_enabled(timeout=PATIENCE_MS)
+
+
+async def test_a_browser_that_nobody_knows_sees_nothing_until_it_is_enrolled(shop: Shop) -> None:
+    async with unknown(shop) as page:
+        await page.goto(f"http://127.0.0.1:{shop.port}/")
+        await shown(page, "unknown-device")
+        assert "cell 7" not in await page.inner_text("body")
+        await page.goto(f"http://127.0.0.1:{shop.port}/#/enrol/no-such-token")
+        await page.get_by_test_id("enrol-device").click()
+        await shown(page, "enrol-fault")
+        await shop.enrol(page, "tablet 3")
+        assert "enrol/" not in (await page.evaluate("location.hash")).rstrip("/") + "!"
+        await page.reload()  # the key is kept: it comes in by itself, looks on and may ask for a stop
+        await page.evaluate("location.hash = '#/'")
+        await shown(page, "looks-on")
+        await disabled(page, "yes")
+        await enabled(page, "stop")
+        await page.get_by_test_id("to-sign-in").click()
+        await shown(page, "people")
+
+
+async def test_a_person_signs_in_orders_and_signs_out(shop: Shop, desk: OneQuestion) -> None:
+    desk.ask("wire_is_hooked")
+    async with shop.tablet("Tom") as page:
+        await page.get_by_test_id("yes").click()
+        await shop.until(lambda _: desk.orders)
+        assert desk.orders == [("answer", "Tom")]
+        await page.get_by_test_id("sign-out").click()
+        await shown(page, "sign-in")
+        await page.get_by_test_id("look-on").click()
+        await disabled(page, "yes")
+        await page.get_by_test_id("stop").click()
+        await shop.until(lambda _: len(desk.orders) == 2)
+        assert desk.orders[1] == ("stop", "tablet of Tom")
+
+
+async def test_wrong_pins_are_told_and_then_have_to_wait(shop: Shop) -> None:
+    async with unknown(shop) as page:
+        await shop.enrol(page, "tablet 4")
+        await page.evaluate("location.hash = '#/sign-in'")
+        await page.get_by_test_id("person").filter(has_text="Tina").click()
+        for _ in range(5):
+            await give_pin(page, "999000")
+            await shown(page, "secret-fault")
+        await give_pin(page, PINS["Tina"])
+        await expect(page.get_by_test_id("secret-fault")).to_contain_text("60 min", timeout=PATIENCE_MS)
+        now_s = shop.entrance.wall_clock()
+        shop.entrance.register._clock = lambda: now_s + 3601.0
+        await give_pin(page, PINS["Tina"])
+        await page.locator("[data-testid=who][data-role=technician]").wait_for()
+
+
+@pytest.mark.parametrize("name", ["Vera", "Ada"])
+async def test_what_a_role_may_not_do_is_not_offered(shop: Shop, desk: OneQuestion, name: str) -> None:
+    desk.ask("wire_is_hooked")
+    async with shop.tablet(name) as page:
+        await shown(page, "looks-on")
+        for button in ("yes", "no", "hold"):
+            await disabled(page, button)
+        await enabled(page, "stop")
+        assert desk.orders == []
+
+
+async def test_an_approval_asks_for_the_pin_and_then_goes_through(shop: Shop, desk: OneQuestion) -> None:
+    desk.ask("accept_plan")
+    async with shop.tablet("Tom") as page:
+        now_s = shop.entrance.clock()
+        shop.entrance.sessions._clock = lambda: now_s + FRESH_S + 30.0
+        await page.get_by_test_id("yes").click()
+        await shown(page, "dialog")
+        await shown(page, "dialog-stop")
+        await page.get_by_test_id("dialog-close").click()
+        await gone(page, "dialog")
+        assert desk.orders == []
+        await page.get_by_test_id("yes").click()
+        await give_pin(page, PINS["Tom"])
+        await shop.until(lambda _: desk.orders)
+        await gone(page, "dialog")
+        assert desk.orders == [("answer", "Tom")]
+
+
+async def test_a_screen_left_alone_still_stops_and_the_pin_opens_it(shop: Shop, desk: OneQuestion) -> None:
+    desk.ask("wire_is_hooked")
+    async with shop.tablet("Emil") as page:
+        now_s = shop.entrance.clock()
+        shop.entrance.sessions._clock = lambda: now_s + IDLE_S + 30.0
+        await shown(page, "locked")
+        await disabled(page, "yes")
+        await enabled(page, "stop")
+        await page.get_by_test_id("unlock").click()
+        await give_pin(page, PINS["Emil"])
+        await enabled(page, "yes")
+        await gone(page, "locked")
+
+
+async def test_writing_takes_a_second_person_beside_the_first(shop: Shop, desk: OneQuestion) -> None:
+    desk.ask("accept_mastering")
+    async with shop.tablet("Tom") as page:
+        await page.get_by_test_id("yes").click()
+        await shown(page, "dialog")
+        names = await page.get_by_test_id("dialog").get_by_test_id("person").all_inner_texts()
+        assert [name.split("\n")[0] for name in names] == ["Emil", "Tina"]  # no viewer, no admin, not Tom
+        await page.get_by_test_id("person").filter(has_text="Tina").click()
+        await give_pin(page, "000999")
+        await shown(page, "secret-fault")
+        assert desk.orders == []
+        await give_pin(page, PINS["Tina"])
+        await gone(page, "dialog")
+        assert desk.orders == [("answer", "Tom and Tina")]
+
+
+async def test_the_second_person_may_approve_at_a_screen_of_their_own(shop: Shop, desk: OneQuestion) -> None:
+    desk.ask("accept_mastering")
+    async with shop.tablet("Tom") as tom, shop.tablet("Tina") as tina:
+        await tom.get_by_test_id("yes").click()
+        await shown(tom, "dialog")
+        await shown(tina, "second-wanted")
+        await disabled(tina, "no")
+        await tina.get_by_test_id("yes").click()
+        await gone(tom, "dialog")
+        assert desk.orders == [("answer", "Tom and Tina")]
+
+
+async def test_an_engineer_writes_alone_with_a_passphrase(shop: Shop, desk: OneQuestion) -> None:
+    desk.ask("accept_mastering")
+    async with shop.tablet("Emil") as page:
+        await page.get_by_test_id("yes").click()
+        await shop.until(lambda _: desk.orders)
+        assert desk.orders == [("answer", "Emil")]
+
+
+async def test_the_pages_of_people_are_for_everybody_in_four_languages(shop: Shop, desk: OneQuestion) -> None:
+    desk.ask("accept_mastering")
+    async with unknown(shop) as page:
+        await page.goto(f"http://127.0.0.1:{shop.port}/")
+        await shown(page, "unknown-device")
+        await in_every_language(page, "unknown")
+        token = shop.entrance.register.enrolment("tablet", "test")
+        await page.evaluate("hash => { location.hash = hash; }", f"#/enrol/{token}")
+        await shown(page, "enrol")
+        await in_every_language(page, "enrol")
+        await page.get_by_test_id("enrol-device").click()
+        await shown(page, "enrolled")
+        await page.evaluate("location.hash = '#/sign-in'")
+        await shown(page, "people")
+        await in_every_language(page, "names")
+        await page.get_by_test_id("person").filter(has_text="Tom").click()
+        await page.set_viewport_size({"width": 800, "height": 1280})
+        await in_every_language(page, "the PIN")
+        await page.get_by_test_id("other-person").click()
+        await sign_in(page, "Tom")
+        await page.get_by_test_id("yes").click()
+        await shown(page, "dialog")
+        await in_every_language(page, "a second person")
+
+
+async def in_every_language(page: Page, where: str) -> None:
+    for locale in LOCALES:
+        await page.get_by_test_id("language").select_option(locale)
+        await for_everybody(page, f"{where} in {locale}")

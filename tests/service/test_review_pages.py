@@ -1,0 +1,298 @@
+"""Judging in a real browser: residuals, what if, before and after, the map, comparisons, and the way back."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, Route
+
+from service.parameters.parameter_sets import ParameterSets
+from service.web.parameters import FOLDER
+from tests.service.desks import PATIENCE_S
+from tests.service.lookers import looking_back
+from tests.service.reviewed import SERIAL, SPOILT_STEP, Past
+from tests.service.test_pages import LOCALES, OVERFULL, ROOT, RUN_AXE, SMALL, Looking
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("review pages")]
+Seen = tuple[Looking, Past]
+COLOUR_AT = """([x, y]) => {
+    const plot = document.querySelector('[data-testid=residual-plot]'), canvas = plot.querySelector('canvas');
+    const over = plot.querySelector('.u-over').getBoundingClientRect(), box = canvas.getBoundingClientRect();
+    const scale = canvas.width / box.width;
+    return [...canvas.getContext('2d').getImageData(
+        (over.left - box.left + x) * scale, (over.top - box.top + y) * scale, 1, 1).data]; }"""
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def seen(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
+    async with looking_back(tmp_path_factory.mktemp("cell")) as found:
+        yield found
+
+
+async def marks(page: Page) -> list[list[int]]:
+    """Return where the plot has its points, once it is drawn."""
+    plot = page.get_by_test_id("residual-plot")
+    async with asyncio.timeout(PATIENCE_S):
+        while not (told := await plot.get_attribute("data-marks")):
+            await asyncio.sleep(0.05)
+    found: list[list[int]] = json.loads(told)
+    return found
+
+
+async def tap(page: Page, at: list[int]) -> dict[str, Any]:
+    """Tap a point of the plot; return the service's answer."""
+    async with page.expect_response("**/what-if") as answer:
+        await page.locator("[data-testid=residual-plot] .u-over").click(position={"x": at[0], "y": at[1]})
+    told: dict[str, Any] = await (await answer.value).json()
+    return told
+
+
+async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(seen: Seen) -> None:
+    looks, past = seen
+    async with looks.page(f"#/history/{past.spoilt}") as page:
+        at = await marks(page)
+        card = page.get_by_test_id("residuals")
+        assert len(at) == int(await card.get_attribute("data-count") or 0) == 16
+        assert await card.get_attribute("data-signed") == "true"
+        signed = await page.get_by_test_id("fit-u").inner_text()
+        odd = int(SPOILT_STEP.split()[1]) - 1
+        told = await tap(page, at[odd])
+        assert [p["used"] for p in told["points"]] == [True] * 16
+        await page.get_by_test_id("what-if").wait_for()
+        assert await card.get_attribute("data-signed") == "false"
+        assert (
+            signed in await page.get_by_test_id("fit-u").inner_text()
+        )  # beside the other figure, and called signed
+        assert await page.get_by_test_id("took").get_attribute("data-ms") is not None
+        await page.get_by_test_id("as-signed").click()
+        assert await card.get_attribute("data-signed") == "true"
+        assert await page.get_by_test_id("fit-u").inner_text() == signed
+
+
+async def test_an_outlier_differs_in_shape_and_colour(seen: Seen) -> None:
+    looks, past = seen
+    async with looks.page(f"#/history/{past.spoilt}") as page:
+        at = await marks(page)
+        odd = int(SPOILT_STEP.split()[1]) - 1
+        blue = await page.evaluate(COLOUR_AT, at[0])
+        assert blue[2] > blue[0] + 60
+        cross = await page.evaluate(COLOUR_AT, at[odd])
+        assert cross[0] > cross[2] + 60
+        beside = [at[odd][0] + 4, at[odd][1]]  # a dot fills this place, a cross does not
+        assert await page.evaluate(COLOUR_AT, beside) != cross
+        assert (await page.evaluate(COLOUR_AT, [at[0][0] + 4, at[0][1]]))[2] > blue[0] + 60
+
+
+async def test_the_table_tells_and_does_the_same_as_the_plot(seen: Seen) -> None:
+    looks, past = seen
+    async with looks.page(f"#/history/{past.spoilt}") as page:
+        await marks(page)
+        await page.get_by_test_id("residuals").locator("summary").click()
+        rows = page.get_by_test_id("residual-table").locator("tbody tr")
+        assert await rows.count() == 16
+        assert await page.locator("tr[data-outlier=true]").count() == 1
+        review = (await looks.client.get(f"/api/runs/{past.spoilt}/review")).json()
+        for i, point in enumerate(review["points"]):
+            assert f"{point['residual_m'] * 1e3:.3f} mm" in await rows.nth(i).inner_text()
+        await rows.nth(0).get_by_role("button").click()
+        await page.get_by_test_id("what-if").wait_for()
+        await page.locator("tr[data-used=false]").nth(1).wait_for()
+        assert await rows.nth(0).get_attribute("data-used") == "false"
+
+
+async def test_too_few_readings_are_refused_in_words(seen: Seen) -> None:
+    looks, past = seen
+    async with looks.page(f"#/history/{past.touches}") as page:
+        await marks(page)
+        await page.get_by_test_id("residuals").locator("summary").click()
+        rows = page.get_by_test_id("residual-table").locator("tbody tr")
+        for i in range(await rows.count()):
+            async with page.expect_response("**/what-if"):
+                await rows.nth(i).get_by_role("button").click()
+            if await page.get_by_test_id("what-if-refused").count():
+                break
+        assert "3" in await page.get_by_test_id("what-if-refused").inner_text()
+        assert [line for line in looks.complaints if "422" not in line] == []
+        looks.complaints.clear()  # the browser tells of a refusal, too
+
+
+async def test_before_and_after_and_the_map_say_what_the_service_says(seen: Seen) -> None:
+    looks, past = seen
+    review = (await looks.client.get(f"/api/runs/{past.calibration}/review")).json()
+    async with looks.page(f"#/history/{past.calibration}") as page:
+        for which in ("before", "after"):
+            text = await page.get_by_test_id(f"spread-{which}").inner_text()
+            for key in ("mean_m", "rms_m", "max_m", "u_m"):
+                assert f"{review['validation'][which][key] * 1e3:.3f} mm" in text
+        card = page.get_by_test_id("error-map")
+        assert await card.locator("figure circle").count() == 2 * len(review["places"])
+        most = max(place["u_m"] for place in review["places"])
+        await page.get_by_test_id("map-u").click()
+        assert f"{most * 1e3:.3f}" in await card.inner_text()
+
+
+async def test_the_certificate_is_named_hashed_and_checked_on_the_page(seen: Seen) -> None:
+    looks, past = seen
+    async with looks.page(f"#/history/{past.calibration}") as page:
+        await page.get_by_test_id("verified").wait_for()
+        signed = (await looks.client.get(f"/api/runs/{past.calibration}/certificate.json")).json()
+        assert await page.get_by_test_id("certificate-word").inner_text() == "PASS"
+        assert await page.get_by_test_id("certificate-id").inner_text() == past.calibration
+        assert await page.get_by_test_id("certificate-hash").inner_text() == signed["sha256"]
+        for kind, begins in (("html", b"<!"), ("pdf", b"%PDF")):
+            link = await page.get_by_test_id(f"certificate-{kind}").get_attribute("href")
+            content = (await looks.client.get(f"/{str(link).removeprefix('./')}")).content
+            assert content.lstrip().lower().startswith(begins.lower())
+        path = past.config.cell.data_dir / "certificates" / f"{past.calibration}.json"
+        kept = path.read_bytes()
+        path.write_bytes(
+            kept.replace(b"Anna", b"Anne", 1) if b"Anna" in kept else kept.replace(b"pass", b"fail", 1)
+        )
+        await page.get_by_test_id("verify").click()
+        await page.locator("[data-testid=certified][data-finding=tampered]").wait_for()
+        path.write_bytes(kept)
+
+
+async def test_the_history_is_newest_first_filtered_and_compared(seen: Seen) -> None:
+    looks, past = seen
+    async with looks.page("#/history") as page:
+        rows = page.get_by_test_id("run")
+        await rows.first.wait_for()
+        told = (await looks.client.get("/api/runs")).json()
+        shown = [await rows.nth(i).get_attribute("data-run") for i in range(await rows.count())]
+        assert shown == [
+            line["run_id"] for line in sorted(told, key=lambda x: x["started_utc"], reverse=True)
+        ]
+        await page.get_by_test_id("filter").fill("Robot Calibration")
+        assert await rows.count() == 2
+        for i in range(2):
+            await page.get_by_test_id("pick").nth(i).click()
+        card = page.get_by_test_id("compared")
+        await card.locator("tr[data-changed]").first.wait_for()
+        compared = (await looks.client.get(f"/api/runs/{past.spoilt}/against/{past.calibration}")).json()
+        assert await card.locator("tbody tr").count() == len(compared["figures"]) + len(compared["settings"])
+
+
+async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(seen: Seen) -> None:
+    looks, past = seen
+    sets = ParameterSets(past.config.path.parent / FOLDER)
+    newest = sets.load(SERIAL).version
+    async with looks.page("#/parameters") as page:
+        assert await page.get_by_test_id("versions").locator("tbody tr").count() == newest
+        assert await page.get_by_test_id("yes").count() == 0  # not before the difference was shown
+        await page.get_by_test_id("back-to").select_option("1")
+        hold = page.get_by_test_id("yes")
+        await hold.wait_for()
+        await page.get_by_test_id("changes").wait_for()
+        await hold.click()  # a tap is not enough
+        assert sets.load(SERIAL).version == newest
+        await page.get_by_test_id("why").fill("the tool was bent")
+        box = await hold.bounding_box()
+        assert box is not None
+        await page.mouse.move(box["x"] + 40, box["y"] + 20)
+        await page.mouse.down()
+        await page.locator(f"tr[data-version='{newest + 1}']").wait_for()
+        await page.mouse.up()
+        assert "1" in await page.get_by_test_id("go-back-told").inner_text()
+    held = sets.load(SERIAL)
+    assert (held.version, held.rolls_back_to, held.note) == (newest + 1, 1, "the tool was bent")
+
+
+async def test_trends_have_a_point_for_each_version_and_run(seen: Seen) -> None:
+    looks, _ = seen
+    async with looks.page(f"#/parameters/{SERIAL}") as page:
+        await page.get_by_test_id("procedure").select_option("robot_calibration")
+        told = (
+            await looks.client.get(f"/api/trend?robot_serial={SERIAL}&procedure=robot_calibration")
+        ).json()
+        plots = page.get_by_test_id("trend")
+        await page.locator("[data-testid=trend] [data-drawn]").nth(1).wait_for()
+        versions = await page.get_by_test_id("versions").locator("tbody tr").count()
+        assert await plots.nth(0).get_attribute("data-count") == str(versions)
+        assert await plots.nth(1).get_attribute("data-count") == str(len(told[0]["points"])) == "2"
+
+
+def places_of(past: Past) -> tuple[str, ...]:
+    return (
+        f"#/history/{past.spoilt}",
+        f"#/history/{past.touches}",
+        "#/history",
+        "#/parameters",
+        "#/devices",
+        "#/",
+        "#/procedure/robot_calibration",
+    )
+
+
+async def go(page: Page, place: str) -> None:
+    await page.evaluate("place => { location.hash = place; }", place)
+    await page.locator("main h1").first.wait_for()
+    await page.wait_for_load_state("networkidle")
+    await page.locator("main .pulse").first.wait_for(state="detached")
+    await page.wait_for_timeout(200)
+    await page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+async def test_pages_that_judge_are_for_everybody(seen: Seen, locale: str) -> None:
+    looks, past = seen
+    axe = (ROOT / "web/node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
+    async with looks.page(locale=locale) as page:
+        await page.evaluate(axe)
+        for place in places_of(past)[:4]:
+            await go(page, place)
+            for rule in (RUN_AXE, SMALL, OVERFULL):
+                assert await page.evaluate(rule) == [], (place, locale)
+
+
+def longer(text: str) -> str:
+    """Return a text that is forty percent longer and looks translated; what is in braces stays."""
+    vowels = str.maketrans("aeiouAEIOU", "åéîöüÅÉÎÖÜ")
+    parts = text.split("{")
+    done = [parts[0].translate(vowels)]
+    for part in parts[1:]:
+        name, _, rest = part.partition("}")
+        done.append(f"{name}}}{rest.translate(vowels)}")
+    more = "~" * max(1, round(0.4 * len(text)))
+    return "{".join(done) + " ".join(more[at : at + 10] for at in range(0, len(more), 10))
+
+
+async def test_texts_that_are_forty_percent_longer_fit_everywhere(seen: Seen) -> None:
+    """The English texts of the built pages are replaced on their way to the browser by a generated language."""
+    looks, past = seen
+    texts = json.loads((ROOT / "web/src/locales/en.json").read_text(encoding="utf-8"))
+    replaced: set[str] = set()
+
+    async def translate(route: Route) -> None:
+        answer = await route.fetch()
+        source = await answer.text()
+        for key, text in texts.items():
+            for quote in ('"', "`", "'"):
+                written = f"{key}:{quote}{text}{quote}"
+                if written in source:
+                    source = source.replace(written, f"{key}:{quote}{longer(text)}{quote}")
+                    replaced.add(key)
+        await route.fulfill(response=answer, body=source)
+
+    async with looks.page(size=(800, 1280)) as page:
+        await page.route("**/assets/*.js", translate)
+        await page.reload()
+        await page.get_by_test_id("device-robot").wait_for()
+        assert len(replaced) >= 0.9 * len(texts)
+        assert longer(texts["history"]) in await page.locator("nav").inner_text()
+        for place in places_of(past):
+            await go(page, place)
+            assert await page.evaluate(OVERFULL) == [], place
+            wide = await page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
+            assert wide[0] <= wide[1], place
+
+
+async def test_the_pages_are_built_of_files_of_their_own(seen: Seen) -> None:
+    looks, past = seen
+    async with looks.page() as page:
+        for place in places_of(past):
+            await go(page, place)
+    assert {url.split("/")[2] for url in looks.asked if url.startswith("http")} == {looks.url.split("/")[2]}

@@ -1,0 +1,20 @@
+"""What the service brings in before it answers: nothing that it does not need for that."""
+
+import subprocess
+import sys
+
+HEAVY = (
+    "scipy.optimize", "scipy.special", "scipy.spatial", "matplotlib", "pinocchio", "openpyxl", "typst", "zenoh",
+    "canopen", "can", "pymodbus", "rtde_control", "rtde_receive",
+    "procedures.catalogue", "calibration.identification.identify", "service.runs.conduct",
+    "service.certificates.certificate", "service.desk.desk",
+)  # fmt: skip
+
+
+def test_the_web_process_answers_without_solver_catalogue_and_device_libraries() -> None:
+    told = subprocess.run(
+        [sys.executable, "-c", "import sys, service.cli.app, service.web.app; print(*sys.modules)"],
+        capture_output=True, text=True, check=True,
+    ).stdout.split()  # fmt: skip
+    assert "fastapi" in told
+    assert [name for name in HEAVY if name in told] == []

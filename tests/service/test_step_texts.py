@@ -1,0 +1,106 @@
+"""What procedures say, in every language: nothing is forgotten, and what is said in English only is listed here."""
+
+import ast
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import TypeAdapter
+
+from procedures.catalogue import ENTRIES
+from procedures.entry import NEEDS
+
+ROOT = Path(__file__).parents[2]
+TRANSLATED = ("de", "es", "zh")
+# the same cuts and holes as in web/src/lib/say.svelte.ts
+NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")
+SENTENCE = re.compile(r"(?<=[.?!])\s+")
+UNIT = re.compile(r"_(m|rad|s|rad_s|m_s)$")
+
+# Sentences that carry words of the run beside figures: shown as they are said. Their figures stand on the page.
+ENGLISH_ONLY = 45  # at most; it may only fall
+
+
+def tables() -> dict[str, dict[str, str]]:
+    folder = ROOT / "web/src/locales/procedures"
+    return {name: json.loads((folder / f"{name}.json").read_text(encoding="utf-8")) for name in TRANSLATED}
+
+
+def key(text: str) -> str:
+    return NUMBER.sub("#", text).strip()
+
+
+def said(node: ast.expr) -> tuple[str, bool] | None:
+    """Return a literal's text, figures as holes, and whether it has any; None where it is no literal."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value, False
+    if isinstance(node, ast.JoinedStr):
+        parts = [str(part.value) if isinstance(part, ast.Constant) else "#" for part in node.values]
+        return "".join(parts), True
+    return None
+
+
+def calls(*names: str) -> Iterator[ast.Call]:
+    for path in sorted((ROOT / "procedures").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                called = (
+                    node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+                )
+                if called in names and node.args:
+                    yield node
+
+
+def instructions() -> tuple[set[str], set[str]]:
+    """Return every sentence of the procedures' instructions: those without figures, and those with."""
+    plain: set[str] = set()
+    figured: set[str] = set()
+    for call in calls("Instruction"):
+        text = said(call.args[1]) if len(call.args) > 1 else None
+        if text is not None:
+            for sentence in SENTENCE.split(text[0]):
+                (figured if "#" in sentence else plain).add(key(sentence))
+    return plain, figured - {"#", "#."}
+
+
+def step_names() -> set[str]:
+    names = (said(call.args[0]) for call in calls("Phase"))
+    return {name for found in names if found is not None and not found[1] for name in [found[0]]}
+
+
+@pytest.mark.parametrize("locale", TRANSLATED)
+def test_titles_steps_settings_and_plain_instructions_are_translated(locale: str) -> None:
+    table = tables()[locale]
+    settings = {
+        UNIT.sub("", name).replace("_", " ")
+        for entry in ENTRIES
+        for name in TypeAdapter(entry.spec_type).json_schema()["properties"]
+    }
+    wanted = {
+        "titles": {key(entry.title) for entry in ENTRIES},
+        "steps": step_names(),
+        "settings": settings,
+        "needs": {words for words, _ in NEEDS.values()},
+        "instructions": instructions()[0],
+    }
+    missing = {what: sorted(texts - table.keys()) for what, texts in wanted.items()}
+    assert missing == {what: [] for what in wanted}
+
+
+def test_sentences_with_figures_that_are_said_in_english_only_are_counted() -> None:
+    table = tables()["de"]
+    untranslated = sorted(instructions()[1] - table.keys())
+    assert len(untranslated) <= ENGLISH_ONLY, "\n".join(untranslated)
+
+
+def test_every_language_translates_the_same_and_keeps_the_figures() -> None:
+    texts = tables()
+    for locale in TRANSLATED:
+        assert texts[locale].keys() == texts["de"].keys()
+        for english, words in texts[locale].items():
+            assert words.strip(), (locale, english)
+            if "#" in words:
+                assert words.count("#") == english.count("#"), (locale, english)
+            assert key(english) == english, "a key has holes where its figures are"

@@ -1,0 +1,312 @@
+"""Every kind of step in a real browser over the fake cell: what is refused, and what is shown beforehand.
+
+One browser, one cell and one service serve most of them, one after the other.
+"""
+
+import asyncio
+import re
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, expect
+
+from tests.service.desks import PATIENCE_S
+from tests.service.steps import (
+    TIP_IN_FLANGE_M,
+    Pendant,
+    about,
+    asked,
+    at_the_pages,
+    press_for,
+    record,
+    tip_at_home,
+    why,
+)
+from tests.service.test_pages import OVERFULL, ROOT, RUN_AXE, SMALL
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
+AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
+TILT = 45.0
+expect.set_options(timeout=PATIENCE_S * 1e3)
+FRAME = {"frame_number": 3, "tip_in_flange_m": TIP_IN_FLANGE_M.tolist(), "check_above": True}
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def pendant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Pendant]:
+    async with at_the_pages(tmp_path_factory.mktemp("steps")) as found:
+        yield found
+
+
+@asynccontextmanager
+async def a_run(
+    pendant: Pendant, procedure: str, *, locale: str = "en", **settings: object
+) -> AsyncIterator[Page]:
+    """Start a run and look at it; end it afterwards, whatever came of it."""
+    looks = pendant.looks
+    pendant.nobody_has_control()
+    async with looks.page(locale=locale) as page:
+        await looks.order(op="start", procedure=procedure, settings=settings, hold_to_move=False)
+        try:
+            yield page
+        finally:
+            if (await looks.session())["run"]["outcome"] is None:
+                await looks.order(op="stop")
+                await looks.until(lambda session: session["run"]["outcome"])
+            await looks.order(op="dismiss")
+
+
+async def _shoot(page: Page, folder: Path, name: str) -> None:
+    """Keep what a page looks like, lying and standing, and hold it to the rules for every page."""
+    for width, height in ((1280, 800), (800, 1280)):
+        await page.set_viewport_size({"width": width, "height": height})
+        await page.screenshot(path=folder / f"{name}_{width}.png")
+    await page.set_viewport_size({"width": 1280, "height": 800})
+    await page.evaluate(AXE.read_text(encoding="utf-8"))
+    for rule in (RUN_AXE, SMALL, OVERFULL):
+        assert await page.evaluate(rule) == [], name
+
+
+async def test_a_tool_is_taught_and_nothing_is_recorded_that_tells_nothing(
+    pendant: Pendant, tmp_path: Path
+) -> None:
+    """U1, U4, U13: attitudes are refused before they are recorded; old and new before two seconds of a press."""
+    pin = tip_at_home()
+    async with a_run(pendant, "six_point_tcp", tool_number=3, method="four_point") as page:
+        await asked(page, "pin_is_fixed")
+        await _shoot(page, tmp_path, "ask")
+        await expect(page.locator("[aria-current=step]")).to_have_count(1)
+        await record(page)
+        await pendant.touch(pin, np.eye(3))
+        await why(page, "")
+        await record(page)  # the first touch
+
+        await pendant.touch(pin, about("x", 5.0))
+        await why(page, "tcp.spread_low")
+        await expect(page.get_by_test_id("yes")).to_be_disabled()
+        spread = page.locator("[data-figure=spread]")
+        assert np.isclose(float(await spread.get_attribute("data-value") or 0), np.radians(5.0), atol=1e-3)
+        await _shoot(page, tmp_path, "teach_refused")
+        session = await pendant.looks.session()
+        press = {"op": "answer", "prompt_id": session["prompt"]["id"], "value": "yes"}
+        early = {"id": "too early", "rev": session["rev"], "order": press}
+        refused = await pendant.looks.client.post("/api/commands", json=early)
+        assert (refused.status_code, refused.json()["code"]) == (409, "tcp.spread_low")
+
+        await pendant.touch(pin, about("z", 60.0))
+        await why(page, "")  # two touches never fix a tip: a roll is as good as any turn
+        await record(page)
+        await pendant.touch(pin, about("z", -60.0))
+        await why(page, "tcp.one_axis")
+        await expect(page.get_by_test_id("yes")).to_be_disabled()
+
+        await page.reload()
+        await expect(page.get_by_test_id("points").locator("[data-state=recorded]")).to_have_count(2)
+        await expect(page.locator("[aria-current=step]")).to_have_count(1)
+        await pendant.touch(pin, about("x", TILT))
+        await why(page, "")
+        await expect(page.locator("[data-figure=tip_u]")).to_be_visible()
+        await _shoot(page, tmp_path, "teach")
+        await record(page)
+        for axis, degrees in (("y", TILT), ("x", -TILT), ("y", -TILT), ("x", 30.0)):
+            if await _is_asked(page, "accept_tool"):
+                break
+            await pendant.touch(pin, about(axis, degrees))
+            await why(page, "")
+            await record(page)
+
+        await asked(page, "accept_tool")
+        await page.get_by_test_id("review-changes").wait_for()
+        await _shoot(page, tmp_path, "review")
+        assert "mm" in await page.get_by_test_id("displacement").inner_text()
+        await expect(page.get_by_test_id("review-changes").locator("tbody tr")).to_have_count(4)
+        await press_for(page, 1.0)
+        await page.wait_for_timeout(300)
+        assert (await pendant.looks.session())["prompt"][
+            "key"
+        ] == "accept_tool"  # a short press writes nothing
+        await press_for(page, 2.3)
+        await page.get_by_test_id("outcome").wait_for()
+        outcome = (await pendant.looks.session())["run"]["outcome"]
+        assert outcome["verdict"] == "passed"
+        found = outcome["result"]["flange_tool"]["position_m"]
+        assert np.allclose(found, TIP_IN_FLANGE_M, atol=2e-3)
+
+
+async def _is_asked(page: Page, key: str) -> bool:
+    await page.get_by_test_id("prompt").wait_for()
+    return await page.get_by_test_id("prompt").get_attribute("data-key") == key
+
+
+async def test_points_that_make_no_frame_are_refused(pendant: Pendant, tmp_path: Path) -> None:
+    """U5: too close, on one line, below the plane; a short base is warned of."""
+    origin = tip_at_home()
+    attitude = np.eye(3)
+
+    async def touch(x: float, y: float, z: float) -> None:
+        await pendant.touch(origin + np.array([x, y, z]), attitude)
+
+    async with a_run(pendant, "three_point_frame", **FRAME) as page:
+        await asked(page, "pointer_is_mounted")
+        await record(page)
+        await touch(0.0, 0.0, 0.0)
+        await asked(page, "touch_origin")
+        await record(page)
+        await asked(page, "touch_on_x")
+        await touch(0.008, 0.0, 0.0)
+        await why(page, "frame.points_close")
+        await expect(page.get_by_test_id("yes")).to_be_disabled()
+        await touch(0.08, 0.0, 0.0)
+        await expect(page.get_by_test_id("warning")).to_be_visible()
+        await expect(page.get_by_test_id("yes")).to_be_enabled()
+        await touch(0.25, 0.0, 0.0)
+        await expect(page.get_by_test_id("warning")).to_be_hidden()
+        await record(page)
+        await asked(page, "touch_on_xy")
+        await touch(0.2, 0.005, 0.0)
+        await why(page, "frame.collinear")
+        await expect(page.get_by_test_id("yes")).to_be_disabled()
+        await _shoot(page, tmp_path, "frame_refused")
+        await touch(0.0, 0.2, 0.0)
+        await why(page, "")
+        await expect(page.locator("[data-figure=axes_u]")).to_be_visible()
+        await record(page)
+        await asked(page, "touch_above")
+        await touch(0.05, 0.05, -0.05)
+        await why(page, "frame.left_handed")
+        await expect(page.get_by_test_id("yes")).to_be_disabled()
+        await touch(0.05, 0.05, 0.05)
+        await why(page, "")
+        await record(page)
+        await asked(page, "accept_frame")
+        assert "500" in await page.get_by_test_id("displacement").inner_text()
+
+
+async def test_what_somebody_selects_at_the_pendant_blocks_the_page(pendant: Pendant, tmp_path: Path) -> None:
+    """U7: old and new are named, the points stay, and nothing can be recorded until it is put back."""
+    tool = int((await pendant.door.truth())["robots"]["fanuc"]["active"]["tool_number"])
+    async with a_run(pendant, "six_point_tcp", tool_number=3, method="four_point") as page:
+        await asked(page, "pin_is_fixed")
+        await record(page)
+        await pendant.touch(tip_at_home(), np.eye(3))
+        await record(page)
+        await pendant.touch(tip_at_home(), about("x", TILT))
+        await why(page, "")
+        await pendant.door.fault("select", tool=tool + 1)
+        guard = page.get_by_test_id("context-guard")
+        await guard.wait_for()
+        told = await guard.inner_text()
+        assert f"tool {tool + 1} is active, and not tool {tool}" in told
+        assert "1 recorded so far" in told
+        await _shoot(page, tmp_path, "guard")
+        await page.keyboard.press("Escape")
+        await expect(guard).to_be_visible()
+        session = await pendant.looks.session()
+        press = {"op": "answer", "prompt_id": session["prompt"]["id"], "value": "yes"}
+        early = {"id": "another tool", "rev": session["rev"], "order": press}
+        refused = await pendant.looks.client.post("/api/commands", json=early)
+        assert refused.json()["code"] == "context.changed"
+        await pendant.door.fault("select", tool=tool)
+        await guard.wait_for(state="hidden")
+        await why(page, "")
+        await record(page)
+        await pendant.looks.until(lambda session: len(session["prompt"]["data"]["points"]) >= 3)
+
+
+async def test_a_plan_is_looked_at_before_the_robot_moves(pendant: Pendant, tmp_path: Path) -> None:
+    """Poses with their tips, speed, time, what was checked and what was not; then the motion with its progress."""
+    await pendant.bring(pendant.start_rad)
+    async with a_run(pendant, "mastering_record", poses=12) as page:
+        await asked(page, "wire_is_hooked")
+        await record(page)
+        await asked(page, "accept_plan")
+        assert (await page.get_by_test_id("plan-count").inner_text()).startswith("12")
+        assert await page.get_by_test_id("plan-checks").locator(".good").count() == 4
+        await page.get_by_test_id("plan-poses").locator("summary").click()
+        rows = page.get_by_test_id("plan-poses").locator("tbody tr")
+        await expect(rows).to_have_count(12)
+        plan = (await pendant.looks.session())["prompt"]["data"]["plan"]
+        for pose in plan["poses"]:
+            flange = np.linalg.norm(np.array(pose["tip_in_base_m"]))
+            assert 0.1 < flange < 2.0
+            assert len(pose["joints_rad"]) == 6
+        await page.get_by_test_id("plan-poses").locator("summary").click()
+        await _shoot(page, tmp_path, "approve")
+        await pendant.looks.order(op="pause")
+        await page.get_by_test_id("yes").click()
+        await pendant.looks.until(lambda session: session["run"]["state"] == "paused")
+        await pendant.looks.order(op="go_on")
+        await page.locator("[data-testid=working][data-page=motion]").wait_for()
+        await page.get_by_test_id("left").wait_for()
+        await _shoot(page, tmp_path, "motion")
+        assert re.search(r"\d+ of \d+", await page.get_by_test_id("pose-of").inner_text())
+
+
+async def test_settings_show_their_units_and_doubt_what_looks_like_another_one(pendant: Pendant) -> None:
+    """U8: a comma is a decimal sign, metres typed into millimetres are asked about."""
+    asked_for: list[dict[str, object]] = []
+    async with pendant.looks.page("#/procedure/three_point_frame", locale="de") as page:
+        page.on(
+            "request",
+            lambda request: asked_for.append(request.post_data_json) if "dry-runs" in request.url else None,
+        )
+        await page.get_by_test_id("value-frame_number").fill("3")
+        for axis, text in (("x", "20,5"), ("y", "0"), ("z", "0,18")):
+            box = page.get_by_test_id(f"tip_in_flange_m-0-{axis}")
+            await box.fill(text)
+            await box.press("Tab")
+        doubt = page.get_by_test_id("unit-doubt")
+        await doubt.wait_for()
+        assert "0,18 m = 180,0 mm" in await doubt.inner_text()
+        await page.get_by_test_id("unit-meant").click()
+        await page.get_by_test_id("value-sigma_m").fill("0,125")
+        await page.get_by_test_id("value-sigma_m").press("Tab")
+        units = await page.get_by_test_id("settings").locator("[data-testid=unit]").all_inner_texts()
+        assert set(units) == {"mm"}
+        await page.get_by_role("button", name="Zeigen, was geschehen wird").click()
+        await page.locator("ol li").first.wait_for()
+        settings = asked_for[-1]["settings"]
+        assert settings == {"frame_number": 3, "tip_in_flange_m": [0.0205, 0.0, 0.18], "sigma_m": 0.000125}
+        await page.reload()
+        await expect(page.get_by_test_id("value-sigma_m")).to_have_value("0,125")
+
+
+async def test_a_swinging_wire_is_waited_for(tmp_path: Path) -> None:
+    """U2, U6: recording waits for the arm to be there, for the wire to rest for a second, and for fresh values."""
+    async with (
+        at_the_pages(tmp_path, observe=True) as pendant,
+        a_run(pendant, "mastering_record", poses=12) as page,
+    ):
+        await asked(page, "wire_is_hooked")
+        await record(page)
+        await asked(page, "accept_plan")
+        await page.get_by_test_id("yes").click()
+        await asked(page, "move_by_hand")
+        await why(page, "robot.not_there")
+        target = (await pendant.looks.session())["prompt"]["data"]["target"]
+        swinging = asyncio.create_task(_swing(pendant))
+        await page.locator("[data-testid=settle][data-settled=false]").first.wait_for()
+        await pendant.bring(target["joints_rad"])
+        await why(page, "gauge.not_settled")
+        await expect(page.get_by_test_id("yes")).to_be_disabled()
+        await _shoot(page, tmp_path, "capture")
+        swinging.cancel()
+        with suppress(asyncio.CancelledError):
+            await swinging
+        await why(page, "")
+        await expect(page.get_by_test_id("yes")).to_be_enabled()
+        await pendant.door.fault("node_off")
+        await page.locator("[data-testid=gauge][data-stale=true]").first.wait_for()
+        await expect(page.get_by_test_id("yes")).to_be_disabled()
+
+
+async def _swing(pendant: Pendant) -> None:
+    """Let the wire's reading go to and fro by some millimetres, twice a second."""
+    way = 0.004
+    while True:
+        await pendant.door.fault("wire_offset", m=way)
+        way = -way
+        await asyncio.sleep(0.25)

@@ -1,0 +1,172 @@
+"""The picture of the cell in a real browser: plans as ghosts, the wire, frames, the doubt about the tool."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, WebSocketRoute
+
+from calibration.arm.kinematics import load_model
+from tests.service.desks import PATIENCE_S
+from tests.service.lookers import looking_back
+from tests.service.reviewed import ROBOT, Past
+from tests.service.test_pages import NO_WEBGL, Looking
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("view3d")]
+POSES: list[dict[str, Any]] = [
+    {"name": f"pose {k}", "joints_rad": [0.2 * k, 0.1, -0.1 * k, 0.3, 0.5, 0.0]} for k in range(1, 5)
+]
+PLAN = {
+    "id": "r:1", "kind": "confirm", "key": "accept_plan", "text": "May it move?", "unit": "",
+    "step": "accept the plan", "page": "approve", "data": {"plan": {"poses": POSES}},
+}  # fmt: skip
+
+Seen = tuple[Looking, Past]
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def seen(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
+    async with looking_back(tmp_path_factory.mktemp("cell")) as found:
+        yield found
+
+
+async def shown(page: Page, what: str) -> Any:
+    """Return something of the picture once it is there."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            found = await page.evaluate(f"window.__robot?.frames ? window.__robot.{what} : null")
+            if found:
+                return found
+            await asyncio.sleep(0.1)
+
+
+async def feed(page: Page, prompt: dict[str, Any] | None, change: Any = None) -> list[WebSocketRoute]:
+    """Put a question into every session that the page is told, and change live values on their way."""
+    lines: list[WebSocketRoute] = []
+
+    def between(line: WebSocketRoute) -> None:
+        server = line.connect_to_server()
+        lines.append(line)
+
+        def told(message: str | bytes) -> None:
+            content = json.loads(message)
+            if content["kind"] == "session" and prompt is not None:
+                content["content"]["prompt"] = prompt
+            if content["kind"] == "live" and change is not None:
+                change(content["content"])
+            line.send(json.dumps(content))
+
+        server.on_message(told)
+
+    await page.route_web_socket("**/api/screen", between)
+    return lines
+
+
+def flange_of(joints_rad: list[float]) -> np.ndarray:
+    return np.asarray(load_model("fanuc_m6ib").base_flange(np.array([joints_rad]))[0][:3, 3])
+
+
+async def test_every_planned_pose_is_a_ghost_where_the_model_has_it(seen: Seen) -> None:
+    async with seen[0].page() as page:
+        await feed(page, PLAN)
+        await page.reload()
+        ghosts = await shown(page, "ghosts")
+        assert [ghost["name"] for ghost in ghosts] == [pose["name"] for pose in POSES]
+        for ghost, pose in zip(ghosts, POSES, strict=True):
+            assert np.abs(np.array(ghost["flange_m"]) - flange_of(pose["joints_rad"])).max() < 1e-4
+        bar = page.get_by_test_id("ghosts")
+        assert "1" in await bar.inner_text()
+        await bar.locator("button").last.click()
+        assert "pose 2" in await bar.inner_text()
+
+
+async def test_without_a_plan_there_is_no_ghost(seen: Seen) -> None:
+    async with seen[0].page() as page:
+        await shown(page, "joints_rad")
+        assert await page.evaluate("window.__robot.ghosts") == []
+        assert await page.get_by_test_id("ghosts").count() == 0
+
+
+async def test_the_wire_goes_from_its_anchor_to_the_hook(seen: Seen) -> None:
+    looks, past = seen
+    setup = past.config.gauges[0].setup
+    async with looks.page() as page:
+        anchor, hook = await shown(page, "wire_m")
+        joints = await page.evaluate("window.__robot.joints_rad")
+        flange = load_model("fanuc_m6ib").base_flange(np.array([joints]))[0]
+        wanted = flange[:3, :3] @ np.array(setup.hook_in_flange_m) + flange[:3, 3]
+        assert np.abs(np.array(anchor) - setup.anchor_in_base_m).max() < 1e-9
+        assert np.abs(np.array(hook) - wanted).max() < 1e-4
+
+
+async def test_frames_are_named_and_the_doubt_is_drawn_to_a_stated_scale(seen: Seen) -> None:
+    looks, _ = seen
+    async with looks.page() as page:
+        ellipsoid = await shown(page, "ellipsoid")
+        assert await page.evaluate("window.__robot.axes") == ["base", "tool 3", "user frame 2"]
+        joints = ",".join(str(q) for q in await page.evaluate("window.__robot.joints_rad"))
+        told = (await looks.client.get(f"/api/models/{ROBOT}/uncertainty?joints_rad={joints}")).json()
+        assert np.allclose(ellipsoid["semi_axes_m"], told["semi_axes_m"], rtol=0.02)
+        drawn_m = max(ellipsoid["semi_axes_m"]) * ellipsoid["times"]
+        assert 0.1 <= drawn_m <= 0.25
+        legend = page.get_by_test_id("legend")
+        await legend.locator("summary").click()
+        text = await page.get_by_test_id("doubt").inner_text()
+        assert f"{max(told['semi_axes_m']) * 1e3:.3f}" in text
+        assert f"{ellipsoid['times']:g} times" in text
+        assert "floor" in await legend.inner_text()  # from the cell file
+
+
+async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(seen: Seen) -> None:
+    turned = 0.0
+
+    def turn(live: dict[str, Any]) -> None:
+        nonlocal turned
+        turned += 0.01
+        for device in live["devices"]:
+            if device["role"] == "robot" and device["value"]:
+                device["value"]["joints_rad"] = [turned, *device["value"]["joints_rad"][1:]]
+
+    async with seen[0].page() as page:
+        await feed(page, None, turn)
+        await page.reload()
+        await shown(page, "joints_rad")
+        before, at = await page.evaluate("[window.__robot.frames, performance.now()]")
+        while turned < 0.5:
+            await asyncio.sleep(0.1)
+        after, then = await page.evaluate("[window.__robot.frames, performance.now()]")
+        assert before < after <= before + 12.0 * (then - at) / 1000.0 + 1
+        joints = await page.evaluate("window.__robot.joints_rad")
+        assert abs(joints[0] - turned) < 0.05  # it is no more than a few messages behind
+
+
+async def test_without_webgl_frames_and_doubt_are_words(seen: Seen) -> None:
+    async with seen[0].page() as page:
+        await page.add_init_script(NO_WEBGL)
+        await page.reload()
+        await page.get_by_test_id("joints").locator("dd").nth(5).wait_for()
+        await page.get_by_test_id("legend").locator("summary").click()
+        async with asyncio.timeout(PATIENCE_S):
+            while "mm" not in await page.get_by_test_id("doubt").inner_text():
+                await asyncio.sleep(0.1)
+        assert "tool 3" in await page.get_by_test_id("legend").inner_text()
+
+
+async def test_what_a_broken_plan_holds_is_not_drawn(seen: Seen) -> None:
+    bad = PLAN | {
+        "data": {"plan": {"poses": [{"name": "x"}, {"name": "y", "joints_rad": [None] * 6}, POSES[0]]}}
+    }
+    async with seen[0].page() as page:
+        await feed(page, bad)
+        await page.reload()
+        assert [ghost["name"] for ghost in await shown(page, "ghosts")] == ["pose 1"]
+
+
+async def test_another_robot_has_another_picture_and_nothing_known_of_its_tool(seen: Seen) -> None:
+    answer: httpx.Response = await seen[0].client.get("/api/models/ur/frames")
+    assert answer.json() == []

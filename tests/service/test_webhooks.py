@@ -1,0 +1,220 @@
+"""Alarms reach a real receiver that comes and goes: none is lost, none is doubled, and nobody else is reached."""
+
+import asyncio
+import base64
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import pytest
+
+from service.cli.app import run_command_line
+from service.configuration.cell_file import read_cell_file
+from service.exit_codes import ExitCode
+from service.export.meter import Meter
+from service.export.webhook_outbox import WebhookOutbox
+from service.export.webhook_sender import Delivery, read_secret, send
+from service.export.webhook_target import WebhookError, target_of
+from service.site.alarms import Alarm
+from service.web.app import Settings, create_app
+from tests.procedures.certified import cell_config
+from tests.service.receivers import SECRET, Receiver, table
+from tests.service.sites import PATIENCE_S, free_port, live_of, session_of, until
+
+
+def secret_file(folder: Path) -> Path:
+    path = folder / "secret"
+    path.write_text("whsec_" + base64.b64encode(SECRET).decode() + "\n")
+    path.chmod(0o600)
+    return path
+
+
+def cell_with_webhook(folder: Path, url: str) -> Path:
+    config = cell_config(folder)
+    secret_file(folder)
+    with config.path.open("a", encoding="utf-8") as file:
+        file.write(f'\n[webhook]\nurl = "{url}"\nsecret_file = "secret"\n')
+    return config.path
+
+
+Say = Callable[[str, dict[str, Any]], None]
+
+
+def saying(stream: IO[bytes]) -> Say:
+    """Return what says a desk's words into a pipe."""
+
+    def say(kind: str, content: dict[str, Any]) -> None:
+        stream.write(json.dumps({"told": kind, "content": content}).encode() + b"\n")
+        stream.flush()
+
+    return say
+
+
+@contextmanager
+def sender(cell: Path) -> Iterator[Say]:
+    """Run the sender of a cell in a thread, as its process does."""
+    reading, writing = os.pipe()
+    failed: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            with os.fdopen(reading, "rb") as stream:
+                send(read_cell_file(cell), stream, threading.Event())
+        except BaseException as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        with os.fdopen(writing, "wb") as stream:
+            yield saying(stream)
+    finally:
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive(), "a sender whose service is gone must end"
+        assert not failed, failed
+
+
+def killed_while_it_waits(cell: Path) -> None:
+    """Run the sender as a process, let it take an alarm in while nobody is there, and kill it."""
+    command = [sys.executable, "-m", "service.export.webhook_sender", str(cell)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdin is not None
+        say = saying(process.stdin)
+        say("session", session_of("cell-7"))
+        say("live", live_of(state="stopped"))
+        until(lambda: waiting(cell) == 1)
+        process.kill()
+
+
+def waiting(cell: Path) -> int:
+    with WebhookOutbox(cell.parent / "data") as outbox:
+        return outbox.standing().waiting
+
+
+def test_down_and_up_again_and_killed_between_nothing_is_lost_and_nothing_doubled(tmp_path: Path) -> None:
+    receiver = Receiver(free_port())
+    cell = cell_with_webhook(tmp_path, f"http://127.0.0.1:{receiver.port}/alarms?of=cell-7")
+    killed_while_it_waits(cell)
+    with sender(cell) as say:  # it finds the alarm up as it was, and does not say it again
+        say("session", session_of("cell-7", losses=[{"robot": "fanuc", "detected_by": "x", "words": "lost"}]))
+        say("live", live_of(state="stopped"))
+        until(lambda: waiting(cell) == 2)
+        receiver.answers = [500, 503]  # it takes an event in, and its answer gets lost
+        with receiver.open():
+            until(lambda: (say("live", live_of(state="stopped")), waiting(cell) == 0)[1])
+    with receiver.open(), sender(cell) as say:
+        say("session", session_of("cell-7"))
+        say("live", live_of())
+        until(lambda: (say("live", live_of()), waiting(cell) == 0 and len(receiver.events) == 4)[1])
+    assert receiver.events[:2] == [("alarm.raised", "device.stopped"), ("alarm.raised", "position.lost")]
+    assert sorted(receiver.events[2:]) == [
+        ("alarm.cleared", "device.stopped"),
+        ("alarm.cleared", "position.lost"),
+    ]
+    assert len(receiver.heard) == 6  # the first was sent three times, under one id
+    assert receiver.heard[0] == receiver.heard[1] == receiver.heard[2]
+    with WebhookOutbox(tmp_path / "data") as outbox:
+        assert outbox.up() == []
+        assert outbox.standing().delivered == 4
+
+
+def test_an_event_that_is_never_understood_does_not_hold_up_the_others(tmp_path: Path) -> None:
+    receiver = Receiver(free_port(), answers=[400] * 5)
+    target = target_of(table(f"http://127.0.0.1:{receiver.port}/", tmp_path))
+    with WebhookOutbox(tmp_path) as outbox, receiver.open():
+        outbox.put("cell-7", [(Alarm("a", "1", "first"), True), (Alarm("b", "2", "second"), True)])
+        delivery = Delivery(outbox, target, SECRET)
+        waits = [delivery.step() for _ in range(6)]
+        assert [wait > 0 for wait in waits] == [True] * 4 + [False, False]
+        assert waits[:4] == sorted(waits[:4])
+        assert receiver.events == [("alarm.raised", "b")]
+        standing = outbox.standing()
+        assert (standing.waiting, standing.delivered, standing.refused) == (0, 1, 1)
+
+
+@pytest.mark.parametrize("status", [301, 307, 401, 404, 429, 500])
+def test_what_is_wrong_with_the_receiver_is_waited_for_and_no_redirect_is_followed(
+    tmp_path: Path, status: int
+) -> None:
+    receiver = Receiver(free_port(), answers=[status] * 7)
+    target = target_of(table(f"http://127.0.0.1:{receiver.port}/", tmp_path))
+    with WebhookOutbox(tmp_path) as outbox, receiver.open():
+        outbox.put("cell-7", [(Alarm("a", "1", "first"), True)])
+        delivery = Delivery(outbox, target, SECRET)
+        assert all(delivery.step() > 0 for _ in range(7))
+        assert outbox.standing().waiting == 1
+        assert str(status) in outbox.standing().last_error
+        assert delivery.step() == 0.0
+        assert outbox.standing().last_error == ""
+    assert len(receiver.heard) == 8
+
+
+def test_a_long_outage_keeps_the_newest_and_counts_what_it_had_to_drop(tmp_path: Path) -> None:
+    with WebhookOutbox(tmp_path, kept_rows=10) as outbox:
+        for k in range(12):
+            outbox.put("cell-7", [(Alarm("a", str(k), "x"), True), (Alarm("a", str(k), "x"), False)])
+        standing, oldest = outbox.standing(), outbox.next()
+        assert (standing.waiting, standing.dropped) == (10, 14)
+        assert oldest is not None
+        assert json.loads(oldest.body)["data"]["source"] == "7"
+
+
+def test_a_secret_is_made_once_kept_from_others_and_read_back(tmp_path: Path) -> None:
+    path = tmp_path / "new"
+    assert run_command_line(["webhooks", "secret", str(path)]) == 0
+    secret = read_secret(path)
+    assert len(secret) == 32
+    assert run_command_line(["webhooks", "secret", str(path)]) == ExitCode.USAGE
+    assert read_secret(path) == secret
+    path.chmod(0o644)
+    with pytest.raises(WebhookError, match="may read"):
+        read_secret(path)
+    for wrong in ("", "whsec_", "whsec_c2hvcnQ=", "whsec_not base64!"):
+        path.write_text(wrong)
+        path.chmod(0o600)
+        with pytest.raises(WebhookError, match="no secret"):
+            read_secret(path)
+
+
+def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    receiver = Receiver(free_port())
+    cell = cell_with_webhook(tmp_path, f"http://127.0.0.1:{receiver.port}/")
+    assert run_command_line(["webhooks", "test", str(cell)]) == ExitCode.UNREACHABLE
+    with sender(cell) as say:
+        say("session", session_of("cell-7"))
+        say("live", live_of(state="stopped"))
+        until(lambda: waiting(cell) == 1)
+        with pytest.raises(WebhookError, match="another process already sends"):
+            send(read_cell_file(cell), None, threading.Event())
+    capsys.readouterr()
+    assert run_command_line(["webhooks", "show", str(cell), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["waiting"], told["delivered"]) == (1, 0)
+    assert "does not take the event" in told["last_error"]
+    figures = Meter(read_cell_file(cell)).text()
+    assert "\ncellcal_webhook_waiting 1.0\n" in figures
+    with receiver.open():
+        receiver.answers = [204]
+        assert run_command_line(["webhooks", "test", str(cell)]) == 0
+    assert [told["type"] for _, told in receiver.heard] == ["test"]
+
+
+async def test_the_service_sends_alarms_by_itself(tmp_path: Path) -> None:
+    receiver = Receiver(free_port())
+    cell = cell_with_webhook(tmp_path, f"http://127.0.0.1:{receiver.port}/")
+    app = create_app(Settings(cell))  # of a cell whose devices are not there
+    with receiver.open():
+        async with app.router.lifespan_context(app), asyncio.timeout(2 * PATIENCE_S):
+            while not receiver.events:
+                await asyncio.sleep(0.1)
+            while "\ncellcal_desk_up 1.0\n" not in (figures := await asyncio.to_thread(app.state.meter.text)):
+                await asyncio.sleep(0.1)
+    assert receiver.events[0] == ("alarm.raised", "cell.unreachable")
+    assert '\ncellcal_alarms{code="cell.unreachable"} 1.0\n' in figures
+    assert "\ncellcal_cell_up 0.0\n" in figures

@@ -1,0 +1,53 @@
+"""A working day in a browser: every procedure of the catalogue, from its page to its certificate, over sockets."""
+
+import asyncio
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import track
+
+from procedures.catalogue import CATALOGUE
+from service.cli.certificate import verify
+from tests.soak.figures import Figures
+from tests.stories.catalogue_day import stories
+from tests.stories.days import Ended, Story, working_day
+
+
+def day(days: int) -> Figures:
+    """Every procedure passes, its certificate holds; the recovery after every battery was lost. Pictures are kept."""
+    wanted, passed, missed, pictures = (
+        set(CATALOGUE),
+        set(),
+        [],
+        Path(tempfile.mkdtemp(prefix="cellcal-day-")),
+    )
+    for _ in range(days):
+        for end in asyncio.run(_whole_day(pictures)):
+            if end.verdict == "pass" and end.certificate is not None:
+                passed.add(end.story.procedure)
+            else:
+                missed.append(f"{end.story.procedure} of {end.story.robot}: {end.words}")
+    line = (
+        f"day: {len(passed)} of {len(wanted)} procedures told in a browser to a PASS and a certificate that holds; "
+        f"pictures in {pictures}{'; '.join(['', *missed])}"
+    )
+    return Figures(line, passed == wanted and not missed)
+
+
+async def _whole_day(pictures: Path) -> list[Ended]:
+    with tempfile.TemporaryDirectory() as folder:
+        async with working_day(Path(folder), pictures) as day:
+            ended = []
+            for story in _told(stories()):
+                if story.procedure == "mastering_recovery":
+                    await day.hands.door.fault("battery_loss", device=story.robot)
+                ended.append(await day.tell(story))
+        kept = Path(folder) / "data" / "certificates"
+        assert all(verify(kept / end.certificate) == 0 for end in ended if end.certificate)
+        return ended
+
+
+def _told(day: tuple[Story, ...]) -> Iterable[Story]:
+    return track(day, description="procedures", console=Console(stderr=True))

@@ -1,0 +1,123 @@
+"""How long a line of programs takes with the whole command: processor time, time on two free cores, memory."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.soak.figures import Figures
+from tests.soak.program_lines import line_of_programs
+
+MOST_S, MOST_SMALL_S, MOST_MB = 60.0, 2.0, 1000.0
+_LOOK_S = 0.25
+_TICKS = os.sysconf("SC_CLK_TCK")
+
+
+@dataclass(frozen=True)
+class Took:
+    """What one command took."""
+
+    wall_s: float
+    parent_s: float  # of the processor, in the command's own process
+    all_s: float  # in all of its processes
+    peak_mb: float  # of all together, what they share counted once
+
+    @property
+    def two_cores_s(self) -> float:
+        """At most so long where two cores are free: what the workers do halves, and nothing else overlaps."""
+        return self.parent_s + (self.all_s - self.parent_s) / 2
+
+
+def programs_speed(points: int) -> Figures:
+    """Clone, compensate and move ``points`` points, in programs of 1000 and of 40; and 30 programs of 40."""
+    words, reached = [], True
+    with tempfile.TemporaryDirectory() as folder:
+        for each in (1000, 40):
+            place = Path(folder) / f"of_{each}"
+            projects = line_of_programs(place, max(points // each, 1), each)
+            for name, command in _commands(*projects).items():
+                took = _run([*command, "--out", str(place / name)])
+                reached &= took.two_cores_s < MOST_S and took.peak_mb < MOST_MB
+                words.append(f"{name} {points} in programs of {each}: {_told(took)}")
+                _say(words[-1])
+        small = _run_small(Path(folder) / "small")
+    words.append(f"clone 30 programs of 40: {_told(small)}")
+    reached &= small.all_s < MOST_SMALL_S
+    return Figures("programs_speed: " + "; ".join(words), bool(reached))
+
+
+def _run_small(place: Path) -> Took:
+    """Return the quickest of three: the first one also fills the file system's memory."""
+    projects = line_of_programs(place, 30, 40)
+    runs = [_run([*_commands(*projects)["clone"], "--out", str(place / f"out{i}")]) for i in range(3)]
+    return min(runs, key=lambda took: took.all_s)
+
+
+def _commands(master: Path, clone: Path) -> dict[str, list[str]]:
+    base = [sys.executable, "-m", "service", "program"]
+    one = ["--project", str(master)]
+    return {
+        "clone": [*base, "clone", str(master), str(clone)],
+        "compensate": [*base, "compensate", *one],
+        "move": [*base, "move", *one, "--frame", "2", "--offset", "12,0,-3.5,0,0,1.5"],
+    }
+
+
+def _told(took: Took) -> str:
+    return (
+        f"{took.all_s:.1f} s CPU, at most {took.two_cores_s:.1f} s on two free cores ({took.wall_s:.1f} s here), "
+        f"{took.peak_mb:.0f} MB"
+    )
+
+
+def _run(command: list[str]) -> Took:
+    started = time.monotonic()
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+        look = _Look(process.pid)
+        look.start()
+        assert process.stderr is not None
+        said = process.stderr.read()
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        look.ended.set()
+        look.join()
+    if process.returncode not in (0, 4):  # 4: a point was left
+        raise RuntimeError(f"{command}: {process.returncode}\n{said.decode(errors='replace')[-2000:]}")
+    return Took(time.monotonic() - started, look.parent_s, usage.ru_utime + usage.ru_stime, look.peak_mb)
+
+
+class _Look(threading.Thread):
+    """Looks at a process and its children while they run."""
+
+    def __init__(self, pid: int) -> None:
+        super().__init__(daemon=True)
+        self._pid = pid
+        self.ended = threading.Event()
+        self.peak_mb = self.parent_s = 0.0
+
+    def run(self) -> None:
+        while not self.ended.wait(_LOOK_S):
+            try:
+                children = Path(f"/proc/{self._pid}/task/{self._pid}/children").read_text().split()
+                ticks = Path(f"/proc/{self._pid}/stat").read_text().rpartition(")")[2].split()[11:13]
+                self.parent_s = sum(map(int, ticks)) / _TICKS
+                self.peak_mb = max(self.peak_mb, sum(map(_size_mb, [str(self._pid), *children])))
+            except (OSError, ValueError):
+                continue  # it ended meanwhile
+
+
+def _size_mb(pid: str) -> float:
+    """Return a process' memory, what it shares with others counted in parts."""
+    try:
+        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1e3
+
+
+def _say(text: str) -> None:
+    sys.stderr.write(f"{time.strftime('%H:%M:%S')} {text}\n")

@@ -1,0 +1,153 @@
+"""Fifty screens at ten messages a second: what they cost the web process, and that no capture waits for them."""
+
+import asyncio
+import contextlib
+import json
+import os
+import re
+import statistics
+import tempfile
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+from websockets.asyncio.client import ClientConnection, connect
+
+from procedures.past import Kind
+from service.runs.journal import Journal
+from tests.service.desks import a_cell
+from tests.soak.figures import Figures
+from tests.soak.served import Browser, Service, free_port, serving
+
+MOST_SHARE = 0.05  # of a core
+SPAN_S = 20.0
+ROUNDS = 3  # records with and without the screens, in turn
+_TICKS_S = 1.0 / os.sysconf("SC_CLK_TCK")
+_POSE, _CAPTURE = re.compile(r"go to pose (\d+)"), re.compile(r"capture (\d+)")
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What so many screens cost."""
+
+    alone: float  # share of a core that the web process takes with one screen
+    share: float  # with all of them
+    rate_hz: float  # messages a second that a screen got
+    without_s: list[float]  # how long captures took
+    with_s: list[float]
+
+
+def screens(count: int) -> Figures:
+    """Open so many screens beside a run."""
+    with tempfile.TemporaryDirectory() as folder:
+        cost = asyncio.run(measure(Path(folder), count, rounds=ROUNDS, span_s=SPAN_S))
+    without, beside = (_spread(each) for each in (cost.without_s, cost.with_s))
+    late_s = statistics.median(cost.with_s) - statistics.median(cost.without_s)
+    noise_s = statistics.median(abs(each - statistics.median(cost.without_s)) for each in cost.without_s)
+    line = (
+        f"screens: {count} screens at {cost.rate_hz:.1f} Hz take {cost.share:.1%} of a core (at most 5 %), one "
+        f"{cost.alone:.1%}; {len(cost.without_s)} captures without them took {without}, {len(cost.with_s)} beside "
+        f"them {beside}: later by {1e3 * late_s:+.1f} ms, spread {1e3 * noise_s:.1f} ms"
+    )
+    return Figures(
+        line, cost.share <= MOST_SHARE and cost.rate_hz > 9.0 and late_s <= max(0.005, 3.0 * noise_s)
+    )
+
+
+async def measure(folder: Path, count: int, *, rounds: int, span_s: float) -> Cost:
+    """Take records, every other one with the screens open; then look at the web process while nothing runs."""
+    without, beside = list[float](), list[float]()
+    async with (
+        a_cell(folder, time_factor=1000.0) as (path, _),
+        serving(path, free_port()) as (service, client),
+    ):
+        browser = Browser(client)
+        for _ in range(rounds):
+            without += await _captures(browser, folder)
+            async with _open(client, count):
+                beside += await _captures(browser, folder)
+        async with _open(client, 1):
+            alone, _ = await _share(service, span_s, [])
+        async with _open(client, count) as heard:
+            share, rate_hz = await _share(service, span_s, heard)
+    return Cost(alone, share, rate_hz, without, beside)
+
+
+async def _captures(browser: Browser, folder: Path) -> list[float]:
+    """Take a record; return how long each of its captures took, from the robot's arrival on [s]."""
+    browser.count, started = 0, False
+
+    def has_ended() -> bool:
+        nonlocal started
+        run = (browser.session or {}).get("run")
+        started = started or (run is not None and run["state"] == "running")
+        return started and run is not None and run["state"] == "ended"
+
+    await browser.look_until(has_ended)
+    assert browser.session is not None
+    run = browser.session["run"]
+    assert run["outcome"]["verdict"] == "passed", run["outcome"]
+    await browser.press({"op": "dismiss"})
+    return _times(folder / "data" / "journal.db", run["id"])
+
+
+def _times(path: Path, run_id: str) -> list[float]:
+    arrived_ns, took_s = dict[str, int](), list[float]()
+    with Journal.open(path) as journal:
+        for event in journal.events(run_id):
+            step = json.loads(event.body)["step"] if event.kind == Kind.FINDING else ""
+            if pose := _POSE.fullmatch(step):
+                arrived_ns[pose[1]] = event.mono_ns
+            elif (capture := _CAPTURE.fullmatch(step)) and capture[1] in arrived_ns:
+                took_s.append((event.mono_ns - arrived_ns[capture[1]]) * 1e-9)
+    return took_s
+
+
+@asynccontextmanager
+async def _open(client: httpx.AsyncClient, count: int) -> AsyncIterator[list[int]]:
+    """Open screens that read all they get; the list counts the live messages of each."""
+    known = "; ".join(f"{name}={token}" for name, token in client.cookies.items())
+    url = str(client.base_url).replace("http", "ws").rstrip("/") + "/api/screen"
+    heard = [0] * count
+
+    async def read(place: int, screen: ClientConnection) -> None:
+        async for text in screen:
+            heard[place] += text.startswith('{"kind":"live"') if isinstance(text, str) else 0
+
+    async with contextlib.AsyncExitStack() as open_ones:
+        found = [
+            await open_ones.enter_async_context(
+                connect(url, additional_headers={"cookie": known})  # offers compression, as browsers do
+            )
+            for _ in range(count)
+        ]
+        reading = [asyncio.create_task(read(place, screen)) for place, screen in enumerate(found)]
+        try:
+            yield heard
+        finally:
+            for task in reading:
+                task.cancel()
+            await asyncio.gather(*reading, return_exceptions=True)
+
+
+async def _share(service: Service, span_s: float, heard: list[int]) -> tuple[float, float]:
+    """Return which share of a core the web process takes, and how often a screen hears something [Hz]."""
+    loop = asyncio.get_running_loop()
+    await asyncio.sleep(1.0)  # what opening cost
+    before, used_s, began_s = list(heard), _used_s(service.pid), loop.time()
+    await asyncio.sleep(span_s)
+    passed_s = loop.time() - began_s
+    got = [now - then for now, then in zip(heard, before, strict=True)]
+    return (_used_s(service.pid) - used_s) / passed_s, min(got, default=0) / passed_s
+
+
+def _used_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) * _TICKS_S
+
+
+def _spread(times_s: list[float]) -> str:
+    tenth = statistics.quantiles(times_s, n=10)
+    return f"{1e3 * statistics.median(times_s):.0f} ms (tenths {1e3 * tenth[0]:.0f} to {1e3 * tenth[-1]:.0f})"

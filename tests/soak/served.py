@@ -1,0 +1,143 @@
+"""`cellcal serve` as a process, and one browser at it: what it is shown, what it presses."""
+
+import asyncio
+import itertools
+import json
+import os
+import signal
+import socket
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+from websockets.asyncio.client import connect
+
+PATIENCE_S = 180.0
+_presses = itertools.count(1)
+
+
+def free_port() -> int:
+    """Return a port that nobody has just now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Service:
+    """One life of the service."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self.process = process
+
+    @property
+    def pid(self) -> int:
+        """Of the web process."""
+        return self.process.pid
+
+    def desk(self) -> int | None:
+        """Return the process of the desk, None while there is none."""
+        told = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        for child in told:
+            with suppress(OSError):
+                if "service.desk" in Path(f"/proc/{child}/cmdline").read_text():
+                    return int(child)
+        return None
+
+    def kill(self, pid: int) -> None:
+        """End a process as a power cut does."""
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+@asynccontextmanager
+async def serving(cell_file: Path, port: int) -> AsyncIterator[tuple[Service, httpx.AsyncClient]]:
+    """Serve a cell, and sign a browser in with the address that the console shows."""
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-m", "service", "serve", str(cell_file), "--port", str(port),
+        stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
+    )  # fmt: skip
+    try:
+        address = await _address_of(process)
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=60.0) as client:
+            assert (await client.get(address)).status_code == 303
+            reading = asyncio.create_task(_drain(process))
+            yield Service(process), client
+            reading.cancel()
+    finally:
+        with suppress(ProcessLookupError):
+            process.send_signal(signal.SIGINT)
+        await process.wait()
+
+
+async def _drain(process: asyncio.subprocess.Process) -> None:
+    assert process.stderr is not None
+    while await process.stderr.readline():
+        pass
+
+
+async def _address_of(process: asyncio.subprocess.Process) -> str:
+    assert process.stderr is not None
+    async with asyncio.timeout(PATIENCE_S):
+        while b"Open once: " not in (line := await process.stderr.readline()):
+            assert line, "the service ended"
+        address = line.decode().partition("Open once: ")[2].strip()
+        while True:
+            with suppress(OSError):
+                _, writer = await asyncio.open_connection("127.0.0.1", urlsplit(address).port)
+                writer.close()
+                return address
+            await asyncio.sleep(0.02)
+
+
+class Browser:
+    """What a page does: it keeps the newest session, says yes to what is asked, and remembers what it was shown."""
+
+    def __init__(self, client: httpx.AsyncClient) -> None:
+        self.client = client
+        self.session: dict[str, Any] | None = None
+        self.count = 0  # sessions that it was shown
+
+    async def look_until(self, done: Callable[[], bool], *, orders: bool = True) -> None:
+        """Follow the service until something is so; ``orders``: keep runs of the record going, one after another."""
+        async with asyncio.timeout(PATIENCE_S), self._screen() as screen:
+            async for text in screen:
+                message = json.loads(text)
+                if message["kind"] == "gone":
+                    self.session = None
+                if message["kind"] == "session":
+                    self.session = message["content"]
+                    self.count += 1
+                if done():
+                    return
+                if orders and message["kind"] == "session":
+                    await self._act()
+
+    def _screen(self) -> connect:
+        known = "; ".join(f"{name}={token}" for name, token in self.client.cookies.items())
+        url = str(self.client.base_url).replace("http", "ws").rstrip("/") + "/api/screen"
+        return connect(url, additional_headers={"cookie": known}, max_queue=None)
+
+    async def _act(self) -> None:
+        session = self.session
+        assert session is not None
+        if not session["connection"]["connected"]:
+            return
+        if session["prompt"] is not None:
+            await self.press({"op": "answer", "prompt_id": session["prompt"]["id"], "value": "yes"})
+        elif session["run"] is None:
+            start = {"op": "start", "procedure": "mastering_record", "settings": {}, "hold_to_move": False}
+            await self.press(start)
+        elif session["run"]["state"] == "ended":
+            await self.press({"op": "dismiss"})
+
+    async def press(self, order: dict[str, Any]) -> None:
+        """Press a button; one that is out of date is pressed again by whoever looks at the next session."""
+        assert self.session is not None
+        asked = {"id": f"press {next(_presses)}", "rev": self.session["rev"], "order": order}
+        with suppress(httpx.TransportError):  # the service was killed meanwhile
+            answer = await self.client.post("/api/commands", json=asked)
+            assert answer.status_code in (200, 409, 503), answer.text

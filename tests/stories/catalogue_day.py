@@ -1,0 +1,121 @@
+"""The stories of a day, in an order in which each finds what it needs: one for every procedure of the catalogue."""
+
+import base64
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from calibration.geometry import Array, homogeneous
+from calibration.points.tag_points import TagPath
+from tests.stories.day_cell import POINTS_M, TARGETS_M
+from tests.stories.days import Story
+from tests.stories.hands import MISSED_M, flange_at, turned
+from tests.unit.helpers.tags import FIXTURE_BASE, two_paths
+
+TIP_M = (0.012, -0.034, 0.215)
+DOWN = np.diag([1.0, -1.0, -1.0])
+PIN_M = np.array([0.85, 0.05, -0.1])
+STEP_M = 0.31
+TILTS = (
+    ((0, 1, 0), 0.7),
+    ((1, 0, 0), -0.7),
+    ((1, 1, 0), 0.8),
+    ((1, -1, 0), 0.8),
+    ((0, 0, 1), 1.0),
+    ((1, 0, 0), 0.5),
+)
+FRAME = homogeneous(turned((0, 0, 1), 0.3) @ turned((0, 1, 0), 0.05), np.array([0.75, -0.2, -0.2]))
+MOVED = homogeneous(turned((0, 0, 1), 0.02), np.array([0.03, -0.02, 0.004]))
+OF_WORKPIECE_M = ((0.0, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.35, 0.0), (0.25, 0.2, 0.1))
+FIXTURE: dict[str, Any] = {
+    "fixture": "table",
+    "points_in_fixture_m": POINTS_M,
+    "rough_base_fixture": {"position_m": [0.85, 0.0, -0.2]},
+    "limits": {"origin_m": 0.0003, "angle_rad": 0.0005},
+}
+
+
+QUICK = ("six_point_tcp", "three_point_frame", "frame_offset", "simulation_cell")
+
+
+def stories() -> tuple[Story, ...]:
+    """Return the day's stories; the losses before ``mastering_recovery`` are the caller's to cause."""
+    frame = {"frame_number": 2, "tip_in_flange_m": TIP_M, "check_above": True, "sigma_m": MISSED_M}
+    tool = {
+        "tool_number": 4,
+        "points_in_tool_m": TARGETS_M,
+        "rough_flange_tool": {"position_m": [0.0, 0.0, 0.2]},
+    }
+    return (
+        Story("mastering_record", hold=True),
+        Story("six_point_tcp", {"tool_number": 3}, _touches()),
+        Story("three_point_frame", frame, _on_the_frame()),
+        Story("frame_offset", frame | {"points_in_frame_m": OF_WORKPIECE_M}, _on_the_moved_workpiece()),
+        Story("simulation_cell", _tags()),
+        Story("end_effector_points", tool),
+        Story("fixture_alignment", FIXTURE),
+        Story("mastering_record", robot="second"),
+        Story("fixture_alignment", FIXTURE, robot="second"),
+        Story(
+            "base_to_base",
+            {"fixture": "table", "limits": {"origin_m": 0.001, "angle_rad": 0.001}},
+            robot="second",
+        ),
+        Story("robot_calibration", {"method": "tracker"}),
+        Story("accuracy_check", {"method": "tracker"}),
+        Story("drift_check"),
+        Story("mastering_recovery"),
+    )
+
+
+def _touches() -> dict[str, Array]:
+    """Return where the flange is for each touch and move of the textbook's method."""
+    places = {"touch": flange_at(PIN_M, DOWN, TIP_M)}
+    keys = ("touch_about_x", "touch_about_y", *(f"touch_{k}" for k in range(2, 13)))
+    tilts = (((1, 0, 0), 0.9), ((0, 1, 0), 0.8), *(TILTS[k % len(TILTS)] for k in range(len(keys))))
+    for key, (about, angle) in zip(keys, tilts, strict=False):
+        places[key] = flange_at(PIN_M, DOWN @ turned(np.array(about) / np.linalg.norm(about), angle), TIP_M)
+    for axis, key in enumerate(("along_x", "along_y", "along_z")):
+        # the tool's own axis, by a foot: those that point at the floor would end below the pin
+        places[key] = flange_at(PIN_M + DOWN[:, axis] * STEP_M, DOWN, TIP_M)
+    return places
+
+
+def _on_the_frame() -> dict[str, Array]:
+    points = {
+        "touch_origin": (0, 0, 0),
+        "touch_on_x": (0.4, 0, 0),
+        "touch_on_xy": (0.1, 0.3, 0),
+        "touch_above": (0.1, 0.1, 0.05),
+    }
+    return {key: _at(FRAME, point) for key, point in points.items()}
+
+
+def _on_the_moved_workpiece() -> dict[str, Array]:
+    points: Mapping[str, Any] = {f"touch_point_{k}": point for k, point in enumerate(OF_WORKPIECE_M, 1)}
+    return {
+        key: _at(FRAME @ MOVED, point) for key, point in {**points, "touch_above": (0.1, 0.1, 0.2)}.items()
+    }
+
+
+def _at(base_frame: Array, point_m: Any) -> Array:
+    tip = base_frame[:3, :3] @ np.asarray(point_m, dtype=float) + base_frame[:3, 3]
+    return flange_at(tip, DOWN, TIP_M)
+
+
+def _tags() -> dict[str, Any]:
+    simulated, measured = two_paths(FIXTURE_BASE, 9)
+    return {
+        "part": "base",
+        "simulated": _told(simulated),
+        "measured": _told(measured),
+        "nominal": {"position_m": [1.2, 0.0, 0.4]},
+    }
+
+
+def _told(path: TagPath) -> dict[str, Any]:
+    """Return the file that a simulation exports, as a page sends it."""
+    rows = [f"{name},{x!r},{y!r},{z!r}" for name, (x, y, z) in zip(path.names, path.positions_m, strict=True)]
+    content = base64.b64encode("\n".join(["tag,x,y,z", *rows, ""]).encode()).decode()
+    return {"file": {"name": path.source, "content_base64": content}, "units": {"position": "m"}}

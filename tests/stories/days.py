@@ -1,0 +1,229 @@
+"""A technician with a tablet: does what a page asks, presses its buttons, and looks at how it ends."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import uvicorn
+from playwright.async_api import Page, async_playwright
+from playwright.async_api import TimeoutError as NotThere
+
+from service.web.app import Settings, create_app
+from tests.stories.day_cell import day_cell
+from tests.stories.hands import Hands
+
+CHROMIUM = next(
+    (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
+)
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+PATIENCE_S = 600.0
+PRESS_MS = 4000
+LOOKS_S = 0.15
+PRESSED = """async (asked) => {
+    const headers = {'content-type': 'application/json'};
+    const told = await fetch('/api/commands', {method: 'POST', body: JSON.stringify(asked), headers});
+    return [told.status, await told.text()];
+}"""
+NO_WEBGL = "HTMLCanvasElement.prototype.getContext = () => null"  # drawn in software a picture costs a core
+
+
+@dataclass(frozen=True)
+class Story:
+    """One procedure of the day, and what the technician brings to it."""
+
+    procedure: str
+    settings: dict[str, Any] = field(default_factory=dict)
+    places: dict[str, Any] = field(default_factory=dict)
+    robot: str = "fanuc"
+    hold: bool = False  # the technician keeps a finger on the button while the robot moves
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a story ended, as the page tells it."""
+
+    story: Story
+    verdict: str
+    words: str
+    certificate: str | None
+    asked: tuple[str, ...]  # keys of all that the page asked for
+
+
+class Day:
+    """A technician with a tablet."""
+
+    def __init__(self, page: Page, hands: Hands, pictures: Path | None) -> None:
+        self.page, self.hands, self._pictures = page, hands, pictures
+        self._taken: set[str] = set()
+        self._holds = False
+
+    async def tell(self, story: Story) -> Ended:
+        """Run one procedure from its page to its end, and come back to the start page."""
+        await self._choose(story.robot)
+        self.hands.places = story.places
+        await self._start(story)
+        asked: list[str] = []
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                session = await self.session()
+                run, prompt = session["run"], session["prompt"]
+                if run and run["outcome"]:
+                    break
+                await self._keep_the_finger(session["waits_for_hold"], prompt)
+                if prompt is None:
+                    await asyncio.sleep(LOOKS_S)
+                    continue
+                asked.append(prompt["key"])
+                await self._picture(f"{story.procedure}_{prompt['key']}")
+                await self.hands.do(prompt, story.robot)
+                await self._agree(prompt)
+        await self.page.mouse.up()
+        self._holds = False
+        await self.page.get_by_test_id("outcome").wait_for()
+        await self._picture(f"{story.procedure}_ended")
+        outcome = run["outcome"]
+        words = f"{outcome['verdict']}: {outcome['reason']} {outcome['remedy']}"
+        ended = Ended(story, self._word(outcome), words, outcome.get("certificate"), tuple(asked))
+        await self.page.get_by_test_id("dismiss").click()
+        await self._until(lambda seen: seen["run"] is None)
+        return ended
+
+    async def _keep_the_finger(self, wanted: bool, prompt: dict[str, Any] | None) -> None:
+        """Hold the button from when a move waits for it until something is asked."""
+        if prompt is not None and self._holds:
+            await self.page.mouse.up()
+            self._holds = False
+        elif wanted and not self._holds:
+            await self.page.get_by_test_id("hold").hover()
+            await self.page.mouse.down()
+            self._holds = True
+
+    @staticmethod
+    def _word(outcome: dict[str, Any]) -> str:
+        judged = outcome.get("judgement") or {}
+        return str(judged.get("word") or outcome["verdict"])
+
+    async def session(self) -> dict[str, Any]:
+        """Return the session as this tablet's service has it."""
+        told = await self.page.evaluate("async () => (await fetch('/api/session')).json()")
+        return dict(told["session"])
+
+    async def _until(self, true: Any) -> None:
+        async with asyncio.timeout(60.0):
+            while not true(await self.session()):
+                await asyncio.sleep(LOOKS_S)
+
+    async def _choose(self, robot: str) -> None:
+        await self._until(lambda session: session["connection"]["connected"])
+        if (await self.session())["robot"] != robot:
+            await self.page.get_by_test_id("robot").select_option(robot)
+            await self._until(
+                lambda session: session["robot"] == robot and session["connection"]["connected"]
+            )
+
+    async def _start(self, story: Story) -> None:
+        await self.page.evaluate(f"location.hash = '#/procedure/{story.procedure}'")
+        await self.page.get_by_test_id("start").wait_for()
+        await self._picture(f"{story.procedure}_before")
+        if story.hold or not story.settings:
+            await self.page.get_by_test_id("hold-to-move").set_checked(story.hold)
+        if not story.settings:
+            await self._press_start()
+        else:  # points and poses of a drawing come from a file of the engineer's, not from a form
+            order = {
+                "op": "start",
+                "procedure": story.procedure,
+                "settings": story.settings,
+                "hold_to_move": story.hold,
+            }
+            rev = (await self.session())["rev"]
+            told = await self.page.evaluate(
+                PRESSED,
+                {"id": f"start {story.procedure} {rev}", "rev": rev, "order": order},
+            )
+            assert told[0] == 200, told[1]
+        await self._until(lambda session: session["run"] is not None)
+
+    async def _press_start(self) -> None:
+        """Press until the run is there: the session may have gone on while the page was looked at."""
+        for _ in range(10):
+            with suppress(NotThere):
+                await self.page.get_by_test_id("start").click(timeout=PRESS_MS)
+            for _ in range(30):
+                if (await self.session())["run"] is not None:
+                    return
+                await asyncio.sleep(LOOKS_S)
+        raise AssertionError("the page's start button starts nothing")
+
+    async def _agree(self, prompt: dict[str, Any]) -> None:
+        """Press what the page offers until the page has gone on; some buttons want to be held."""
+        yes = self.page.get_by_test_id("yes")
+        for _ in range(40):
+            try:
+                await yes.hover(timeout=PRESS_MS)
+                if await yes.get_attribute("data-hold") is None:
+                    await yes.click(timeout=PRESS_MS)
+                else:
+                    await self.page.mouse.down()
+                    await asyncio.sleep(2.4)
+                    await self.page.mouse.up()
+            except NotThere:
+                await asyncio.sleep(0.1)
+            for _ in range(20):
+                session = await self.session()
+                if (session["prompt"] or {}).get("id") != prompt["id"]:
+                    return
+                await asyncio.sleep(0.05)
+        raise AssertionError(f"the page does not go on from {prompt['key']}: {prompt['text']}")
+
+    async def _picture(self, name: str) -> None:
+        if self._pictures is not None and name not in self._taken:
+            self._taken.add(name)
+            await self.page.wait_for_timeout(300)
+            await self.page.screenshot(
+                path=self._pictures / f"{len(self._taken):03d}_{name}.png", full_page=True
+            )
+
+
+@asynccontextmanager
+async def working_day(folder: Path, pictures: Path | None = None) -> AsyncIterator[Day]:
+    """Run the cell, its service and a browser at it."""
+    async with day_cell(folder) as (path, door), _served(path) as url, async_playwright() as playwright:
+        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        try:
+            page = await browser.new_page(viewport={"width": 1280, "height": 800})
+            if pictures is None:
+                await page.add_init_script(NO_WEBGL)
+            await page.goto(url)
+            await page.get_by_test_id("device-robot").wait_for()
+            yield Day(page, Hands(door, {}), pictures)
+        finally:
+            await browser.close()
+
+
+@asynccontextmanager
+async def _served(cell_file: Path) -> AsyncIterator[str]:
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        app = create_app(Settings(cell_file, open_access=True))
+        server = uvicorn.Server(
+            uvicorn.Config(app, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=2)
+        )
+        serving = asyncio.create_task(server.serve([listening]))
+        url = f"http://127.0.0.1:{listening.getsockname()[1]}"
+        async with httpx.AsyncClient(base_url=url) as client, asyncio.timeout(60.0):
+            while True:
+                with suppress(httpx.TransportError):
+                    if (await client.get("/api/session")).status_code == 200:
+                        break
+                await asyncio.sleep(0.05)
+        try:
+            yield url
+        finally:
+            server.should_exit = True
+            await serving

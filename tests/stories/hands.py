@@ -1,0 +1,84 @@
+"""What a technician's hands do in the fake cell when a page asks for it, by the key of what is asked."""
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from calibration.arm.kinematics import load_model
+from calibration.geometry import Array, exp_rotation, homogeneous, log_rotation
+from service.demo.door import Door
+
+_MOUNT, _HOOK = re.compile(r"mount_wire_(\d+)"), re.compile(r"hook_wire_(\d+)")
+_MOUTH = re.compile(r"towards x (-?\d+), y (-?\d+), z (-?\d+) mm")
+MODEL = load_model("fanuc_m6ib")
+STARTS = (
+    (0.0, 0.3, -0.1, 0.0, -1.2, 0.0),
+    (0.0, 0.3, -0.1, 1.2, -1.0, -1.2),
+    (0.0, 0.3, -0.1, -1.2, -1.0, 1.2),
+)
+MISSED_M = 1e-4  # by how much a tip misses what it is to touch, per coordinate
+
+
+class Hands:
+    """Jogs the robot to where a touch wants it, hangs the wire where it is to hang, changes batteries.
+
+    ``places`` maps keys of instructions to poses of the flange in the base, as the pendant shows them.
+    """
+
+    def __init__(self, door: Door, places: dict[str, Array]) -> None:
+        self.door, self.places = door, places
+        self._dice = np.random.default_rng(5)
+
+    async def do(self, prompt: dict[str, Any], robot: str) -> None:
+        """Do what is asked; keys that need no hands are agreed to as they are."""
+        key, wire = str(prompt["key"]), f"wire of {robot}"
+        if key in self.places:
+            await self.door.fault("hand_moves", joints=self._jogged(self.places[key]), device=robot)
+        elif key in ("new_battery", "power_cycle"):
+            await self.door.fault(key, device=robot)
+        elif key in ("hook_stays_on", "wire_is_hooked"):  # an end-effector's hole may have had it
+            await self.door.fault("wire_home", device=wire)
+        elif mount := _MOUNT.fullmatch(key):
+            mouth = _MOUTH.search(str(prompt["text"]))
+            told = {} if mouth is None else {"mouth_at_m": [int(value) * 1e-3 for value in mouth.groups()]}
+            await self.door.fault("mount_wire", point=int(mount[1]), device=wire, **told)
+        elif hook := _HOOK.fullmatch(key):
+            await self.door.fault("hook_wire", target=int(hook[1]), device=wire)
+
+    def _jogged(self, base_flange: Array) -> list[float]:
+        missed = base_flange.copy()
+        missed[:3, 3] += self._dice.normal(scale=MISSED_M, size=3)
+        return joints_for(missed)
+
+
+def joints_for(base_flange: Array) -> list[float]:
+    """Return joints (6,) [rad] that put the flange there, by Newton's method from a few postures."""
+    for start in STARTS:
+        joints = np.array(start)
+        for _ in range(200):
+            poses, jacobian = MODEL.flange_jacobian(joints[None])
+            pose = poses[0]
+            turn = pose[:3, :3] @ log_rotation(pose[:3, :3].T @ base_flange[:3, :3])
+            error = np.concatenate([base_flange[:3, 3] - pose[:3, 3], turn])
+            if np.abs(error).max() < 1e-7 and _within_limits(joints):
+                return [float(angle) for angle in joints]
+            step = np.linalg.lstsq(jacobian[0], error, rcond=1e-4)[0]
+            joints = joints + step * min(1.0, 0.2 / max(float(np.abs(step).max()), 1e-12))
+            joints[3:] = (joints[3:] + np.pi) % (2 * np.pi) - np.pi
+    raise AssertionError(f"the arm does not reach {base_flange.round(3).tolist()}")
+
+
+def _within_limits(joints: Array) -> bool:
+    return bool(np.all((MODEL.lower_rad < joints) & (joints < MODEL.upper_rad)))
+
+
+def flange_at(tip_in_base_m: Sequence[float], attitude: Array, tip_in_flange_m: Sequence[float]) -> Array:
+    """Return the flange (4, 4) whose tip is at a place, in an attitude (3, 3) of the flange."""
+    return homogeneous(attitude, np.asarray(tip_in_base_m) - attitude @ np.asarray(tip_in_flange_m))
+
+
+def turned(about: Sequence[float], angle_rad: float) -> Array:
+    """Return a rotation (3, 3)."""
+    return exp_rotation(np.asarray(about, dtype=float) * angle_rad)

@@ -1,0 +1,38 @@
+"""A plan is told in three lines, whatever procedure asks: what moves, how far, how long."""
+
+import math
+import re
+from pathlib import Path
+
+import procedures
+from procedures.motion.plan_words import PER_POSE_S, Tour, guessed_tour, plan_words, travel_of
+
+
+def test_three_lines_and_what_nobody_checked() -> None:
+    words = plan_words("the robot, to 3 poses", Tour(3, math.pi, 0.1), ("no workspace box known",))
+    lines = words.splitlines()
+    assert [line.split(":")[0] for line in lines] == ["What moves", "How far", "How long", "Not checked"]
+    assert "180 deg" in lines[1]
+    assert "5.7 deg/s" in lines[1]
+    assert "no workspace box known" in lines[3]
+    assert lines[3].endswith("May it move?")
+
+
+def test_the_way_is_that_of_the_slowest_joint_along_every_corner() -> None:
+    ways = (((0.1, 0.0), (0.1, -0.4)), ((0.0, 0.0),))
+    assert travel_of((0.0, 0.0), ways) == 0.1 + 0.4 + 0.4
+    assert travel_of((0.0, 0.0), ()) == 0.0
+
+
+def test_time_counts_the_stops_and_names_the_hands() -> None:
+    tour = guessed_tour(10, 0.5, "hang the hook into each point")
+    assert tour.minutes == (10 * 1.5 / 0.5 + 10 * PER_POSE_S) / 60.0
+    assert "hang the hook" in plan_words("the robot", tour, ())
+
+
+def test_every_procedure_that_asks_for_a_plan_tells_it_so() -> None:
+    room = Path(procedures.__file__).parent
+    asking = [path for path in room.rglob("*.py") if re.search(r'"accept_plan"', path.read_text("utf-8"))]
+    assert len(asking) >= 6
+    for path in asking:
+        assert "plan_words(" in path.read_text("utf-8"), path.name
