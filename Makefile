@@ -24,13 +24,15 @@ $(VENV)/.dev: requirements-dev.lock $(VENV)/.runtime
 	@touch $@
 
 # Node is needed only here; where none is installed, a pinned one comes from the package registry.
-$(PAGES): $(VENV)/.runtime web/package-lock.json web/index.html web/vite.config.ts $(shell find web/src web/public -type f)
+$(PAGES): $(VENV)/.runtime web/package-lock.json web/index.html web/fleet.html web/vite.config.ts $(shell find web/src web/public -type f)
 	@./deploy/build_pages.sh
 
 pages: $(PAGES)
 
+# In a terminal it opens the pages until Ctrl-C; anywhere else it tells the story and ends.
 demo: $(VENV)/.runtime
-	@$(BIN)/cellcal demo --headless $(ARGS)
+	@if [ -t 2 ] && [ -z "$${CI:-}" ]; then $(MAKE) --no-print-directory pages || true; fi
+	@$(BIN)/cellcal demo $(ARGS)
 
 test: check $(PAGES)
 	@$(BIN)/python -m pytest tests -m "not soak" -n 2 --dist loadgroup $(ARGS)
