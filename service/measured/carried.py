@@ -32,8 +32,8 @@ def file_of(value: Any, what: str) -> Iterator[Path]:
         yield Path(value)
     elif is_carried(value):
         with tempfile.TemporaryDirectory(prefix="cellcal-") as folder:
-            path = Path(folder) / _plain_name(value.get("name"), what)
-            path.write_bytes(_content(value["content_base64"], what))
+            path = Path(folder) / plain_name(value.get("name"), what)
+            path.write_bytes(content_of(value["content_base64"], what))
             yield path
     else:
         raise CellError(
@@ -43,15 +43,28 @@ def file_of(value: Any, what: str) -> Iterator[Path]:
         )
 
 
-def _plain_name(name: Any, what: str) -> str:
-    """Return the last part of a file's name: only its ending tells what is in it."""
+def plain_name(name: Any, what: str) -> str:
+    """Return the last part of a carried file's name: only its ending tells what is in it.
+
+    Raises
+    ------
+    CellError
+        It has none that a file can have.
+    """
     plain = name.replace("\\", "/").rpartition("/")[2] if isinstance(name, str) else ""
     if not plain or plain.startswith(".") or len(plain) > _MOST_NAME or not plain.isprintable():
         raise CellError(f"the file of {what} has no name.", remedy="Choose a file with a name.", code="usage")
     return plain
 
 
-def _content(text: Any, what: str) -> bytes:
+def content_of(text: Any, what: str) -> bytes:
+    """Return the bytes of a carried file.
+
+    Raises
+    ------
+    CellError
+        They did not arrive whole.
+    """
     try:
         return base64.b64decode(text, validate=True)
     except (TypeError, ValueError, binascii.Error) as broken:

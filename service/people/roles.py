@@ -10,7 +10,10 @@ from service.desk.messages import AnswerIt, Hold, Order, SignOff, Start, Stop
 
 
 class Role(StrEnum):
-    """What somebody is at this cell. An administrator runs no procedure: the two are kept apart."""
+    """What somebody is at this cell. An administrator runs no procedure: the two are kept apart.
+
+    Programs are made by engineers and administrators: they are files to take away, and nothing is written to a robot.
+    """
 
     VIEWER = "viewer"
     TECHNICIAN = "technician"
@@ -26,6 +29,7 @@ class Right(StrEnum):
     RUN = "run procedures"
     CHANGE_LIMITS = "change limits or go on against a verdict"
     WRITE_ALONE = "let master data be written alone"
+    MAKE_PROGRAMS = "make robot programs"
 
 
 _EVERYBODY = frozenset({Right.SEE, Right.STOP})
@@ -33,8 +37,8 @@ RIGHTS: Mapping[Role, frozenset[Right]] = MappingProxyType(
     {
         Role.VIEWER: _EVERYBODY,
         Role.TECHNICIAN: _EVERYBODY | {Right.RUN},
-        Role.ENGINEER: _EVERYBODY | {Right.RUN, Right.CHANGE_LIMITS, Right.WRITE_ALONE},
-        Role.ADMIN: _EVERYBODY,
+        Role.ENGINEER: _EVERYBODY | {Right.RUN, Right.CHANGE_LIMITS, Right.WRITE_ALONE, Right.MAKE_PROGRAMS},
+        Role.ADMIN: _EVERYBODY | {Right.MAKE_PROGRAMS},
     }
 )
 

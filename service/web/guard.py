@@ -9,7 +9,7 @@ import ipaddress
 import json
 import logging
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import unquote_to_bytes
@@ -19,11 +19,14 @@ from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.people.errors import PeopleError
+from service.people.roles import Right
 from service.web.door import house_of, token_of
 
 _log = logging.getLogger(__name__)
 MOST_BYTES = 256 * 1024
 BODY_S = 10.0
+PROGRAMS = "/api/programs/jobs"  # brings program files along
+MOST_PROGRAM_BYTES, PROGRAMS_S = 9 * 1024 * 1024, 60.0
 _SAFE = frozenset({"GET", "HEAD"})
 _POLICY = (
     "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'; "
@@ -105,7 +108,7 @@ class Guard:
             connection = HTTPConnection(scope)
             self._look_at(connection)
             if scope["type"] == "http" and scope["method"] not in _SAFE:
-                receive = await _whole_body(connection, receive)
+                receive = await _whole_body(connection, receive, *self._room(connection))
             await self.app(scope, receive, answer.send if scope["type"] == "http" else send)
         except RefusedRequestError as refused:
             await self._turn_away(scope, answer, send, refused)
@@ -140,6 +143,15 @@ class Guard:
             raise RefusedRequestError(error.status, error.code, error.message, error.remedy) from error
         if connection.scope.get("method", "GET") not in _SAFE:
             entrance.busy(token)
+
+    @staticmethod
+    def _room(connection: HTTPConnection) -> tuple[int, float]:
+        """Return how many bytes a body may have, and how long it may take [s]: files only of whom may make."""
+        if connection.scope["path"] == PROGRAMS:
+            who = house_of(connection).entrance.present(token_of(connection))
+            if who.may(Right.MAKE_PROGRAMS):
+                return MOST_PROGRAM_BYTES, PROGRAMS_S
+        return MOST_BYTES, BODY_S
 
     def _refuse_other_hosts(self, connection: HTTPConnection) -> None:
         hosts = connection.headers.getlist("host")
@@ -230,7 +242,9 @@ def _refuse_tricks(connection: HTTPConnection) -> None:
         path = unquote_to_bytes(path)
 
 
-async def _whole_body(connection: HTTPConnection, receive: Receive) -> Receive:
+async def _whole_body(
+    connection: HTTPConnection, receive: Receive, most_bytes: int, most_s: float
+) -> Receive:
     """Read the body, no more than is allowed and no slower, and return what hands it on."""
     kind = connection.headers.get("content-type", "").partition(";")[0].strip().lower()
     if kind != "application/json":
@@ -238,8 +252,9 @@ async def _whole_body(connection: HTTPConnection, receive: Receive) -> Receive:
             415, "guard.json", "only JSON is taken.", "Send content-type application/json."
         )
     chunks: list[bytes] = []
+    size = 0
     try:
-        async with asyncio.timeout(BODY_S):
+        async with asyncio.timeout(most_s):
             more = True
             while more:
                 message = await receive()
@@ -247,7 +262,8 @@ async def _whole_body(connection: HTTPConnection, receive: Receive) -> Receive:
                     raise RefusedRequestError(400, "guard.gone", "the request broke off.")
                 chunks.append(message.get("body", b""))
                 more = message.get("more_body", False)
-                _refuse_long(chunks)
+                size += len(chunks[-1])
+                _refuse_long(size, most_bytes)
     except TimeoutError as error:
         raise RefusedRequestError(408, "guard.slow", "the request did not arrive in time.") from error
     handed = False
@@ -262,6 +278,6 @@ async def _whole_body(connection: HTTPConnection, receive: Receive) -> Receive:
     return again
 
 
-def _refuse_long(chunks: Iterable[bytes]) -> None:
-    if sum(map(len, chunks)) > MOST_BYTES:
-        raise RefusedRequestError(413, "guard.size", f"more than {MOST_BYTES // 1024} KiB are not taken.")
+def _refuse_long(size: int, most_bytes: int) -> None:
+    if size > most_bytes:
+        raise RefusedRequestError(413, "guard.size", f"more than {most_bytes // 1024} KiB are not taken.")
