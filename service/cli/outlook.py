@@ -14,11 +14,15 @@ if TYPE_CHECKING:
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
 
-def procedures(*, cell: Path | None = None, robot: str | None = None, as_json: Json = False) -> int:
-    """List the procedures, and for a cell what it lacks for each. No device is touched.
+def procedures(
+    name: str | None = None, /, *, cell: Path | None = None, robot: str | None = None, as_json: Json = False
+) -> int:
+    """List the procedures, and for a cell what it lacks for each; or the settings of one. No device is touched.
 
     Parameters
     ----------
+    name
+        The procedure whose settings for ``cellcal run --set`` are shown.
     cell
         The cell file (TOML).
     robot
@@ -34,6 +38,8 @@ def procedures(*, cell: Path | None = None, robot: str | None = None, as_json: J
     from service.configuration.cell_file import read_cell_file
     from service.runs.outline import possible
 
+    if name is not None:
+        return _tell_settings(name, as_json=as_json)
     rows = possible(None if cell is None else read_cell_file(cell), robot)
     if as_json:
         keys = ("name", "title", "version", "lacks")
@@ -46,6 +52,30 @@ def procedures(*, cell: Path | None = None, robot: str | None = None, as_json: J
             [] if lacks is None else [f"lacks {escape('; '.join(lacks))}" if lacks else "[green]possible[/]"]
         )
         table.add_row(row.name, row.title, *state)
+    Console().print(table)
+    return 0
+
+
+def _tell_settings(procedure: str, *, as_json: bool) -> int:
+    from dataclasses import asdict
+
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from service.cli.printing import print_json
+    from service.runs.settings_told import settings_of
+
+    settings = settings_of(procedure)
+    if as_json:
+        print_json({"procedure": procedure, "settings": [asdict(setting) for setting in settings]})
+        return 0
+    table = Table(
+        "--set", "takes (SI units)", "default", title=f"Settings of {procedure}", title_justify="left"
+    )
+    for each in settings:
+        default = "[bold]must be given[/]" if each.default is None else escape(each.default)
+        table.add_row(each.name, escape(each.takes), default)
     Console().print(table)
     return 0
 

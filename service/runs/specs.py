@@ -5,6 +5,7 @@ from dataclasses import asdict, fields, is_dataclass, replace
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from calibration.errors import CellError
 from procedures.catalogue import entry_named
@@ -48,7 +49,7 @@ def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
     try:
         spec: Any = TypeAdapter(kind).validate_python(settings)
     except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {e['msg']}" for e in error.errors())
+        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {_said(e)}" for e in error.errors())
         raise _wrong(procedure, faults) from error
     endless = [key for key, value in asdict(spec).items() if not _is_finite(value)]
     if endless:
@@ -83,7 +84,12 @@ def _in_the_cell(spec: Any, surroundings: Surroundings) -> Any:
 
 
 def _wrong(procedure: str, faults: str) -> CellError:
-    return CellError(f"{procedure} cannot be run so: {faults}.", remedy="Correct --set.", code="usage")
+    remedy = f"Correct --set; `cellcal procedures {procedure}` shows what each setting takes."
+    return CellError(f"{procedure} cannot be run so: {faults}.", remedy=remedy, code="usage")
+
+
+def _said(fault: ErrorDetails) -> str:
+    return "must be given" if fault["type"] == "missing" else fault["msg"]
 
 
 def _is_finite(value: Any) -> bool:
