@@ -1,12 +1,35 @@
+import { readdir, readFile, writeFile } from "node:fs/promises";
+import { join } from "node:path";
+import { promisify } from "node:util";
+import { brotliCompress, gzip } from "node:zlib";
 import { svelte } from "@sveltejs/vite-plugin-svelte";
-import { defineConfig } from "vite";
+import { defineConfig, type Plugin } from "vite";
+
+const DIST = "../service/web/dist";
+const SMALL = 1000; // bytes; less is not worth packing
+
+// Packed once, here: the service would keep everybody waiting while it packs half a megabyte.
+const packed: Plugin = {
+  name: "packed",
+  apply: "build",
+  async closeBundle() {
+    for (const found of await readdir(DIST, { recursive: true })) {
+      if (!/\.(js|css|html|svg)$/.test(found)) continue;
+      const file = join(DIST, found);
+      const text = await readFile(file);
+      if (text.length < SMALL) continue;
+      await writeFile(`${file}.gz`, await promisify(gzip)(text, { level: 9 }));
+      await writeFile(`${file}.br`, await promisify(brotliCompress)(text));
+    }
+  },
+};
 
 // The pages are built into the Python package: a user needs no Node.
 export default defineConfig({
-  plugins: [svelte()],
+  plugins: [svelte(), packed],
   base: "./",
   build: {
-    outDir: "../service/web/dist",
+    outDir: DIST,
     emptyOutDir: true,
     target: "es2022",
     rollupOptions: { input: ["index.html", "fleet.html"] },

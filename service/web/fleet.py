@@ -16,9 +16,7 @@ from typing import Protocol, cast
 import orjson
 from fastapi import APIRouter, FastAPI, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import RequestValidationError
-from fastapi.middleware.gzip import GZipMiddleware
 from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse
-from fastapi.staticfiles import StaticFiles
 from starlette.requests import HTTPConnection
 
 from calibration.errors import CellError
@@ -30,7 +28,7 @@ from service.site.keys import SiteError
 from service.web.answers import not_understood, told
 from service.web.door import Who, person_of
 from service.web.guard import Guard
-from service.web.pages import DIST
+from service.web.pages import DIST, BuiltFiles
 from service.web.sign_in import console
 
 PERIOD_S = 0.5
@@ -185,7 +183,7 @@ def _add_page(app: FastAPI) -> frozenset[str]:
     app.add_api_route("/", lambda: FileResponse(page), include_in_schema=False)
     app.add_api_route("/icon.svg", lambda: FileResponse(DIST / "icon.svg"), include_in_schema=False)
     assets = DIST / "assets"
-    app.mount("/assets", GZipMiddleware(StaticFiles(directory=assets), minimum_size=1000), name="assets")
+    app.mount("/assets", BuiltFiles(directory=assets), name="assets")
     return frozenset({"/", "/icon.svg", *(f"/assets/{file.name}" for file in assets.iterdir())})
 
 

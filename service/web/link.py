@@ -6,6 +6,7 @@ import itertools
 import logging
 import os
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ _log = logging.getLogger(__name__)
 ANSWER_S = 10.0
 _LEAVE_S = 5.0
 _RESTART_S = 1.0
+_JUST_NOW_S = 0.25  # live values come ten times a second; older ones say nothing of now
 
 
 class DeskGoneError(CellError):
@@ -45,17 +47,24 @@ class DeskLink:
         self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
         self._process: asyncio.subprocess.Process | None = None
         self.session: dict[str, Any] | None = None
+        self._live: tuple[float, dict[str, Any]] | None = None
 
     async def keep(self) -> None:
         """Run the desk until cancelled, then let it end its run and leave."""
         try:
             while True:
                 await self._run_once()
-                self.session = None
+                self.session = self._live = None
                 self._heard("gone", {})
                 await asyncio.sleep(_RESTART_S)
         finally:
             await self._leave()
+
+    @property
+    def live(self) -> dict[str, Any] | None:
+        """The newest live values, None where none came just now: a desk that hangs must not look alive."""
+        heard_s, content = self._live or (float("-inf"), {})
+        return content if time.monotonic() - heard_s < _JUST_NOW_S else None
 
     async def order(self, command: dict[str, Any]) -> dict[str, Any]:
         """Send a command and return the desk's reply; DeskGoneError where there is none."""
@@ -99,6 +108,8 @@ class DeskLink:
         if "told" in message:
             if message["told"] == "session":
                 self.session = message["content"]
+            elif message["told"] == "live":
+                self._live = (time.monotonic(), message["content"])
             self._heard(message["told"], message["content"])
             return
         answer = self._waiting.get(message["number"] or 0)

@@ -80,6 +80,8 @@ async def screen(socket: WebSocket) -> None:
     show_control(house, shown)
     if house.link.session is not None:
         shown.show("session", framed("session", house.link.session))
+    if house.link.live is not None:  # a page that opens does not wait for the next tenth of a second
+        shown.show("live", framed("live", house.link.live))
 
     async def receive() -> None:
         with contextlib.suppress(WebSocketDisconnect, NotSignedInError):

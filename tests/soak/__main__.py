@@ -6,6 +6,7 @@ from collections.abc import Callable
 from tests.soak import (
     calibration_campaign,
     clones,
+    cold,
     compensation,
     coverage,
     cramer_rao,
@@ -61,6 +62,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "gate": (motion_gate.gate, 100_000),
     "cramer_rao": (cramer_rao.cramer_rao, 1000),
     "programs_roundtrip": (programs.programs_roundtrip, 10_000),
+    "cold": (cold.cold, 20),
     "pages_link": (pages_link.pages_link, 20),
     "site": (site.site, 1000),
     "day": (day.day, 1),

@@ -15,6 +15,7 @@ const UNKNOWN_MS = 2000; // a device that may not come in asks rarely
 const LOOK_MS = 250;
 const HOLD_MS = 150;
 const TAP_MS = 400; // the second of two quick taps must not answer the question that the first one brought
+const CAME_IN = "came-in"; // in this browser's memory: it was let in before
 const QUEUED_MS = 30_000; // what could not be sent for longer is pressed again, by somebody who looks
 
 export interface Refusal {
@@ -118,6 +119,7 @@ class Wire {
 
   start() {
     people.onNewSession = () => this.#reopen();
+    if (localStorage.getItem(CAME_IN)) this.#open(); // most often it still may; asking first would cost a round trip
     void this.#comeIn();
     setInterval(() => this.#look(), LOOK_MS);
   }
@@ -228,10 +230,11 @@ class Wire {
     if (!answered) setTimeout(() => void this.#comeIn(), RETRY_MS);
     else if (people.wanted === "device") {
       this.#forget();
+      localStorage.removeItem(CAME_IN);
       setTimeout(() => void this.#comeIn(), UNKNOWN_MS);
     } else {
       void this.#ask();
-      this.#open();
+      if (this.#socket === null) this.#open();
     }
   }
 
@@ -249,7 +252,9 @@ class Wire {
     this.#opened = false;
     this.#heardMs = Date.now();
     socket.onopen = () => {
-      if (socket === this.#socket) this.#opened = true;
+      if (socket !== this.#socket) return;
+      this.#opened = true;
+      localStorage.setItem(CAME_IN, "1");
     };
     socket.onmessage = (event) => {
       if (socket === this.#socket) this.#take(JSON.parse(event.data));

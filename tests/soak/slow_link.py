@@ -1,0 +1,114 @@
+"""A slow wireless link: a proxy that carries so many bits a second, and each of them so much later.
+
+It shapes everything that passes, WebSockets too, which a browser's own throttling leaves alone. All connections share
+one rate each way, in turns of one packet; a new connection waits for the handshake's way there and back. Not
+modelled: loss, and TCP's slow start (20 kB are under way on 4 Mbit/s over 40 ms; TCP begins with 15).
+"""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+_PACKET = 1460  # bytes
+
+
+@dataclass
+class _Way:
+    """One direction, which all connections share."""
+
+    rate_byte_s: float
+    carried: int = 0
+    _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _free_s: float = 0.0
+
+    async def carry(self, size: int) -> float:
+        """Wait until so many bytes have left; return when the last one did (the loop's time) [s]."""
+        clock = asyncio.get_running_loop()
+        async with self._turn:
+            self._free_s = max(self._free_s, clock.time()) + size / self.rate_byte_s
+            await asyncio.sleep(self._free_s - clock.time())
+            self.carried += size
+            return self._free_s
+
+
+@dataclass
+class SlowLink:
+    """A proxy to a port of this computer. ``delay_s`` is of one way."""
+
+    target: int
+    rate_bit_s: float
+    delay_s: float
+    port: int = 0
+    _tasks: set[asyncio.Task[None]] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self._out, self._back = (_Way(self.rate_bit_s / 8.0) for _ in range(2))
+
+    @property
+    def carried(self) -> int:
+        """Bytes that went either way."""
+        return self._out.carried + self._back.carried
+
+    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Carry one connection."""
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        with contextlib.suppress(OSError, asyncio.CancelledError):  # `let_go` ends it
+            await asyncio.sleep(2.0 * self.delay_s)
+            answers, asked = await asyncio.open_connection("127.0.0.1", self.target)
+            try:
+                await asyncio.gather(
+                    self._carry(reader, asked, self._out), self._carry(answers, writer, self._back)
+                )
+            finally:
+                asked.close()
+        writer.close()
+
+    async def _carry(self, source: asyncio.StreamReader, sink: asyncio.StreamWriter, way: _Way) -> None:
+        under_way: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
+        arriving = asyncio.create_task(self._arrive(under_way, sink))
+        try:
+            data = b" "
+            while data:
+                data = await source.read(_PACKET)
+                await under_way.put((await way.carry(len(data)) + self.delay_s, data))
+            await arriving
+        finally:
+            arriving.cancel()
+
+    async def _arrive(
+        self, under_way: asyncio.Queue[tuple[float, bytes]], sink: asyncio.StreamWriter
+    ) -> None:
+        clock = asyncio.get_running_loop()
+        with contextlib.suppress(OSError):
+            while True:
+                at_s, data = await under_way.get()
+                await asyncio.sleep(at_s - clock.time())
+                if not data:
+                    break
+                sink.write(data)
+                await sink.drain()
+            sink.close()
+
+    async def let_go(self) -> None:
+        """End every connection."""
+        for task in tuple(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+
+@asynccontextmanager
+async def a_slow_link(target: int, *, rate_bit_s: float, delay_s: float) -> AsyncIterator[SlowLink]:
+    """Open such a link."""
+    link = SlowLink(target, rate_bit_s, delay_s)
+    server = await asyncio.start_server(link.serve, "127.0.0.1", 0)
+    link.port = server.sockets[0].getsockname()[1]
+    try:
+        yield link
+    finally:
+        server.close()
+        await link.let_go()
