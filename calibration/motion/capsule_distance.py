@@ -3,6 +3,7 @@
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.geometry import Array
 
@@ -10,7 +11,6 @@ from calibration.geometry import Array
 Segment: TypeAlias = tuple[Array, Array]
 
 _TINY = 1e-15
-_HALVINGS = 40
 
 
 def segment_distance(first: Segment, second: Segment) -> Array:
@@ -35,22 +35,32 @@ def segment_distance(first: Segment, second: Segment) -> Array:
 def box_distance(segment: Segment, base_box: Array, size_m: Array) -> Array:
     """Return (N,) the distance of a segment from a box [m]; zero where it enters.
 
-    The distance from a convex body is convex along a line: its slope is halved down to its zero.
+    Along the segment the squared distance is convex, and its slope is straight between the planes of the box's faces:
+    the zero lies on the straight piece where the sign changes.
     """
     turn, centre = base_box[:3, :3].T, base_box[:3, 3:4]
     start, stop = turn @ (segment[0] - centre), turn @ (segment[1] - centre)
     along, half = stop - start, np.reshape(size_m, (3, 1)) / 2.0
+    moves = np.abs(along) > _TINY
+    step = np.where(moves, along, 1.0)
+    faces = np.concatenate([np.where(moves, (side - start) / step, 0.0) for side in (-half, half)])
+    ends = np.broadcast_to([[0.0], [1.0]], (2, faces.shape[1]))
+    shares = np.sort(np.concatenate([ends, np.clip(faces, 0.0, 1.0)]), axis=0)
 
     def outside(share: Array) -> Array:
-        point = start + share * along
+        point = start + share[..., None, :] * along
         return np.asarray(point - np.clip(point, -half, half), dtype=np.float64)
 
-    low, high = np.zeros(along.shape[1]), np.ones(along.shape[1])
-    for _ in range(_HALVINGS):
-        middle = (low + high) / 2.0
-        falling = _dot(outside(middle), along) < 0.0
-        low, high = np.where(falling, middle, low), np.where(falling, high, middle)
-    return np.asarray(np.linalg.norm(outside((low + high) / 2.0), axis=0), dtype=np.float64)
+    slopes = (outside(shares) * along).sum(axis=-2)
+    last = np.maximum(
+        (slopes < 0.0).sum(axis=0) - 1, 0
+    )  # of the shares where it still falls; they come first
+    low, high = (_row(shares, k) for k in (last, np.minimum(last + 1, len(shares) - 1)))
+    falls, rises = (_row(slopes, k) for k in (last, np.minimum(last + 1, len(shares) - 1)))
+    piece = np.where((falls < 0.0) & (rises > falls), -falls / np.maximum(rises - falls, _TINY), 0.0)
+    return np.asarray(
+        np.linalg.norm(outside(low + np.clip(piece, 0.0, 1.0) * (high - low)), axis=0), dtype=np.float64
+    )
 
 
 def plane_distance(segment: Segment, point_m: Array, normal: Array) -> Array:
@@ -58,6 +68,10 @@ def plane_distance(segment: Segment, point_m: Array, normal: Array) -> Array:
     unit = normal / np.linalg.norm(normal)
     heights = [unit @ (end - point_m[:, None]) for end in segment]
     return np.minimum(heights[0], heights[1])
+
+
+def _row(table: Array, rows: NDArray[np.intp]) -> Array:
+    return np.asarray(np.take_along_axis(table, rows[None, :], axis=0)[0], dtype=np.float64)
 
 
 def _dot(a: Array, b: Array) -> Array:
