@@ -17,6 +17,7 @@ class Kind(StrEnum):
     CONDITION = "condition"  # a standing condition was found to hold
     FAILED = "failed"  # the outcome of a step that ended otherwise
     APPROVAL = "approval"
+    ANSWERS_AS = "answers_as"  # in which role whoever answers from here on does
     PAUSED = "paused"
     CONTINUED = "continued"
     FORGOTTEN = "forgotten"  # findings after the n-th no longer count; nothing is deleted

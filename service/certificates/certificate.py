@@ -17,6 +17,7 @@ from procedures.catalogue import entry_named
 from procedures.entry import Entry
 from procedures.past import Kind
 from service.certificates.points import airs, answers, raw_data_sha256, readings
+from service.certificates.sign_offs import sign_offs
 from service.certificates.signing import Finding, StationKey, check, station_key
 from service.certificates.text import as_text
 from service.configuration.cell_file import CellConfig, GaugeCertificate
@@ -135,6 +136,7 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
         "result": view.result,
         "verdict": verdict,
         "people": answers(events),
+        "sign_off": sign_offs(events),
         "traceability": _traceability(config, view, entry, _ended(events)),
         "safety": SAFETY,
     }

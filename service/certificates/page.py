@@ -6,6 +6,7 @@ from typing import Any
 from service.certificates.blocks import Block, Bullets, Cell, Facts, Fields, Page, Paragraph, Section, Table
 from service.certificates.pictures import pictures_of
 from service.certificates.qr import code_of
+from service.certificates.sign_offs import unsigned
 from service.certificates.words import (
     NO_TEMPERATURE,
     WHOLE_RESULT,
@@ -21,6 +22,7 @@ from service.certificates.words import (
     made_with_rows,
     place_in_words,
     short_facts,
+    sign_off_rows,
 )
 from service.quantities import quantity
 
@@ -65,7 +67,8 @@ def page_of(content: Mapping[str, Any], sha256: str, public_key: str) -> Page:
         *_rejected(content["points"]),
         *_environment(content["environment"]),
         Section("Traceability", (Paragraph(content["traceability"]),)),
-        *_people(content["people"], verdict.get("to_sign", [])),
+        *_sign_off(content.get("sign_off", [])),
+        *_people(content["people"], unsigned(content)),
         Section("Safety", (Paragraph(content["safety"], "strong"),)),
         *_settings(content["settings"]),
         *_readings(content["points"]),
@@ -204,6 +207,18 @@ def _environment(airs: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
 
 def _unknown_air(content: Mapping[str, Any]) -> list[str]:
     return [] if content["environment"] else [NO_TEMPERATURE]
+
+
+def _sign_off(given: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
+    rows = tuple(
+        (Cell(what, shown), Cell(who), Cell(role), Cell(at))
+        for what, who, role, at, shown in sign_off_rows(given)
+    )
+    if not rows:
+        return ()
+    head = (Cell("What"), Cell("By"), Cell("In the role of"), Cell("At (UTC)"))
+    caption = "As the journal has it: names as entered, roles as they were at that moment."
+    return (Section("Accepted, approved and signed", (Table(head, rows, (46, 20, 16, 18), caption),)),)
 
 
 def _people(people: Sequence[Mapping[str, str]], to_sign: Iterable[str]) -> tuple[Section, ...]:

@@ -4,6 +4,7 @@ import textwrap
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from service.certificates.sign_offs import unsigned
 from service.certificates.words import (
     NO_TEMPERATURE,
     WHOLE_RESULT,
@@ -17,6 +18,7 @@ from service.certificates.words import (
     head_rows,
     made_with_rows,
     short_facts,
+    sign_off_rows,
 )
 
 WIDTH = 80
@@ -37,9 +39,10 @@ def as_text(content: Mapping[str, Any], sha256: str, public_key: str) -> str:
         ("Remarks", _bullets(verdict.get("remarks", []))),
         ("Not verified", _bullets([*verdict.get("not_verified", []), *_environment(content)])),
         ("Measurements", _points(content["points"])),
+        ("Accepted, approved and signed", _sign_off(content.get("sign_off", []))),
         ("People", _people(content["people"])),
         ("Traceability and safety", [*_wrapped(content["traceability"]), *_wrapped(content["safety"])]),
-        ("To be signed by hand", _to_sign(verdict.get("to_sign", []))),
+        ("To be signed by hand", _to_sign(unsigned(content))),
         ("Made with", _made_with(run)),
         (
             "Signature",
@@ -97,6 +100,15 @@ def _people(people: list[Mapping[str, str]]) -> list[str]:
         )
         accepted = accepted_by(own)
         lines += _wrapped(told + (f"; accepted: {accepted}" if accepted else ""))
+    return lines
+
+
+def _sign_off(given: Iterable[Mapping[str, Any]]) -> list[str]:
+    lines: list[str] = []
+    for what, who, role, at, shown in sign_off_rows(given):
+        lines += _wrapped(what, "* ", 2)
+        lines += _wrapped(f"by {who} ({role}), {at} UTC", "    ")
+        lines += _wrapped(shown, "    ") if shown else []
     return lines
 
 

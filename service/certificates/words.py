@@ -126,6 +126,20 @@ def accepted_by(answers: Iterable[Mapping[str, str]]) -> str:
     return ", ".join(step.removeprefix("accept ") for step in steps if step.startswith("accept"))
 
 
+def sign_off_rows(given: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, str, str, str]]:
+    """Return what was accepted, approved or signed: what, by whom, in which role, when; and a hash."""
+    return [
+        (
+            f"{one['did']}: {one['what']}",
+            one["who"],
+            " and ".join(person["role"] for person in one["people"]) or "role not recorded",
+            at_time(one["at_utc"]),
+            f"SHA-256 of what was shown {one['what_sha256'][:16]}…" if one["what_sha256"] else "",
+        )
+        for one in given
+    ]
+
+
 def made_with_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return software, solver and definition, once for every software that had a part in the run."""
     return [

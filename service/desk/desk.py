@@ -25,6 +25,7 @@ from procedures.progress import Gate, Progress
 from service.certificates.certificate import issue
 from service.certificates.printing import print_beside
 from service.configuration.cell_file import CellConfig
+from service.desk.answering import Answering
 from service.desk.asking import DeskOperator
 from service.desk.held import HeldRobot, Hold
 from service.desk.live import Glance, SharedGauge
@@ -82,6 +83,7 @@ class Desk:
         self._gate = Gate()
         self._watch = DeskWatch(config, self._decided)
         self._under_way = UnderWay(config.cell.data_dir)
+        self._answering = Answering(config)
         self._robot = config.robots[0].name
         self._cell: Cell | None = None
         self._trouble = "connecting"
@@ -195,6 +197,7 @@ class Desk:
             stale = {"ok": False, "code": "desk.stale", "message": "The page was out of date."}
             return {**stale, "session": self.session()}
         try:
+            await self._answering.note("" if self._run is None else self._run.run_id, command)
             await self._do(command)
             reply: dict[str, Any] = {"ok": True, "rev": self.rev}
         except CellError as error:
@@ -220,7 +223,7 @@ class Desk:
         elif isinstance(order, Dismiss):
             self._dismiss()
         elif isinstance(order, SignOff):
-            self._sign(order, command.who)
+            await self._sign(order, command.who)
         else:
             await self._steer(order)
 
@@ -246,7 +249,7 @@ class Desk:
         self._run = None
         self._decided()
 
-    def _sign(self, order: SignOff, who: str) -> None:
+    async def _sign(self, order: SignOff, who: str) -> None:
         """Journal who did what the run left to a person; every line that it named has to be there."""
         run = self._run
         if run is None or not run.ended or run.run_id != order.run_id or run.outcome is None:
@@ -257,6 +260,7 @@ class Desk:
         with open_journal(self._config) as journal:
             body = {"who": who, "lines": list(order.lines)}
             journal.append(run.run_id, Kind.SIGNED, body, key="signed", actor=who)
+        run.outcome |= await self._certified(run.run_id)
         run.outcome["signed"] = {"who": who, "at_s": time.time()}
         self._decided()
 
@@ -337,13 +341,16 @@ class Desk:
                 "result": outcome.result,
             }
         )
+        return told | await self._certified(outcome.run_id)
+
+    async def _certified(self, run_id: str) -> dict[str, Any]:
+        """Write the certificate of a run as its journal now stands; say where, or why there is none."""
         try:
-            issued = await asyncio.to_thread(issue, self._config, outcome.run_id)
-            told["certificate"] = issued.json_path.name
+            issued = await asyncio.to_thread(issue, self._config, run_id)
             await asyncio.to_thread(print_beside, issued.json_path)
         except CellError as error:
-            told["certificate"], told["no_certificate"] = None, error.message
-        return told
+            return {"certificate": None, "no_certificate": error.message}
+        return {"certificate": issued.json_path.name}
 
     def _on_event(self, run: Running, progress: Progress) -> None:
         run.take(progress)

@@ -99,6 +99,13 @@ Order = Annotated[
 UNGUARDED = (Stop, Hold, Pause)  # obeyed whatever the screen knew of the session
 
 
+class Signer(_Asked):
+    """One of the people in whose name an order comes, and the role that counted when it was given."""
+
+    name: Name
+    role: Name
+
+
 class Command(_Asked):
     """One order with what its sender knew.
 
@@ -109,4 +116,7 @@ class Command(_Asked):
     id: Name
     rev: int
     who: Name
+    people: Annotated[
+        tuple[Signer, ...], Field(max_length=2)
+    ] = ()  # behind ``who``, where the sender knows them
     order: Order

@@ -14,14 +14,16 @@ _KEPT = 200
 
 @dataclass(frozen=True, slots=True)
 class First:
-    """The first of two approvals: of which question, what it asks word for word, and whose."""
+    """The first of two approvals: of which question, what it asks word for word, and whose, in which role."""
 
     prompt_id: str
     asked: str
     name: str
+    role: str = ""
 
 
 _NONE = First("", "", "")
+CONSOLE_ROLE = "console"  # of whoever holds this computer's console while nobody is set up
 
 
 class StaleViewError(PeopleError):
@@ -40,6 +42,7 @@ class Permits:
     def __init__(self) -> None:
         self._first = _NONE
         self._passed: OrderedDict[str, str] = OrderedDict()
+        self._behind: dict[str, tuple[tuple[str, str], ...]] = {}  # names and roles
 
     def granted(
         self, person: Person, press: str, rev: int, order: Order, session: dict[str, Any] | None
@@ -57,6 +60,7 @@ class Permits:
         StaleViewError
             The question is not the one that is shown.
         """
+        self._behind[person.name] = ((person.name, _role(person)),)
         if not isinstance(order, AnswerIt) or not person.may(Right.RUN):
             _refuse(person, need_of(order, None))
             return person.name
@@ -71,6 +75,10 @@ class Permits:
         while len(self._passed) > _KEPT:
             self._passed.popitem(last=False)
         return who
+
+    def behind(self, who: str) -> list[dict[str, str]]:
+        """Return the people behind a name that was granted, each with the role that counted at the last order."""
+        return [{"name": name, "role": role} for name, role in self._behind.get(who, ())]
 
     def awaits(self, person: Person, order: Order, rev: int, session: dict[str, Any] | None) -> bool:
         """Whether an order is the second approval that a first person's waits for: at any screen it counts."""
@@ -93,9 +101,15 @@ class Permits:
         before, asked = self._first, _word_for_word(prompt)
         if before.asked == asked and before.name != person.name:
             self._first = _NONE
-            return f"{before.name} and {person.name}"
-        self._first = First(str(prompt["id"]), asked, person.name)
+            both = f"{before.name} and {person.name}"
+            self._behind[both] = ((before.name, before.role), (person.name, _role(person)))
+            return both
+        self._first = First(str(prompt["id"]), asked, person.name, _role(person))
         raise SecondPersonError(person.name)
+
+
+def _role(person: Person) -> str:
+    return CONSOLE_ROLE if person.alone else person.role.value
 
 
 def _word_for_word(prompt: dict[str, Any]) -> str:

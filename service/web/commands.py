@@ -85,7 +85,8 @@ def _refreshed(house: "House", behind: StaleViewError) -> JSONResponse:
 
 
 async def _sent(house: "House", pressed: Pressed, name: str) -> Any:
-    reply = await house.link.order({**pressed.model_dump(mode="json"), "who": name})
+    people = house.permits.behind(name)
+    reply = await house.link.order({**pressed.model_dump(mode="json"), "who": name, "people": people})
     if reply["ok"]:
         return reply
     return JSONResponse({"session": house.link.session, **reply}, status_code=409)

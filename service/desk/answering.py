@@ -1,0 +1,31 @@
+"""In which role people answer and sign: in the run's journal before what they say, and again when it changes."""
+
+import asyncio
+
+from procedures.past import Kind
+from service.configuration.cell_file import CellConfig
+from service.desk.messages import AnswerIt, Command, SignOff
+from service.runs.cell import open_journal
+
+
+class Answering:
+    """What the journals of this desk's runs already know of people's roles."""
+
+    def __init__(self, config: CellConfig) -> None:
+        self._config = config
+        self._noted: dict[tuple[str, str], list[dict[str, str]]] = {}
+
+    async def note(self, run_id: str, command: Command) -> None:
+        """Note who is behind an answer and in which role; nothing where that is unknown, or known to the journal."""
+        if not isinstance(command.order, AnswerIt | SignOff):
+            return
+        people = [signer.model_dump() for signer in command.people]
+        known = run_id, command.who
+        if not run_id or not people or self._noted.get(known) == people:
+            return
+        await asyncio.to_thread(self._keep, run_id, {"who": command.who, "people": people})
+        self._noted[known] = people
+
+    def _keep(self, run_id: str, body: dict[str, object]) -> None:
+        with open_journal(self._config) as journal:
+            journal.append(run_id, Kind.ANSWERS_AS, body, actor=str(body["who"]))

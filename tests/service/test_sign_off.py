@@ -1,0 +1,200 @@
+"""Who accepted, approved and signed what, in which role and when: from the screen through the journal to paper."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from procedures.past import Kind
+from service.certificates.certificate import certificates_folder, issue
+from service.certificates.page import page_of
+from service.certificates.printing import html_from, pdf_from
+from service.certificates.signing import Finding, check
+from service.certificates.text import as_text
+from service.configuration.cell_file import CellConfig
+from service.desk.answering import Answering
+from service.desk.desk import Desk
+from service.desk.messages import AnswerIt, Command, Signer, SignOff
+from service.desk.running import Running
+from service.people.entrance import LOCAL_PERSON, Person
+from service.people.errors import SecondPersonError
+from service.people.permits import Permits
+from service.people.roles import Role
+from service.runs.cell import open_journal
+from service.runs.journal import Journal
+from service.runs.store import Store
+from tests.procedures.cells import pointing, recovering
+from tests.procedures.certified import cell_config, run_in
+from tests.service.printed import HtmlText, Pdf, squeezed, verify_paper
+
+HEADING = "Accepted, approved and signed"
+LINE = "Safety functions that depend on the robot's position"
+
+
+def signed(config: CellConfig, run_id: str, who: str, lines: list[str]) -> None:
+    with open_journal(config) as journal:
+        journal.append(run_id, Kind.SIGNED, {"who": who, "lines": lines}, key="signed", actor=who)
+
+
+def content_in(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_bytes())["content"]
+    return found
+
+
+async def test_a_second_persons_signature_stands_on_all_four_forms(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, await recovering(), "mastering_recovery")
+    before = issue(config, outcome.run_id)
+    kept = before.json_path.read_bytes()
+    line = next(line for line in content_in(before.json_path)["verdict"]["to_sign"] if LINE in line)
+    assert "Signature ____" in before.text_path.read_text()
+    command = Command(
+        id="1", rev=1, who="Zoë Ångström-O'Neil", people=(Signer(name="Zoë Ångström-O'Neil", role="engineer"),),
+        order=SignOff(op="sign", run_id=outcome.run_id, lines=(line,)),
+    )  # fmt: skip
+    await Answering(config).note(outcome.run_id, command)
+    signed(config, outcome.run_id, command.who, [line])
+
+    after = issue(config, outcome.run_id)
+    raw = after.json_path.read_bytes()
+    assert check(raw, expected_key=after.key.public).finding is Finding.INTACT
+    assert (
+        check(kept, expected_key=after.key.public).finding is Finding.INTACT
+    )  # a copy from before stays good
+    given = content_in(after.json_path)["sign_off"]
+    last = given[-1]
+    assert (last["did"], last["what"], last["who"]) == ("signed", line, "Zoë Ångström-O'Neil")
+    assert last["people"] == [{"name": "Zoë Ångström-O'Neil", "role": "engineer"}]
+    accepted = {one["what"]: one for one in given if one["did"] == "accepted"}
+    assert accepted["accept the correction"]["who"] == "anna"
+    assert len(accepted["accept the correction"]["what_sha256"]) == 64
+    verify_paper(after.json_path)
+    html = HtmlText.of(html_from(after.json_path)).text
+    for form in (html, Pdf(pdf_from(after.json_path)).text(), after.text_path.read_text()):
+        said = squeezed(form)
+        assert squeezed(HEADING) in said
+        assert squeezed(f"signed: {line}") in said
+        assert "Zoë" in said
+        assert "engineer" in said
+        assert squeezed("accepted: accept the correction") in said
+        assert last["at_utc"][:10] in said
+    assert "Signature ____" not in after.text_path.read_text()  # nothing is left to be signed by hand
+
+
+async def test_one_changed_name_in_the_sign_off_is_found_offline(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, await recovering(), "mastering_recovery")
+    line = outcome.judgement["to_sign"][0]
+    signed(config, outcome.run_id, "Berta", [line])
+    issued = issue(config, outcome.run_id)
+    raw = issued.json_path.read_bytes()
+    assert raw.count(b'"Berta"') == 1
+    forged = raw.replace(b'"Berta"', b'"Bertl"')
+    assert check(forged, expected_key=issued.key.public).finding is Finding.TAMPERED
+
+
+async def test_a_certificate_from_before_signing_was_printed_still_verifies_and_prints(
+    tmp_path: Path,
+) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, pointing(), "three_point_frame")
+    issued = issue(config, outcome.run_id)
+    old = content_in(issued.json_path)
+    del old["sign_off"]
+    raw = issued.key.sign("cellcal certificate 1", old).encode()
+    checked = check(raw, expected_key=issued.key.public)
+    assert checked.finding is Finding.INTACT
+    page = page_of(old, checked.sha256, checked.public_key)
+    assert HEADING not in [section.title for section in page.sections]
+    assert HEADING not in as_text(old, checked.sha256, checked.public_key)
+
+
+async def test_roles_are_those_of_the_moment_and_are_noted_once(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, pointing(), "three_point_frame")
+    answering = Answering(config)
+
+    async def press(role: str) -> None:
+        people = (Signer(name="Tom", role="technician"), Signer(name="Ben", role=role))
+        order = AnswerIt(op="answer", prompt_id="1")
+        command = Command(id="1", rev=1, who="Tom and Ben", people=people, order=order)
+        await answering.note(outcome.run_id, command)
+
+    await press("technician")
+    await press("technician")
+    with open_journal(config) as journal:
+        assert len(_noted(journal, outcome.run_id)) == 1
+        _approve(journal, outcome.run_id)
+    await press("engineer")
+    with open_journal(config) as journal:
+        assert len(_noted(journal, outcome.run_id)) == 2
+        _approve(journal, outcome.run_id)
+    given = content_in(issue(config, outcome.run_id).json_path)["sign_off"]
+    roles = [[p["role"] for p in one["people"]] for one in given if one["who"] == "Tom and Ben"]
+    assert roles == [["technician", "technician"], ["technician", "engineer"]]
+    assert [one["people"] for one in given if one["who"] == "anna"] == [
+        []
+    ]  # run from the console: no role is known
+    text = issue(config, outcome.run_id).text_path.read_text()
+    assert "by Tom and Ben (technician and engineer)" in text
+    assert "by anna (role not recorded)" in text
+
+
+def _noted(journal: Journal, run_id: str) -> list[str]:
+    return [event.body for event in journal.events(run_id) if event.kind == Kind.ANSWERS_AS]
+
+
+def _approve(journal: Journal, run_id: str) -> None:
+    body = {"before": "go on", "key": "may_move", "who": "Tom and Ben", "text": "May it move?"}
+    journal.append(run_id, Kind.APPROVAL, body)
+
+
+def test_the_permits_know_who_is_behind_a_name() -> None:
+    permits, order = Permits(), AnswerIt(op="answer", prompt_id="q")
+    session = {"rev": 1, "prompt": {"id": "q", "key": "accept_mastering"}}
+    tom = Person("Tom", Role.TECHNICIAN, fresh_pin=True)
+    with pytest.raises(SecondPersonError):
+        permits.granted(tom, "1", 1, order, session)
+    both = permits.granted(Person("Tina", Role.TECHNICIAN, fresh_pin=True), "2", 1, order, session)
+    assert permits.behind(both) == [
+        {"name": "Tom", "role": "technician"},
+        {"name": "Tina", "role": "technician"},
+    ]
+    emil = permits.granted(Person("Emil", Role.ENGINEER, fresh_pin=True), "3", 1, order, session)
+    assert permits.behind(emil) == [{"name": "Emil", "role": "engineer"}]
+    console = permits.granted(LOCAL_PERSON, "4", 1, order, session)
+    assert permits.behind(console)[0]["role"] == "console"
+    assert permits.behind("nobody") == []
+
+
+async def test_signing_at_the_desk_writes_the_certificate_anew(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, await recovering(), "mastering_recovery")
+    issue(config, outcome.run_id)
+    desk = Desk(config, lambda kind, content: None)
+    ended = Running("mastering_recovery", "Mastering recovery", run_id=outcome.run_id, state="ended")
+    ended.outcome = {"judgement": outcome.judgement}
+    desk._run = ended
+    order = SignOff(op="sign", run_id=outcome.run_id, lines=tuple(outcome.judgement["to_sign"]))
+    people = (Signer(name="Tina", role="technician"),)
+    command = Command(id="1", rev=desk.rev, who="Tina", people=people, order=order)
+    assert (await desk.obey(command))["ok"]
+    assert (await desk.obey(command))["ok"]  # sent again after a lost link
+    lies = certificates_folder(config) / f"{outcome.run_id}.json"
+    given = [one for one in content_in(lies)["sign_off"] if one["did"] == "signed"]
+    assert [(one["who"], one["people"][0]["role"]) for one in given] == [("Tina", "technician")]
+    assert "by Tina (technician)" in lies.with_suffix(".txt").read_text()
+    assert "Tina" in lies.with_suffix(".html").read_text()
+
+
+async def test_a_run_that_was_signed_says_so_after_every_reading_of_its_journal(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, await recovering(), "mastering_recovery")
+    issue(config, outcome.run_id)
+    signed(config, outcome.run_id, "Berta", list(outcome.judgement["to_sign"]))
+    first = issue(config, outcome.run_id).json_path.read_bytes()
+    assert issue(config, outcome.run_id).json_path.read_bytes() == first
+    assert (certificates_folder(config) / f"{outcome.run_id}.json").read_bytes() == first
+    with open_journal(config) as journal:
+        assert Store(journal).run(outcome.run_id).state == "passed"
