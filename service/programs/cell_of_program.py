@@ -163,12 +163,13 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
             remedy="Name the project of the robot that this program is for.",
         )
     _refuse_other_kinematics(program, project)
-    places = program.positions.frame_tip[[kind == CARTESIAN for kind in program.positions.kinds], :3, 3]
+    places = program.positions.frame_tip[:, :3, 3]
+    places = places[~np.isnan(places[:, 0])]  # a position that is no pose holds none
     if not len(places):
         return
-    sizes, reach = np.linalg.norm(places, axis=1), arm_length(model)
-    frames = [np.linalg.norm(pose[:3, 3]) for pose in project.frames.values()]
-    if sizes.min() > _FARTHEST * (reach + max(frames, default=0.0)):
+    sizes = np.sqrt((places * places).sum(axis=1))
+    reach = arm_length(model)
+    if sizes.min() > _FARTHEST * reach and sizes.min() > _FARTHEST * (reach + _farthest_frame(project)):
         raise ProgramFileError(
             name,
             f"its nearest point is {sizes.min():.0f} m from its frame, the arm reaches {reach:.1f} m.",
@@ -180,6 +181,10 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
             f"all its {len(places)} points are within {sizes.max() * 1e3:.1f} mm of their frame's origin.",
             remedy="Numbers look a thousand times too small: metres written where millimetres belong?",
         )
+
+
+def _farthest_frame(project: Project) -> float:
+    return max((float(np.linalg.norm(pose[:3, 3])) for pose in project.frames.values()), default=0.0)
 
 
 def _refuse_other_kinematics(program: ProgramFile, project: Project) -> None:
@@ -204,7 +209,8 @@ def _refuse_other_kinematics(program: ProgramFile, project: Project) -> None:
 
 def arm_length(model: RobotModel) -> float:
     """Return the length of the stretched arm [m]."""
-    return float(np.linalg.norm(model.placements[:, :3, 3], axis=1).sum())
+    places = model.placements[:, :3, 3]
+    return float(np.sqrt((places * places).sum(axis=1)).sum())
 
 
 def side_by_side(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArray[Some]:

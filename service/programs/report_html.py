@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from html import escape
 
 import numpy as np
@@ -69,16 +70,12 @@ def as_html(report: Report) -> str:
 def _pictures(report: Report) -> str:
     if not report.points:
         return ""
-    base = _rows_of_places(report, "base_place_m")
-    in_base = bool(np.isfinite(base).all(axis=1).any())
-    place = base if in_base else _rows_of_places(report, "frame_place_m")
-    known = np.flatnonzero(np.isfinite(place).all(axis=1))
-    if not len(known):
+    seen = points_to_draw(report)
+    shown = seen.rows
+    if not len(shown):
         return '<p class="quiet">No picture: nobody knows where these points are.</p>'
-    shown = _chosen(report, known)
-    labels = _labels(report, shown)
-    about = "in the robot's base" if in_base else "in each point's own user frame"
-    drawn = Drawn(place[shown], report.column("left")[shown].astype(bool), labels)
+    about = "in the robot's base" if seen.in_base else "in each point's own user frame"
+    drawn = seen.drawn
     pictures = [
         two_views(drawn, Colouring(title, report.column(name)[shown], colours), about)
         for title, name, colours in (
@@ -87,11 +84,32 @@ def _pictures(report: Report) -> str:
         )
         if np.isfinite(report.column(name)).any()
     ]
-    missing = report.points - len(known)
-    told = [f"{len(shown)} of {report.points} points are drawn."] if len(shown) < len(known) else []
+    missing = report.points - seen.known
+    told = [f"{len(shown)} of {report.points} points are drawn."] if len(shown) < seen.known else []
     told += [f"{missing} points are not drawn: their place is unknown."] if missing else []
     told += ["A point's name is under the mouse."]
     return f'<h2>Where the points are</h2>{"".join(pictures)}<p class="quiet">{escape(" ".join(told))}</p>'
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The points of a picture: their rows in the report, the worst last and so on top."""
+
+    rows: Rows
+    drawn: Drawn
+    in_base: bool  # else each in its own user frame
+    known: int  # of how many points anybody knows the place
+
+
+def points_to_draw(report: Report) -> Seen:
+    """Return the points of a report's picture, in the robot's base where that is known."""
+    base = _rows_of_places(report, "base_place_m")
+    in_base = bool(np.isfinite(base).all(axis=1).any())
+    place = base if in_base else _rows_of_places(report, "frame_place_m")
+    known = np.flatnonzero(np.isfinite(place).all(axis=1))
+    shown = _chosen(report, known)
+    drawn = Drawn(place[shown], report.column("left")[shown].astype(bool), _labels(report, shown))
+    return Seen(shown, drawn, in_base, len(known))
 
 
 def _rows_of_places(report: Report, name: str) -> Array:

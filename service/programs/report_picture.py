@@ -39,7 +39,7 @@ class Colouring:
 
 def two_views(points: Drawn, colouring: Colouring, about: str) -> str:
     """Return both views and their legend as HTML; ``about`` says in whose frame the places are."""
-    scale = _Scale.of(colouring)
+    scale = Scale.of(colouring)
     views = "".join(_view(points, colouring, scale, view, about) for view in _VIEWS)
     return (
         f"<figure><figcaption>{escape(colouring.title)}</figcaption>"
@@ -48,7 +48,7 @@ def two_views(points: Drawn, colouring: Colouring, about: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Scale:
+class Scale:
     """Equal steps from the least to the largest figure, in millimetres."""
 
     low: float
@@ -56,25 +56,38 @@ class _Scale:
     colours: tuple[str, ...]
 
     @classmethod
-    def of(cls, colouring: Colouring) -> "_Scale":
+    def of(cls, colouring: Colouring) -> "Scale":
+        """Return the scale of what is drawn."""
         known = colouring.figure_m[np.isfinite(colouring.figure_m)] * 1e3
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
         return cls(low, high, colouring.colours)
 
     @property
     def steps(self) -> int:
+        """Return how many colours there are: one where all figures are alike."""
         return len(self.colours) if self.high - self.low > 5e-4 else 1
 
-    def colour(self, figure_m: float) -> str:
+    @property
+    def edges(self) -> list[float]:
+        """Return the borders of the colours in millimetres, one more than there are colours."""
+        width = (self.high - self.low) / self.steps
+        return [self.low + i * width for i in range(self.steps + 1)]
+
+    def step(self, figure_m: float) -> int:
+        """Return the number of a figure's colour, -1 where it is not known."""
         if not math.isfinite(figure_m):
-            return ""
+            return -1
         share = (figure_m * 1e3 - self.low) / (self.high - self.low) if self.steps > 1 else 0.0
-        return self.colours[min(int(share * self.steps), self.steps - 1)]
+        return min(int(share * self.steps), self.steps - 1)
+
+    def colour(self, figure_m: float) -> str:
+        """Return a figure's colour, empty where it is not known."""
+        step = self.step(figure_m)
+        return "" if step < 0 else self.colours[step]
 
 
-def _legend(scale: _Scale) -> str:
-    width = (scale.high - scale.low) / scale.steps
-    edges = [scale.low + i * width for i in range(scale.steps + 1)]
+def _legend(scale: Scale) -> str:
+    width, edges = (scale.high - scale.low) / scale.steps, scale.edges
     digits = max(0, min(3, 1 - math.floor(math.log10(width)))) if width > 0 else 3
     if scale.steps == 1:
         pairs = [f"{scale.high:.3f} mm"]
@@ -95,7 +108,7 @@ def _legend(scale: _Scale) -> str:
 
 
 def _view(
-    points: Drawn, colouring: Colouring, scale: _Scale, view: tuple[str, int, int, str, str], about: str
+    points: Drawn, colouring: Colouring, scale: Scale, view: tuple[str, int, int, str, str], about: str
 ) -> str:
     title, across, up, across_name, up_name = view
     box = _Box.around(points.place_m[:, across] * 1e3, points.place_m[:, up] * 1e3)

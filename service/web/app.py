@@ -17,7 +17,19 @@ from service.export.outlets import Outlets
 from service.people.control import Control
 from service.people.entrance import Entrance
 from service.people.permits import Permits
-from service.web import commands, control, exports, history, metrics, models, outlook, points, screen, sign_in
+from service.web import (
+    commands,
+    control,
+    exports,
+    history,
+    metrics,
+    models,
+    outlook,
+    points,
+    programs,
+    screen,
+    sign_in,
+)
 from service.web.answers import not_understood, told
 from service.web.guard import Guard
 from service.web.link import DeskLink
@@ -91,7 +103,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.state.house, app.state.meter = house, outlets.meter
     app.add_exception_handler(CellError, told)
     app.add_exception_handler(RequestValidationError, not_understood)
-    rooms = (screen, commands, control, outlook, history, exports, sign_in, models, points)
+    rooms = (screen, commands, control, outlook, history, exports, sign_in, models, points, programs)
     for router in (room.router for room in rooms):
         app.include_router(router, prefix="/api")
     if settings.demo_door is not None:

@@ -51,6 +51,12 @@ ROUTES: dict[tuple[str, str], set[str]] = {
     ("POST", "/api/runs/{run_id}/what-if"): KNOWN,  # it computes, and keeps nothing
     ("GET", "/api/parameters/{robot_serial}/displacement"): KNOWN,
     ("POST", "/api/parameters/{robot_serial}/rollback"): KNOWN,  # who may: test_reviews
+    ("GET", "/api/programs"): KNOWN,
+    ("POST", "/api/programs/jobs"): KNOWN,  # who may make: test_programs_api
+    ("GET", "/api/programs/jobs/{job_id}"): KNOWN,
+    ("POST", "/api/programs/jobs/{job_id}/stop"): KNOWN,  # who may make: test_programs_api
+    ("GET", "/api/programs/jobs/{job_id}/points"): KNOWN,
+    ("GET", "/api/programs/jobs/{job_id}/programs.zip"): KNOWN,  # who may make: test_programs_api
     ("GET", "/api/models/{robot}/frames"): KNOWN,
     ("GET", "/api/models/{robot}/uncertainty"): KNOWN,
     ("GET", "/api/models/{robot}.urdf"): KNOWN,
@@ -71,6 +77,7 @@ BODIES: dict[str, dict[str, Any]] = {  # each is understood, so that only the do
     "/api/dry-runs": {"procedure": "no_such_procedure"},
     "/api/runs/{run_id}/what-if": {"used": []},
     "/api/parameters/{robot_serial}/rollback": {"id": "1", "to": 1, "newest": 2},
+    "/api/programs/jobs": {"do": "compensate", "cell": {"kind": "here"}},
     "/api/sign-in/person": {"name": "Tom", "secret": "314159"},
     "/api/sign-in/confirm": {"secret": "314159"},
 }

@@ -1,0 +1,164 @@
+"""Programs moved, cloned and compensated from a page: files in, a preview to look at, an archive to take away.
+
+Whoever is known may look; engineers and administrators make and take away. Nothing is written to a robot, no source
+is written over: what came along is read from a copy, and what is made goes to the page as an archive.
+"""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path as FilePath
+from typing import Annotated, Any
+
+from fastapi import APIRouter, FastAPI, Path, Query, Request, Response
+from starlette.requests import HTTPConnection
+
+from service.configuration.cell_file import CellConfig
+from service.parameters.parameter_sets import ParameterSets
+from service.people.entrance import Person
+from service.people.errors import NotAllowedError, PinAgainError
+from service.people.roles import Right
+from service.web.door import Who, house_of
+from service.web.overlays import frames_of
+from service.web.parameters import FOLDER
+from service.web.programs_files import kept_projects
+from service.web.programs_jobs import Jobs
+from service.web.programs_shapes import Bench, Here, Job, Kept, MadeJob, PointsMade, Wanted
+
+JobId = Annotated[str, Path(max_length=32, pattern=r"^[0-9a-z]+$")]
+_ARCHIVE: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"application/zip": {}}, "description": "the new programs and their reports"},
+    403: {"description": "the role does not include it"},
+}
+
+
+@asynccontextmanager
+async def _ended_with_the_service(app: FastAPI) -> AsyncIterator[None]:
+    yield
+    jobs: Jobs | None = getattr(app.state, "programs", None)
+    if jobs is not None:
+        await jobs.leave()
+
+
+router = APIRouter(prefix="/programs", lifespan=_ended_with_the_service)
+
+
+def jobs_of(connection: HTTPConnection) -> Jobs:
+    """Return the jobs of this service."""
+    state = connection.app.state
+    if not hasattr(state, "programs"):
+        state.programs = Jobs(house_of(connection).settings.cell_file)
+    found: Jobs = state.programs
+    return found
+
+
+@router.get("")
+async def bench(request: Request, who: Who) -> Bench:
+    """Return the cells that programs can be made for, and what was made since the service started."""
+    del who
+    robots, projects = await asyncio.to_thread(_cells, house_of(request).config)
+    return Bench(robots=robots, projects=projects, jobs=jobs_of(request).newest_first())
+
+
+@router.post("/jobs", status_code=202, responses={403: {"description": "the role does not include it"}})
+async def begin(wanted: Wanted, request: Request, who: Who) -> Job:
+    """Begin to make programs; `/jobs/{id}` tells how far it is, and shows what came of it."""
+    _may_make(who)
+    return (await jobs_of(request).begin(wanted, who.name)).told()
+
+
+@router.get("/jobs/{job_id}")
+async def job(job_id: JobId, request: Request, who: Who) -> MadeJob:
+    """Return how a job stands, and its preview once it is done."""
+    del who
+    work = jobs_of(request).find(job_id)
+    preview = await asyncio.to_thread(work.preview)
+    return MadeJob(**work.told().model_dump(), preview=preview)
+
+
+@router.post("/jobs/{job_id}/stop", responses={403: {"description": "the role does not include it"}})
+async def stop(job_id: JobId, request: Request, who: Who) -> Job:
+    """Stop a job that is not done yet."""
+    _may_make(who)
+    work = jobs_of(request).find(job_id)
+    await jobs_of(request).stop(work)
+    return work.told()
+
+
+@router.get("/jobs/{job_id}/points")
+async def points(
+    job_id: JobId,
+    request: Request,
+    who: Who,
+    program: Annotated[int | None, Query(ge=0, le=100_000)] = None,
+    page: Annotated[int, Query(ge=1, le=100_000)] = 1,
+) -> PointsMade:
+    """Return a page of points: all worst first, or those of one program of the preview in the order of its file."""
+    del who
+    return await asyncio.to_thread(jobs_of(request).find(job_id).points, program, page)
+
+
+@router.get("/jobs/{job_id}/programs.zip", response_class=Response, responses=_ARCHIVE)
+async def archive(job_id: JobId, request: Request, who: Who) -> Response:
+    """Return the new programs below a folder of their own, and the reports beside it."""
+    _may_make(who)
+    work = jobs_of(request).find(job_id)
+    content = await asyncio.to_thread(work.archive)
+    headers = {"content-disposition": f'attachment; filename="{work.name}.zip"'}
+    return Response(content, media_type="application/zip", headers=headers)
+
+
+def _may_make(who: Person) -> None:
+    if who.locked:
+        raise PinAgainError("this screen was left alone for a while:")
+    if not who.may(Right.MAKE_PROGRAMS):
+        raise NotAllowedError(who.name, who.role, Right.MAKE_PROGRAMS.value, "Let an engineer sign in.")
+
+
+def _cells(config: CellConfig) -> tuple[list[Here], list[Kept]]:
+    folder = FilePath(config.path).resolve().parent
+    sets = ParameterSets(folder / FOLDER)
+    known = set(sets.robots())
+    robots = []
+    for robot in config.robots:
+        seen = frames_of(config, robot.name)
+        robots.append(
+            Here(
+                robot=robot.name,
+                serial=robot.serial,
+                model=robot.model,
+                version=sets.load(robot.serial).version if robot.serial in known else None,
+                tools=[frame.name for frame in seen if frame.kind == "tool"],
+                frames=[frame.name for frame in seen if frame.kind == "user"],
+            )
+        )
+    return robots, _projects(folder)
+
+
+def _projects(folder: FilePath) -> list[Kept]:
+    """Return the projects beside the cell file; what they name is read when something is made."""
+    found = kept_projects(folder)
+    names = {path.resolve(): name for name, (path, _) in found.items()}
+    told = []
+    for name, (path, table) in found.items():
+        master, robot = table.get("master"), table.get("robot")
+        named = master.get("project") if isinstance(master, dict) else None
+        serial = robot.get("serial") if isinstance(robot, dict) else None
+        theirs = names.get((path.parent / str(named)).resolve(), "") if named else ""
+        told.append(
+            Kept(
+                name=name,
+                serial=serial if isinstance(serial, str) else "",
+                master=theirs,
+                programs=_own(path, table),
+                readable=bool(table),
+            )
+        )
+    return told
+
+
+def _own(path: FilePath, table: dict[str, Any]) -> int:
+    """Return how many programs a project names that are there."""
+    patterns = table.get("programs")
+    named = [each for each in patterns if isinstance(each, str)] if isinstance(patterns, list) else []
+    return len({file for each in named if each and each[0] != "/" for file in path.parent.glob(each)})
