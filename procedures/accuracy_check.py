@@ -187,17 +187,15 @@ def _shown(plan: CubePlan, spec: AccuracyCheck) -> Instruction:
     rest = plan.way_to_rest_rad[-1]
     placing_rad = travel_of(rest, (*plan.placing_rad, *plan.first_round_rad))
     travel_rad = placing_rad + max(spec.rules.cycles - 1, 0) * travel_of(plan.tests_rad[-1], plan.round_rad)
-    asked = Instruction(
-        "accept_plan",
-        plan_words(what, Tour(stops, travel_rad, plan.speed_rad_s), plan.not_checked),
-    )
+    tour = Tour(stops, travel_rad, plan.speed_rad_s)
+    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     ways = (*plan.placing_rad, *straight(plan.tests_rad))
     names = (
         *(str(k) for k in range(1, len(plan.placing_rad) + 1)),
         *(f"P{k}" for k in range(1, len(plan.tests_rad) + 1)),
     )
     checks = WIRE_CHECKS if spec.method == "wire" else ARM_CHECKS
-    return plan_page(asked, Moves(ways, plan.speed_rad_s, checks, plan.not_checked, names=names))
+    return plan_page(asked, tour, Moves(ways, plan.speed_rad_s, checks, plan.not_checked, names=names))
 
 
 def _outline(spec: AccuracyCheck) -> tuple[Phase, ...]:

@@ -259,12 +259,10 @@ def _refuse_scatter(first: tuple[ArmCapture, ...], again: tuple[ArmCapture, ...]
 def _shown(plan: DriftPlan, what: str, method: Method) -> Instruction:
     told = f"the robot, to up to {len(plan.ways_rad)} poses, to {what}"
     travel_rad = travel_of(plan.way_to_rest_rad[-1], plan.ways_rad)
-    asked = Instruction(
-        "accept_plan",
-        plan_words(told, Tour(len(plan.ways_rad), travel_rad, plan.speed_rad_s), plan.not_checked),
-    )
+    tour = Tour(len(plan.ways_rad), travel_rad, plan.speed_rad_s)
+    asked = Instruction("accept_plan", plan_words(told, tour, plan.not_checked))
     checks = WIRE_CHECKS if method == "wire" else ARM_CHECKS
-    return plan_page(asked, Moves(plan.ways_rad, plan.speed_rad_s, checks, plan.not_checked))
+    return plan_page(asked, tour, Moves(plan.ways_rad, plan.speed_rad_s, checks, plan.not_checked))
 
 
 def _outline(spec: DriftCheck) -> tuple[Phase, ...]:

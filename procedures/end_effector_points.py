@@ -257,7 +257,7 @@ def _shown_plan(plan: SurveyPlan, spec: EndEffectorPoints) -> Instruction:
     )
     tour = guessed_tour(spots * rules.min_captures, plan.speed_rad_s, "hang the hook into each point")
     asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    return plan_page(asked, plan.moves(spec.rules))
+    return plan_page(asked, tour, plan.moves(spec.rules))
 
 
 def _shown_tool(tool: ToolFound, spec: EndEffectorPoints, before: Pose, verdict: Verdict) -> Instruction:

@@ -281,7 +281,7 @@ def _shown_plan(plan: SurveyPlan, spec: FixtureAlignment) -> Instruction:
     )
     tour = guessed_tour(spots * rules.min_captures, plan.speed_rad_s, "move the wire from point to point")
     asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
-    return plan_page(asked, plan.moves(spec.rules))
+    return plan_page(asked, tour, plan.moves(spec.rules))
 
 
 def _shown_result(result: AlignmentResult) -> Instruction:

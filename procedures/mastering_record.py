@@ -277,9 +277,8 @@ def shown(plan: MotionPlan) -> Instruction:
         speed_rad_s=plan.speed_rad_s,
         checked=WIRE_CHECKS,
         not_checked=plan.not_checked,
-        duration_s=60.0 * tour.minutes,
     )
-    return plan_page(asked, moves)
+    return plan_page(asked, tour, moves)
 
 
 def _refuse_sick(state: MotorState | Motors) -> None:

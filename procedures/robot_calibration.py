@@ -230,11 +230,9 @@ def _shown_plan(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
         f"time, and to {checks} more that verify. Expected then: target known within {plan.tip_u_m * 1e3:.3f} mm "
         f"over the work (k=2, RMS), {plan.tip_u_max_m * 1e3:.3f} mm at worst{doubt}"
     )
-    asked = Instruction(
-        "accept_plan",
-        plan_words(what, guessed_tour(expected + checks, plan.speed_rad_s), plan.not_checked),
-    )
-    return plan_page(asked, series_moves(plan, spec.rules, wired=spec.method == "wire"))
+    tour = guessed_tour(expected + checks, plan.speed_rad_s)
+    asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
+    return plan_page(asked, tour, series_moves(plan, spec.rules, wired=spec.method == "wire"))
 
 
 def _shown_result(result: CalibrationResult) -> Instruction:

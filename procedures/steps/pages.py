@@ -18,6 +18,7 @@ from calibration.geometry import Pose, log_rotation
 from drivers.interfaces import Instruction, Joints
 from procedures.cell import Cell
 from procedures.forecast import Prediction
+from procedures.motion.plan_words import Tour
 from procedures.shown import Shown, on_page, page_of
 from procedures.verdict import Change, Verdict
 
@@ -30,7 +31,7 @@ WIRE_CHECKS = (*ARM_CHECKS, "wire")
 
 @dataclass(frozen=True, slots=True)
 class Moves:
-    """A plan as it is shown: where the arm goes, how fast, how long, what was checked and what was not.
+    """A plan as it is shown: where the arm goes, how fast, what was checked and what was not.
 
     ``most`` are the poses that will be gone to at most, where the measurements choose among those shown.
     """
@@ -39,7 +40,6 @@ class Moves:
     speed_rad_s: float
     checked: tuple[str, ...]
     not_checked: tuple[str, ...]
-    duration_s: float | None = None
     most: int | None = None
     predictions: tuple[Prediction, ...] = ()
     names: tuple[str, ...] = ()
@@ -50,7 +50,7 @@ def straight(poses_rad: Iterable[Joints]) -> tuple[Way, ...]:
     return tuple((tuple(pose),) for pose in poses_rad)
 
 
-def plan_page(asked: Instruction, moves: Moves) -> Shown:
+def plan_page(asked: Instruction, tour: Tour, moves: Moves) -> Shown:
     """Return a plan on its page: its poses are drawn as ghosts by whoever has a picture."""
     names = moves.names or tuple(str(k) for k in range(1, len(moves.ways_rad) + 1))
     poses = [
@@ -61,7 +61,7 @@ def plan_page(asked: Instruction, moves: Moves) -> Shown:
         "poses": poses,
         "most": moves.most,
         "speed_rad_s": moves.speed_rad_s,
-        "duration_s": moves.duration_s,
+        "duration_s": 60.0 * tour.minutes,
         "checked": moves.checked,
         "not_checked": [line for line in moves.not_checked if line],
         "predictions": [_told(one) for one in moves.predictions],

@@ -11,12 +11,21 @@ from calibration.geometry import Pose, exp_rotation, quaternion_from_rotation
 from drivers.interfaces import Answer, Instruction
 from procedures.catalogue import entry_named
 from procedures.cell import Cell
+from procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
 from procedures.run import Run
 from procedures.shown import StepKind, on_page, page_of
 from procedures.six_point_tcp import SixPointTcp
 from procedures.steps.ask import ask
 from procedures.steps.meters import frame_meter, move_meter, read_meter, tip_meter
-from procedures.steps.pages import axis_levers, frame_displacement, joint_displacement, point_states
+from procedures.steps.pages import (
+    Moves,
+    axis_levers,
+    frame_displacement,
+    joint_displacement,
+    plan_page,
+    point_states,
+    straight,
+)
 from procedures.teaching.tcp_touches import AGAIN_RAD, WORST_GAIN, judge_touches
 from service.desk.recording import Settle
 from tests.procedures.cells import scene_for
@@ -49,6 +58,16 @@ def test_a_page_is_json_and_grows_without_losing_what_it_had() -> None:
     assert shown.page.data == to_jsonable_python(dict(shown.page.data))
     assert set(shown.page.data) == {"points", "at"}
     assert page_of(WORDS).kind == "ask"
+
+
+def test_a_plan_says_how_long_on_its_page_what_it_says_in_words() -> None:
+    tour = Tour(stops=9, travel_rad=6.0, speed_rad_s=0.02)
+    asked = Instruction("accept_plan", plan_words("the robot", tour, ()))
+    moves = Moves(straight([(0.1, 0.2), (0.3, 0.4)]), 0.02, ("joint_limits",), ())
+    told = plan_page(asked, tour, moves).page.data["plan"]
+    assert told["duration_s"] == 6.0 / 0.02 + 9 * PER_POSE_S
+    assert f"about {told['duration_s'] / 60.0:.0f} minutes" in asked.text
+    assert [pose["joints_rad"] for pose in told["poses"]] == [[0.1, 0.2], [0.3, 0.4]]
 
 
 async def test_a_page_is_no_input_of_a_step_and_an_older_run_goes_on_with_it() -> None:
