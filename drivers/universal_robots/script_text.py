@@ -35,22 +35,23 @@ _LINE = re.compile(
     {_END}""",
     re.ASCII | re.VERBOSE,
 )
+_BLANKS = r"(?:[ \t\r]++|\\\r?\n|\#[^\r\n]*+)*+"  # and comments, and line feeds that the language skips
 _TOKEN = re.compile(
-    rf"""(?P<blank>[ \t\r]++|\\\r?\n)
-    |(?P<comment>\#[^\r\n]*+)
-    |(?P<line>\n)
+    rf"""{_BLANKS}(?:(?P<line>\n)
     |(?P<text>"[^"\r\n]*+"|'[^'\r\n]*+')
     |(?P<six>p?\[{SIX}\])
     |(?P<number>(?:0[xX][0-9a-fA-F]++|\d++(?:\.\d*+)?(?:[eE][+-]?\d++)?|\.\d++(?:[eE][+-]?\d++)?)(?![\w.]))
     |(?P<name>[A-Za-z_]\w*+)
     |(?P<open>[(\[{{])
     |(?P<close>[)\]}}])
-    |(?P<sign>[-+*/%=<>!,.:;$&|^~?@'\\])""",
+    |(?P<sign>[=,.:'\\]|[-+*/%<>!;$&|^~?@]++))""",
     re.ASCII | re.VERBOSE,
 )
+_LEFT = re.compile(rf"{_BLANKS}(?P<rest>.)", re.DOTALL)
 _BAD = re.compile(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]|\r(?!\n)")
 _FINE = bytes([9, 10, 13, *range(32, 127), *range(128, 256)])
 _BLOCKS = ("def", "thread", "sec", "while", "if", "for", "switch")
+_DEEPEST = 100  # no program opens so many brackets in one statement
 _PAIRS = {"(": ")", "[": "]", "{": "}"}
 _ENCODING = "Save it as plain text, UTF-8 without zeros, with line feeds; or fetch it from the robot again."
 
@@ -139,15 +140,15 @@ class ScriptText:
 
     def tokens(self, at: int) -> Iterator[Token]:
         """Yield the tokens from an offset on, blanks and comments left out; at the end an empty line."""
-        end = len(self.text)
-        while at < end:
-            found = _TOKEN.match(self.text, at)
-            if found is None:
-                raise self.wrong(at, self._unknown(at), "It is no URScript, or damaged; correct this line.")
+        text, end = self.text, len(self.text)
+        while found := _TOKEN.match(text, at):
             kind = found.lastgroup or ""
-            if kind not in ("blank", "comment"):
-                yield Token(kind, found[0], at, found.end())
-            at = found.end()
+            start, at = found.span(kind)
+            yield Token(kind, text[start:at], start, at)
+        left = _LEFT.match(text, at)
+        if left is not None:
+            at = left.start("rest")
+            raise self.wrong(at, self._unknown(at), "It is no URScript, or damaged; correct this line.")
         yield Token("line", "", end, end)
 
     def _unknown(self, at: int) -> str:
@@ -304,6 +305,9 @@ class _Statement:
             function = ""
         if token.text == "(" and function:
             self.found.calls.setdefault(function, []).append(token.start)
+        if len(self.stack) == _DEEPEST:
+            cure = "The line is damaged; fetch the file again."
+            raise self.source.wrong(token.start, f"more than {_DEEPEST} brackets are open.", cure)
         self.stack.append(Call(token.text, function, token.start))
 
     def _close(self, token: Token) -> None:

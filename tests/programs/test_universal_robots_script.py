@@ -162,6 +162,7 @@ def test_what_a_place_cannot_hold_is_refused():
         ("movel(p[1e400, 0, 0, 0, 0, 0])", 1, 9),
         ("x = 1_0", 1, 5),
         ("x = Größe", 1, 7),
+        ("x = " + "[" * 101 + "]" * 101, 1, 105),
     ],
 )
 def test_what_is_not_understood_is_refused_with_line_and_column(text: str, line: int, column: int):
