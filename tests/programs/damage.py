@@ -5,6 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+_NUMBER = re.compile(rb"[+-]?\d*+\.?+\d++|[+-]?\d++")
+_SIGN = re.compile(rb"\W")
+
 
 def mutate(data: bytes, seed: int) -> bytes:
     """Return the file with one to three kinds of damage; never the file itself."""
@@ -18,6 +21,11 @@ def mutate(data: bytes, seed: int) -> bytes:
 
 def _place(data: bytes, rng: np.random.Generator) -> int:
     return int(rng.integers(len(data)))
+
+
+def _size(rng: np.random.Generator, least: int, most: int) -> int:
+    """Return a size of any order of magnitude: the largest show what grows with the square, and are dear."""
+    return int(least * (most / least) ** rng.random())
 
 
 def _flipped(data: bytes, rng: np.random.Generator) -> bytes:
@@ -75,10 +83,21 @@ def _lines(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def _swapped(data: bytes, rng: np.random.Generator) -> bytes:
-    tokens = re.split(rb"(\W)", data)
-    i, j = int(rng.integers(len(tokens))), int(rng.integers(len(tokens)))
-    tokens[i], tokens[j] = tokens[j], tokens[i]
-    return b"".join(tokens)
+    """Two words or signs, or the same one twice, change places."""
+    (a, b), (c, d) = sorted((_word_at(data, _place(data, rng)), _word_at(data, _place(data, rng))))
+    return data if a == c else data[:a] + data[c:d] + data[b:c] + data[a:b] + data[d:]
+
+
+def _word_at(data: bytes, at: int) -> tuple[int, int]:
+    """Return where the word begins and ends that a place is in; a sign or a blank is one by itself."""
+    after = _SIGN.search(data, at)
+    end = after.start() if after else len(data)
+    if end == at:
+        return at, at + 1
+    start = at
+    while start > 0 and not _SIGN.match(data, start - 1):
+        start -= 1
+    return start, end
 
 
 _ODD_NUMBERS = [
@@ -88,7 +107,9 @@ _ODD_NUMBERS = [
 
 
 def _odd_number(data: bytes, rng: np.random.Generator) -> bytes:
-    numbers = list(re.finditer(rb"[+-]?\d*\.?\d+", data))
+    at = _place(data, rng)
+    start, end = data.rfind(b"\n", 0, at) + 1, data.find(b"\n", at)
+    numbers = list(_NUMBER.finditer(data, start, end if end >= 0 else len(data)))
     if not numbers:
         return _inserted(data, rng)
     hit = numbers[int(rng.integers(len(numbers)))]
@@ -98,11 +119,11 @@ def _odd_number(data: bytes, rng: np.random.Generator) -> bytes:
 def _huge_line(data: bytes, rng: np.random.Generator) -> bytes:
     at = _place(data, rng)
     filling = (b"x", b" ", b"9", b"{", b"P[1]", b"-", b'"', b"<a>", b"((", b"\t;")[int(rng.integers(10))]
-    return data[:at] + filling * int(rng.integers(1000, 20_000)) + data[at:]
+    return data[:at] + filling * (_size(rng, 200, 40_000) // len(filling)) + data[at:]
 
 
 def _nested(data: bytes, rng: np.random.Generator) -> bytes:
-    at, depth = _place(data, rng), int(rng.integers(50, 3000))
+    at, depth = _place(data, rng), _size(rng, 20, 3000)
     opening, closing = ((b"[", b"]"), (b"{", b"}"), (b"(", b")"), (b"<g>", b"</g>"))[int(rng.integers(4))]
     return data[:at] + opening * depth + closing * depth + data[at:]
 

@@ -1,5 +1,7 @@
 """KUKA programs with every oddity: points inside moves, folds, offsets, relative moves, frames set on the way."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tests.programs.generate_kuka import axes, pose
@@ -83,13 +85,13 @@ def _frames(rng: np.random.Generator) -> list[str]:
 
 
 def _move(rng: np.random.Generator) -> str:
-    moves = (
-        f"PTP {axes(rng)}",
-        f"CIRC {pose(rng)},{pose(rng)},CA 90.0 C_DIS",
-        f"circ XP1, {pose(rng)}",
-        f"SLIN {pose(rng)} WITH $VEL.CP=0.5,$BASE=BASE_DATA[1]",
-        f"XP{int(rng.integers(90))}={pose(rng)}",
-        f"ptp  {pose(rng)} c_ptp ; Vorposition",
-        *[f"LIN {pose(rng)} C_DIS"] * 3,
+    moves: tuple[Callable[[], str], ...] = (
+        lambda: f"PTP {axes(rng)}",
+        lambda: f"CIRC {pose(rng)},{pose(rng)},CA 90.0 C_DIS",
+        lambda: f"circ XP1, {pose(rng)}",
+        lambda: f"SLIN {pose(rng)} WITH $VEL.CP=0.5,$BASE=BASE_DATA[1]",
+        lambda: f"XP{int(rng.integers(90))}={pose(rng)}",
+        lambda: f"ptp  {pose(rng)} c_ptp ; Vorposition",
+        *[lambda: f"LIN {pose(rng)} C_DIS"] * 3,
     )
-    return ("  " if rng.random() < 0.5 else "") + moves[int(rng.integers(len(moves)))]
+    return ("  " if rng.random() < 0.5 else "") + moves[int(rng.integers(len(moves)))]()
