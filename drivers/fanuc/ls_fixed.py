@@ -214,7 +214,7 @@ def records_at(characters: Characters, opens: Places, length: int) -> Characters
 def _heads(body: Body) -> list[tuple[int, int, int]]:
     """Return where each head begins and ends, and the number in it."""
     found = HEAD_ALONE.finditer(body.place.data, body.start, body.end)
-    return [(head.start(), head.end(), int(head[1])) for head in found]
+    return [(*head.span(), int(head[1])) for head in found]
 
 
 def _begins_with_a_record(body: Body, heads: Sequence[tuple[int, int, int]]) -> bool:

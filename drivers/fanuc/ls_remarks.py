@@ -7,6 +7,7 @@ same in all.
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +73,23 @@ _KINDS: tuple[tuple[str, str, tuple[bytes, ...]], ...] = (
          rb"RUN(?<![A-Za-z_]RUN) ++\w{1,40}+"),
     ),
 )  # fmt: skip
-_PATTERNS = tuple((code, text, tuple(map(re.compile, patterns))) for code, text, patterns in _KINDS)
+_LETTERS = re.compile(rb"[A-Za-z_]+")
+
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """One expression, and the letters that each of its finds begins with: most programs hold few of them."""
+
+    letters: bytes
+    pattern: re.Pattern[bytes]
+
+    @classmethod
+    def of(cls, pattern: bytes) -> "_Search":
+        found = _LETTERS.match(pattern)
+        return cls(found[0] if found else b"", re.compile(pattern))
+
+
+_PATTERNS = tuple((code, text, tuple(map(_Search.of, patterns))) for code, text, patterns in _KINDS)
 
 
 def remarks_of(data: bytes, start: int, end: int, positions: Positions) -> tuple[Remark, ...]:
@@ -82,8 +99,8 @@ def remarks_of(data: bytes, start: int, end: int, positions: Positions) -> tuple
     first_line = data.count(b"\n", 0, start) + 1
     remarks = [
         Remark(first_line + line, code, text.format(what=what))
-        for code, text, patterns in _PATTERNS
-        for line, what in _occurrences(patterns, statements, breaks, once=code == "foreign")
+        for code, text, searches in _PATTERNS
+        for line, what in _occurrences(searches, statements, breaks, once=code == "foreign")
     ]
     remarks += _unused_and_missing(statements, first_line, positions, {remark.code for remark in remarks})
     return tuple(sorted(remarks, key=lambda remark: remark.line))
@@ -99,12 +116,14 @@ def _blanked_comment(found: re.Match[bytes]) -> bytes:
 
 
 def _occurrences(
-    patterns: tuple[re.Pattern[bytes], ...], statements: bytes, breaks: NDArray[np.int64], *, once: bool
+    searches: tuple[_Search, ...], statements: bytes, breaks: NDArray[np.int64], *, once: bool
 ) -> Iterator[tuple[int, str]]:
     """Yield line (from 0) and text, one a line, or one a text with ``once``."""
     said: set[object] = set()
-    for pattern in patterns:
-        found = [(match.start(), match[0]) for match in pattern.finditer(statements)]
+    for search in searches:
+        if search.letters not in statements:
+            continue
+        found = [(match.start(), match[0]) for match in search.pattern.finditer(statements)]
         if not found:  # as nearly always
             continue
         lines = np.searchsorted(breaks, [at for at, _ in found]).tolist()
@@ -118,14 +137,14 @@ def _occurrences(
 def _unused_and_missing(
     statements: bytes, first_line: int, positions: Positions, codes: set[str]
 ) -> Iterator[Remark]:
-    used: dict[int, int] = {}
-    for found in _USED.finditer(statements):
-        used.setdefault(int(found[1]), found.start())
+    used = set(map(int, _USED.findall(statements)))
     recorded = {int(name[2:-1]) for name in positions.names}
-    for number in sorted(used.keys() - recorded):
-        line = first_line + statements.count(b"\n", 0, used[number])
+    missing = used - recorded
+    places = {int(use[1]): use.start() for use in reversed([*_USED.finditer(statements)])} if missing else {}
+    for number in sorted(missing):
+        line = first_line + statements.count(b"\n", 0, places[number])
         yield Remark(line, "missing", f"P[{number}] is used here, but not recorded under /POS.")
-    spare = sorted(recorded - used.keys())
+    spare = sorted(recorded - used)
     if spare and "indirect" not in codes:
         shown = ", ".join(f"P[{number}]" for number in spare[:20]) + (" and more" if len(spare) > 20 else "")
         yield Remark(

@@ -9,7 +9,7 @@ import secrets
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path, PurePath
@@ -71,19 +71,30 @@ def find_programs(named: Sequence[str], *, out: Path | None = None) -> Found:
     """
     if not named:
         raise FilesError("No program was named.", remedy="Name files, folders, or patterns in quotes.")
-    sources: dict[Path, Source] = {}
+    sources: dict[str, Source] = {}
     refused: list[Refused] = []
     passed: list[Path] = []
+    real_folders: dict[Path, str] = {}  # of thousands of files in a few folders
     for name in named:
         try:
             for source in _of_name(name, out, passed):
-                sources.setdefault(source.path.resolve(), source)
+                sources.setdefault(_real(source.path, real_folders), source)
         except ProgramFileError as error:
             refused.append(Refused.because(name, error))
         except OSError as error:
             refused.append(Refused(name, f"{error.strerror or error}.", "Give a folder that may be read."))
     apart, clashing = _without_clashes(sources.values())
     return Found(tuple(apart), (*refused, *clashing), tuple(passed))
+
+
+def _real(path: Path, real_folders: dict[Path, str]) -> str:
+    """Return a file's place without symbolic links; its folder's is looked up once."""
+    if path.is_symlink():
+        return os.path.realpath(path)
+    folder = path.parent
+    if folder not in real_folders:
+        real_folders[folder] = os.path.realpath(folder)
+    return f"{real_folders[folder]}{os.sep}{path.name}"
 
 
 def read_bytes(path: Path) -> bytes:
@@ -120,6 +131,7 @@ class NewPlace:
     def __init__(self, folder: Path, sources: Iterable[Source], *, replace: bool = False) -> None:
         self._folder, self._replace = folder, replace
         self._kept = {_identity(source.path) for source in sources}
+        self._made: set[Path] = set()  # folders that are there
         if folder.exists() and not folder.is_dir():
             raise FilesError(f"{folder} is a file.", remedy="Give --out a folder.")
 
@@ -132,7 +144,7 @@ class NewPlace:
             A source is there, or another file that shall not be replaced.
         """
         path = self._folder / source.place
-        if path.exists() or path.is_symlink():
+        if os.path.lexists(path):
             self.refuse_source(path)
             if not self._replace:
                 raise ProgramFileError(
@@ -172,7 +184,9 @@ class NewPlace:
         """Write a program and return where it is."""
         path = self.path_of(source)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.parent not in self._made:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                self._made.add(path.parent)
             with whole_file(path, replace=self._replace) as file:
                 file.write(data)
         except OSError as error:
@@ -193,34 +207,39 @@ def whole_file(path: Path, *, replace: bool) -> Iterator[IO[bytes]]:
     OSError
         It cannot be written, or (FileExistsError) is there already.
     """
-    draft = path.parent / f".cellcal-{secrets.token_hex(8)}"
+    draft = (
+        f"{path.parent}{os.sep}.cellcal-{secrets.token_hex(8)}"  # a line has thousands: no objects for paths
+    )
     try:
-        with draft.open("xb") as file:
+        with open(draft, "xb") as file:  # noqa: PTH123
             yield file
             file.flush()
             os.fsync(file.fileno())
-        draft.chmod(0o644)
+            os.chmod(draft, 0o644)  # noqa: PTH101
         if replace:
-            draft.replace(path)
+            os.replace(draft, path)  # noqa: PTH105
         else:
             _put_where_nothing_is(draft, path)
     finally:
-        draft.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            os.unlink(draft)  # noqa: PTH108
 
 
-def _put_where_nothing_is(draft: Path, path: Path) -> None:
+def _put_where_nothing_is(draft: str, path: Path) -> None:
     try:
-        path.hardlink_to(draft)
+        os.link(draft, path)
     except FileExistsError:
         raise
     except OSError:  # a stick or a network drive without hard links
         if path.exists():
             raise FileExistsError(errno.EEXIST, "it is there already", str(path)) from None
-        draft.replace(path)
+        os.replace(draft, path)  # noqa: PTH105
 
 
 def _of_name(name: str, out: Path | None, passed: list[Path]) -> list[Source]:
     path = Path(name)
+    if path.is_file():
+        return [Source(path, PurePath(path.name))]
     if path.is_dir():
         return _below(path, out, passed)
     if path.exists():

@@ -42,8 +42,10 @@ class ProgramEntry:
 
 def entry_of(file: str, written: str, result: ProgramResult) -> ProgramEntry:
     """Return the figures of a result; the result itself may go."""
-    left = np.array([status == LEFT for status in result.status], dtype=bool)
-    base = np.where(left[:, None], result.base_tip_before[:, :3, 3], result.base_tip_after[:, :3, 3])
+    left, base = np.zeros(len(result.status), dtype=bool), result.base_tip_after[:, :3, 3]
+    if LEFT in result.status:
+        left = np.array([status == LEFT for status in result.status], dtype=bool)
+        base = np.where(left[:, None], result.base_tip_before[:, :3, 3], base)
     return ProgramEntry(
         file=file,
         written=written,

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import IO, Protocol, TypeAlias
 
@@ -60,7 +61,7 @@ class Recording(Protocol):
 class _Part:
     """What became of some sources."""
 
-    sources: Sequence[Source]
+    count: int  # of sources
     entries: list[ProgramEntry] = field(default_factory=list)
     refused: list[Refused] = field(default_factory=list)
     told: list[tuple[bytes, ...]] = field(default_factory=list)  # of each program, in every format
@@ -77,7 +78,7 @@ class _Work:
     also: Recording | None
 
     def run(self, sources: Sequence[Source]) -> _Part:
-        part = _Part(sources)
+        part = _Part(len(sources))
         # what cannot be written need not be computed: its place is looked at first
         for some in batches(sources, self.place.path_of, part.refused):
             done = list(together(some, self.change, part.refused))
@@ -119,6 +120,7 @@ def change_programs(
         told = formats(title)
         kinds = [kind for kind in told if wanted.file_of(kind) is not None]
         files = [_opened(wanted.file_of(kind), wanted, open_files, told[kind].head) for kind in kinds]
+        sources = iter(found.sources)
         work = _Work(change, place, [told[kind] for kind in kinds], also)
         for part in shared_out(work.run, found.sources):
             for entry, texts in zip(part.entries, part.told, strict=True):
@@ -127,7 +129,7 @@ def change_programs(
                 report.entries.append(entry)
             report.refused += part.refused
             made += part.made
-            for source in part.sources:
+            for source in islice(sources, part.count):
                 done(source)
         for file, kind in zip(files, kinds, strict=True):
             file.write(told[kind].end(report))
