@@ -10,9 +10,10 @@ from playwright.async_api import CDPSession, Page, expect
 
 from service.demo.door import Door
 from tests.service.black_hole import BlackHole, a_black_hole
+from tests.service.browsers import PATIENCE_S
 from tests.service.desks import a_cell
 from tests.service.doors import Clock
-from tests.service.shop import PATIENCE_MS, PATIENCE_S, Shop, a_shop
+from tests.service.shop import Shop, a_shop
 
 
 class Floor(Shop):
@@ -96,12 +97,12 @@ async def a_floor(folder: Path, *, time_factor: float = 20.0) -> AsyncIterator[F
 
 async def seen(page: Page, test_id: str, *, there: bool = True) -> None:
     found = expect(page.get_by_test_id(test_id))
-    await (found.to_be_visible(timeout=PATIENCE_MS) if there else found.to_have_count(0, timeout=PATIENCE_MS))
+    await (found.to_be_visible() if there else found.to_have_count(0))
 
 
 async def can(page: Page, test_id: str, *, be_pressed: bool = True) -> None:
     found = expect(page.get_by_test_id(test_id))
-    await (found.to_be_enabled if be_pressed else found.to_be_disabled)(timeout=PATIENCE_MS)
+    await (found.to_be_enabled if be_pressed else found.to_be_disabled)()
 
 
 async def touch(page: Page) -> tuple[CDPSession, dict[str, float]]:

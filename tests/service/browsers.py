@@ -1,0 +1,85 @@
+"""Chromium for tests: how long it is waited for, when a page is at rest, and what every page is held to.
+
+A page shows what a fetch or the socket brought, some time after whatever caused it. So a test waits for what it
+asserts: by Playwright's `expect`, to which importing this module gives patience, or by `comes`.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from playwright.async_api import Page, expect
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 90.0
+PATIENCE_MS = 1000.0 * PATIENCE_S
+EVERY_S = 0.05
+LOCALES = ("en", "de", "es", "zh")
+Told = TypeVar("Told")
+
+expect.set_options(timeout=PATIENCE_MS)
+
+AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
+RUN_AXE = """async () => (await axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21aa', 'wcag22aa']}))
+    .violations.map(v => v.id + ': ' + v.nodes.map(n => n.html.slice(0, 120)).join(' | '))"""
+SMALL = """() => [...document.querySelectorAll('button, a.button, select, input, summary')]
+    .filter(e => e.checkVisibility()).map(e => [e.outerHTML.slice(0, 80), e.getBoundingClientRect()])
+    .filter(([, box]) => box.height < 44 || (box.width < 44)).map(([html]) => html)"""
+OVERFULL = """() => [...document.querySelectorAll('button, a.button')]
+    .filter(e => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
+# The page counts what it has asked for and not heard of; an answer counts as heard when its readers have run.
+COUNT_ASKED = """{ const ask = window.fetch; window.__asked = 0;
+    window.fetch = async (...what) => { window.__asked += 1;
+        try { const told = await ask(...what); await told.clone().arrayBuffer(); return told; }
+        finally { setTimeout(() => { window.__asked -= 1; }); } }; }"""
+AT_REST = """() => !window.__asked
+    && !document.querySelector('main .pulse:not([aria-hidden]), dialog .pulse:not([aria-hidden])')"""
+DRAWN = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
+GO = """(place) => new Promise((done) => {
+    if (location.hash === place) return done(true);
+    addEventListener('hashchange', () => setTimeout(() => done(true)), {once: true});
+    location.hash = place; })"""
+
+
+async def comes(read: Callable[[], Awaitable[Told]], right: Callable[[Told], Any] = bool) -> Told:
+    """Read until what is read is right, and return it; who waits in vain is told what was read last."""
+    ends_s = asyncio.get_running_loop().time() + PATIENCE_S
+    while not right(told := await read()):
+        assert asyncio.get_running_loop().time() < ends_s, f"it never came true; read last: {told!r}"
+        await asyncio.sleep(EVERY_S)
+    return told
+
+
+async def at_rest(page: Page) -> None:
+    """Wait until nothing that the page asked for is under way, and what came is drawn."""
+    await page.wait_for_function(AT_REST, timeout=PATIENCE_MS)
+    await page.evaluate(DRAWN)
+
+
+async def go(page: Page, place: str) -> None:
+    """Open another page of the app, and wait until it is there, and not the one before."""
+    await page.evaluate(GO, place)
+    await expect(page.locator("main h1").first).to_be_visible()
+    await at_rest(page)
+
+
+async def speaks(page: Page, locale: str) -> None:
+    """Wait until the page is in a language."""
+    await expect(page.locator("html")).to_have_attribute("lang", {"zh": "zh-Hans"}.get(locale, locale))
+
+
+async def violations(page: Page) -> list[str]:
+    """Return what axe finds wrong with the page at rest."""
+    await at_rest(page)
+    if not await page.evaluate("'axe' in window"):
+        await page.evaluate(AXE.read_text(encoding="utf-8"))
+    found: list[str] = await page.evaluate(RUN_AXE)
+    return found
+
+
+async def hold_to_rules(page: Page, where: str) -> None:
+    """Hold a page at rest to its accessibility, to targets for gloves, and to texts that fit."""
+    assert await violations(page) == [], where
+    for rule in (SMALL, OVERFULL):
+        assert await page.evaluate(rule) == [], where
