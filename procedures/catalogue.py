@@ -11,6 +11,7 @@ from procedures import (
     frame_offset,
     mastering_record,
     mastering_recovery,
+    mastering_undo,
     robot_calibration,
     simulation_cell,
     six_point_tcp,
@@ -24,6 +25,7 @@ __all__ = ["CATALOGUE", "ENTRIES", "UnknownProcedureError", "entry_named", "miss
 ENTRIES: tuple[Entry, ...] = (
     mastering_record.ENTRY,
     mastering_recovery.ENTRY,
+    mastering_undo.ENTRY,
     six_point_tcp.ENTRY,
     three_point_frame.ENTRY,
     frame_offset.ENTRY,

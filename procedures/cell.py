@@ -16,6 +16,7 @@ from drivers.interfaces import (
     JogsAxes,
     Joints,
     KnowsActiveFrames,
+    MasteringData,
     MasteringStore,
     Operator,
     Robot,
@@ -133,6 +134,18 @@ class HeldCertificate:
         return self.issued <= day <= self.due
 
 
+@dataclass(frozen=True, slots=True)
+class MasteringBackup:
+    """What a robot's controller held before a run wrote its mastering, and the hash of its stored form."""
+
+    of_run: str
+    at_utc: str
+    robot_serial: str
+    data: MasteringData
+    epoch: int  # of the encoders at that write: in another one the counts mean nothing
+    sha256: str
+
+
 @dataclass(frozen=True, eq=False)
 class Cell:
     """One robot and what stands around it. An ability the cell lacks is None."""
@@ -157,6 +170,7 @@ class Cell:
     dial_setup: ProbeSetup | None = None
     model: RobotModel | None = None  # nominal kinematics
     record: MasteringRecord | None = None  # the latest of this robot
+    backups: tuple[MasteringBackup, ...] = ()  # of this robot's mastering before each write, oldest first
     alignments: tuple[Alignment, ...] = ()  # of every robot with every fixture, oldest first
     calibrated: CalibratedArm | None = None  # the latest parameters of this robot
     drift_references: tuple[DriftReference, ...] = ()  # of this robot, oldest first

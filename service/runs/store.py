@@ -14,6 +14,7 @@ from calibration.poses.calibrated_arm import CalibratedArm
 from procedures.canonical import sha256_of
 from procedures.cell import Cell
 from procedures.past import Kind, Past, fold
+from service.runs.backups import mastering_backups
 from service.runs.journal import Event, Journal, StoreError
 
 RECORD = "mastering_record"
@@ -115,6 +116,7 @@ class Store:
         return replace(
             cell,
             record=self.mastering_record(robot_serial),
+            backups=mastering_backups(self._journal.events(), robot_serial),
             alignments=self.alignments(),
             calibrated=self.calibrated_arm(robot_serial),
             drift_references=self.drift_references(robot_serial),

@@ -11,12 +11,13 @@ from calibration.drift.reference import DriftReference
 from calibration.geometry import Pose, homogeneous, quaternion_from_rotation
 from calibration.mastering.counts import MasteringRecord
 from calibration.points.alignment import Alignment
+from drivers.interfaces import Counts, MasteringData
 from procedures.accuracy_check import AccuracyCheck, CheckRules
 from procedures.arm.arm_bench import Method
 from procedures.arm.calibration_plan import SeriesRules
 from procedures.arm.drift_plan import DriftRules
 from procedures.base_to_base import BaseToBaseSpec
-from procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits, TrackerSetup
+from procedures.cell import Cell, GaugeSetup, MasteringBackup, MotionLevel, MotionLimits, TrackerSetup
 from procedures.drift_check import DriftCheck, drift_check
 from procedures.end_effector_points import EndEffectorPoints
 from procedures.fixture_alignment import FixtureAlignment
@@ -24,6 +25,7 @@ from procedures.frame_offset import FrameOffset
 from procedures.limits import FrameLimits
 from procedures.mastering_record import MasteringRecordSpec, mastering_record
 from procedures.mastering_recovery import MasteringRecoverySpec
+from procedures.mastering_undo import MasteringUndo, mastering_sha256
 from procedures.robot_calibration import RobotCalibration
 from procedures.run import Run
 from procedures.simulation_cell import SimulationCell
@@ -302,6 +304,26 @@ def simulating() -> Scene:
     return scene(SimulationCell("base", in_base, in_fixture, nominal=Pose((1.2, 0.0, 0.4))))
 
 
+WRITTEN = tuple(zero + off for zero, off in zip(ZERO, WRONG_ZEROS, strict=True))
+
+
+def undoing(written: Counts = WRITTEN, before: MasteringData | None = None) -> Scene:
+    """Return a cell whose robot holds a mastering that a run wrote, and whose journal knows the one before."""
+    made = scene(MasteringUndo())
+    made.arm.data = MasteringData(written, mastered=True)
+    old = MasteringData(ZERO, mastered=True) if before is None else before
+    backup = MasteringBackup(
+        "mastering_recovery-1",
+        "2026-01-02T03:04:05.678+00:00",
+        "F-1",
+        old,
+        made.arm.epoch,
+        mastering_sha256(old),
+    )
+    made.cell = replace(made.cell, backups=(backup,))
+    return made
+
+
 async def scene_for(name: str) -> Scene:
     """Return a scene in which the procedure of this name succeeds."""
     if name == "mastering_recovery":
@@ -314,6 +336,7 @@ async def scene_for(name: str) -> Scene:
 SCENES: dict[str, Callable[[], Scene]] = {
     "simulation_cell": simulating,
     "mastering_record": recording,
+    "mastering_undo": undoing,
     "six_point_tcp": touching,
     "three_point_frame": pointing,
     "fixture_alignment": aligning,

@@ -66,6 +66,7 @@ def stories() -> tuple[Story, ...]:
         Story("accuracy_check", {"method": "tracker"}),
         Story("drift_check"),
         Story("mastering_recovery"),
+        Story("mastering_undo"),
     )
 
 

@@ -1,0 +1,203 @@
+"""Undo of a mastering that was written: the controller gets back, byte for byte, what it held before that write.
+
+Nothing is measured: whether the old data were right is another question, and the certificate says so.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic_core import to_jsonable_python
+
+from calibration.arm.kinematics import load_model
+from calibration.mastering.pose_design import candidate_joints
+from calibration.motion.motion_check import MotionLimits
+from drivers.interfaces import Counts, Instruction, MasteringData
+from procedures.canonical import sha256_of
+from procedures.cell import Cell, MasteringBackup
+from procedures.entry import Entry, Keepsake, Phase
+from procedures.forecast import Forecast, Knowledge
+from procedures.recovery.recovery_verdict import RE_VERIFY
+from procedures.run import RefusalError, Run
+from procedures.shown import on_page
+from procedures.steps.ask import accept
+from procedures.steps.mastering import Motors, nominal_model, read_motors_alone
+from procedures.steps.pages import axis_levers, joint_displacement, review_page, with_changes
+from procedures.steps.write import ReadBackError, restore_mastering
+from procedures.verdict import Change, Verdict, held
+
+_POSTURES = 200
+_PERSON_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class MasteringUndo:
+    """Which run's write is undone; nothing: the newest that wrote a mastering."""
+
+    of_run: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class UndoResult:
+    """What the controller held, what it holds again, and the hash of the stored form of both."""
+
+    of_run: str
+    joint_names: tuple[str, ...]
+    undone: MasteringData
+    restored: MasteringData
+    backup_sha256: str
+    restored_sha256: str
+    displaced_m: float  # the most that the tip is displaced, over postures, where it goes to the same joints
+
+
+async def mastering_undo(run: Run, spec: MasteringUndo) -> UndoResult:
+    """Read what is there, show what changes, write the backup, read it back and compare the bytes."""
+    backup = await run.step("read the backup", stored_backup, spec.of_run)
+    motors = await run.step("read the motors alone", read_motors_alone)
+    _refuse_unfit(backup, motors)
+    model = await run.step("name the model", _model_name)
+    displaced_m = await run.solve("compare old and new", displacement_m, model, motors, backup)
+    names = load_model(model).joint_names
+    shown = _shown(names, model, motors, backup, displaced_m)
+    await run.step("accept the undo", accept, shown, backup.sha256)
+    restored = await run.write("write the mastering", restore_mastering, backup.data)
+    found = mastering_sha256(restored)
+    if found != backup.sha256:
+        raise ReadBackError(
+            f"the mastering reads {restored} after {backup.data} was put back",
+            remedy="Do not move the robot in AUTO. Compare the counts with the run's backup.",
+        )
+    return UndoResult(backup.of_run, names, motors.mastering, restored, backup.sha256, found, displaced_m)
+
+
+def mastering_sha256(data: MasteringData) -> str:
+    """Return the hash of the canonical stored form of mastering data: equal hashes are equal bytes."""
+    return sha256_of(to_jsonable_python(data))
+
+
+async def stored_backup(cell: Cell, of_run: str) -> MasteringBackup:
+    """Return what this very robot held before a run wrote its mastering."""
+    serial = (await cell.robot.identify()).serial
+    own = [backup for backup in cell.backups if backup.robot_serial == serial]
+    fits = [backup for backup in own if of_run in ("", backup.of_run)]
+    if not fits:
+        raise RefusalError(
+            "no run of this robot that wrote a mastering is in the journal"
+            + (f": {of_run}" if of_run else ""),
+            code="procedure.no_backup",
+            remedy=f"Runs that can be undone: {', '.join(one.of_run for one in own) or 'none'}.",
+        )
+    if mastering_sha256(fits[-1].data) != fits[-1].sha256:
+        raise RefusalError("the backup is not what was stored", code="procedure.no_backup")
+    return fits[-1]
+
+
+def displacement_m(model_name: str, motors: Motors, backup: MasteringBackup) -> float:
+    """Return how far the flange is displaced at most [m], over postures, where it is sent to the same joints."""
+    model = load_model(model_name)
+    postures = candidate_joints(model, MotionLimits(), _POSTURES)
+    turned = _turned_rad(motors, backup.data.counts_at_zero)
+    return float(joint_displacement(model, [tuple(q) for q in postures], turned, (0.0, 0.0, 0.0))["most_m"])
+
+
+def _turned_rad(motors: Motors, counts_at_zero: Counts) -> tuple[float, ...]:
+    """Return by how much each joint stands elsewhere when it is sent to the same angle [rad]."""
+    zeros = [np.array(zero) for zero in (counts_at_zero, motors.mastering.counts_at_zero)]
+    return tuple(float(v) for v in motors.drive.joints(*zeros))
+
+
+def _refuse_unfit(backup: MasteringBackup, motors: Motors) -> None:
+    if motors.epoch != backup.epoch:
+        raise RefusalError(
+            f"the encoders lost their position since that write (epoch {backup.epoch}, now {motors.epoch}): its "
+            "backup belongs to other counts",
+            code="procedure.wrong_backup",
+            remedy="Recover the mastering instead.",
+        )
+    if motors.mastering == backup.data:
+        raise RefusalError(
+            f"the controller holds what it held before {backup.of_run} already",
+            code="procedure.nothing_to_undo",
+            remedy="Nothing is left to do.",
+        )
+
+
+async def _model_name(cell: Cell) -> str:
+    return nominal_model(cell).name
+
+
+def _shown(
+    names: tuple[str, ...], model: str, motors: Motors, backup: MasteringBackup, displaced_m: float
+) -> Instruction:
+    flag = _MASTERED if backup.data.mastered else _NOT_MASTERED
+    asked = Instruction(
+        "accept_mastering",
+        "The controller gets back the mastering that it held before the run named here wrote another. Taught "
+        f"positions move with it. {flag} Write the old mastering back?",
+    )
+    changes = _changes(names, motors.mastering, backup.data)
+    told = Verdict((), limits_from=f"run {backup.of_run}", not_verified=_NOT_VERIFIED, changes=changes)
+    page = with_changes(review_page(asked, told, writes=True), changes, most_m=displaced_m, at="postures")
+    return on_page(page, "review", axes=axis_levers(load_model(model), motors.joints_rad))
+
+
+def _changes(names: tuple[str, ...], old: MasteringData, new: MasteringData) -> tuple[Change, ...]:
+    rows = zip(names, old.counts_at_zero, new.counts_at_zero, strict=True)
+    counts = [Change(f"{name}: counts at zero", float(a), float(b), "count") for name, a, b in rows]
+    return (*counts, Change("mastered", float(old.mastered), float(new.mastered), "1"))
+
+
+_MASTERED = "The robot will be mastered."
+_NOT_MASTERED = "The robot will NOT be mastered, as before that run."
+_NOT_VERIFIED = (
+    "Nothing was measured: whether the old mastering was right is not known.",
+    "No production point was touched; the witness marks were not compared.",
+)
+
+
+def _verdict(spec: MasteringUndo, result: UndoResult) -> Verdict:
+    del spec
+    rule = "the stored form read back, byte for byte that of the backup (SHA-256)"
+    same = result.restored_sha256 == result.backup_sha256
+    return Verdict(
+        (held("the mastering is that from before the write", same, rule),),
+        limits_from="equal or refused",
+        not_verified=_NOT_VERIFIED,
+        changes=_changes(result.joint_names, result.undone, result.restored),
+        to_sign=(RE_VERIFY,),
+    )
+
+
+def _outline(spec: MasteringUndo) -> tuple[Phase, ...]:
+    del spec
+    return (
+        Phase("read the backup"),
+        Phase("read the motors alone"),
+        Phase("name the model"),
+        Phase("compare old and new"),
+        Phase("accept the undo"),
+        Phase("write the mastering"),
+    )
+
+
+def _keeps(spec: MasteringUndo, result: UndoResult) -> Keepsake | None:
+    del spec, result
+    return None
+
+
+def _forecast(spec: MasteringUndo, known: Knowledge) -> Forecast:
+    del spec, known
+    return Forecast(duration_s=_PERSON_S, assumed=("the robot stands still; nothing moves",))
+
+
+ENTRY = Entry(
+    name="mastering_undo",
+    title="Undo of a written mastering",
+    version=1,
+    procedure=mastering_undo,
+    spec_type=MasteringUndo,
+    needs=("writes_mastering", "model"),
+    outline=_outline,
+    keeps=_keeps,
+    verdict=_verdict,
+    forecast=_forecast,
+)

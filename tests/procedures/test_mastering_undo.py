@@ -1,0 +1,119 @@
+"""Undo gives back what the controller held before a write, byte for byte, from the journal alone."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.interfaces import MasteringData
+from procedures.canonical import canonical_json
+from procedures.mastering_undo import MasteringUndo, mastering_sha256, mastering_undo
+from procedures.run import RefusalError, Run
+from service.configuration.cell_file import CellConfig
+from service.runs.cell import open_journal
+from service.runs.conduct import Outcome, Verdict, run_procedure
+from service.runs.store import Store
+from tests.procedures.cells import WRITTEN, Scene, calibrating, recovering, undoing
+from tests.procedures.certified import HOW, cell_config, run_in
+from tests.procedures.ideal import ZERO
+from tests.procedures.ledgers import MemoryLedger
+
+SERIAL = "F-1"
+
+
+def stored(data: MasteringData) -> bytes:
+    return canonical_json({"counts_at_zero": list(data.counts_at_zero), "mastered": data.mastered}).encode()
+
+
+async def undo(config: CellConfig, made: Scene, of_run: str = "") -> Outcome:
+    with open_journal(config) as journal:
+        cell = Store(journal).lend(replace(made.cell, config_sha256=config.sha256), SERIAL)
+        return await run_procedure(cell, "mastering_undo", MasteringUndo(of_run), journal, how=HOW)
+
+
+async def test_zeros_that_were_written_are_undone_to_the_last_byte_and_done_again(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), calibrating()
+    before = made.arm.data
+    calibrated = await run_in(config, made, "robot_calibration")
+    after = made.arm.data
+    assert calibrated.verdict is Verdict.PASSED
+    assert stored(after) != stored(before)
+    undone = await undo(config, made)
+    assert (undone.verdict, undone.judgement["word"]) == (Verdict.PASSED, "pass")
+    assert stored(made.arm.data) == stored(before)
+    assert undone.result.of_run == calibrated.run_id
+    assert undone.result.restored_sha256 == undone.result.backup_sha256 == mastering_sha256(before)
+    assert 0.001 < undone.result.displaced_m < 0.5
+    again = await undo(config, made)  # the undo has written too: its own undo brings the zeros back
+    assert again.result.of_run == undone.run_id
+    assert stored(made.arm.data) == stored(after)
+    chosen = await undo(config, made, calibrated.run_id)
+    assert chosen.verdict is Verdict.PASSED
+    assert stored(made.arm.data) == stored(before)
+
+
+async def test_a_recovery_undone_leaves_the_robot_as_unmastered_as_it_was(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), await recovering()
+    before = made.arm.data
+    assert not before.mastered
+    assert (await run_in(config, made, "mastering_recovery")).verdict is Verdict.PASSED
+    assert made.arm.data.mastered
+    undone = await undo(config, made)
+    assert undone.verdict is Verdict.PASSED
+    assert stored(made.arm.data) == stored(before)
+
+
+async def test_nothing_is_written_before_the_yes(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), calibrating()
+    await run_in(config, made, "robot_calibration")
+    held, writes = made.arm.data, made.arm.writes
+    made.hands.refuses = {"accept_mastering"}
+    assert (await undo(config, made)).verdict is Verdict.DECLINED
+    assert (made.arm.data, made.arm.writes) == (held, writes)
+
+
+async def test_counts_of_another_epoch_are_not_put_back(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), calibrating()
+    await run_in(config, made, "robot_calibration")
+    made.arm.epoch += 1
+    refused = await undo(config, made)
+    assert (refused.verdict, refused.code) == (Verdict.REFUSED, "procedure.wrong_backup")
+
+
+async def test_without_a_write_there_is_nothing_to_undo(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), undoing()
+    refused = await undo(config, made)
+    assert (refused.verdict, refused.code) == (Verdict.REFUSED, "procedure.no_backup")
+    assert made.arm.data == MasteringData(WRITTEN, mastered=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"robot_serial": "F-2"}, "procedure.no_backup"),
+        ({"sha256": "0" * 64}, "procedure.no_backup"),
+        ({"data": MasteringData(WRITTEN, mastered=True)}, "procedure.no_backup"),
+        (
+            {
+                "data": MasteringData(WRITTEN, mastered=True),
+                "sha256": mastering_sha256(MasteringData(WRITTEN, mastered=True)),
+            },
+            "procedure.nothing_to_undo",
+        ),
+    ],
+)
+async def test_a_backup_that_does_not_fit_is_refused(change: dict[str, object], code: str) -> None:
+    made = undoing()
+    (backup,) = made.cell.backups
+    made.cell = replace(made.cell, backups=(replace(backup, **change),))  # type: ignore[arg-type]
+    with pytest.raises(RefusalError) as told:
+        await mastering_undo(Run(made.cell, MemoryLedger()), MasteringUndo())
+    assert told.value.code == code
+    assert made.arm.writes == 0
+
+
+async def test_what_another_hand_wrote_meanwhile_is_what_is_shown_as_old() -> None:
+    made = undoing()
+    result = await mastering_undo(Run(made.cell, MemoryLedger()), MasteringUndo())
+    assert result.undone == MasteringData(WRITTEN, mastered=True)
+    assert result.restored == MasteringData(ZERO, mastered=True)
