@@ -22,6 +22,7 @@ _ASSIGNED = re.compile(
 _NAME = re.compile(rf"{W}([A-Za-z]\w*+)", re.ASCII)
 _FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}([A-Za-z]\w*+)", re.ASCII)
 _SIZES = re.compile(r"\s*\d+\s*(?:,\s*\d+\s*)*")
+_MOST_DIGITS = 9  # of an array's size
 _HOLDS_A_POSITION = re.compile(r"\[\s*\[\s*[-+.\d]")
 
 _REMARKED = {
@@ -126,7 +127,12 @@ class Module:
             if kind in TARGETS:
                 self.found.remark(declared.start(2), "computed", _FILLED_TEXT.format(name))
             return declared.end()
-        return self._elements(kind, name, [int(size) for size in sizes.split(",")], declared.end())
+        counts = [size.strip() for size in sizes.split(",")]
+        if any(len(count) > _MOST_DIGITS for count in counts):
+            raise self.found.source.error(
+                declared.start(3), f"{name} has more elements than any array.", remedy="Correct its size."
+            )
+        return self._elements(kind, name, list(map(int, counts)), declared.end())
 
     def _elements(self, kind: str, name: str, sizes: list[int], place: int) -> int:
         """Take the elements of an array of any dimension, in the order in which they are written."""

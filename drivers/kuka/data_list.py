@@ -11,6 +11,7 @@ from drivers.programs.positions import Frames
 from drivers.programs.spans import Source
 
 _FDAT = re.compile(r"\{[^{}]*\}[ \t\r]*")
+_MOST_DIGITS = 9  # of a tool's or a base's number, its sign counted
 _NUMBER_OF = re.compile(r"\b(TOOL|BASE)_NO\s+([+-]?\d+)", re.IGNORECASE)
 _IPO_FRAME = re.compile(r"\bIPO_FRAME\s+#(\w+)", re.IGNORECASE)
 _LOOKS_LIKE_A_POSITION = re.compile(r"\{[^{}]*?\b(?:X|A1)[ \t]+[-+.\d]", re.IGNORECASE)
@@ -162,7 +163,12 @@ class DataList:
             raise source.error(
                 place, f"{name.full} is not understood.", remedy="It says tool and base of a point."
             )
-        numbers = {which.upper(): int(number) for which, number in _NUMBER_OF.findall(code)}
+        said = {which.upper(): number for which, number in _NUMBER_OF.findall(code)}
+        if any(len(number) > _MOST_DIGITS for number in said.values()):
+            raise source.error(
+                place, "no controller has a tool or base of this number.", remedy="Correct the number."
+            )
+        numbers = {which: int(number) for which, number in said.items()}
         ipo_frame = _IPO_FRAME.search(code)
         mode = ipo_frame[1].upper() if ipo_frame else "BASE"
         if mode not in ("BASE", "TCP"):

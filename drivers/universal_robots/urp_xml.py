@@ -96,7 +96,7 @@ class XmlText:
                 at = max(self.elements[at].parent, 0)
             elif found:
                 same = [i for i in self.children[at] if self.elements[i].tag == found[1]]
-                which = int(found[2] or 1) - 1
+                which = int((found[2] or "1")[:9]) - 1  # no program has so many of one kind
                 at = same[which] if which < len(same) else element
         return at
 

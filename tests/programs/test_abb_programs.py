@@ -108,6 +108,7 @@ def test_a_routines_own_target_hides_the_modules():
         (target("p", place="1,2.3.4,3"), 24, "a number"),
         (target("p", turn="0.8,0.8,0,0"), 36, "quaternion has the length 1.1314"),
         (target("p", place="1,2,1E400"), 26, "no robot"),
+        (f"CONST robtarget p{{{'9' * 5000}}}:=[[1,2,3]];", 19, "more elements"),
         ("MoveL [[1,2,x3],[1,0,0]],v1,z1,tool0", 6, "does not end"),
     ],
 )

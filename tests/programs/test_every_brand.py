@@ -1,8 +1,11 @@
 """A slice of the campaigns of ``make soak``, for every brand that is registered."""
 
+import re
+
 import pytest
 
 from drivers.program_registry import SUFFIXES, all_brands
+from drivers.programs.errors import ProgramFileError
 from tests.programs.fuzz import Source, mutated, roundtrip, sources, token_invariant
 
 _SOURCES = sources()
@@ -45,6 +48,20 @@ def test_a_damaged_file_is_refused_or_kept_to_the_last_byte(source: Source):
     assert not tally.failures
     assert tally.refused > 30
     assert tally.changed > 30
+
+
+@pytest.mark.parametrize("source", _SOURCES, ids=lambda source: source.name)
+def test_a_number_of_thousands_of_digits_is_refused_or_kept(source: Source):
+    whole = source.unpacked(source.generate(4))
+    refused = 0
+    for number in list(re.finditer(rb"\d+", whole))[::3]:
+        data = source.packed(whole[: number.start()] + b"9" * 5000 + whole[number.end() :])
+        try:
+            assert source.brand.read(f"generated{source.suffix}", data).to_bytes() == data
+        except ProgramFileError as error:
+            refused += 1
+            assert error.remedy
+    assert refused > 0
 
 
 def test_a_brand_s_suffixes_are_known_before_it_is_loaded():

@@ -82,6 +82,7 @@ def test_an_exponent_never_costs_resolution():
         ("DECL E6POS XP1={X 1.0,Y 2.0,Z 3.0,A 0,B 0,C 0} S 2", 48, "should end"),
         ("DECL FDAT FP1={TOOL_NO 1,BASE_NO 1,IPO_FRAME #NEW}", 15, "not known"),
         ("DECL FDAT FP1={TOOL_NO 1,BASE_NO 1", 15, "not understood"),
+        ("DECL FDAT FP1={TOOL_NO 1,BASE_NO " + "9" * 5000 + "}", 15, "no controller has"),
     ],
 )
 def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line, column, problem):
