@@ -32,6 +32,7 @@ from service.programs.judge import Judge
 from service.programs.outcome import Outcome, results_of
 from service.programs.postures import PostureSearch
 from service.programs.project import Project, Tool
+from service.programs.project_pulses import in_joints
 from service.programs.result import ProgramResult
 
 _BLOCK = 32768  # the few points that need many steps take them together
@@ -90,6 +91,7 @@ class Carrier:
         CalibrationError
             Numbers that are not finite.
         """
+        programs = in_joints(programs, self._route.source.pulses_per_rad)
         for program in programs:
             refuse_foreign(program, self._route.source)
         axes = self._route.source.nominal.axes

@@ -12,6 +12,7 @@ from calibration.geometry import Array, Pose
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
 from service.programs.project import Project, Tool
+from service.programs.project_pulses import MISSING, PULSES
 
 Rows = NDArray[np.intp]
 Some = TypeVar("Some", bound=np.generic)
@@ -237,4 +238,6 @@ def joints_of(positions: Positions, axes: int) -> Array:
 def _first_reason(kind: str, axes: int) -> str:
     if kind == UNTAUGHT:
         return "not taught"
+    if kind == PULSES:
+        return MISSING
     return "" if kind in (CARTESIAN, JOINTS) else f"holds {kind}, which is no position of {axes} joints"

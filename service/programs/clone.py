@@ -55,6 +55,7 @@ class CloneRoute:
             )
         assert master.alignment is not None
         assert clone.alignment is not None
+        _refuse_other_gears(master, clone)
         if master.alignment.fixture != clone.alignment.fixture:
             raise ProjectError(
                 f"the alignments are of two fixtures: {master.alignment.fixture} and {clone.alignment.fixture}."
@@ -88,6 +89,16 @@ class CloneRoute:
     def expectation(self, passage: Passage) -> Expectation:
         """Both arms and both alignments."""
         return Expectation(self.source, self.target, self.change, self.change_covariance)
+
+
+def _refuse_other_gears(master: Project, clone: Project) -> None:
+    """Refuse two ratios for one type of robot: a clone's job is written with the master's."""
+    here, there = master.pulses_per_rad, clone.pulses_per_rad
+    if here is not None and there is not None and not np.array_equal(here, there):
+        raise ProjectError(
+            f"{master.path} and {clone.path} give different pulses per radian.",
+            remedy="Robots of one type have the same gears: see the parameters of both controllers.",
+        )
 
 
 def cloning(master: Project, clone: Project, rule: ConfigurationRule | None) -> Carrier:

@@ -21,7 +21,7 @@ from calibration.identification.parameters import ArmState
 from calibration.motion.collision import CellShape
 from calibration.points.alignment import Alignment, read_alignments
 from service.configuration.cell_shapes import read_cell_shape
-from service.programs.project_arms import IdentifiedArm, factory_arm, identified_arm
+from service.programs.project_arms import IdentifiedArm, factory_arm, identified_arm, nominal_arm
 from service.programs.project_backup import kept_by_controller, pose_as_kept
 from service.programs.project_poses import (
     ProjectError,
@@ -33,13 +33,14 @@ from service.programs.project_poses import (
     sub_table,
     word,
 )
+from service.programs.project_pulses import pulses_per_rad
 
 FORMAT = 1
 SMALLEST_SIGMA = 0.01  # m/rad: nearer to a singularity no point is computed unless a project says so
 
 _ROBOT = {
     "serial", "model", "factory", "parameters", "parameter_store", "parameter_version", "held_out_rms_mm",
-    "lower_deg", "upper_deg", "smallest_sigma", "backup",
+    "lower_deg", "upper_deg", "smallest_sigma", "backup", "arm", "pulses_per_rad",
 }  # fmt: skip
 _TOP = {"format", "name", "master", "robot", "tools", "frames", "unsaid", "fixture", "shapes", "programs"}
 
@@ -74,6 +75,7 @@ class Project:
     smallest_sigma: float
     master: Path | None
     programs: tuple[str, ...]  # patterns relative to the project's folder
+    pulses_per_rad: Array | None = None  # (n,) with sign, of a controller whose programs hold pulses
 
     @property
     def state(self) -> ArmState | None:
@@ -112,7 +114,7 @@ def read_project(path: Path) -> Project:
     robot = sub_table(data, "robot", where)
     refuse_keys(robot, _ROBOT, f"{where}: [robot]")
     folder = path.parent
-    nominal, serial = _robot(robot, f"{where}: [robot]")
+    nominal, serial = _robot(robot, folder, f"{where}: [robot]")
     factory = word(robot, "factory", where)
     controller = nominal if factory is None else factory_arm(_beside(folder, factory), nominal)
     controller = _limited(controller, robot, f"{where}: [robot]")
@@ -137,6 +139,7 @@ def read_project(path: Path) -> Project:
         smallest_sigma=SMALLEST_SIGMA if smallest is None else smallest,
         master=_master(data, folder, where),
         programs=_patterns(data, where),
+        pulses_per_rad=pulses_per_rad(robot, nominal.axes, f"{where}: [robot]"),
     )
 
 
@@ -154,13 +157,17 @@ def _loaded(path: Path) -> dict[str, Any]:
         ) from broken
 
 
-def _robot(robot: Mapping[str, Any], where: str) -> tuple[RobotModel, str]:
+def _robot(robot: Mapping[str, Any], folder: Path, where: str) -> tuple[RobotModel, str]:
     model, serial = word(robot, "model", where), word(robot, "serial", where)
     if model is None or serial is None:
         raise ProjectError(f"{where}: serial and model are needed")
+    arm = word(robot, "arm", where)
+    if arm is not None:
+        return nominal_arm(_beside(folder, arm), model), serial
     if model not in model_names():
         raise ProjectError(
-            f"{where}: no model is called {model!r}.", remedy=f"Known: {', '.join(model_names())}."
+            f"{where}: no model is called {model!r}.",
+            remedy=f"Known: {', '.join(model_names())}; name a file of another one as arm.",
         )
     return load_model(model), serial
 

@@ -1,5 +1,6 @@
 """The two arms of a project: the one that its controller computes with, and the one that stands in the cell."""
 
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
+from calibration.arm.kinematics import DhTable, RobotModel
+from calibration.arm.robot_models import parse_model
 from calibration.arm.ur_factory import factory_model
-from calibration.errors import CellError
+from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Array
 from calibration.identification.free_parameters import StartingPoint, state_of
 from calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
@@ -31,6 +33,23 @@ class IdentifiedArm:
     layout: Layout | None  # names the free parameters of `covariance`; None where no covariance is kept
     covariance: Array | None  # (p, p)
     held_out_rms_m: float | None  # what the identification missed of readings that it had not seen
+
+
+def nominal_arm(path: Path, name: str) -> RobotModel:
+    """Return the arm of a model file of the user's own, written as those that ship.
+
+    Raises
+    ------
+    ProjectError
+        No such file, or one that lacks something.
+    """
+    try:
+        fields = parse_model(name, _text(path))
+        return RobotModel.from_dh(DhTable.from_rows(fields.pop("rows")), name=name, **fields)
+    except CalibrationError as refused:
+        raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
+    except (tomllib.TOMLDecodeError, TypeError, ValueError) as broken:
+        raise ProjectError(f"{path} is no model of a robot: {broken}") from broken
 
 
 def factory_arm(path: Path, nominal: RobotModel) -> RobotModel:

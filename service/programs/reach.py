@@ -25,6 +25,7 @@ from service.programs.cell_of_program import (
 from service.programs.expected import Ends, Expectation
 from service.programs.postures import PostureSearch
 from service.programs.project import Project, Tool
+from service.programs.project_pulses import in_joints
 
 _ROUNDED_RAD = 1e-6  # a joint may be taught at its limit
 
@@ -51,6 +52,7 @@ def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[Reach, ...
     CellError
         A program of another robot, or in another unit.
     """
+    programs = in_joints(programs, cell.pulses_per_rad)
     for program in programs:
         refuse_foreign(program, cell)
     axes = cell.nominal.axes
