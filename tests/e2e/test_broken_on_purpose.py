@@ -200,7 +200,7 @@ class Command:
     async def end(self) -> tuple[int, str]:
         """Wait for its end; return the exit code and all it said, on one line."""
         assert self.process.stderr is not None
-        async with asyncio.timeout(60):
+        async with asyncio.timeout(120):
             rest = (await self.process.stderr.read()).decode()
             code = await self.process.wait()
         return code, " ".join(" ".join([*self._lines, rest]).split())

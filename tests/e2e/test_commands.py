@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 def cellcal(*words: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "service", *words]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
 
 
 def test_help_names_every_command() -> None:

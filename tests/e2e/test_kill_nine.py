@@ -30,7 +30,7 @@ def _one_life(made: Scene, journal: Path, run_id: str | None, kill: dict[str, An
     theirs.close()
     served = Served(made, ours)
     served.until_closed(process.kill, **(kill or {}))
-    process.join(30)
+    process.join(120)
     assert process.exitcode in ((0,) if kill is None else (0, -9))
     served.killed = process.exitcode == -9
     process.close()

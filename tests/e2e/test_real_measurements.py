@@ -44,7 +44,7 @@ def located(name):
 def identify(path, robot, *options):
     command = [sys.executable, "-m", "service", "identify", str(path), "--robot", robot, *options, "--json"]
     done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=110, check=False, env=dict(os.environ)
+        command, cwd=ROOT, capture_output=True, text=True, timeout=280, check=False, env=dict(os.environ)
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

@@ -9,7 +9,7 @@ from service.configuration.cell_file import read_cell_file
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.watching.watch import HealthyCounts, LastHealthyCounts
 
-PATIENCE_S = 40.0
+PATIENCE_S = 120.0
 
 
 async def until_said(process: asyncio.subprocess.Process, words: str, heard: list[str]) -> None:

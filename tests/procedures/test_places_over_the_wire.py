@@ -106,7 +106,7 @@ async def do(config: CellConfig, cell: Any, procedure: str, **settings: Any) -> 
 
 async def lose(cell: Any, door: Door, fault: str = "battery_loss", **given: Any) -> None:
     await door.fault(fault, **given)
-    async with asyncio.timeout(20.0):
+    async with asyncio.timeout(90.0):
         while (condition := await cell.robot.condition()).readiness is not Readiness.POSITION_LOST:
             await asyncio.sleep(0.05)
     assert condition.alarms

@@ -18,7 +18,7 @@ from service.desk.desk import Desk
 from service.desk.messages import Command
 
 COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
-PATIENCE_S = 60.0
+PATIENCE_S = 90.0
 RECORD = {"op": "start", "procedure": "mastering_record", "settings": {}}
 
 

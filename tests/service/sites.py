@@ -25,7 +25,7 @@ from service.site.link_files import CELL_FILE, MONITOR_FILE, close, read_link_fo
 from service.site.publisher import publish
 
 SITE = "hall-3"
-PATIENCE_S = 30.0
+PATIENCE_S = 90.0
 
 
 def free_port() -> int:

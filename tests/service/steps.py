@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import re
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import uvicorn
 from fastapi import FastAPI
-from playwright.async_api import Page, async_playwright
+from playwright.async_api import Page, async_playwright, expect
 from scipy.optimize import least_squares
 
 from calibration.arm.kinematics import load_model
@@ -19,11 +20,13 @@ from calibration.geometry import Array, exp_rotation, log_rotation
 from service.demo.door import Door
 from service.web.app import Settings, create_app
 from service.web.pages import DIST
-from tests.service.desks import PATIENCE_S, a_cell
+from tests.service.browsers import PATIENCE_MS, at_rest
+from tests.service.desks import a_cell
 from tests.service.test_pages import CHROMIUM, FLAGS, Looking
 
 MODEL = load_model("fanuc_m6ib")
 HOME = np.radians([5.0, -5.0, 5.0, 12.0, -78.0, 8.0])
+NOT_HELD = re.compile(r"--share: ?0;")
 TIP_IN_FLANGE_M = np.array([0.02, 0.01, 0.18])
 
 
@@ -117,31 +120,32 @@ async def at_the_pages(
 
 async def asked(page: Page, key: str) -> None:
     """Wait until the page asks this."""
-    await page.locator(f'[data-testid=prompt][data-key="{key}"]').wait_for(timeout=PATIENCE_S * 1e3)
+    await page.locator(f'[data-testid=prompt][data-key="{key}"]').wait_for(timeout=PATIENCE_MS)
 
 
 async def why(page: Page, key: str) -> None:
     """Wait until the page says that this is in the way; an empty key: nothing is."""
-    await page.locator(f'[data-testid=meter][data-why="{key}"]').wait_for(timeout=PATIENCE_S * 1e3)
+    await page.locator(f'[data-testid=meter][data-why="{key}"]').wait_for(timeout=PATIENCE_MS)
 
 
 async def record(page: Page) -> None:
     """Press the button once it can be pressed, and wait until that question is gone."""
     prompt = page.get_by_test_id("prompt")
     step = await prompt.locator("h2").inner_text()
-    await page.get_by_test_id("yes").click(timeout=PATIENCE_S * 1e3)
+    await page.get_by_test_id("yes").click(timeout=PATIENCE_MS)
     await page.wait_for_function(
         "step => document.querySelector('[data-testid=prompt] h2')?.innerText !== step",
         arg=step,
-        timeout=PATIENCE_S * 1e3,
+        timeout=PATIENCE_MS,
     )
 
 
-async def press_for(page: Page, seconds: float) -> None:
-    """Hold the main button down for a while."""
-    box = await page.get_by_test_id("yes").bounding_box()
-    assert box is not None
-    await page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+async def let_go_early(page: Page) -> None:
+    """Hold the main button down for less than it wants, and see that it has been let go."""
+    hold = page.get_by_test_id("yes")
+    await hold.hover()
     await page.mouse.down()
-    await page.wait_for_timeout(seconds * 1e3)
+    await page.wait_for_timeout(300)
     await page.mouse.up()
+    await expect(hold).to_have_attribute("style", NOT_HELD)
+    await at_rest(page)

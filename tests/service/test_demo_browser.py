@@ -6,14 +6,12 @@ import socket
 from pathlib import Path
 
 import uvicorn
-from playwright.async_api import Browser, Page, async_playwright
+from playwright.async_api import Browser, Page, async_playwright, expect
 
 from service.web.app import Settings, create_app
+from tests.service.browsers import COUNT_ASKED, LOCALES, PATIENCE_MS, ROOT, hold_to_rules, speaks
 from tests.service.desks import a_cell
-from tests.service.test_pages import CHROMIUM, FLAGS, LOCALES, NO_WEBGL, OVERFULL, ROOT, RUN_AXE, SMALL
-
-PATIENCE_MS = 120_000.0
-AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
+from tests.service.test_pages import CHROMIUM, FLAGS, NO_WEBGL
 
 
 async def test_the_demos_buttons_are_for_everybody_and_a_pressed_loss_is_noticed(tmp_path: Path) -> None:
@@ -42,23 +40,21 @@ async def _look(browser: Browser, url: str) -> None:
     for locale in LOCALES:
         page = await _page(browser, url, locale)
         texts = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
-        assert texts["demo"] in await page.get_by_test_id("demo").inner_text()
-        await page.add_script_tag(content=AXE.read_text(encoding="utf-8"))
-        assert await page.evaluate(RUN_AXE) == [], locale
-        assert await page.evaluate(SMALL) == [], locale
-        assert await page.evaluate(OVERFULL) == [], locale
+        await speaks(page, locale)
+        await expect(page.get_by_test_id("demo")).to_contain_text(texts["demo"])
+        await hold_to_rules(page, locale)
         await page.context.close()
     await first.get_by_test_id("demo-battery").click()
-    await first.get_by_test_id("loss").wait_for(timeout=PATIENCE_MS)
-    assert await first.get_by_test_id("demo-pressed").locator("li").count() == 1
+    await first.get_by_test_id("loss").wait_for()
+    await expect(first.get_by_test_id("demo-pressed").locator("li")).to_have_count(1)
     other = await _page(browser, url, "en")
-    assert "Encoder battery dies" in await other.get_by_test_id("demo-last").inner_text()
+    await expect(other.get_by_test_id("demo-last")).to_contain_text("Encoder battery dies")
 
 
 async def _page(browser: Browser, url: str, locale: str) -> Page:
-    context = await browser.new_context(viewport={"width": 1280, "height": 800}, bypass_csp=True)
+    context = await browser.new_context(viewport={"width": 1280, "height": 800})
     await context.add_init_script(f"localStorage.setItem('locale', {json.dumps(locale)})")
-    await context.add_init_script(NO_WEBGL)
+    await context.add_init_script(f"{NO_WEBGL}; {COUNT_ASKED}")
     page = await context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     await page.goto(url)

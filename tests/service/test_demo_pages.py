@@ -33,7 +33,7 @@ async def a_demo(*arguments: str) -> AsyncIterator[tuple[asyncio.subprocess.Proc
         stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"}, start_new_session=True,
     )  # fmt: skip
     try:
-        async with httpx.AsyncClient(base_url=await _address_of(process), timeout=20.0) as client:
+        async with httpx.AsyncClient(base_url=await _address_of(process), timeout=PATIENCE_S) as client:
             yield process, client
     finally:
         with suppress(ProcessLookupError):
@@ -203,7 +203,7 @@ def test_a_taken_port_that_was_asked_for_is_refused(tmp_path: Path) -> None:
         port = str(taken.getsockname()[1])
         ended = subprocess.run(
             [sys.executable, "-m", "service", "demo", "--port", port], capture_output=True, text=True,
-            timeout=110, check=False, cwd=tmp_path,
+            timeout=280, check=False, cwd=tmp_path,
         )  # fmt: skip
     assert ended.returncode == 2
     assert port in ended.stderr

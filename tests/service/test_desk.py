@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from service.configuration.cell_file import read_cell_file
 from service.runs.cell import open_journal
 from service.runs.store import Store
+from service.watching.watch import LastHealthyCounts
 from tests.service.desks import COMMAND, RECORD, AtDesk, at_desk
 
 
@@ -103,7 +104,8 @@ async def test_what_cannot_be_done_just_now_is_said(tmp_path: Path) -> None:
 
 async def test_a_loss_is_seen_on_the_screen_with_its_answer(tmp_path: Path) -> None:
     async with at_desk(tmp_path) as person:
-        await asyncio.sleep(0.5)  # it has seen the robot healthy
+        memory = LastHealthyCounts(read_cell_file(tmp_path / "cell.toml").cell.data_dir)
+        await person.until(lambda _: memory.load("fanuc"))  # it has seen the robot healthy
         await person.door.fault("battery_loss", axes="all")
         losses = await person.until(lambda session: session["losses"])
         assert (losses[0]["robot"], losses[0]["procedure"]) == ("fanuc", "mastering_recovery")

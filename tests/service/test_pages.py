@@ -17,15 +17,25 @@ import numpy as np
 import pytest
 import pytest_asyncio
 import uvicorn
-from playwright.async_api import Browser, Page, async_playwright
+from playwright.async_api import Browser, Page, async_playwright, expect
 
 from calibration.arm.kinematics import load_model
 from service.web.app import Settings, create_app
 from service.web.pages import DIST
-from tests.service.desks import PATIENCE_S, a_cell
+from tests.service.browsers import (
+    COUNT_ASKED,
+    LOCALES,
+    PATIENCE_MS,
+    PATIENCE_S,
+    ROOT,
+    at_rest,
+    comes,
+    go,
+    hold_to_rules,
+    speaks,
+)
+from tests.service.desks import a_cell
 
-ROOT = Path(__file__).parents[2]
-LOCALES = ("en", "de", "es", "zh")
 VIEWPORTS = ((1280, 800), (1024, 768), (800, 1280))
 CHROMIUM = next(
     (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
@@ -53,13 +63,6 @@ CHECKED: dict[str, Any] = {
 NO_WEBGL = """{ const drawn = HTMLCanvasElement.prototype.getContext;
     HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
         return kind.startsWith('webgl') ? null : drawn.call(this, kind, ...more); } }"""
-SMALL = """() => [...document.querySelectorAll('button, a.button, select, input, summary')]
-    .filter(e => e.checkVisibility()).map(e => [e.outerHTML.slice(0, 80), e.getBoundingClientRect()])
-    .filter(([, box]) => box.height < 44 || (box.width < 44)).map(([html]) => html)"""
-OVERFULL = """() => [...document.querySelectorAll('button, a.button')]
-    .filter(e => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
-RUN_AXE = """async () => (await axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21aa', 'wcag22aa']}))
-    .violations.map(v => v.id + ': ' + v.nodes.map(n => n.html.slice(0, 120)).join(' | '))"""
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
 
@@ -69,7 +72,7 @@ class Looking:
 
     def __init__(self, browser: Browser, url: str) -> None:
         self.browser, self.url = browser, url
-        self.client = httpx.AsyncClient(base_url=url)
+        self.client = httpx.AsyncClient(base_url=url, timeout=PATIENCE_S)
         self.complaints: list[str] = []
         self.asked: set[str] = set()
 
@@ -79,6 +82,8 @@ class Looking:
     ) -> AsyncIterator[Page]:
         """Open a page of its own, wait until live values flow, and hold it to a clean console."""
         context = await self.browser.new_context(viewport={"width": size[0], "height": size[1]})
+        context.set_default_timeout(PATIENCE_MS)
+        await context.add_init_script(COUNT_ASKED)
         await context.add_init_script(f"localStorage.setItem('locale', {json.dumps(locale)})")
         if locale != "en":  # drawn in software a picture costs seconds, and is the same in every language
             await context.add_init_script(NO_WEBGL)
@@ -99,12 +104,13 @@ class Looking:
 
     async def order(self, **order: Any) -> None:
         """Give an order as a person does: who looked at an older session looks again."""
-        for _ in range(5):
-            rev = (await self.session())["rev"]
-            asked = {"id": f"{order} {rev}", "rev": rev, "order": order}
-            answer = await self.client.post("/api/commands", json=asked)
-            if answer.status_code != 409:
-                break
+        async with asyncio.timeout(PATIENCE_S):
+            while True:
+                rev = (await self.session())["rev"]
+                asked = {"id": f"{order} {rev}", "rev": rev, "order": order}
+                answer = await self.client.post("/api/commands", json=asked)
+                if answer.status_code != 409:
+                    break
         assert answer.status_code == 200, answer.text
 
     async def session(self) -> dict[str, Any]:
@@ -169,25 +175,38 @@ async def test_the_picture_stands_as_the_robot_does_and_follows_it(looking: Look
             assert np.allclose(shown["flange_m"], flange_m, atol=1e-6)
         await looking.order(op="select_robot", robot="fanuc")
         await page.get_by_test_id("joints").locator("summary").click()
-        told = page.get_by_test_id("joints").locator("dd")
         shown = await _shown(page)
-        await told.nth(5).wait_for()
-        degrees = [float(text.rstrip("°")) for text in await told.all_inner_texts()]
-        assert np.allclose(np.rad2deg(shown["joints_rad"]), degrees, atol=0.02)
+        await expect(page.get_by_test_id("joints").locator("dd")).to_have_count(6)
+        await comes(
+            lambda: _degrees_told(page),
+            lambda told: np.allclose(np.rad2deg(shown["joints_rad"]), told, atol=0.02),
+        )
+
+
+async def _degrees_told(page: Page) -> list[float]:
+    texts = await page.get_by_test_id("joints").locator("dd").all_inner_texts()
+    return [float(text.rstrip("°")) for text in texts]
 
 
 async def test_a_still_robot_costs_no_picture_and_a_moving_one_few(looking: Looking) -> None:
     async with looking.page() as page:
         await _shown(page)
-        await page.wait_for_timeout(300)
-        before = (await _shown(page))["frames"]
-        await page.wait_for_timeout(1000)
-        assert (await _shown(page))["frames"] == before
+        await expect(page.get_by_test_id("doubt")).not_to_contain_text(_texts("en")["doubt_waits"])
+        await at_rest(page)  # frames and the doubt of the tool come late, and are drawn
+        before = await comes(lambda: _frames_after(page, 300), lambda seen: seen[0] == seen[1])
+        assert await _frames_after(page, 1000) == [before[1], before[1]]
         await page.evaluate(
             "() => { for (let i = 0; i < 60; i++) document.querySelector('.turns button').click(); }"
         )
-        await page.wait_for_timeout(300)
-        assert before < (await _shown(page))["frames"] <= before + 4  # sixty wishes in one moment
+        drawn = await comes(lambda: _frames_after(page, 300), lambda seen: before[1] < seen[0] == seen[1])
+        assert drawn[1] <= before[1] + 4  # sixty wishes in one moment
+
+
+async def _frames_after(page: Page, wait_ms: int) -> list[int]:
+    """Return how many pictures were drawn, and how many after a while."""
+    first = (await _shown(page))["frames"]
+    await page.wait_for_timeout(wait_ms)
+    return [first, (await _shown(page))["frames"]]
 
 
 async def test_without_webgl_there_are_numbers(looking: Looking) -> None:
@@ -195,64 +214,45 @@ async def test_without_webgl_there_are_numbers(looking: Looking) -> None:
         await page.add_init_script(NO_WEBGL)
         await page.reload()
         await page.get_by_test_id("joints").locator("dd").nth(5).wait_for()
-        assert await page.locator(".picture").is_hidden()
+        await expect(page.locator(".picture")).to_be_hidden()
         assert await page.evaluate("window.__robot === undefined")
 
 
 async def test_every_page_is_for_everybody_in_four_languages(looking: Looking) -> None:
-    axe = (ROOT / "web/node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
     places = ("#/", "#/procedure/mastering_record", "#/history", "#/devices")
     for locale in LOCALES:
         async with looking.page(locale=locale) as page:
-            await page.evaluate(axe)
+            await speaks(page, locale)
             for place in places:
-                await _go(page, place)
-                await _hold_to_rules(page, f"{place} in {locale}")
-            assert await page.evaluate("document.documentElement.lang") == {"zh": "zh-Hans"}.get(
-                locale, locale
-            )
-
-
-async def _go(page: Page, place: str) -> None:
-    await page.evaluate("place => { location.hash = place; }", place)
-    await page.locator("main h1").first.wait_for()
-    await page.wait_for_timeout(150)
-
-
-async def _hold_to_rules(page: Page, where: str) -> None:
-    assert await page.evaluate(RUN_AXE) == [], where
-    assert await page.evaluate(SMALL) == [], where
-    assert await page.evaluate(OVERFULL) == [], where
+                await go(page, place)
+                await hold_to_rules(page, f"{place} in {locale}")
 
 
 async def test_a_run_from_its_start_to_its_place_in_the_history(looking: Looking) -> None:
     """The main buttons stay in view beside the picture; an ended run shows its readings."""
-    axe = (ROOT / "web/node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
     await looking.order(op="start", procedure="mastering_record", settings={}, hold_to_move=True)
     session = await looking.until(lambda session: session["prompt"])
     for size in VIEWPORTS:
         async with looking.page(size=size) as page:
             await _shown(page)
             for button in ("yes", "no", "stop"):
-                box = await page.get_by_test_id(button).bounding_box()
-                assert box is not None
-                assert box["y"] + box["height"] <= size[1], (button, size)
+                await comes(
+                    page.get_by_test_id(button).bounding_box,
+                    lambda box, height=size[1]: box is not None and box["y"] + box["height"] <= height,
+                )
     for locale in LOCALES:
         async with looking.page(locale=locale) as page:
-            await page.evaluate(axe)
-            await _hold_to_rules(page, f"the run in {locale}")
+            await speaks(page, locale)
+            await hold_to_rules(page, f"the run in {locale}")
     await looking.order(op="stop")
     run_id = (await looking.until(lambda session: session["run"]["outcome"]))["run"]["id"]
     assert run_id == session["run"]["id"]
     await looking.order(op="dismiss")
-    points = (await looking.client.get(f"/api/runs/{run_id}/points")).json()
+    readings = (await looking.client.get(f"/api/runs/{run_id}/points")).json()["readings"]
+    assert readings
     async with looking.page(f"#/history/{run_id}") as page:
-        await page.evaluate(axe)
-        await page.get_by_test_id("readings").wait_for()
-        assert (
-            await page.get_by_test_id("readings").locator("tbody tr").count() == len(points["readings"]) > 0
-        )
-        await _hold_to_rules(page, "the details of a run")
+        await expect(page.get_by_test_id("readings").locator("tbody tr")).to_have_count(len(readings))
+        await hold_to_rules(page, "the details of a run")
 
 
 async def test_points_not_used_are_marked_by_shape_and_said_in_words(looking: Looking) -> None:
@@ -269,12 +269,11 @@ async def test_points_not_used_are_marked_by_shape_and_said_in_words(looking: Lo
         await page.route("**/api/runs/r/points", lambda route: route.fulfill(json=measured))
         await page.route("**/api/runs/r/review", lambda route: route.fulfill(json=NO_REVIEW))
         await page.route("**/api/runs/r/certificate/check", lambda route: route.fulfill(json=CHECKED))
-        await _go(page, "#/history/r")
+        await go(page, "#/history/r")
         plot = page.get_by_test_id("plot")
-        await plot.wait_for()
-        assert await plot.locator("svg[role=img] circle").count() == 11
-        assert await plot.get_by_test_id("rejected").count() == 1
-        assert "does not fit the others" in await page.get_by_test_id("readings").inner_text()
+        await expect(plot.locator("svg[role=img] circle")).to_have_count(11)
+        await expect(plot.get_by_test_id("rejected")).to_have_count(1)
+        await expect(page.get_by_test_id("readings")).to_contain_text("does not fit the others")
 
 
 async def test_a_cold_page_with_its_picture_is_light(looking: Looking) -> None:
@@ -287,6 +286,8 @@ async def test_a_cold_page_with_its_picture_is_light(looking: Looking) -> None:
         await line.send("Network.clearBrowserCache")
         await page.reload()
         await _shown(page)
+        await expect(page.get_by_test_id("doubt")).not_to_contain_text(_texts("en")["doubt_waits"])
+        await at_rest(page)
     assert 100_000 < sum(sizes) <= MOST_BYTES
 
 

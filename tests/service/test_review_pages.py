@@ -1,23 +1,25 @@
 """Judging in a real browser: residuals, what if, before and after, the map, comparisons, and the way back."""
 
-import asyncio
 import json
+import re
 from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
 import pytest_asyncio
-from playwright.async_api import Page, Route
+from playwright.async_api import Page, Route, expect
 
 from service.parameters.parameter_sets import ParameterSets
 from service.web.parameters import FOLDER
-from tests.service.desks import PATIENCE_S
+from tests.service.browsers import LOCALES, OVERFULL, ROOT, at_rest, comes, go, hold_to_rules, speaks
 from tests.service.lookers import looking_back
 from tests.service.reviewed import SERIAL, SPOILT_STEP, Past
-from tests.service.test_pages import LOCALES, OVERFULL, ROOT, RUN_AXE, SMALL, Looking
+from tests.service.steps import let_go_early
+from tests.service.test_pages import Looking
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("review pages")]
 Seen = tuple[Looking, Past]
+RUNS = "rows => rows.map(row => row.dataset.run)"
 COLOUR_AT = """([x, y]) => {
     const plot = document.querySelector('[data-testid=residual-plot]'), canvas = plot.querySelector('canvas');
     const over = plot.querySelector('.u-over').getBoundingClientRect(), box = canvas.getBoundingClientRect();
@@ -35,10 +37,9 @@ async def seen(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
 async def marks(page: Page) -> list[list[int]]:
     """Return where the plot has its points, once it is drawn."""
     plot = page.get_by_test_id("residual-plot")
-    async with asyncio.timeout(PATIENCE_S):
-        while not (told := await plot.get_attribute("data-marks")):
-            await asyncio.sleep(0.05)
-    found: list[list[int]] = json.loads(told)
+    await comes(lambda: plot.get_attribute("data-marks"))
+    await at_rest(page)  # what comes below it can narrow the page, and the plot with it
+    found: list[list[int]] = json.loads(await plot.get_attribute("data-marks") or "")
     return found
 
 
@@ -55,21 +56,21 @@ async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(seen: Seen) -> N
     async with looks.page(f"#/history/{past.spoilt}") as page:
         at = await marks(page)
         card = page.get_by_test_id("residuals")
-        assert len(at) == int(await card.get_attribute("data-count") or 0) == 16
-        assert await card.get_attribute("data-signed") == "true"
-        signed = await page.get_by_test_id("fit-u").inner_text()
+        assert len(at) == 16
+        await expect(card).to_have_attribute("data-count", "16")
+        await expect(card).to_have_attribute("data-signed", "true")
+        fit = page.get_by_test_id("fit-u")
+        signed = await fit.inner_text()  # of a review that is there, with its marks
         odd = int(SPOILT_STEP.split()[1]) - 1
         told = await tap(page, at[odd])
         assert [p["used"] for p in told["points"]] == [True] * 16
         await page.get_by_test_id("what-if").wait_for()
-        assert await card.get_attribute("data-signed") == "false"
-        assert (
-            signed in await page.get_by_test_id("fit-u").inner_text()
-        )  # beside the other figure, and called signed
-        assert await page.get_by_test_id("took").get_attribute("data-ms") is not None
+        await expect(card).to_have_attribute("data-signed", "false")
+        await expect(fit).to_contain_text(signed)  # beside the other figure, and called signed
+        await expect(page.get_by_test_id("took")).to_have_attribute("data-ms", re.compile(r"\d+"))
         await page.get_by_test_id("as-signed").click()
-        assert await card.get_attribute("data-signed") == "true"
-        assert await page.get_by_test_id("fit-u").inner_text() == signed
+        await expect(card).to_have_attribute("data-signed", "true")
+        await expect(fit).to_have_text(signed)
 
 
 async def test_an_outlier_differs_in_shape_and_colour(seen: Seen) -> None:
@@ -92,31 +93,38 @@ async def test_the_table_tells_and_does_the_same_as_the_plot(seen: Seen) -> None
         await marks(page)
         await page.get_by_test_id("residuals").locator("summary").click()
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
-        assert await rows.count() == 16
-        assert await page.locator("tr[data-outlier=true]").count() == 1
+        await expect(rows).to_have_count(16)
+        await expect(page.locator("tr[data-outlier=true]")).to_have_count(1)
         review = (await looks.client.get(f"/api/runs/{past.spoilt}/review")).json()
         for i, point in enumerate(review["points"]):
-            assert f"{point['residual_m'] * 1e3:.3f} mm" in await rows.nth(i).inner_text()
+            await expect(rows.nth(i)).to_contain_text(f"{point['residual_m'] * 1e3:.3f} mm")
         await rows.nth(0).get_by_role("button").click()
         await page.get_by_test_id("what-if").wait_for()
         await page.locator("tr[data-used=false]").nth(1).wait_for()
-        assert await rows.nth(0).get_attribute("data-used") == "false"
+        await expect(rows.nth(0)).to_have_attribute("data-used", "false")
 
 
 async def test_too_few_readings_are_refused_in_words(seen: Seen) -> None:
     looks, past = seen
     async with looks.page(f"#/history/{past.touches}") as page:
-        await marks(page)
+        at = await marks(page)
         await page.get_by_test_id("residuals").locator("summary").click()
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
-        for i in range(await rows.count()):
+        refused = page.get_by_test_id("what-if-refused")
+        for i in range(len(at)):
             async with page.expect_response("**/what-if"):
                 await rows.nth(i).get_by_role("button").click()
-            if await page.get_by_test_id("what-if-refused").count():
+            await expect(page.get_by_test_id("residuals")).to_have_attribute("aria-busy", "false")
+            if await refused.count():
                 break
-        assert "3" in await page.get_by_test_id("what-if-refused").inner_text()
+        await expect(refused).to_contain_text("3")
+        await comes(lambda: _complaints_of(looks))
         assert [line for line in looks.complaints if "422" not in line] == []
         looks.complaints.clear()  # the browser tells of a refusal, too
+
+
+async def _complaints_of(looks: Looking) -> list[str]:
+    return looks.complaints
 
 
 async def test_before_and_after_and_the_map_say_what_the_service_says(seen: Seen) -> None:
@@ -124,14 +132,14 @@ async def test_before_and_after_and_the_map_say_what_the_service_says(seen: Seen
     review = (await looks.client.get(f"/api/runs/{past.calibration}/review")).json()
     async with looks.page(f"#/history/{past.calibration}") as page:
         for which in ("before", "after"):
-            text = await page.get_by_test_id(f"spread-{which}").inner_text()
+            spread = page.get_by_test_id(f"spread-{which}")
             for key in ("mean_m", "rms_m", "max_m", "u_m"):
-                assert f"{review['validation'][which][key] * 1e3:.3f} mm" in text
+                await expect(spread).to_contain_text(f"{review['validation'][which][key] * 1e3:.3f} mm")
         card = page.get_by_test_id("error-map")
-        assert await card.locator("figure circle").count() == 2 * len(review["places"])
+        await expect(card.locator("figure circle")).to_have_count(2 * len(review["places"]))
         most = max(place["u_m"] for place in review["places"])
         await page.get_by_test_id("map-u").click()
-        assert f"{most * 1e3:.3f}" in await card.inner_text()
+        await expect(card).to_contain_text(f"{most * 1e3:.3f}")
 
 
 async def test_the_certificate_is_named_hashed_and_checked_on_the_page(seen: Seen) -> None:
@@ -139,9 +147,9 @@ async def test_the_certificate_is_named_hashed_and_checked_on_the_page(seen: See
     async with looks.page(f"#/history/{past.calibration}") as page:
         await page.get_by_test_id("verified").wait_for()
         signed = (await looks.client.get(f"/api/runs/{past.calibration}/certificate.json")).json()
-        assert await page.get_by_test_id("certificate-word").inner_text() == "PASS"
-        assert await page.get_by_test_id("certificate-id").inner_text() == past.calibration
-        assert await page.get_by_test_id("certificate-hash").inner_text() == signed["sha256"]
+        await expect(page.get_by_test_id("certificate-word")).to_have_text("PASS")
+        await expect(page.get_by_test_id("certificate-id")).to_have_text(past.calibration)
+        await expect(page.get_by_test_id("certificate-hash")).to_have_text(signed["sha256"])
         for kind, begins in (("html", b"<!"), ("pdf", b"%PDF")):
             link = await page.get_by_test_id(f"certificate-{kind}").get_attribute("href")
             content = (await looks.client.get(f"/{str(link).removeprefix('./')}")).content
@@ -160,20 +168,18 @@ async def test_the_history_is_newest_first_filtered_and_compared(seen: Seen) -> 
     looks, past = seen
     async with looks.page("#/history") as page:
         rows = page.get_by_test_id("run")
-        await rows.first.wait_for()
         told = (await looks.client.get("/api/runs")).json()
-        shown = [await rows.nth(i).get_attribute("data-run") for i in range(await rows.count())]
-        assert shown == [
-            line["run_id"] for line in sorted(told, key=lambda x: x["started_utc"], reverse=True)
-        ]
+        newest = [line["run_id"] for line in sorted(told, key=lambda x: x["started_utc"], reverse=True)]
+        await comes(lambda: rows.evaluate_all(RUNS), lambda shown: shown == newest)
         await page.get_by_test_id("filter").fill("Robot Calibration")
-        assert await rows.count() == 2
+        await expect(rows).to_have_count(2)
         for i in range(2):
             await page.get_by_test_id("pick").nth(i).click()
         card = page.get_by_test_id("compared")
         await card.locator("tr[data-changed]").first.wait_for()
         compared = (await looks.client.get(f"/api/runs/{past.spoilt}/against/{past.calibration}")).json()
-        assert await card.locator("tbody tr").count() == len(compared["figures"]) + len(compared["settings"])
+        lines = len(compared["figures"]) + len(compared["settings"])
+        await expect(card.locator("tbody tr")).to_have_count(lines)
 
 
 async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(seen: Seen) -> None:
@@ -181,28 +187,26 @@ async def test_the_way_back_is_shown_first_held_two_seconds_and_saves_a_version(
     sets = ParameterSets(past.config.path.parent / FOLDER)
     newest = sets.load(SERIAL).version
     async with looks.page("#/parameters") as page:
-        assert await page.get_by_test_id("versions").locator("tbody tr").count() == newest
-        assert await page.get_by_test_id("yes").count() == 0  # not before the difference was shown
+        await expect(page.get_by_test_id("versions").locator("tbody tr")).to_have_count(newest)
+        await expect(page.get_by_test_id("yes")).to_have_count(0)  # not before the difference was shown
         await page.get_by_test_id("back-to").select_option("1")
         hold = page.get_by_test_id("yes")
         await hold.wait_for()
         await page.get_by_test_id("changes").wait_for()
-        await hold.click()  # a tap is not enough
+        await let_go_early(page)  # a tap is not enough
         assert sets.load(SERIAL).version == newest
         await page.get_by_test_id("why").fill("the tool was bent")
-        box = await hold.bounding_box()
-        assert box is not None
-        await page.mouse.move(box["x"] + 40, box["y"] + 20)
+        await hold.hover()
         await page.mouse.down()
         await page.locator(f"tr[data-version='{newest + 1}']").wait_for()
         await page.mouse.up()
-        assert "1" in await page.get_by_test_id("go-back-told").inner_text()
+        await expect(page.get_by_test_id("go-back-told")).to_contain_text("1")
     held = sets.load(SERIAL)
     assert (held.version, held.rolls_back_to, held.note) == (newest + 1, 1, "the tool was bent")
 
 
 async def test_trends_have_a_point_for_each_version_and_run(seen: Seen) -> None:
-    looks, _ = seen
+    looks, past = seen
     async with looks.page(f"#/parameters/{SERIAL}") as page:
         await page.get_by_test_id("procedure").select_option("robot_calibration")
         told = (
@@ -210,9 +214,11 @@ async def test_trends_have_a_point_for_each_version_and_run(seen: Seen) -> None:
         ).json()
         plots = page.get_by_test_id("trend")
         await page.locator("[data-testid=trend] [data-drawn]").nth(1).wait_for()
-        versions = await page.get_by_test_id("versions").locator("tbody tr").count()
-        assert await plots.nth(0).get_attribute("data-count") == str(versions)
-        assert await plots.nth(1).get_attribute("data-count") == str(len(told[0]["points"])) == "2"
+        versions = ParameterSets(past.config.path.parent / FOLDER).load(SERIAL).version
+        await expect(page.get_by_test_id("versions").locator("tbody tr")).to_have_count(versions)
+        await expect(plots.nth(0)).to_have_attribute("data-count", str(versions))
+        assert len(told[0]["points"]) == 2
+        await expect(plots.nth(1)).to_have_attribute("data-count", "2")
 
 
 def places_of(past: Past) -> tuple[str, ...]:
@@ -227,25 +233,20 @@ def places_of(past: Past) -> tuple[str, ...]:
     )
 
 
-async def go(page: Page, place: str) -> None:
-    await page.evaluate("place => { location.hash = place; }", place)
-    await page.locator("main h1").first.wait_for()
-    await page.wait_for_load_state("networkidle")
-    await page.locator("main .pulse").first.wait_for(state="detached")
-    await page.wait_for_timeout(200)
+async def unfolded(page: Page, place: str) -> None:
+    """Open a page, and all that is folded on it."""
+    await go(page, place)
     await page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
 
 
 @pytest.mark.parametrize("locale", LOCALES)
 async def test_pages_that_judge_are_for_everybody(seen: Seen, locale: str) -> None:
     looks, past = seen
-    axe = (ROOT / "web/node_modules/axe-core/axe.min.js").read_text(encoding="utf-8")
     async with looks.page(locale=locale) as page:
-        await page.evaluate(axe)
+        await speaks(page, locale)
         for place in places_of(past)[:4]:
-            await go(page, place)
-            for rule in (RUN_AXE, SMALL, OVERFULL):
-                assert await page.evaluate(rule) == [], (place, locale)
+            await unfolded(page, place)
+            await hold_to_rules(page, f"{place} in {locale}")
 
 
 def longer(text: str) -> str:
@@ -282,9 +283,10 @@ async def test_texts_that_are_forty_percent_longer_fit_everywhere(seen: Seen) ->
         await page.reload()
         await page.get_by_test_id("device-robot").wait_for()
         assert len(replaced) >= 0.9 * len(texts)
-        assert longer(texts["history"]) in await page.locator("nav").inner_text()
+        await expect(page.locator("nav")).to_contain_text(longer(texts["history"]))
         for place in places_of(past):
-            await go(page, place)
+            await unfolded(page, place)
+            await at_rest(page)
             assert await page.evaluate(OVERFULL) == [], place
             wide = await page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
             assert wide[0] <= wide[1], place

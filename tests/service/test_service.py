@@ -36,7 +36,7 @@ async def serving(
         stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
     )  # fmt: skip
     try:
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}") as client:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S) as client:
             assert (await client.get(await _address_of(process))).status_code == 303
             await _connected(client)
             yield process, client

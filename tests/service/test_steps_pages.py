@@ -14,24 +14,21 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
-from tests.service.desks import PATIENCE_S
+from tests.service.browsers import comes, hold_to_rules
 from tests.service.steps import (
     TIP_IN_FLANGE_M,
     Pendant,
     about,
     asked,
     at_the_pages,
-    press_for,
+    let_go_early,
     record,
     tip_at_home,
     why,
 )
-from tests.service.test_pages import OVERFULL, ROOT, RUN_AXE, SMALL
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
-AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
 TILT = 45.0
-expect.set_options(timeout=PATIENCE_S * 1e3)
 FRAME = {"frame_number": 3, "tip_in_flange_m": TIP_IN_FLANGE_M.tolist(), "check_above": True}
 
 
@@ -65,9 +62,7 @@ async def _shoot(page: Page, folder: Path, name: str) -> None:
         await page.set_viewport_size({"width": width, "height": height})
         await page.screenshot(path=folder / f"{name}_{width}.png")
     await page.set_viewport_size({"width": 1280, "height": 800})
-    await page.evaluate(AXE.read_text(encoding="utf-8"))
-    for rule in (RUN_AXE, SMALL, OVERFULL):
-        assert await page.evaluate(rule) == [], name
+    await hold_to_rules(page, name)
 
 
 async def test_a_tool_is_taught_and_nothing_is_recorded_that_tells_nothing(
@@ -88,7 +83,10 @@ async def test_a_tool_is_taught_and_nothing_is_recorded_that_tells_nothing(
         await why(page, "tcp.spread_low")
         await expect(page.get_by_test_id("yes")).to_be_disabled()
         spread = page.locator("[data-figure=spread]")
-        assert np.isclose(float(await spread.get_attribute("data-value") or 0), np.radians(5.0), atol=1e-3)
+        await comes(
+            lambda: spread.get_attribute("data-value"),
+            lambda told: np.isclose(float(told or 0), np.radians(5.0), atol=1e-3),
+        )
         await _shoot(page, tmp_path, "teach_refused")
         session = await pendant.looks.session()
         press = {"op": "answer", "prompt_id": session["prompt"]["id"], "value": "yes"}
@@ -121,15 +119,14 @@ async def test_a_tool_is_taught_and_nothing_is_recorded_that_tells_nothing(
         await asked(page, "accept_tool")
         await page.get_by_test_id("review-changes").wait_for()
         await _shoot(page, tmp_path, "review")
-        assert "mm" in await page.get_by_test_id("displacement").inner_text()
+        await expect(page.get_by_test_id("displacement")).to_contain_text("mm")
         await expect(page.get_by_test_id("review-changes").locator("tbody tr")).to_have_count(4)
-        await press_for(page, 1.0)
-        await page.wait_for_timeout(300)
-        assert (await pendant.looks.session())["prompt"][
-            "key"
-        ] == "accept_tool"  # a short press writes nothing
-        await press_for(page, 2.3)
+        await let_go_early(page)  # a short press writes nothing
+        assert (await pendant.looks.session())["prompt"]["key"] == "accept_tool"
+        await page.get_by_test_id("yes").hover()
+        await page.mouse.down()
         await page.get_by_test_id("outcome").wait_for()
+        await page.mouse.up()
         outcome = (await pendant.looks.session())["run"]["outcome"]
         assert outcome["verdict"] == "passed"
         found = outcome["result"]["flange_tool"]["position_m"]
@@ -182,7 +179,7 @@ async def test_points_that_make_no_frame_are_refused(pendant: Pendant, tmp_path:
         await why(page, "")
         await record(page)
         await asked(page, "accept_frame")
-        assert "500" in await page.get_by_test_id("displacement").inner_text()
+        await expect(page.get_by_test_id("displacement")).to_contain_text("500")
 
 
 async def test_what_somebody_selects_at_the_pendant_blocks_the_page(pendant: Pendant, tmp_path: Path) -> None:
@@ -198,9 +195,8 @@ async def test_what_somebody_selects_at_the_pendant_blocks_the_page(pendant: Pen
         await pendant.door.fault("select", tool=tool + 1)
         guard = page.get_by_test_id("context-guard")
         await guard.wait_for()
-        told = await guard.inner_text()
-        assert f"tool {tool + 1} is active, and not tool {tool}" in told
-        assert "1 recorded so far" in told
+        await expect(guard).to_contain_text(f"tool {tool + 1} is active, and not tool {tool}")
+        await expect(guard).to_contain_text("1 recorded so far")
         await _shoot(page, tmp_path, "guard")
         await page.keyboard.press("Escape")
         await expect(guard).to_be_visible()
@@ -223,8 +219,8 @@ async def test_a_plan_is_looked_at_before_the_robot_moves(pendant: Pendant, tmp_
         await asked(page, "wire_is_hooked")
         await record(page)
         await asked(page, "accept_plan")
-        assert (await page.get_by_test_id("plan-count").inner_text()).startswith("12")
-        assert await page.get_by_test_id("plan-checks").locator(".good").count() == 4
+        await expect(page.get_by_test_id("plan-count")).to_have_text(re.compile(r"^\s*12"))
+        await expect(page.get_by_test_id("plan-checks").locator(".good")).to_have_count(4)
         await page.get_by_test_id("plan-poses").locator("summary").click()
         rows = page.get_by_test_id("plan-poses").locator("tbody tr")
         await expect(rows).to_have_count(12)
@@ -241,8 +237,8 @@ async def test_a_plan_is_looked_at_before_the_robot_moves(pendant: Pendant, tmp_
         await pendant.looks.order(op="go_on")
         await page.locator("[data-testid=working][data-page=motion]").wait_for()
         await page.get_by_test_id("left").wait_for()
+        await expect(page.get_by_test_id("pose-of")).to_have_text(re.compile(r"\d+ of \d+"))
         await _shoot(page, tmp_path, "motion")
-        assert re.search(r"\d+ of \d+", await page.get_by_test_id("pose-of").inner_text())
 
 
 async def test_settings_show_their_units_and_doubt_what_looks_like_another_one(pendant: Pendant) -> None:
@@ -260,12 +256,12 @@ async def test_settings_show_their_units_and_doubt_what_looks_like_another_one(p
             await box.press("Tab")
         doubt = page.get_by_test_id("unit-doubt")
         await doubt.wait_for()
-        assert "0,18 m = 180,0 mm" in await doubt.inner_text()
+        await expect(doubt).to_contain_text("0,18 m = 180,0 mm")
         await page.get_by_test_id("unit-meant").click()
         await page.get_by_test_id("value-sigma_m").fill("0,125")
         await page.get_by_test_id("value-sigma_m").press("Tab")
-        units = await page.get_by_test_id("settings").locator("[data-testid=unit]").all_inner_texts()
-        assert set(units) == {"mm"}
+        units = page.get_by_test_id("settings").locator("[data-testid=unit]")
+        await comes(units.all_inner_texts, lambda told: set(told) == {"mm"})
         await page.get_by_role("button", name="Zeigen, was geschehen wird").click()
         await page.locator("ol li").first.wait_for()
         settings = asked_for[-1]["settings"]

@@ -9,10 +9,10 @@ import httpx
 import numpy as np
 import pytest
 import pytest_asyncio
-from playwright.async_api import Page, WebSocketRoute
+from playwright.async_api import Page, WebSocketRoute, expect
 
 from calibration.arm.kinematics import load_model
-from tests.service.desks import PATIENCE_S
+from tests.service.browsers import at_rest, comes
 from tests.service.lookers import looking_back
 from tests.service.reviewed import ROBOT, Past
 from tests.service.test_pages import NO_WEBGL, Looking
@@ -37,12 +37,7 @@ async def seen(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Seen]:
 
 async def shown(page: Page, what: str) -> Any:
     """Return something of the picture once it is there."""
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            found = await page.evaluate(f"window.__robot?.frames ? window.__robot.{what} : null")
-            if found:
-                return found
-            await asyncio.sleep(0.1)
+    return await comes(lambda: page.evaluate(f"window.__robot?.frames ? window.__robot.{what} : null"))
 
 
 async def feed(page: Page, prompt: dict[str, Any] | None, change: Any = None) -> list[WebSocketRoute]:
@@ -80,16 +75,17 @@ async def test_every_planned_pose_is_a_ghost_where_the_model_has_it(seen: Seen) 
         for ghost, pose in zip(ghosts, POSES, strict=True):
             assert np.abs(np.array(ghost["flange_m"]) - flange_of(pose["joints_rad"])).max() < 1e-4
         bar = page.get_by_test_id("ghosts")
-        assert "1" in await bar.inner_text()
+        await expect(bar).to_contain_text("pose 1")
         await bar.locator("button").last.click()
-        assert "pose 2" in await bar.inner_text()
+        await expect(bar).to_contain_text("pose 2")
 
 
 async def test_without_a_plan_there_is_no_ghost(seen: Seen) -> None:
     async with seen[0].page() as page:
         await shown(page, "joints_rad")
+        await at_rest(page)
         assert await page.evaluate("window.__robot.ghosts") == []
-        assert await page.get_by_test_id("ghosts").count() == 0
+        await expect(page.get_by_test_id("ghosts")).to_have_count(0)
 
 
 async def test_the_wire_goes_from_its_anchor_to_the_hook(seen: Seen) -> None:
@@ -108,7 +104,8 @@ async def test_frames_are_named_and_the_doubt_is_drawn_to_a_stated_scale(seen: S
     looks, _ = seen
     async with looks.page() as page:
         ellipsoid = await shown(page, "ellipsoid")
-        assert await page.evaluate("window.__robot.axes") == ["base", "tool 3", "user frame 2"]
+        axes = ["base", "tool 3", "user frame 2"]
+        await comes(lambda: page.evaluate("window.__robot.axes"), lambda told: told == axes)
         joints = ",".join(str(q) for q in await page.evaluate("window.__robot.joints_rad"))
         told = (await looks.client.get(f"/api/models/{ROBOT}/uncertainty?joints_rad={joints}")).json()
         assert np.allclose(ellipsoid["semi_axes_m"], told["semi_axes_m"], rtol=0.02)
@@ -116,10 +113,9 @@ async def test_frames_are_named_and_the_doubt_is_drawn_to_a_stated_scale(seen: S
         assert 0.1 <= drawn_m <= 0.25
         legend = page.get_by_test_id("legend")
         await legend.locator("summary").click()
-        text = await page.get_by_test_id("doubt").inner_text()
-        assert f"{max(told['semi_axes_m']) * 1e3:.3f}" in text
-        assert f"{ellipsoid['times']:g} times" in text
-        assert "floor" in await legend.inner_text()  # from the cell file
+        await expect(page.get_by_test_id("doubt")).to_contain_text(f"{max(told['semi_axes_m']) * 1e3:.3f}")
+        await expect(page.get_by_test_id("doubt")).to_contain_text(f"{ellipsoid['times']:g} times")
+        await expect(legend).to_contain_text("floor")  # from the cell file
 
 
 async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(seen: Seen) -> None:
@@ -141,8 +137,9 @@ async def test_the_picture_follows_a_moving_arm_twelve_times_a_second_at_most(se
             await asyncio.sleep(0.1)
         after, then = await page.evaluate("[window.__robot.frames, performance.now()]")
         assert before < after <= before + 12.0 * (then - at) / 1000.0 + 1
-        joints = await page.evaluate("window.__robot.joints_rad")
-        assert abs(joints[0] - turned) < 0.05  # it is no more than a few messages behind
+        await comes(  # a few messages behind at most, once this computer lets it
+            lambda: page.evaluate("window.__robot.joints_rad[0]"), lambda at: abs(at - turned) < 0.05
+        )
 
 
 async def test_without_webgl_frames_and_doubt_are_words(seen: Seen) -> None:
@@ -151,10 +148,8 @@ async def test_without_webgl_frames_and_doubt_are_words(seen: Seen) -> None:
         await page.reload()
         await page.get_by_test_id("joints").locator("dd").nth(5).wait_for()
         await page.get_by_test_id("legend").locator("summary").click()
-        async with asyncio.timeout(PATIENCE_S):
-            while "mm" not in await page.get_by_test_id("doubt").inner_text():
-                await asyncio.sleep(0.1)
-        assert "tool 3" in await page.get_by_test_id("legend").inner_text()
+        await expect(page.get_by_test_id("doubt")).to_contain_text("mm")
+        await expect(page.get_by_test_id("legend")).to_contain_text("tool 3")
 
 
 async def test_what_a_broken_plan_holds_is_not_drawn(seen: Seen) -> None:
