@@ -68,7 +68,9 @@ def programs_mutated(count: int, only: str = "") -> Figures:
         total = Tally()
         for seeds in blocks(count, _BLOCK):
             _add(total, _mutants(source, seeds))
-            sys.stderr.write(f"{time.strftime('%H:%M:%S')} {source.name} {seeds.stop} of {count}\n")
+            sys.stderr.write(
+                f"{time.strftime('%H:%M:%S')} {source.name} {seeds.stop} of {count}, {len(total.failures)} failures\n"
+            )
         reached &= not total.failures and total.slowest_s < _SLOWEST_S
         words.append(
             f"{source.name} {total.files} damaged files: {len(total.failures)} crashes or changed points, "
