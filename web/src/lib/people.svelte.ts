@@ -2,9 +2,10 @@
 
 import { post, prove, type Answer } from "./device";
 import { language, type Key } from "./i18n.svelte";
+import { sayings } from "./say.svelte";
 
 export type Role = "viewer" | "technician" | "engineer" | "admin";
-export type Right = "see" | "stop" | "run" | "change_limits" | "write_alone";
+export type Right = "see" | "stop" | "run" | "change_limits" | "write_alone" | "make_programs";
 
 export interface Person {
   name: string;
@@ -36,8 +37,14 @@ export function inWords(answer: { code: string; message: string; remedy: string;
   const { t } = language;
   if (answer.code === "people.wait") return t("people_wait", { minutes: Math.ceil((answer.waitS ?? 60) / 60) });
   const key = CODES[answer.code];
-  return key ? t(key) : `${answer.message} ${answer.remedy}`.trim();
+  return key ? t(key) : sayings.say(inEnglish(answer));
 }
+
+/** Whether an answer has words of the page for its code. */
+export const isKnown = (answer: { code: string }): boolean => answer.code === "people.wait" || answer.code in CODES;
+
+/** What the service said, and what to do. */
+export const inEnglish = (answer: { message: string; remedy: string }): string => `${answer.message} ${answer.remedy}`.trim();
 
 class People {
   wanted = $state<Standing["wanted"] | null>(null); // null until the service has said

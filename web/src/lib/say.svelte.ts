@@ -1,16 +1,35 @@
-// What procedures say, in the language of the page: titles, steps, instructions, settings.
+// What procedures, devices and refusals say, in the language of the page.
 //
-// The service says it in English; the words are the keys. A number in a sentence is a hole, "#", so that one entry
-// does for every figure. A sentence without an entry is shown as it was said: better English than nothing.
+// The service says it in English; the words are the keys. A number in a procedure's sentence is a hole, "#", so that
+// one entry does for every figure. A refusal's holes are numbered, "{1}", as they stand in the source: what fills one
+// is said in the page's language, too, where it is known, and numbers are written as people write them there. A
+// sentence without an entry is shown as it was said, and marked as English: better than nothing.
 
 import { language, type Locale } from "./i18n.svelte";
 
-const FILES = import.meta.glob<Record<string, string>>("../locales/procedures/*.json", { import: "default" });
+const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,refusals}/*.json", { import: "default" });
 const NUMBER = /(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?/g;
+const ONLY_A_NUMBER = /^[-+]?\d+(?:\.\d+)?(?: ?%)?$/;
 const SENTENCE = /(?<=[.?!])\s+/;
+const HOLE = /\{(\d+)\}/;
+const DEVICE = /^([\w-]+(?: [\w-]+){0,2}): (.+)$/s; // a device's trouble begins with its name
+
+/** A sentence, and whether it is still English on a page that is not. */
+export interface Spoken {
+  text: string;
+  english: boolean;
+}
+
+interface Pattern {
+  matches: RegExp;
+  said: string;
+  weight: number; // letters that are not holes: what says more is tried first
+}
 
 class Sayings {
   #table = $state.raw<Record<string, string>>({});
+  #patterns: Pattern[] = [];
+  #heard = new Map<string, string | null>();
 
   constructor() {
     $effect.root(() => {
@@ -20,8 +39,17 @@ class Sayings {
     });
   }
 
-  /** A text of a procedure in the page's language. */
-  say = (text: string): string => text.split(SENTENCE).map((part) => this.#one(part) ?? part).join(" ");
+  /** A text of a procedure, a device or a refusal in the page's language. */
+  say = (text: string): string => this.parts(text).map((part) => part.text).join(" ");
+
+  /** The same, sentence by sentence. */
+  parts = (text: string): Spoken[] => {
+    const english = language.locale !== "en";
+    return text.split(SENTENCE).map((part) => {
+      const said = this.#one(part);
+      return said === null ? { text: part, english } : { text: said, english: false };
+    });
+  };
 
   /** The name of a step, whose number may be its own. */
   step = (given: string): string => {
@@ -35,11 +63,39 @@ class Sayings {
   };
 
   #one(text: string): string | null {
-    const said = this.#table[text.replace(NUMBER, "#").trim()];
+    const table = this.#table; // read first: who asks is told when another language has come
+    let said = this.#heard.get(text);
+    if (said === undefined) {
+      said = this.#counted(table, text) ?? this.#filled(text) ?? this.#ofDevice(text);
+      this.#heard.set(text, said);
+    }
+    return said;
+  }
+
+  #counted(table: Record<string, string>, text: string): string | null {
+    const said = table[text.trim()] ?? table[text.replace(NUMBER, "#").trim()];
     if (said === undefined) return null;
     const numbers = text.match(NUMBER) ?? [];
     let next = 0;
     return said.replace(/#/g, () => this.#written(numbers[next++] ?? "#"));
+  }
+
+  #filled(text: string): string | null {
+    for (const { matches, said } of this.#patterns) {
+      const found = matches.exec(text.trim());
+      if (found) return said.replace(/\{(\d+)\}/g, (_, hole) => this.#value(found[Number(hole)] ?? ""));
+    }
+    return null;
+  }
+
+  #ofDevice(text: string): string | null {
+    const found = DEVICE.exec(text);
+    const said = found ? this.#one(found[2]!) : null;
+    return said === null ? null : `${found![1]}: ${said}`;
+  }
+
+  #value(words: string): string {
+    return ONLY_A_NUMBER.test(words) ? this.#written(words) : (this.#one(words) ?? words);
   }
 
   #written(number: string): string {
@@ -47,10 +103,23 @@ class Sayings {
   }
 
   async #load(locale: Locale) {
-    const file = FILES[`../locales/procedures/${locale}.json`];
-    const table = file ? await file() : {};
-    if (locale === language.locale) this.#table = table;
+    const files = ["procedures", "refusals"].map((kind) => FILES[`../locales/${kind}/${locale}.json`]);
+    const tables = await Promise.all(files.map((file) => file?.() ?? {}));
+    if (locale !== language.locale) return;
+    const table = Object.assign({}, ...tables) as Record<string, string>;
+    this.#patterns = Object.entries(table)
+      .filter(([english]) => HOLE.test(english))
+      .map(([english, said]) => pattern(english, said))
+      .sort((one, other) => other.weight - one.weight);
+    this.#heard.clear();
+    this.#table = table;
   }
+}
+
+function pattern(english: string, said: string): Pattern {
+  const literals = english.split(/\{\d+\}/);
+  const source = literals.map((part) => part.replace(/[.*+?^${}()|[\]\\]/g, "\\$&")).join("(.*?)");
+  return { matches: new RegExp(`^${source}$`, "s"), said, weight: literals.join("").length };
 }
 
 export const sayings = new Sayings();

@@ -1,0 +1,110 @@
+"""What refusals, verdicts and devices say has words in every language: a new sentence without them fails here."""
+
+import ast
+import json
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from tests.service.spoken import ROOT, SENTENCE, sentences
+
+TRANSLATED = ("de", "es", "zh")
+HOLE = re.compile(r"\{\d+\}")
+# What people meet in the wizard and at the gates, whole; single files of larger rooms.
+WHOLE = (
+    "procedures",
+    "service/desk",
+    "drivers/draw_wire/ends.py",
+    "drivers/draw_wire/gauge.py",
+    "drivers/modbus_robot/condition.py",
+    "drivers/modbus_robot/frames.py",
+    "drivers/modbus_robot/mastering.py",
+    "drivers/modbus_robot/program.py",
+    "drivers/modbus_robot/robot.py",
+    "drivers/touch_probe/coupler.py",
+    "drivers/touch_probe/dial.py",
+    "drivers/touch_probe/probe.py",
+    "drivers/universal_robots/health.py",
+    "drivers/universal_robots/robot.py",
+    "drivers/universal_robots/session.py",
+    "drivers/wire/can_session.py",
+    "drivers/wire/deadline.py",
+    "calibration/points/fixture.py",
+    "calibration/points/frames.py",
+    "calibration/points/tool_point.py",
+    "service/people/errors.py",
+    "service/people/permits.py",
+    "service/runs/conduct.py",
+    "service/runs/lease.py",
+    "service/web/control.py",
+    "service/web/link.py",
+)
+# Said to programmers, or the same in every language.
+NOT_FOR_PEOPLE = {
+    "{1} needs a return annotation: its result is journalled",
+    "U (k = 2)",
+    "anew",
+    "enough",
+    "wrong",
+    "operator",
+    "{1} {2}",
+}
+
+
+@cache
+def table(locale: str) -> dict[str, str]:
+    """Return a language's refusals."""
+    found: dict[str, str] = json.loads(
+        (ROOT / f"web/src/locales/refusals/{locale}.json").read_text(encoding="utf-8")
+    )
+    return found
+
+
+@cache
+def procedures(locale: str) -> frozenset[str]:
+    """Return what the procedures' own table has already."""
+    file = ROOT / f"web/src/locales/procedures/{locale}.json"
+    return frozenset(json.loads(file.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("room", WHOLE)
+def test_every_refusal_and_rule_has_its_words(room: str) -> None:
+    place = ROOT / room
+    files = sorted(place.rglob("*.py")) if place.is_dir() else [place]
+    said = {sentence for file in files for sentence in sentences(file)} - NOT_FOR_PEOPLE
+    assert said
+    for locale in TRANSLATED:
+        missing = sorted(said - table(locale).keys() - procedures(locale))
+        assert not missing, (locale, missing)
+
+
+@pytest.mark.parametrize("locale", TRANSLATED)
+def test_a_translation_has_the_holes_of_its_sentence(locale: str) -> None:
+    assert table(locale).keys() == table("de").keys()
+    for english, words in table(locale).items():
+        assert words.strip(), english
+        assert sorted(HOLE.findall(words)) == sorted(HOLE.findall(english)), (english, words)
+        assert len(SENTENCE.split(english)) == 1 or HOLE.search(english), english
+
+
+def test_no_translation_is_of_what_nobody_says() -> None:
+    rooms = ("calibration", "drivers", "procedures", "service")
+    sources = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
+    said = {sentence for file in sources for sentence in sentences(file)}
+    written = "\n".join(literal for file in sources for literal in _literals(file))
+    unsaid = [sentence for sentence in table("de").keys() - said if not _stands_in(sentence, written)]
+    assert not unsaid
+
+
+def _literals(file: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def _stands_in(sentence: str, written: str) -> bool:
+    """Whether each piece of a sentence between its holes is written somewhere: in a table, or returned."""
+    return all(piece in written for piece in HOLE.split(sentence))
