@@ -18,6 +18,7 @@ class Kind(StrEnum):
     FAILED = "failed"  # the outcome of a step that ended otherwise
     APPROVAL = "approval"
     ANSWERS_AS = "answers_as"  # in which role whoever answers from here on does
+    PICTURE = "picture"  # a photo by its hash; it lies beside the journal
     PAUSED = "paused"
     CONTINUED = "continued"
     FORGOTTEN = "forgotten"  # findings after the n-th no longer count; nothing is deleted

@@ -25,6 +25,7 @@ from service.files import replace_file
 from service.runs.cell import open_journal
 from service.runs.conduct import Verdict
 from service.runs.journal import Event, Journal
+from service.runs.pictures import told_pictures
 from service.runs.store import RunView, Store
 
 FORMAT, REFUSAL_FORMAT = "cellcal certificate 1", "cellcal refusal record 1"
@@ -137,6 +138,7 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
         "verdict": verdict,
         "people": answers(events),
         "sign_off": sign_offs(events),
+        "pictures": told_pictures(events),
         "traceability": _traceability(config, view, entry, _ended(events)),
         "safety": SAFETY,
     }

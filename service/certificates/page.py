@@ -20,6 +20,7 @@ from service.certificates.words import (
     head_rows,
     is_pose,
     made_with_rows,
+    picture_rows,
     place_in_words,
     short_facts,
     sign_off_rows,
@@ -68,6 +69,7 @@ def page_of(content: Mapping[str, Any], sha256: str, public_key: str) -> Page:
         *_environment(content["environment"]),
         Section("Traceability", (Paragraph(content["traceability"]),)),
         *_sign_off(content.get("sign_off", [])),
+        *_photos(content.get("pictures", [])),
         *_people(content["people"], unsigned(content)),
         Section("Safety", (Paragraph(content["safety"], "strong"),)),
         *_settings(content["settings"]),
@@ -219,6 +221,18 @@ def _sign_off(given: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
     head = (Cell("What"), Cell("By"), Cell("In the role of"), Cell("At (UTC)"))
     caption = "As the journal has it: names as entered, roles as they were at that moment."
     return (Section("Accepted, approved and signed", (Table(head, rows, (46, 20, 16, 18), caption),)),)
+
+
+def _photos(pictures: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
+    rows = tuple(
+        (Cell(what, f"SHA-256 {sha256}"), Cell(who), Cell(at))
+        for what, who, at, sha256 in picture_rows(pictures)
+    )
+    if not rows:
+        return ()
+    head = (Cell("Photo"), Cell("By"), Cell("At (UTC)"))
+    caption = "Kept beside the journal of the cell; whoever has a photo compares its SHA-256."
+    return (Section("Photos", (Table(head, rows, (62, 20, 18), caption),)),)
 
 
 def _people(people: Sequence[Mapping[str, str]], to_sign: Iterable[str]) -> tuple[Section, ...]:

@@ -17,6 +17,7 @@ from service.certificates.words import (
     file_stem,
     head_rows,
     made_with_rows,
+    picture_rows,
     short_facts,
     sign_off_rows,
 )
@@ -40,6 +41,7 @@ def as_text(content: Mapping[str, Any], sha256: str, public_key: str) -> str:
         ("Not verified", _bullets([*verdict.get("not_verified", []), *_environment(content)])),
         ("Measurements", _points(content["points"])),
         ("Accepted, approved and signed", _sign_off(content.get("sign_off", []))),
+        ("Photos", _photos(content.get("pictures", []))),
         ("People", _people(content["people"])),
         ("Traceability and safety", [*_wrapped(content["traceability"]), *_wrapped(content["safety"])]),
         ("To be signed by hand", _to_sign(unsigned(content))),
@@ -109,6 +111,13 @@ def _sign_off(given: Iterable[Mapping[str, Any]]) -> list[str]:
         lines += _wrapped(what, "* ", 2)
         lines += _wrapped(f"by {who} ({role}), {at} UTC", "    ")
         lines += _wrapped(shown, "    ") if shown else []
+    return lines
+
+
+def _photos(pictures: Iterable[Mapping[str, Any]]) -> list[str]:
+    lines: list[str] = []
+    for what, who, at, sha256 in picture_rows(pictures):
+        lines += [*_wrapped(f"{what}, by {who}, {at} UTC", "* ", 2), f"  SHA-256 {sha256}"]
     return lines
 
 

@@ -140,6 +140,19 @@ def sign_off_rows(given: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, st
     ]
 
 
+def picture_rows(pictures: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, str, str]]:
+    """Return what photos show, by whom they were taken, when, and their whole hash."""
+    return [
+        (
+            f"{one['what']} ({one['media_type'].removeprefix('image/').upper()})",
+            one["who"],
+            at_time(one["at_utc"]),
+            one["sha256"],
+        )
+        for one in pictures
+    ]
+
+
 def made_with_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return software, solver and definition, once for every software that had a part in the run."""
     return [

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse
 
 from service.configuration.cell_file import CellConfig
-from service.web import certificates, overlays, parameters, residuals, rollback, trends
+from service.web import certificates, overlays, parameters, pictures, residuals, rollback, trends
 from service.web.door import Who, house_of
 from service.web.worker import issue, open_journal, store_of
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from service.runs.store import RunView
 
 router = APIRouter()
-for room in (certificates, parameters, rollback, residuals, overlays, trends):
+for room in (certificates, parameters, pictures, rollback, residuals, overlays, trends):
     router.include_router(room.router)
 
 

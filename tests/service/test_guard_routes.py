@@ -33,6 +33,9 @@ ROUTES: dict[tuple[str, str], set[str]] = {
     ("GET", "/api/runs"): KNOWN,
     ("GET", "/api/runs/{run_id}"): KNOWN,
     ("GET", "/api/runs/{run_id}/points"): KNOWN,
+    ("GET", "/api/runs/{run_id}/pictures"): KNOWN,
+    ("POST", "/api/runs/{run_id}/pictures"): KNOWN,  # who may: test_pictures
+    ("GET", "/api/runs/{run_id}/pictures/{sha256}"): KNOWN,
     ("GET", "/api/runs/{run_id}/certificate.json"): KNOWN,
     ("GET", "/api/runs/{run_id}/certificate.pdf"): KNOWN,
     ("GET", "/api/runs/{run_id}/certificate.html"): KNOWN,
@@ -78,6 +81,7 @@ BODIES: dict[str, dict[str, Any]] = {  # each is understood, so that only the do
     "/api/runs/{run_id}/what-if": {"used": []},
     "/api/parameters/{robot_serial}/rollback": {"id": "1", "to": 1, "newest": 2},
     "/api/programs/jobs": {"do": "compensate", "cell": {"kind": "here"}},
+    "/api/runs/{run_id}/pictures": {"content_base64": "AAAA"},
     "/api/sign-in/person": {"name": "Tom", "secret": "314159"},
     "/api/sign-in/confirm": {"secret": "314159"},
 }

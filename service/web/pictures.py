@@ -1,0 +1,92 @@
+"""Photos of a run: taken with the tablet, named in the journal by their hash, shown on the run's page."""
+
+import asyncio
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Path, Request
+from fastapi.responses import Response
+from pydantic import BaseModel, ConfigDict, StringConstraints
+
+from service.configuration.cell_file import CellConfig
+from service.measured.carried import content_of
+from service.people.errors import NotAllowedError, PinAgainError
+from service.people.roles import Right
+from service.web.door import Who, house_of
+from service.web.worker import open_journal
+
+router = APIRouter()
+Sha256 = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$")]
+_POLICY = "default-src 'none'; sandbox; frame-ancestors 'none'"
+
+
+class Taken(BaseModel):
+    """A photo as a page sends it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    what: Literal["witness marks"] = "witness marks"
+    content_base64: Annotated[str, StringConstraints(min_length=4, max_length=250_000)]
+
+
+class Kept(BaseModel):
+    """A photo as the journal names it."""
+
+    model_config = ConfigDict(frozen=True, from_attributes=True)
+
+    sha256: str
+    media_type: str
+    bytes: int
+    what: str
+    who: str
+    at_utc: str
+
+
+@router.get("/runs/{run_id}/pictures")
+async def pictures(run_id: str, request: Request, who: Who) -> list[Kept]:
+    """Return the photos of a run, oldest first."""
+    del who
+    return await asyncio.to_thread(_pictures, house_of(request).config, run_id)
+
+
+@router.post("/runs/{run_id}/pictures", responses={403: {"description": "the role does not include it"}})
+async def take(run_id: str, taken: Taken, request: Request, who: Who) -> Kept:
+    """Keep a photo with a run that is under way."""
+    from service.runs.pictures import keep_picture  # noqa: PLC0415  not while the service starts
+
+    if who.locked:
+        raise PinAgainError("this screen was left alone for a while:")
+    if not who.may(Right.RUN):
+        raise NotAllowedError(who.name, who.role, Right.RUN.value, "Let a technician or an engineer sign in.")
+    raw, config = content_of(taken.content_base64, "the picture"), house_of(request).config
+    kept = await asyncio.to_thread(keep_picture, config, run_id, raw, what=taken.what, who=who.name)
+    return Kept.model_validate(kept)
+
+
+@router.get(
+    "/runs/{run_id}/pictures/{sha256}",
+    response_class=Response,
+    responses={200: {"content": {"image/jpeg": {}, "image/png": {}}}},
+)
+async def picture(run_id: str, sha256: Sha256, request: Request, who: Who) -> Response:
+    """Return one photo, as it was taken in."""
+    del who
+    content, media_type = await asyncio.to_thread(_picture, house_of(request).config, run_id, sha256)
+    headers = {"content-security-policy": _POLICY, "content-disposition": "inline"}
+    return Response(content, media_type=media_type, headers=headers)
+
+
+def _pictures(config: CellConfig, run_id: str) -> list[Kept]:
+    from service.runs.pictures import pictures_of_run  # noqa: PLC0415  not while the service starts
+
+    with open_journal(config) as journal:
+        return [Kept.model_validate(one) for one in pictures_of_run(journal.events(run_id))]
+
+
+def _picture(config: CellConfig, run_id: str, sha256: str) -> tuple[bytes, str]:
+    from service.runs.pictures import PictureError, pictures_of_run, read_picture  # noqa: PLC0415  as above
+
+    with open_journal(config) as journal:
+        kept = [one for one in pictures_of_run(journal.events(run_id)) if one.sha256 == sha256]
+    if not kept:
+        raise PictureError("this run has no such picture.")
+    return read_picture(config, run_id, kept[0]), kept[0].media_type

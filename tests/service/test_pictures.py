@@ -1,0 +1,165 @@
+"""Photos of witness marks: pictures and nothing else, without place, in the journal by hash, on paper by name."""
+
+import base64
+import hashlib
+import struct
+import zlib
+from pathlib import Path
+
+import pytest
+
+from procedures.past import Kind
+from service.certificates.certificate import issue
+from service.certificates.printing import html_from, pdf_from
+from service.configuration.cell_file import CellConfig
+from service.runs.cell import open_journal
+from service.runs.pictures import MOST_BYTES, PictureError, keep_picture, plain_picture
+from tests.procedures.cells import pointing
+from tests.procedures.certified import cell_config, run_in
+from tests.service.doors import Door, a_door
+from tests.service.printed import HtmlText, Pdf, squeezed, verify_paper
+
+RUN = "mastering_recovery-1"
+GPS = b"GPS 48.1374 N 11.5755 E"
+
+
+def chunk(name: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+
+
+def png(*more: bytes, shade: int = 7) -> bytes:
+    head = struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0)
+    chunks = (
+        chunk(b"IHDR", head),
+        *more,
+        chunk(b"IDAT", zlib.compress(bytes([0, shade]))),
+        chunk(b"IEND", b""),
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def segment(marker: int, data: bytes) -> bytes:
+    return struct.pack(">BBH", 0xFF, marker, len(data) + 2) + data
+
+
+def jpeg(*more: bytes) -> bytes:
+    tables = segment(0xDB, bytes(65)) + segment(0xC0, bytes(9)) + segment(0xC4, bytes(20))
+    scan = segment(0xDA, bytes(6)) + b"\x12\x34\xff\x00\x56"
+    return b"\xff\xd8" + segment(0xE0, b"JFIF\0") + b"".join(more) + tables + scan + b"\xff\xd9"
+
+
+def under_way(config: CellConfig) -> None:
+    with open_journal(config) as journal:
+        identity = {"vendor": "FANUC", "model": "M-6iB", "serial": "F-104711", "firmware": "1"}
+        cell = {"devices": [{"role": "robot", "identity": identity}]}
+        body = {"procedure": "mastering_recovery", "version": 4, "spec": {}, "cell": cell}
+        journal.append(RUN, Kind.STARTED, body, key="started")
+
+
+def sent(raw: bytes) -> dict[str, str]:
+    return {"content_base64": base64.b64encode(raw).decode()}
+
+
+@pytest.mark.parametrize(
+    ("raw", "bare"),
+    [
+        (jpeg(segment(0xE1, b"Exif\0\0" + GPS), segment(0xFE, GPS), segment(0xED, GPS)), jpeg()),
+        (jpeg() + GPS, jpeg()),
+        (png(chunk(b"eXIf", GPS), chunk(b"tEXt", GPS), chunk(b"iTXt", GPS)), png()),
+        (png() + GPS, png()),
+    ],
+    ids=["jpeg", "jpeg_tail", "png", "png_tail"],
+)
+def test_where_a_picture_was_taken_is_not_kept(raw: bytes, bare: bytes) -> None:
+    assert GPS in raw
+    assert plain_picture(raw)[1] == bare
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"<svg xmlns='http://www.w3.org/2000/svg'><script>alert(1)</script></svg>",
+        b"GIF89a" + bytes(20),
+        b"<html>",
+        b"",
+        jpeg()[:40],
+        jpeg()[:-2],
+        png()[:-13],
+        b"\x89PNG\r\n\x1a\n",
+        b"\xff\xd8\xff" + bytes(MOST_BYTES),
+    ],
+)
+def test_what_is_no_whole_picture_is_refused(raw: bytes) -> None:
+    with pytest.raises(PictureError):
+        plain_picture(raw)
+
+
+async def test_a_photo_is_kept_named_and_served_safely(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        config = door.app.state.house.config
+        under_way(config)
+        await door.from_console()
+        await _only_runners_take(door)
+        await door.sign_in("Tom")
+        at = f"/api/runs/{RUN}/pictures"
+        kept = (await door.post(at, sent(jpeg(segment(0xE1, GPS))))).json()
+        assert kept["sha256"] == hashlib.sha256(jpeg()).hexdigest()
+        assert (kept["who"], kept["what"], kept["media_type"]) == ("Tom", "witness marks", "image/jpeg")
+        assert (await door.post(at, sent(jpeg()))).json() == kept  # sent again: kept once
+        assert (await door.client.get(at)).json() == [kept]
+        shown = await door.client.get(f"{at}/{kept['sha256']}")
+        assert shown.content == jpeg()
+        assert shown.headers["content-type"] == "image/jpeg"
+        assert shown.headers["x-content-type-options"] == "nosniff"
+        for other in ("0" * 64, "..%2f..%2fcell.toml", kept["sha256"].upper()):
+            assert (await door.client.get(f"{at}/{other}")).status_code in (400, 404, 422)
+        assert (await door.post(at, sent(b"<html>"))).json()["code"] == "picture"
+        (path,) = (config.cell.data_dir / "pictures" / RUN).iterdir()
+        path.write_bytes(png())
+        altered = await door.client.get(f"{at}/{kept['sha256']}")
+        assert (altered.status_code, altered.json()["code"]) == (422, "picture")
+        with open_journal(config) as journal:
+            assert [event.kind for event in journal.events(RUN)].count(Kind.PICTURE) == 1
+            assert journal.verify() is None
+
+
+async def _only_runners_take(door: Door) -> None:
+    for name in ("Vera", "Ada"):
+        await door.sign_in(name)
+        refused = await door.post(f"/api/runs/{RUN}/pictures", sent(png()))
+        assert refused.json()["code"] == "people.role", name
+
+
+async def test_a_run_that_does_not_exist_gets_no_folder(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        await door.from_console()
+        await door.sign_in("Tom")
+        for name in ("none", "..", "%2e%2e%2fx"):
+            assert (await door.post(f"/api/runs/{name}/pictures", sent(png()))).status_code >= 400
+        assert not (door.app.state.house.config.cell.data_dir / "pictures").exists()
+
+
+async def test_photos_are_named_on_every_form_and_a_finished_run_takes_none(tmp_path: Path) -> None:
+    config, made = cell_config(tmp_path), pointing()
+    taken: list[str] = []
+
+    def snap() -> None:
+        with open_journal(config) as journal:
+            run_id = journal.events()[-1].run_id
+        taken.append(keep_picture(config, run_id, png(), what="witness marks", who="Zoë").sha256)
+
+    touch = made.hands.does["touch_origin"]
+    made.hands.does["touch_origin"] = lambda: (touch(), snap())[0]
+    outcome = await run_in(config, made, "three_point_frame")
+    issued = issue(config, outcome.run_id)
+    verify_paper(issued.json_path)
+    for form in (
+        HtmlText.of(html_from(issued.json_path)).text,
+        Pdf(pdf_from(issued.json_path)).text(),
+        issued.text_path.read_text(),
+    ):
+        assert taken[0] in squeezed(form)
+        assert "Zoë" in form
+    assert keep_picture(config, outcome.run_id, png(), what="witness marks", who="Ben").who == "Zoë"
+    with pytest.raises(PictureError, match="no more"):
+        keep_picture(config, outcome.run_id, png(shade=9), what="witness marks", who="Ben")
