@@ -1,0 +1,116 @@
+"""A stopped robot on every page and every tablet's size; refusals in the reader's language. The desk is a double."""
+
+from collections.abc import AsyncIterator
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, expect
+
+from service.demo.fake_cell import write_cell_file
+from tests.service.doors import Clock
+from tests.service.shop import PATIENCE_MS, Shop, a_shop
+from tests.service.test_people_pages import OneQuestion
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+SIZES = ((1280, 800), (1024, 768), (800, 1280))
+PLACES = ("#/history", "#/devices", "#/sign-in", "#/parameters/1", "#/procedure/mastering_record", "#/")
+MOTION = ("hold",)
+ALWAYS = ("stopped", "hold", "stop")
+STOPPED = {"message": "the robot stopped: operator.", "remedy": "Look at the robot."}
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def shop(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Shop]:
+    path = write_cell_file(tmp_path_factory.mktemp("cell"), "127.0.0.1", seed=1, time_factor=1.0)
+    async with a_shop(path, desk=OneQuestion, clock=Clock()) as opened:
+        yield opened
+        assert opened.complaints == []
+
+
+def tell(shop: Shop, state: str, **trouble: str) -> None:
+    """Let the desk say how the robot is."""
+    robot = {"role": "robot", "name": "fanuc", "state": state, "message": "", "remedy": "", "age_s": 0.0}
+    told = {"devices": [robot | {"value": None, "settle": None} | trouble]}
+    shop.app.state.house.link.live = told
+    shop.app.state.house.screens.show("live", told)
+
+
+def end(shop: Shop, reason: str, remedy: str) -> None:
+    """Let the run end so."""
+    session = shop.app.state.house.link.session
+    session["run"] |= {
+        "state": "ended",
+        "outcome": {"verdict": "refused", "reason": reason, "remedy": remedy},
+    }
+    shop.app.state.house.screens.show("session", session | {"prompt": None})
+
+
+async def stands_inside(page: Page, test_id: str, size: tuple[int, int]) -> None:
+    """Wait until an element is wholly on the screen, without scrolling."""
+    place = page.get_by_test_id(test_id)
+    await expect(place).to_be_in_viewport(ratio=1.0, timeout=PATIENCE_MS)
+    box = await place.bounding_box()
+    assert box is not None
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= size[0], test_id
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+async def test_a_stopped_robot_is_told_everywhere_until_it_is_stopped_no_more(
+    shop: Shop, size: tuple[int, int]
+) -> None:
+    tell(shop, "ready")
+    shop.nobody_has_control()
+    async with shop.tablet("Tom", size=size) as page:
+        await page.evaluate("location.hash = '#/'")
+        await expect(page.get_by_test_id("hold")).to_be_enabled(timeout=PATIENCE_MS)
+        tell(shop, "stopped", **STOPPED)
+        banner = page.get_by_test_id("stopped")
+        await expect(banner).to_have_attribute("role", "alert", timeout=PATIENCE_MS)
+        for place in PLACES:
+            await page.evaluate("place => { location.hash = place; }", place)
+            await expect(page.locator("main h1").first).to_be_visible(timeout=PATIENCE_MS)
+            await expect(banner).to_be_visible(timeout=PATIENCE_MS)
+        for button in MOTION:
+            await expect(page.get_by_test_id(button)).to_be_disabled(timeout=PATIENCE_MS)
+        for control in ALWAYS:
+            await stands_inside(page, control, size)
+        await expect(banner.get_by_role("button")).to_have_count(0)
+        await page.keyboard.press("Escape")
+        await banner.click()
+        await expect(banner).to_be_visible()
+        await expect(page.get_by_test_id("stop")).to_be_enabled(timeout=PATIENCE_MS)
+        tell(shop, "ready")
+        await expect(banner).to_have_count(0, timeout=PATIENCE_MS)
+        await expect(page.get_by_test_id("hold")).to_be_enabled(timeout=PATIENCE_MS)
+
+
+REASON = "capture 7: counts went from 12 to 15, lengths spread by 0.25 mm"
+REMEDY = "Let the arm come to rest, see that the wire hangs free, then resume. The vendor says XK-17."
+SAID: dict[str, tuple[str, str]] = {
+    "en": ("lengths spread by 0.25 mm", "see that the wire hangs free"),
+    "de": ("Längen streuten um 0,25 mm", "ob das Seil frei hängt"),
+    "es": ("las longitudes se dispersaron 0,25 mm", "que el cable cuelga libre"),
+    "zh": ("长度散布 0.25 mm", "检查拉绳悬挂无阻"),
+}
+
+
+@pytest.mark.parametrize("locale", SAID)
+async def test_a_refusal_is_said_in_the_reader_s_language(shop: Shop, locale: str) -> None:
+    tell(
+        shop, "stopped", message="fanuc: the robot refused: SRVO-023 Stop error.", remedy="Look at the robot."
+    )
+    async with shop.tablet("Tom", locale=locale) as page:
+        await page.evaluate("location.hash = '#/'")
+        end(shop, REASON, REMEDY)
+        reason, remedy = SAID[locale]
+        outcome = page.get_by_test_id("outcome")
+        await expect(outcome).to_contain_text(reason, timeout=PATIENCE_MS)
+        await expect(outcome).to_contain_text(remedy, timeout=PATIENCE_MS)
+        english = outcome.locator("[lang=en]")
+        await expect(english).to_have_text([] if locale == "en" else ["The vendor says XK-17."])
+        banner = page.get_by_test_id("stopped")
+        await expect(banner).to_contain_text("SRVO-023 Stop error", timeout=PATIENCE_MS)
+        if locale != "en":
+            await expect(banner).not_to_contain_text("the robot refused", timeout=PATIENCE_MS)
+    shop.app.state.house.screens.show("session", shop.app.state.house.link.session)
