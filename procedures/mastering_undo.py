@@ -135,7 +135,8 @@ def _shown(
         f"positions move with it. {flag} Write the old mastering back?",
     )
     changes = _changes(names, motors.mastering, backup.data)
-    told = Verdict((), limits_from=f"run {backup.of_run}", not_verified=_NOT_VERIFIED, changes=changes)
+    whole = held("the backup is whole", True, "its stored form has the hash that the journal tells")
+    told = Verdict((whole,), limits_from=f"run {backup.of_run}", not_verified=_NOT_VERIFIED, changes=changes)
     page = with_changes(review_page(asked, told, writes=True), changes, most_m=displaced_m, at="postures")
     return on_page(page, "review", axes=axis_levers(load_model(model), motors.joints_rad))
 

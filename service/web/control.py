@@ -52,15 +52,19 @@ def _refuse_whoever_only_looks(who: Person) -> None:
         raise NotAllowedError(who.name, who.role, Right.RUN.value, "Let a technician or an engineer sign in.")
 
 
-async def permitted(house: "House", who: Person, press: str, rev: int, order: Order) -> str:
+async def permitted(
+    house: "House", who: Person, press: str, rev: int, order: Order, session: dict[str, Any] | None = None
+) -> str:
     """Return the name in which an order may go to the desk: the right, the PIN, the second person, the control.
+
+    ``session`` is what the order answers, where that is no question of the desk.
 
     Raises
     ------
     PeopleError
         What is missing, and the cure.
     """
-    session = house.link.session
+    session = house.link.session if session is None else session
     async with told(house) as control:
         stops = need_of(order, None).right is Right.STOP
         if (

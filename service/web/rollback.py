@@ -1,7 +1,8 @@
 """Going back to a stored version of a robot's parameters: a new version that names the old one.
 
-It takes what writing master data takes: an engineer or two people, the PIN just entered, for the very change that is
-shown. Nothing is removed, and nothing is written to the robot: programs that are compensated from then on use it.
+It takes what writing master data takes: the control of the session, an engineer or two people, the PIN just entered,
+for the very change that is shown. Nothing is removed, and nothing is written to the robot: programs that are
+compensated from then on use it.
 """
 
 import asyncio
@@ -16,6 +17,7 @@ from calibration.errors import CellError
 from service.desk.messages import AnswerIt, Name
 from service.parameters.parameter_sets import ParameterSets
 from service.people.errors import PeopleError
+from service.web.control import permitted
 from service.web.door import Who, house_of
 from service.web.parameters import FOLDER, Head, Version
 from service.web.residuals import solver_of
@@ -79,7 +81,7 @@ async def go_back(robot_serial: str, wanted: GoBack, request: Request, who: Who)
     asked = f"{robot_serial}: version {wanted.to} after version {wanted.newest}"
     order = AnswerIt(op="answer", prompt_id=asked)
     shown = {"rev": wanted.newest, "prompt": {"id": asked, "key": _KEY, "text": asked}}
-    name = house.permits.granted(who, f"{wanted.id} {asked}", wanted.newest, order, shown)
+    name = await permitted(house, who, f"{wanted.id} {asked}", wanted.newest, order, shown)
     if done is not None:
         return done
     return await asyncio.to_thread(_saved, sets, robot_serial, wanted, name)

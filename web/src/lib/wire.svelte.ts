@@ -98,13 +98,22 @@ class Wire {
 
   /** Whether a yes counts: as an order, or as the second of two approvals, which any screen may give. */
   get mayApprove(): boolean {
-    return this.mayOrder || (this.online && this.#settled && people.may("run") && this.secondWanted);
+    return this.mayAgreeTo(this.session?.prompt?.id);
+  }
+
+  /** The same for a yes to something that has a name: a question of the desk, or a change that a page shows. */
+  mayAgreeTo(asked: string | undefined): boolean {
+    return this.mayOrder || (this.online && this.#settled && people.may("run") && this.#awaitsMe(asked));
   }
 
   /** Whether the question shown waits for this person's approval as the second. */
   get secondWanted(): boolean {
+    return this.#awaitsMe(this.session?.prompt?.id);
+  }
+
+  #awaitsMe(asked: string | undefined): boolean {
     const { approved, approved_by } = this.control;
-    return approved !== "" && approved === this.session?.prompt?.id && approved_by !== people.person?.name;
+    return approved !== "" && approved === asked && approved_by !== people.person?.name;
   }
 
   get #settled(): boolean {

@@ -1,0 +1,61 @@
+"""Going back to an older version of a robot's parameters, at the door: the same bytes, by whoever has control."""
+
+from pathlib import Path
+
+from service.desk.messages import Pause
+from service.parameters.parameter_sets import ParameterSet, ParameterSets, Value, to_text
+from service.people.control import Seat
+from service.web.parameters import FOLDER
+from tests.service.doors import a_door
+
+SERIAL = "F-104711"
+AT = f"/api/parameters/{SERIAL}/rollback"
+
+
+def two_versions(folder: Path) -> ParameterSets:
+    sets = ParameterSets(folder / FOLDER)
+    for scale in (1.0, 3.0):
+        values = (
+            Value("J1.offset", "rad", 0.1 * scale / 3.0, 1.0e-4),
+            Value("J2.a", "m", -1.7e-4 * scale, 2.0e-5, (1.0 / 3.0,)),
+            Value("J2.sag", "rad/m", 3.1e-3 * scale, None, (0.1 + 0.2, -2.0 / 3.0)),
+        )
+        sets.save(ParameterSet(SERIAL, "fanuc_m6ib", "0" * 64, "2026-01-02", "Anna", "a run", values))
+    return sets
+
+
+def values_on_disk(sets: ParameterSets, version: int) -> str:
+    text = to_text(sets.load(SERIAL, version))
+    return text[text.index("[[parameter]]") :]
+
+
+async def test_the_values_are_those_of_the_old_version_byte_for_byte(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        sets = two_versions(tmp_path)
+        first, second = (values_on_disk(sets, version) for version in (1, 2))
+        assert first != second
+        await door.from_console()
+        await door.sign_in("Emil")
+        for to, newest in ((1, 2), (2, 3), (1, 4)):
+            answer = await door.post(AT, {"id": str(newest), "to": to, "newest": newest})
+            assert answer.status_code == 200, answer.text
+        assert [values_on_disk(sets, version) for version in (3, 4, 5)] == [first, second, first]
+
+
+async def test_whoever_does_not_have_control_goes_back_to_nothing(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        sets = two_versions(tmp_path)
+        control = door.app.state.house.control
+        await door.from_console()
+        other = door.entrance.sessions.begin("console")
+        other = door.entrance.sign_in(other, "Tina", "141421")
+        seat = door.entrance.present(other).seat
+        control.take(Seat(seat, "Tina"))
+        await door.sign_in("Emil")
+        refused = await door.post(AT, {"id": "1", "to": 1, "newest": 2})
+        ordered = await door.order(Pause(op="pause").model_dump())
+        assert (refused.status_code, refused.json()["code"]) == (ordered.status_code, ordered.json()["code"])
+        assert refused.status_code in (403, 409)
+        assert sets.load(SERIAL).version == 2
+        control.release(seat)
+        assert (await door.post(AT, {"id": "2", "to": 1, "newest": 2})).status_code == 200

@@ -1,0 +1,107 @@
+"""U13 in a browser over the fake robot: old and new first, two seconds of a press, and back to the last byte."""
+
+import json
+import re
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, expect
+from pydantic_core import to_jsonable_python
+
+from drivers.interfaces import MasteringData
+from procedures.canonical import canonical_json
+from procedures.past import Kind
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.runs.backups import mastering_backups
+from service.runs.cell import open_journal
+from service.runs.journal import Journal
+from tests.service.browsers import comes, hold_to_rules
+from tests.service.steps import Pendant, asked, at_the_pages, let_go_early
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
+SERIAL = "F-104711"
+OFF = (0, 40_000, -30_000, 0, 9_000, 0)  # counts by which the backup is another mastering
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def pendant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Pendant]:
+    async with at_the_pages(tmp_path_factory.mktemp("undo")) as found:
+        yield found
+
+
+async def on_the_robot(pendant: Pendant) -> bytes:
+    """Return what the fake controller holds, in its stored form."""
+    robot = (await pendant.door.truth())["robots"]["fanuc"]
+    data = MasteringData(tuple(robot["counts_at_zero"]), robot["mastered"])
+    return canonical_json(to_jsonable_python(data)).encode()
+
+
+def wrote(journal: Journal, held_before: dict[str, Any], epoch: int) -> None:
+    """Let the journal hold a run that wrote the present mastering over another one."""
+    identity = {"vendor": "FANUC", "model": "M-6iB", "serial": SERIAL, "firmware": "1"}
+    header = {
+        "procedure": "robot_calibration", "version": 1, "spec": {},
+        "cell": {"devices": [{"role": "robot", "identity": identity}]},
+    }  # fmt: skip
+    read = {"step": "read the bench", "inputs": [], "effect": "none", "value": held_before | {"epoch": epoch}}
+    journal.append("robot_calibration-earlier", Kind.STARTED, header, key="started")
+    journal.append("robot_calibration-earlier", Kind.FINDING, read)
+    body = {"step": "write the mastering", "attempt": 1, "effect": "write", "inputs": []}
+    journal.append("robot_calibration-earlier", Kind.INTENT, body)
+
+
+def config_of(pendant: Pendant) -> CellConfig:
+    return read_cell_file(pendant._app.state.house.settings.cell_file)
+
+
+async def start(page: Page) -> None:
+    await page.evaluate("location.hash = '#/procedure/mastering_undo'")
+    await page.get_by_test_id("start").click()
+    await asked(page, "accept_mastering")
+    await expect(page.get_by_test_id("yes")).to_be_enabled()
+
+
+async def held_to_the_end(page: Page, pendant: Pendant) -> dict[str, Any]:
+    """Hold the button until the run has ended, however long the machine takes."""
+    await page.get_by_test_id("yes").hover()
+    await page.mouse.down()
+    ended = await pendant.looks.until(lambda session: session["run"]["outcome"])
+    await page.mouse.up()
+    await pendant.looks.order(op="dismiss")
+    outcome: dict[str, Any] = ended["run"]["outcome"]
+    return outcome
+
+
+async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
+    pendant: Pendant, tmp_path: Path
+) -> None:
+    original = await on_the_robot(pendant)
+    robot = (await pendant.door.truth())["robots"]["fanuc"]
+    other = [count + off for count, off in zip(robot["counts_at_zero"], OFF, strict=True)]
+    backup = canonical_json({"counts_at_zero": other, "mastered": True}).encode()
+    with open_journal(config_of(pendant)) as journal:
+        wrote(journal, {"counts_at_zero": other}, robot["epoch"])
+        known = mastering_backups(journal.events(), SERIAL)
+    assert [len(known), known[0].of_run] == [1, "robot_calibration-earlier"]
+
+    async with pendant.looks.page() as page:
+        await start(page)
+        rows = page.get_by_test_id("review-changes").locator("tbody tr")
+        await expect(rows).to_have_count(7)  # six axes and whether it is mastered
+        await expect(page.get_by_test_id("displacement")).to_have_text(re.compile(r"[1-9]\d*\.\d\d mm"))
+        await expect(page.get_by_test_id("levers").locator("li")).to_have_count(6)
+        await page.screenshot(path=tmp_path / "undo_1280.png")
+        await hold_to_rules(page, "undo")
+        assert await on_the_robot(pendant) == original
+        await let_go_early(page)
+        assert await on_the_robot(pendant) == original  # one second is not two
+        outcome = await held_to_the_end(page, pendant)
+        assert (outcome["verdict"], outcome["judgement"]["word"]) == ("passed", "pass"), json.dumps(outcome)
+        assert await on_the_robot(pendant) == backup
+
+        await start(page)
+        assert (await held_to_the_end(page, pendant))["verdict"] == "passed"
+        await comes(lambda: on_the_robot(pendant), lambda held: held == original)
