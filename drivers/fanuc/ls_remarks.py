@@ -94,7 +94,7 @@ _PATTERNS = tuple((code, text, tuple(map(_Search.of, patterns))) for code, text,
 
 def remarks_of(data: bytes, start: int, end: int, positions: Positions) -> tuple[Remark, ...]:
     """Return what the statements between two offsets say about positions; line numbers are the file's."""
-    statements = _COMMENT.sub(_blanked_comment, _SILENT_LINE.sub(_blanked, data[start:end]))
+    statements = _spoken(data[start:end])
     breaks = np.flatnonzero(np.frombuffer(statements, dtype=np.uint8) == ord("\n"))
     first_line = data.count(b"\n", 0, start) + 1
     remarks = [
@@ -104,6 +104,17 @@ def remarks_of(data: bytes, start: int, end: int, positions: Positions) -> tuple
     ]
     remarks += _unused_and_missing(statements, first_line, positions, {remark.code for remark in remarks})
     return tuple(sorted(remarks, key=lambda remark: remark.line))
+
+
+def statements_of(data: bytes) -> tuple[int, bytes]:
+    """Return the line at which a listing's statements begin, and their text, comments and remarks blanked."""
+    start, end = data.find(b"/MN"), data.rfind(b"/POS")
+    start = max(start, 0)
+    return data.count(b"\n", 0, start) + 1, _spoken(data[start : end if end > start else len(data)])
+
+
+def _spoken(statements: bytes) -> bytes:
+    return _COMMENT.sub(_blanked_comment, _SILENT_LINE.sub(_blanked, statements))
 
 
 def _blanked(found: re.Match[bytes]) -> bytes:

@@ -1,7 +1,7 @@
 """A folder of .VA files as one controller: frames, tools, position registers, mastering."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from calibration.geometry import Pose
@@ -80,6 +80,18 @@ def read_backup(folder: str | Path) -> FanucBackup:
         registers={} if registers is None else _numbered(registers, "$POSREG"),
         mastering={} if master is None else read_mastering(master, files.get(DRIVES)),
     )
+
+
+def with_registers(backup: FanucBackup, data: bytes) -> FanucBackup:
+    """Return a backup with another POSREG.VA, which is read.
+
+    Raises
+    ------
+    ProgramFileError
+        It is damaged.
+    """
+    file = VaFile.read(REGISTERS, data)
+    return replace(backup, files={**backup.files, REGISTERS: file}, registers=_numbered(file, "$POSREG"))
 
 
 def _found(folder: Path) -> dict[str, Path]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.geometry import Pose
 from calibration.orientation import values_from
-from drivers.fanuc.va_backup import DRIVES, FRAMES, MASTERING, FanucBackup
+from drivers.fanuc.va_backup import DRIVES, FRAMES, MASTERING, REGISTERS, FanucBackup
 from drivers.fanuc.va_positions import VaPosition
 from drivers.fanuc.va_spots import Spot
 from drivers.programs.errors import ProgramFileError
@@ -20,6 +20,7 @@ from drivers.programs.numbers import NumberFormat
 _MENU = {
     "$MNUFRAME": "MENU > SETUP > Frames > OTHER > User Frame > DETAIL > Direct Entry",
     "$MNUTOOL": "MENU > SETUP > Frames > OTHER > Tool Frame > DETAIL > Direct Entry",
+    "$POSREG": "MENU > DATA > Position Reg > POSITION",
     "$DMR_GRP": "MENU > NEXT > SYSTEM > Variables > $DMR_GRP > $MASTER_COUN",
 }
 _LARGEST_MM = 99999.999  # what the field of a coordinate holds
@@ -75,6 +76,43 @@ def frame_edits(
     return tuple(edits)
 
 
+def register_edits(
+    backup: FanucBackup, group: int, *, poses: Mapping[int, Pose], joints: Mapping[int, Sequence[float]]
+) -> tuple[Edit, ...]:
+    """Return what to type for new position registers of a group, by number; equal numbers are left out.
+
+    Joints [rad] are what the controller shows.
+
+    Raises
+    ------
+    ProgramFileError
+        The backup holds no such register in that form, or a number does not fit its field.
+    """
+    edits: list[Edit] = []
+    for number, pose in poses.items():
+        edits += _pose_edits("$POSREG", _register(backup, group, number, cartesian=True), pose, REGISTERS)
+    for number, angles in joints.items():
+        position = _register(backup, group, number, cartesian=False)
+        for axis, angle in enumerate(angles, 1):
+            spot, unit = position.numbers[f"J{axis}"], position.units[f"J{axis}"]
+            new = _in_field(position, f"J{axis}", angle * 1e3 if unit == "mm" else float(np.degrees(angle)))
+            if float(new) != float(spot.text):
+                variable = f"{position.path}.J{axis}"
+                edits.append(Edit(_MENU["$POSREG"], variable, spot.text, new, unit, REGISTERS, spot))
+    return tuple(edits)
+
+
+def _register(backup: FanucBackup, group: int, number: int, *, cartesian: bool) -> VaPosition:
+    position = backup.registers.get((group, number))
+    if position is None or not position.initialised or position.cartesian != cartesian:
+        raise ProgramFileError(
+            REGISTERS,
+            f"PR[{number}] of group {group} is not in the backup as a {'pose' if cartesian else 'posture'}.",
+            remedy="Record it on the pendant, and save the backup again.",
+        )
+    return position
+
+
 def count_edits(backup: FanucBackup, group: int, counts_at_zero: Sequence[int]) -> tuple[Edit, ...]:
     """Return what to type for other counts at zero; equal ones are left out.
 
@@ -121,7 +159,7 @@ def instructions(edits: Sequence[Edit]) -> tuple[str, ...]:
     return tuple(f"{number}. {line}" for number, line in enumerate([*map(str, edits), *ends], 1))
 
 
-def _pose_edits(name: str, position: VaPosition, pose: Pose) -> list[Edit]:
+def _pose_edits(name: str, position: VaPosition, pose: Pose, file: str = FRAMES) -> list[Edit]:
     angles = np.degrees(values_from("fanuc_wpr", pose.rotation()))
     values = dict(zip("XYZ", (1e3 * value for value in pose.position_m), strict=True))
     if not _turned_alike(position, pose):
@@ -132,7 +170,7 @@ def _pose_edits(name: str, position: VaPosition, pose: Pose) -> list[Edit]:
         new = _in_field(position, field, value)
         if float(new) != float(spot.text):
             unit, variable = "mm" if field in "XYZ" else "deg", f"{position.path}.{field}"
-            edits.append(Edit(_MENU[name], variable, spot.text, new, unit, FRAMES, spot))
+            edits.append(Edit(_MENU[name], variable, spot.text, new, unit, file, spot))
     return edits
 
 
@@ -151,7 +189,7 @@ def _in_field(position: VaPosition, field: str, value: float) -> str:
     spot = position.numbers[field]
     if not abs(value) <= _LARGEST_MM:
         raise ProgramFileError(
-            FRAMES,
+            position.file,
             f"{position.path}.{field} cannot be {value:.3f}: the field holds {_LARGEST_MM:.0f} at most.",
             line=spot.line,
             remedy="Check the pose; its lengths are metres.",

@@ -231,6 +231,51 @@ def status(*projects: str, as_json: Json = False) -> int:
     return ExitCode.PASS if all(one.ok for one in found) else ExitCode.REFUSED
 
 
+@program.command
+def registers(
+    *files: str,
+    project: Annotated[
+        Path, Parameter(name="--project", help="The project file of the cell, with its backup.")
+    ],
+    clone: Path | None = None,
+    offset: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    frame: str | None = None,
+    out: Path | None = None,
+) -> int:
+    """Show the position registers that FANUC programs use; move or clone those that are places.
+
+    Example: cellcal program registers programs/ --project cell_1/project.toml --clone cell_7/project.toml
+
+    Prints what to type into the controller. Exit codes: 0 all fine, 4 a register stays as it was.
+
+    Parameters
+    ----------
+    files
+        Files, folders, or patterns in quotes; the project's own programs when none is named.
+    clone
+        The project file of the cell that gets them.
+    offset
+        How the work moved, as for `cellcal program move`.
+    frame
+        The user frame that the offset is in; only places in it are moved.
+    out
+        A new folder for POSREG.VA with the new numbers, of the controller that gets them.
+    """
+    from drivers.program_registry import read_program
+    from service.cli.program_registers import carrier_of, tell_registers
+    from service.programs.files import find_programs, read_bytes
+    from service.programs.inspect import named_by
+    from service.programs.project import read_project
+    from service.programs.registers import Registers
+
+    cell = read_project(project)
+    target = cell if clone is None else read_project(clone)
+    found = find_programs(files or named_by(cell), out=out)
+    programs = [read_program(str(one.path), read_bytes(one.path)) for one in found.sources]
+    carrier = carrier_of(cell, None if clone is None else target, offset, frame)
+    return tell_registers(Registers(programs, cell), carrier, target, out)
+
+
 def _found(files: Sequence[str], cell: "CellProject", outputs: Outputs) -> "Found":
     from service.programs.files import find_programs
     from service.programs.inspect import named_by

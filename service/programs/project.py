@@ -76,6 +76,7 @@ class Project:
     master: Path | None
     programs: tuple[str, ...]  # patterns relative to the project's folder
     pulses_per_rad: Array | None = None  # (n,) with sign, of a controller whose programs hold pulses
+    backup: Path | None = None  # folder of the controller's .VA files
 
     @property
     def state(self) -> ArmState | None:
@@ -140,6 +141,7 @@ def read_project(path: Path) -> Project:
         master=_master(data, folder, where),
         programs=_patterns(data, where),
         pulses_per_rad=pulses_per_rad(robot, nominal.axes, f"{where}: [robot]"),
+        backup=kept.folder,
     )
 
 

@@ -24,6 +24,7 @@ class Kept:
 
     frames: Mapping[str, Array] = field(default_factory=dict)  # (4, 4) base_frame
     tools: Mapping[str, Array] = field(default_factory=dict)  # (4, 4) flange_tip
+    folder: Path | None = None  # of the backup
 
 
 def kept_by_controller(robot: Mapping[str, Any], folder: Path, nominal: RobotModel, where: str) -> Kept:
@@ -59,6 +60,7 @@ def kept_by_controller(robot: Mapping[str, Any], folder: Path, nominal: RobotMod
     return Kept(
         {number: pose.matrix() for number, pose in its.base_frame.items()},
         {number: pose.matrix() for number, pose in its.flange_tip.items()},
+        place,
     )
 
 

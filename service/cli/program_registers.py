@@ -1,0 +1,78 @@
+"""``cellcal program registers``: what it says, and what it writes."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from calibration.errors import CellError
+from service.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from service.programs.carry import Carrier
+    from service.programs.project import Project
+    from service.programs.registers import Registers
+
+_FILE = "POSREG.VA"
+
+
+class RegistersError(CellError):
+    """It is not clear what shall become of the registers."""
+
+    code = "usage"
+
+
+def carrier_of(
+    cell: "Project", clone: "Project | None", offset: str | None, frame: str | None
+) -> "Carrier | None":
+    """Return what carries the registers to a clone or with the work; None where they are only looked at.
+
+    Raises
+    ------
+    CellError
+        Both ways at once, or a project that lacks what the way needs.
+    """
+    from drivers.program_registry import brand_named
+    from service.cli.program_moves import base_change_of
+    from service.programs.clone import cloning
+    from service.programs.move import moving
+
+    if clone is not None and offset is not None:
+        raise RegistersError(
+            "Registers go to a clone or move with the work.", remedy="Give --clone or --offset."
+        )
+    rule = brand_named("fanuc").configurations
+    if clone is not None:
+        return cloning(cell, clone, rule)
+    if offset is None:
+        return None
+    return moving(cell, base_change_of(cell, offset, frame, (None, None)), rule, frame=frame)
+
+
+def tell_registers(found: "Registers", carrier: "Carrier | None", target: "Project", out: Path | None) -> int:
+    """Print the registers, what to type, and write the target's POSREG.VA where it is asked for."""
+    from rich.console import Console
+
+    from drivers.fanuc.va_edits import instructions
+    from service.programs.files import whole_file
+
+    console = Console(highlight=False, soft_wrap=True, markup=False)
+    for register in found.all:
+        console.print(str(register))
+    if carrier is None or not found.places.places:
+        return ExitCode.PASS
+    carried = found.carried(carrier, target)
+    for line in instructions(carried.edits):
+        console.print(line)
+    for name, reason in carried.result.left:
+        console.print(f"{name} stays as it is: {reason}")
+    if out is not None:
+        if carried.file is None:
+            raise RegistersError(
+                f"{target.path} names no backup, so no {_FILE} can be written for its controller.",
+                remedy="Save that controller's .VA files and name their folder as backup under [robot].",
+            )
+        out.mkdir(parents=True, exist_ok=True)
+        with whole_file(out / _FILE, replace=False) as file:
+            file.write(carried.file)
+        console.print(f"written: {out / _FILE}")
+    stay = any(register.stays for register in found.all) or not carried.result.ok
+    return ExitCode.REFUSED if stay else ExitCode.PASS

@@ -1,0 +1,156 @@
+"""Position registers that programs go to: their values in a FANUC's backup, and where they go with the programs.
+
+A register that is only gone to is a place, and is carried as a program's own positions are. One that also shifts a
+motion, is computed, or is gone to in several frames stays, with the reason.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.geometry import Array
+from drivers.fanuc.ls_registers import UNSURE, RegisterUse, registers_used
+from drivers.fanuc.va_backup import REGISTERS, FanucBackup, read_backup
+from drivers.fanuc.va_edits import Edit, changed_files
+from drivers.fanuc.va_positions import VaPosition
+from drivers.fanuc.va_registers import GROUP, Place, RegisterPlaces
+from drivers.programs.positions import ProgramFile
+from service.programs.carry import Carrier
+from service.programs.project import Project
+from service.programs.project_poses import ProjectError
+from service.programs.result import LEFT, ProgramResult
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One register that programs use."""
+
+    number: int
+    position: VaPosition | None  # None where the backup holds none
+    uses: tuple[tuple[str, int], ...]  # program and line
+    stays: str  # why it is not carried; "" for a place
+
+    def __str__(self) -> str:
+        """Say what it holds and where it is used."""
+        at = ", ".join(f"{program} line {line}" for program, line in self.uses)
+        held = "nothing in the backup" if self.position is None else _values(self.position)
+        comment = f" '{self.position.comment}'" if self.position is not None and self.position.comment else ""
+        return f"PR[{self.number}]{comment}: {held}; used in {at}{f'; it stays: {self.stays}' if self.stays else ''}"
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """What became of the places."""
+
+    result: ProgramResult
+    edits: tuple[Edit, ...]  # to type into the controller that gets them
+    file: bytes | None  # its POSREG.VA with these numbers; None where its project names no backup
+
+
+class Registers:
+    """The registers that some programs of a cell use."""
+
+    def __init__(self, programs: Sequence[ProgramFile], cell: Project) -> None:
+        self._backup = backup_of(cell)
+        uses: dict[int, list[tuple[str, RegisterUse]]] = {}
+        for program in programs:
+            for use in registers_used(program.to_bytes()) if program.brand == "fanuc" else ():
+                uses.setdefault(use.number, []).append((program.name, use))
+        self.all = tuple(_register(self._backup, number, uses[number]) for number in sorted(uses))
+        self.places = RegisterPlaces(
+            self._backup,
+            tuple(
+                Place(one.number, uses[one.number][0][1].user_frame, uses[one.number][0][1].tool)
+                for one in self.all
+                if not one.stays
+            ),
+        )
+
+    def carried(self, carrier: Carrier, target: Project) -> Carried:
+        """Carry the places along a carrier's route, and say what the target's controller gets.
+
+        Raises
+        ------
+        CellError
+            As `Carrier.carry`; or the target's backup has no such register.
+        """
+        result = carrier.carry([self.places])[0]
+        rows = [row for row, status in enumerate(result.status) if status != LEFT]
+        after = result.after.positions
+        here = target.backup is not None
+        backup = read_backup(target.backup) if target.backup is not None else self._backup
+        _refuse_other_configurations(backup, self.places, rows, after.configurations)
+        edits = self.places.edits_in(backup, rows, after.frame_tip[rows], _joints(after.joints, rows))
+        file = changed_files(backup, edits).get(REGISTERS, backup.files[REGISTERS].data) if here else None
+        return Carried(result, edits, file)
+
+
+def backup_of(cell: Project) -> FanucBackup:
+    """Return the backup that a project names.
+
+    Raises
+    ------
+    ProjectError
+        It names none, or one without POSREG.VA.
+    """
+    if cell.backup is None:
+        raise ProjectError(
+            f"{cell.path}: no backup of the controller is named.",
+            remedy="Save its .VA files and name their folder as backup under [robot].",
+        )
+    backup = read_backup(cell.backup)
+    if REGISTERS not in backup.files:
+        raise ProjectError(
+            f"{cell.backup} holds no {REGISTERS}, in which a controller keeps its position registers.",
+            remedy="Save all of the controller's files as text (.VA).",
+        )
+    return backup
+
+
+def _register(backup: FanucBackup, number: int, uses: Sequence[tuple[str, RegisterUse]]) -> Register:
+    position = backup.registers.get((GROUP, number))
+    at = tuple((program, use.line) for program, use in uses)
+    return Register(number, position, at, _why_it_stays(position, uses))
+
+
+def _why_it_stays(position: VaPosition | None, uses: Sequence[tuple[str, RegisterUse]]) -> str:
+    if position is None or not position.initialised:
+        return "the backup holds no position in it"
+    other = next(((program, use.line) for program, use in uses if not use.goes_there), None)
+    if other is not None:
+        return f"{other[0]} line {other[1]} does more than go there, so it may be a shift or be computed"
+    held = {(use.user_frame, use.tool) for _, use in uses}
+    if len(held) > 1 or UNSURE in next(iter(held)):
+        return "it is gone to with several frames or tools, or with which is not sure"
+    return ""
+
+
+def _refuse_other_configurations(
+    backup: FanucBackup, places: RegisterPlaces, rows: Sequence[int], configurations: Sequence[str]
+) -> None:
+    """Refuse numbers for a register that would read them in another posture."""
+    for row in rows:
+        number = places.places[row].number
+        held = backup.registers.get((GROUP, number))
+        if held is not None and held.cartesian and held.configuration != configurations[row]:
+            raise ProjectError(
+                f"PR[{number}] has the configuration {held.configuration} in {backup.folder}, and needs "
+                f"{configurations[row]}.",
+                remedy="Record it on the pendant once in the right posture, and save the backup again.",
+            )
+
+
+def _joints(joints: Array, rows: Sequence[int]) -> Array:
+    return joints[rows] if joints.shape[1] else np.full((len(rows), 0), np.nan)
+
+
+def _values(position: VaPosition) -> str:
+    words = [
+        f"{name} {spot.text.strip()} {position.units.get(name, 'mm' if name in 'XYZ' else 'deg')}"
+        for name, spot in position.numbers.items()
+        if spot.initialised
+    ]
+    return (
+        ", ".join([*words, *([position.configuration] if position.configuration else [])]) or "not recorded"
+    )

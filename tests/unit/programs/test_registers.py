@@ -1,0 +1,130 @@
+"""Position registers of a FANUC's backup: reported, and carried with the programs where they are places."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.geometry import homogeneous
+from drivers.fanuc.ls_program import read_ls
+from drivers.fanuc.ls_registers import UNSURE, registers_used
+from drivers.fanuc.programs import BRAND
+from drivers.fanuc.va_backup import read_backup
+from service.cli.app import run_command_line
+from service.programs.move import moving
+from service.programs.project import Project, read_project
+from service.programs.project_poses import ProjectError
+from service.programs.registers import Registers
+from tests.unit.helpers.fanuc_va import Controller
+
+_PROJECT = """format = 1
+name = "cell"
+programs = ["*.ls"]
+[robot]
+serial = "E-1"
+model = "fanuc_m6ib"
+backup = "saved"
+"""
+_PLACE = "X:   700.000   Y:   100.000   Z:   300.000"
+_ANGLES = "W:   180.000   P:      .000   R:    30.000"
+
+
+def _listing(*lines: str) -> bytes:
+    told = "".join(f"{i:4d}:{line} ;\n" for i, line in enumerate(lines, 1))
+    return f"/PROG  WELD\n/ATTR\n/MN\n{told}/POS\n/END\n".encode()
+
+
+def _cell(folder: Path, *lines: str) -> tuple[Project, list]:
+    """Return a cell whose PR[1] holds joints and PR[2] a pose in reach, and a program of these lines."""
+    saved = Controller().save(folder / "saved") / "POSREG.VA"
+    text = saved.read_bytes().decode("cp437")
+    before, _, rest = text.partition("X:")
+    _, _, rest = rest.partition("R:")
+    ending = rest.partition("\r\n")[2]
+    before = before.replace("N D B", "N U T")
+    saved.write_bytes(f"{before}{_PLACE}\r\n{_ANGLES}\r\n{ending}".encode("cp437"))
+    (folder / "project.toml").write_text(_PROJECT)
+    (folder / "WELD.ls").write_bytes(_listing(*lines))
+    return read_project(folder / "project.toml"), [read_ls("WELD.LS", _listing(*lines))]
+
+
+_GOES = ("  UFRAME_NUM=0", "  UTOOL_NUM=0", "J PR[1:Home] 50% FINE", "L PR[2] 100mm/sec FINE")
+
+
+def test_registers_that_programs_use_are_told_with_their_values(tmp_path: Path) -> None:
+    cell, programs = _cell(tmp_path, *_GOES, "L P[1] 100mm/sec FINE Offset,PR[4]", "J PR[3] 50% FINE")
+
+    told = [str(register) for register in Registers(programs, cell).all]
+
+    assert told[0].startswith("PR[1] 'Höhe': J1 45.000 deg, J2 -45.000 deg")
+    assert "used in WELD line 6" in told[0]
+    assert "X 700.000 mm, Y 100.000 mm, Z 300.000 mm, W 180.000 deg" in told[1]
+    assert "it stays: the backup holds no position in it" in told[2]
+    assert "it stays: WELD line 8 does more than go there" in told[3]
+
+
+def test_places_move_with_the_work_and_nothing_else_in_the_file_changes(tmp_path: Path) -> None:
+    cell, programs = _cell(tmp_path, *_GOES)
+    shift = homogeneous(np.eye(3), np.array([0.012, 0.0, -0.0035]))
+    found = Registers(programs, cell)
+
+    carried = found.carried(moving(cell, shift, BRAND.configurations), cell)
+
+    assert carried.result.ok, carried.result.left
+    poses = cell.controller.base_flange(np.array([found.places.positions.joints[0]]))
+    (tmp_path / "saved" / "POSREG.VA").write_bytes(carried.file or b"")
+    after = read_backup(tmp_path / "saved")
+    moved = after.registers[1, 2].pose()
+    assert moved is not None
+    assert moved.position_m == pytest.approx((0.712, 0.1, 0.2965), abs=1e-9)
+    turned = cell.controller.base_flange(np.array([after.registers[1, 1].axes()]))
+    assert turned[0, :3, 3] == pytest.approx((shift @ poses[0])[:3, 3], abs=5e-5)
+    variables = {edit.variable for edit in carried.edits}
+    assert {"$POSREG[1,2].X", "$POSREG[1,2].Z"} <= variables
+    assert not {"$POSREG[1,2].Y", "$POSREG[1,2].W"} & variables
+    before = found.places.to_bytes().split(b"\r\n")
+    changed = [i for i, line in enumerate((carried.file or b"").split(b"\r\n")) if line != before[i]]
+    spots = {edit.spot.line - 1 for edit in carried.edits}
+    assert set(changed) == spots
+
+
+@pytest.mark.parametrize(
+    ("lines", "uses"),
+    [
+        (("UFRAME_NUM=2", "J PR[1] 50% FINE"), [(1, True, "2", None)]),
+        (
+            ("PR[1]=LPOS", "!J PR[2] 50% FINE", "PR[3,2]=R[1]"),
+            [(1, False, None, None), (3, False, None, None)],
+        ),
+        (("L PR[5:via] 50mm/sec FINE Tool_Offset,PR[6]",), [(5, False, None, None), (6, False, None, None)]),
+        (("UFRAME_NUM=1", "JMP LBL[1]", "UFRAME_NUM=2", "J PR[1] 9% FINE"), [(1, True, UNSURE, None)]),
+        (("UTOOL_NUM=R[1]", "J PR[1] 9% FINE"), [(1, True, None, UNSURE)]),
+        (("UTOOL_NUM=3", "CALL GRIP", "C PR[7] 9mm/sec FINE"), [(7, True, None, "3")]),
+    ],
+)
+def test_what_a_register_is_used_for(lines: tuple[str, ...], uses: list) -> None:
+    found = registers_used(_listing(*lines))
+    assert [(u.number, u.goes_there, u.user_frame, u.tool) for u in found] == uses
+
+
+def test_a_project_without_a_backup_says_what_is_missing(tmp_path: Path) -> None:
+    cell, programs = _cell(tmp_path, *_GOES)
+    with pytest.raises(ProjectError, match="no backup of the controller"):
+        Registers(programs, replace(cell, backup=None))
+
+
+def test_the_command_prints_what_to_type_and_writes_the_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _cell(tmp_path, *_GOES, "J PR[3] 50% FINE")
+    project, out = str(tmp_path / "project.toml"), str(tmp_path / "new")
+
+    code = run_command_line(
+        ["program", "registers", "--project", project, "--offset=12,0,-3.5", "--out", out]
+    )
+
+    told = capsys.readouterr().out
+    assert code == 4  # PR[3] holds nothing
+    assert "$POSREG[1,2].X from 700.000 mm to 712.000 mm" in told
+    assert b"712.000" in (tmp_path / "new" / "POSREG.VA").read_bytes()
