@@ -26,6 +26,7 @@ from tests.soak import (
     starts,
     stories,
     tcp,
+    two_tablets,
     ur_fence,
 )
 from tests.soak.figures import Figures
@@ -63,6 +64,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "cramer_rao": (cramer_rao.cramer_rao, 1000),
     "programs_roundtrip": (programs.programs_roundtrip, 10_000),
     "cold": (cold.cold, 20),
+    "two_tablets": (two_tablets.two_tablets, 20),
     "pages_link": (pages_link.pages_link, 20),
     "site": (site.site, 1000),
     "day": (day.day, 1),

@@ -1,6 +1,7 @@
 """A page opened cold over a slow wireless link: how soon a live value stands on it, and how many bytes that takes."""
 
 import asyncio
+import os
 import statistics
 import tempfile
 from collections.abc import AsyncIterator
@@ -10,8 +11,9 @@ from pathlib import Path
 
 from playwright.async_api import Browser, BrowserContext, Page, async_playwright
 
+from tests.service.browsers import CHROMIUM, NO_WEBGL, PATIENCE_MS, PATIENCE_S
 from tests.service.desks import a_cell
-from tests.service.shop import CHROMIUM, NO_WEBGL, PATIENCE_MS, PATIENCE_S, Shop, a_shop, sign_in
+from tests.service.shop import Shop, a_shop, sign_in
 from tests.soak.figures import Figures
 from tests.soak.slow_link import SlowLink, a_slow_link
 
@@ -51,7 +53,7 @@ def cold(rounds: int) -> Figures:
     line = (
         f"cold: {rounds} openings each over {RATE_BIT_S / 1e6:g} Mbit/s + {2e3 * DELAY_S:g} ms, from the "
         f"navigation to what is waited for: {'; '.join(parts)} (at most {MOST_S:g} s in the median, "
-        f"{MOST_BYTES / 1e3:g} kB)"
+        f"{MOST_BYTES / 1e3:g} kB); load of the computer {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores"
     )
     return Figures(line, reached)
 

@@ -1,0 +1,92 @@
+"""Two tablets at one run: how soon the other one sees a step, and both see a stopped robot; no press counts twice."""
+
+import asyncio
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from playwright.async_api import Page
+
+from tests.service.floor import Floor, a_floor, can, seen
+from tests.soak.figures import Figures
+
+_TIME_FACTOR = 8.0
+_SEEN_S = _BANNER_S = 0.5
+_WHEN = """([what, there]) => new Promise((done) => { const look = () => {
+    if ((document.querySelector(what) !== null) !== there) return false;
+    done(Date.now() / 1000); return true; };
+    if (look()) return;
+    const watch = new MutationObserver(() => look() && watch.disconnect());
+    watch.observe(document, {subtree: true, childList: true, attributes: true}); })"""
+
+
+def two_tablets(rounds: int) -> Figures:
+    """Answer so many questions with double taps, and stop the robot as often."""
+    return asyncio.run(_two_tablets(rounds))
+
+
+async def _two_tablets(rounds: int) -> Figures:
+    steps, banners, once = list[float](), list[float](), 0
+    with tempfile.TemporaryDirectory() as folder:
+        async with a_floor(Path(folder), time_factor=_TIME_FACTOR) as floor:
+            floor.nobody_has_control()
+            for _ in range(rounds):
+                seen_s, right = await _answer(floor)
+                steps.append(seen_s)
+                once += right
+            await floor.no_run()
+            for _ in range(rounds):
+                banners += await _stop(floor)
+    line = (
+        f"two_tablets: {rounds} double taps on one tablet, each one record in {once} cases; the other one sees the "
+        f"next step after {_spread(steps)} (at most {_SEEN_S:g} s); {rounds} emergency stops are on both after "
+        f"{_spread(banners)} (at most {_BANNER_S:g} s)"
+    )
+    return Figures(line, max(steps) <= _SEEN_S and max(banners) <= _BANNER_S and once == rounds)
+
+
+def _spread(found_s: list[float]) -> str:
+    ordered = sorted(found_s)
+    return f"{ordered[len(ordered) // 2]:.2f} s in the median, {ordered[-1]:.2f} s at most"
+
+
+async def _when(
+    pages: tuple[Page, ...], what: str, there: bool, act: Callable[[], Any]
+) -> tuple[float, list[float]]:
+    """Watch pages, act; return when that was and when each page had what it waits for (one clock) [s]."""
+    watching = [asyncio.create_task(page.evaluate(_WHEN, [what, there])) for page in pages]
+    await asyncio.sleep(0.2)  # until all watch
+    began_s = time.time()
+    await act()
+    return began_s, [float(await each) for each in watching]
+
+
+async def _answer(floor: Floor) -> tuple[float, bool]:
+    first = await floor.asked()
+    for page in (floor.tom, floor.tina):
+        await page.locator(f"[data-testid=prompt][data-key={first['key']}]").wait_for()
+    await can(floor.tom, "yes")
+    box = await floor.tom.get_by_test_id("yes").bounding_box()
+    assert box is not None
+    at = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    following = f"[data-testid=prompt]:not([data-key={first['key']}])"
+    began_s, (shown_s,) = await _when((floor.tina,), following, True, lambda: floor.tom.mouse.dblclick(*at))
+    await asyncio.sleep(1.0)  # a second answer would have arrived
+    return shown_s - began_s, floor.answered_once_since(first)
+
+
+async def _stop(floor: Floor) -> list[float]:
+    both = (floor.tom, floor.tina)
+    try:
+        began_s, shown_s = await _when(
+            both, "[data-testid=stopped][role=alert]", True,
+            lambda: floor.door.fault("emergency_stop", device="fanuc"),
+        )  # fmt: skip
+    finally:
+        for mended in ("release_emergency_stop", "press_reset"):
+            await floor.door.fault(mended, device="fanuc")
+    for page in both:
+        await seen(page, "stopped", there=False)
+    return [each_s - began_s for each_s in shown_s]
