@@ -1,21 +1,39 @@
-"""Chromium for tests: how long it is waited for, when a page is at rest, and what every page is held to.
+"""An app served in this process and Chromium to look at it; when a page is at rest, and what every page is held to.
 
 A page shows what a fetch or the socket brought, some time after whatever caused it. So a test waits for what it
 asserts: by Playwright's `expect`, to which importing this module gives patience, or by `comes`.
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from playwright.async_api import Page, expect
+import uvicorn
+from fastapi import FastAPI
+from playwright.async_api import Browser, Page, async_playwright, expect
+
+from service.web.pages import DIST
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 90.0
 PATIENCE_MS = 1000.0 * PATIENCE_S
 EVERY_S = 0.05
 LOCALES = ("en", "de", "es", "zh")
+CHROMIUM = next(
+    (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
+)
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+SERVED: dict[str, Any] = {
+    "log_level": "warning",
+    "ws": "websockets-sansio",
+    "timeout_graceful_shutdown": 2,
+}
+NO_WEBGL = """{ const drawn = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+        return kind.startsWith('webgl') ? null : drawn.call(this, kind, ...more); } }"""
 Told = TypeVar("Told")
 
 expect.set_options(timeout=PATIENCE_MS)
@@ -40,6 +58,35 @@ GO = """(place) => new Promise((done) => {
     if (location.hash === place) return done(true);
     addEventListener('hashchange', () => setTimeout(() => done(true)), {once: true});
     location.hash = place; })"""
+
+
+@asynccontextmanager
+async def served(app: FastAPI, **how: Any) -> AsyncIterator[str]:
+    """Serve an app on a free port of loopback while the block lasts; lends its address, as http://127.0.0.1:port."""
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        server = uvicorn.Server(uvicorn.Config(app, **SERVED | how))
+        serving = asyncio.create_task(server.serve([listening]))
+        try:
+            while not (server.started or serving.done()):
+                await asyncio.sleep(EVERY_S)
+            yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+        finally:
+            server.should_exit = True
+            await serving
+
+
+@asynccontextmanager
+async def chromium() -> AsyncIterator[Browser]:
+    """Open a browser for the built pages."""
+    assert CHROMIUM, "The pages are looked at in Chromium, which is not installed: apt-get install chromium"
+    assert (DIST / "index.html").is_file(), "The pages are not built: run `make pages`."
+    async with async_playwright() as playwright:
+        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        try:
+            yield browser
+        finally:
+            await browser.close()
 
 
 async def comes(read: Callable[[], Awaitable[Told]], right: Callable[[Told], Any] = bool) -> Told:

@@ -1,7 +1,6 @@
 """A shop floor: the service with people, over a desk, and a real browser whose contexts are tablets."""
 
 import asyncio
-import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
@@ -9,21 +8,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import uvicorn
 from fastapi import FastAPI
-from playwright.async_api import Browser, BrowserContext, Page, async_playwright
+from playwright.async_api import Browser, BrowserContext, Page
 
 from service.people.entrance import Entrance
 from service.web.app import Settings, create_app
-from service.web.pages import DIST
-from tests.service.browsers import COUNT_ASKED, PATIENCE_MS, PATIENCE_S, violations
+from tests.service.browsers import (
+    COUNT_ASKED,
+    NO_WEBGL,
+    PATIENCE_MS,
+    PATIENCE_S,
+    chromium,
+    served,
+    violations,
+)
 from tests.service.doors import PINS, ROLES, quick, with_people
 
-CHROMIUM = next(
-    (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
-)
-FLAGS = ["--no-sandbox", "--disable-gpu"]
-NO_WEBGL = "HTMLCanvasElement.prototype.getContext = () => null"  # the picture has tests of its own
 ANSWERED = (
     "() => !document.querySelector('[data-testid=secret]')?.value"  # keys pressed before are rubbed out
 )
@@ -147,37 +147,13 @@ async def a_shop(
     clock: Callable[[], float] = time.monotonic,
 ) -> AsyncIterator[Shop]:
     """Serve a cell to people; ``desk`` puts a double in the place of the desk's process; ``clock`` is of sessions."""
-    assert CHROMIUM, (
-        "These tests look at the pages in Chromium, which is not installed: apt-get install chromium"
-    )
-    assert (DIST / "index.html").is_file(), "The pages are not built: run `make pages`."
     app = create_app(Settings(cell_file))
     entrance = with_people(Entrance(app.state.house.config.cell.data_dir, clock=clock, make_hasher=quick))
     app.state.house = replace(app.state.house, entrance=entrance)
     if desk is not None:
         app.state.house = replace(app.state.house, link=desk(app))
     async with AsyncExitStack() as stack:
-        listening = stack.enter_context(socket.socket())
-        listening.bind(("127.0.0.1", 0))
-        await stack.enter_async_context(_serving(app, listening, lifespan="off" if desk else "on"))
-        playwright = await stack.enter_async_context(async_playwright())
-        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        stack.push_async_callback(browser.close)
-        yield Shop(app, entrance, listening.getsockname()[1], browser, [])
-
-
-@asynccontextmanager
-async def _serving(app: FastAPI, listening: socket.socket, lifespan: Any) -> AsyncIterator[None]:
-    how = uvicorn.Config(
-        app, log_level="critical", ws="websockets-sansio", lifespan=lifespan, timeout_graceful_shutdown=2
-    )
-    server = uvicorn.Server(how)
-    serving = asyncio.create_task(server.serve([listening]))
-    try:
-        async with asyncio.timeout(PATIENCE_S):
-            while not server.started:
-                await asyncio.sleep(0.01)
-        yield
-    finally:
-        server.should_exit = True
-        await serving
+        how = {"log_level": "critical", "lifespan": "off" if desk else "on"}
+        url = await stack.enter_async_context(served(app, **how))
+        browser = await stack.enter_async_context(chromium())
+        yield Shop(app, entrance, int(url.rpartition(":")[2]), browser, [])

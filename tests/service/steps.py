@@ -1,28 +1,24 @@
 """A technician at a page and at the pendant: brings the fake arm where it is asked for, and presses what is shown."""
 
-import asyncio
 import math
 import re
-import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import uvicorn
 from fastapi import FastAPI
-from playwright.async_api import Page, async_playwright, expect
+from playwright.async_api import Page, expect
 from scipy.optimize import least_squares
 
 from calibration.arm.kinematics import load_model
 from calibration.geometry import Array, exp_rotation, log_rotation
 from service.demo.door import Door
 from service.web.app import Settings, create_app
-from service.web.pages import DIST
 from tests.service.browsers import PATIENCE_MS, at_rest
 from tests.service.desks import a_cell
-from tests.service.test_pages import CHROMIUM, FLAGS, Looking
+from tests.service.test_pages import Looking, looking_at
 
 MODEL = load_model("fanuc_m6ib")
 HOME = np.radians([5.0, -5.0, 5.0, 12.0, -78.0, 8.0])
@@ -83,39 +79,16 @@ async def at_the_pages(
     folder: Path, *, observe: bool = False, time_factor: float = 500.0
 ) -> AsyncIterator[Pendant]:
     """Serve a fake cell and open a browser on it. ``observe``: people move the robot, nothing is commanded."""
-    assert CHROMIUM, "These tests look at the pages in Chromium: apt-get install chromium"
-    assert (DIST / "index.html").is_file(), "The pages are not built: run `make pages`."
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        async with a_cell(folder, time_factor=time_factor) as (path, door), async_playwright() as playwright:
-            if observe:
-                text = path.read_text(encoding="utf-8")
-                path.write_text(
-                    text.replace('motion = "commanded"', 'motion = "observe"', 1), encoding="utf-8"
-                )
-            app = create_app(Settings(path, open_access=True))
-            server = uvicorn.Server(
-                uvicorn.Config(
-                    app,
-                    log_level="warning",
-                    ws="websockets-sansio",
-                    timeout_graceful_shutdown=2,
-                )
-            )
-            serving = asyncio.create_task(server.serve([listening]))
-            browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-            looks = Looking(browser, f"http://127.0.0.1:{listening.getsockname()[1]}")
-            try:
-                await looks.until(lambda session: session["connection"]["connected"])
-                pendant = Pendant(door, looks, app)
-                truth = (await door.truth())["robots"]["fanuc"]
-                pendant.start_rad = truth["controller_joints_rad"]
-                yield pendant
-            finally:
-                await browser.close()
-                await looks.client.aclose()
-                server.should_exit = True
-                await serving
+    async with a_cell(folder, time_factor=time_factor) as (path, door):
+        if observe:
+            text = path.read_text(encoding="utf-8")
+            path.write_text(text.replace('motion = "commanded"', 'motion = "observe"', 1), encoding="utf-8")
+        app = create_app(Settings(path, open_access=True))
+        async with looking_at(app) as looks:
+            pendant = Pendant(door, looks, app)
+            truth = (await door.truth())["robots"]["fanuc"]
+            pendant.start_rad = truth["controller_joints_rad"]
+            yield pendant
 
 
 async def asked(page: Page, key: str) -> None:

@@ -1,38 +1,30 @@
 """The demo's bar in a real browser: in every language, for everybody's eyes and gloves; a press is seen by all."""
 
-import asyncio
 import json
-import socket
 from pathlib import Path
 
-import uvicorn
-from playwright.async_api import Browser, Page, async_playwright, expect
+from playwright.async_api import Browser, Page, expect
 
 from service.web.app import Settings, create_app
-from tests.service.browsers import COUNT_ASKED, LOCALES, PATIENCE_MS, ROOT, hold_to_rules, speaks
+from tests.service.browsers import (
+    COUNT_ASKED,
+    LOCALES,
+    NO_WEBGL,
+    PATIENCE_MS,
+    ROOT,
+    chromium,
+    hold_to_rules,
+    served,
+    speaks,
+)
 from tests.service.desks import a_cell
-from tests.service.test_pages import CHROMIUM, FLAGS, NO_WEBGL
 
 
 async def test_the_demos_buttons_are_for_everybody_and_a_pressed_loss_is_noticed(tmp_path: Path) -> None:
-    assert CHROMIUM, (
-        "This test looks at the pages in Chromium, which is not installed: apt-get install chromium"
-    )
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        async with a_cell(tmp_path) as (path, door), async_playwright() as playwright:
-            app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
-            server = uvicorn.Server(
-                uvicorn.Config(app, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=2)
-            )
-            serving = asyncio.create_task(server.serve([listening]))
-            browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-            try:
-                await _look(browser, f"http://127.0.0.1:{listening.getsockname()[1]}/")
-            finally:
-                await browser.close()
-                server.should_exit = True
-                await serving
+    async with a_cell(tmp_path) as (path, door):
+        app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
+        async with served(app) as url, chromium() as browser:
+            await _look(browser, f"{url}/")
 
 
 async def _look(browser: Browser, url: str) -> None:

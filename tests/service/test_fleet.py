@@ -1,6 +1,5 @@
 """The fleet in a browser: two hundred cells, only what changed is drawn, and nothing on the page commands a cell."""
 
-import asyncio
 import json
 import os
 import re
@@ -14,9 +13,8 @@ from typing import Any
 
 import httpx
 import pytest
-import uvicorn
 from fastapi.routing import APIRoute, APIWebSocketRoute, iter_route_contexts
-from playwright.async_api import Page, async_playwright, expect
+from playwright.async_api import Page, expect
 
 from service.certificates.signing import Checked, check, station_key
 from service.people.entrance import Entrance
@@ -27,9 +25,8 @@ from service.site.link_files import Enrolled, StationsFile
 from service.site.sealed import Sealer
 from service.web.fleet import PAGE, FleetHouse, create_fleet_app
 from service.web.pages import DIST
-from tests.service.browsers import PATIENCE_MS, PATIENCE_S, comes, hold_to_rules, speaks
+from tests.service.browsers import PATIENCE_MS, PATIENCE_S, chromium, comes, hold_to_rules, served, speaks
 from tests.service.sites import SITE, Site, free_port, live_of, session_of, until
-from tests.service.test_pages import CHROMIUM, FLAGS
 
 ROOT = Path(__file__).parents[2]
 CELLS = 200
@@ -95,27 +92,12 @@ class Hall:
 
 
 @asynccontextmanager
-async def served(hall: Hall, folder: Path) -> AsyncIterator[tuple[str, Entrance]]:
-    app, port = create_fleet_app(hall, folder), free_port()
-    server = uvicorn.Server(uvicorn.Config(app, port=port, log_level="warning", ws="websockets-sansio"))
-    task = asyncio.create_task(server.serve())
-    try:
-        while not server.started:
-            await asyncio.sleep(0.02)
-        yield f"http://127.0.0.1:{port}", app.state.house.entrance
-    finally:
-        server.should_exit = True
-        await task
-
-
-@asynccontextmanager
 async def page_of(
     hall: Hall, folder: Path, size: tuple[int, int] = (1280, 800), expected: str = "no complaint"
 ) -> AsyncIterator[Page]:
-    assert CHROMIUM is not None, "The tests of the pages need Chromium."
     assert (DIST / PAGE).is_file(), "The pages are not built: run `make pages`."
-    async with served(hall, folder) as (url, entrance), async_playwright() as playwright:
-        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+    app = create_fleet_app(hall, folder)
+    async with served(app) as url, chromium() as browser:
         context = await browser.new_context(viewport={"width": size[0], "height": size[1]})
         context.set_default_timeout(PATIENCE_MS)
         page = await context.new_page()
@@ -125,12 +107,10 @@ async def page_of(
         page.on(
             "request", lambda asked: complaints.append(asked.url) if not asked.url.startswith(url) else None
         )
-        try:
-            await page.goto(f"{url}/api/sign-in/console?token={entrance.console_token()}")
-            await page.get_by_test_id(f"cell-{hall.names[-1]}").wait_for()
-            yield page
-        finally:
-            await browser.close()
+        await page.goto(f"{url}/api/sign-in/console?token={app.state.house.entrance.console_token()}")
+        await page.get_by_test_id(f"cell-{hall.names[-1]}").wait_for()
+        yield page
+        await context.close()
         assert [told for told in complaints if not re.search(expected, told)] == []
 
 

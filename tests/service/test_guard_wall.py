@@ -4,19 +4,18 @@ import asyncio
 import contextlib
 import json
 import re
-import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
 import httpx
 import pytest
-import uvicorn
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from service.web.guard import HEADERS, MOST_BYTES, Budget, Guard
 from service.web.pages import DIST
+from tests.service.browsers import served
 from tests.service.doors import ORIGIN, Clock, Door, Tablet, a_door, another_browser
 
 STOP = {"id": "1", "rev": 1, "order": {"op": "stop"}}
@@ -245,21 +244,8 @@ def test_a_budget_fills_again_and_is_each_address_s_own() -> None:
 @asynccontextmanager
 async def listening(door: Door) -> AsyncIterator[str]:
     """The same service on a real socket, without its desk."""
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{taken.getsockname()[1]}"
-        server = uvicorn.Server(
-            uvicorn.Config(door.app, lifespan="off", ws="websockets-sansio", log_level="critical")
-        )
-        serving = asyncio.create_task(server.serve(sockets=[taken]))
-        try:
-            async with asyncio.timeout(90.0):
-                while not server.started:
-                    await asyncio.sleep(0.01)
-            yield address
-        finally:
-            server.should_exit = True
-            await serving
+    async with served(door.app, lifespan="off", log_level="critical") as url:
+        yield url.removeprefix("http://")
 
 
 async def test_a_screen_needs_a_session_and_its_own_page(tmp_path: Path) -> None:

@@ -6,41 +6,37 @@ One browser, one cell and one service serve every test of this file, one after t
 import asyncio
 import json
 import re
-import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
-from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
 import pytest_asyncio
-import uvicorn
-from playwright.async_api import Browser, Page, async_playwright, expect
+from fastapi import FastAPI
+from playwright.async_api import Browser, Page, expect
 
 from calibration.arm.kinematics import load_model
 from service.web.app import Settings, create_app
-from service.web.pages import DIST
 from tests.service.browsers import (
     COUNT_ASKED,
     LOCALES,
+    NO_WEBGL,
     PATIENCE_MS,
     PATIENCE_S,
     ROOT,
     at_rest,
+    chromium,
     comes,
     go,
     hold_to_rules,
+    served,
     speaks,
 )
 from tests.service.desks import a_cell
 
 VIEWPORTS = ((1280, 800), (1024, 768), (800, 1280))
-CHROMIUM = next(
-    (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
-)
-FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 MOST_BYTES = 450_000
 NO_REVIEW: dict[str, Any] = {
     "run_id": "r",
@@ -60,9 +56,6 @@ CHECKED: dict[str, Any] = {
     "sha256": "0",
     "public_key": "1",
 }
-NO_WEBGL = """{ const drawn = HTMLCanvasElement.prototype.getContext;
-    HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
-        return kind.startsWith('webgl') ? null : drawn.call(this, kind, ...more); } }"""
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
 
@@ -128,31 +121,23 @@ class Looking:
                 await asyncio.sleep(0.05)
 
 
+@asynccontextmanager
+async def looking_at(app: FastAPI) -> AsyncIterator[Looking]:
+    """Serve an app and open a browser at it, until its cell is connected."""
+    async with served(app) as url, chromium() as browser:
+        looks = Looking(browser, url)
+        async with looks.client:
+            await looks.until(lambda session: session["connection"]["connected"])
+            yield looks
+
+
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
-    assert CHROMIUM, (
-        "These tests look at the pages in Chromium, which is not installed: apt-get install chromium"
-    )
-    assert (DIST / "index.html").is_file(), "The pages are not built: run `make pages`."
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        async with a_cell(tmp_path_factory.mktemp("cell")) as (path, _), async_playwright() as playwright:
-            app = create_app(Settings(path, open_access=True))
-            how = uvicorn.Config(
-                app, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=2
-            )
-            server = uvicorn.Server(how)
-            serving = asyncio.create_task(server.serve([listening]))
-            browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-            looks = Looking(browser, f"http://127.0.0.1:{listening.getsockname()[1]}")
-            try:
-                await looks.until(lambda session: session["connection"]["connected"])
-                yield looks
-            finally:
-                await browser.close()
-                await looks.client.aclose()
-                server.should_exit = True
-                await serving
+    async with (
+        a_cell(tmp_path_factory.mktemp("cell")) as (path, _),
+        looking_at(create_app(Settings(path, open_access=True))) as looks,
+    ):
+        yield looks
 
 
 async def _shown(page: Page, robot: str = "fanuc") -> dict[str, Any]:

@@ -5,14 +5,11 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
-from playwright.async_api import async_playwright
-
 from service.people.roles import Role
+from tests.service.browsers import PATIENCE_MS, chromium
 from tests.service.doors import PINS, a_door
 from tests.service.test_guard_wall import listening
 
-CHROMIUM = Path("/usr/bin/chromium")
-IS_THERE = CHROMIUM.exists()
 SIGN_IN = """async ([token, name, secret]) => {
     const post = async (path, content) => (await fetch('/api/sign-in/' + path, {
         method: 'POST', headers: {'Content-Type': 'application/json'}, body: JSON.stringify(content)})).json();
@@ -61,28 +58,23 @@ async def _a_page(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None
 async def test_a_browser_enrols_signs_in_and_keeps_its_cookie_from_scripts_and_other_pages(
     tmp_path: Path,
 ) -> None:
-    assert IS_THERE, "This test needs Chromium: apt-get install chromium"
     statuses: list[tuple[str, int]] = []
     async with AsyncExitStack() as stack:
         door = await stack.enter_async_context(a_door(tmp_path))
         door.app.add_middleware(Recorder, statuses=statuses)
         address = await stack.enter_async_context(listening(door))
-        playwright = await stack.enter_async_context(async_playwright())
-        flags = ["--no-sandbox", "--disable-gpu"]
-        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=flags)
-        try:
-            page = await browser.new_page()
-            await page.goto(f"http://{address}/icon.svg")
-            token = door.entrance.register.enrolment("tablet 3", "test")
-            person, seen = await page.evaluate(SIGN_IN, [token, "Tom", PINS["Tom"]])
-            assert (person["name"], person["role"]) == ("Tom", Role.TECHNICIAN)
-            assert seen == ""
-            other = await asyncio.start_server(_a_page, "127.0.0.1", 0)
-            await page.goto(
-                f"http://127.0.0.1:{other.sockets[0].getsockname()[1]}/"
-            )  # same site: gets the cookie
-            assert "Failed to fetch" in str(await page.evaluate(FORGE, f"http://{address}"))
-            assert statuses[-1] == ("/api/commands", 403)
-            other.close()
-        finally:
-            await browser.close()
+        browser = await stack.enter_async_context(chromium())
+        page = await browser.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        await page.goto(f"http://{address}/icon.svg")
+        token = door.entrance.register.enrolment("tablet 3", "test")
+        person, seen = await page.evaluate(SIGN_IN, [token, "Tom", PINS["Tom"]])
+        assert (person["name"], person["role"]) == ("Tom", Role.TECHNICIAN)
+        assert seen == ""
+        other = await asyncio.start_server(_a_page, "127.0.0.1", 0)
+        await page.goto(
+            f"http://127.0.0.1:{other.sockets[0].getsockname()[1]}/"
+        )  # same site: gets the cookie
+        assert "Failed to fetch" in str(await page.evaluate(FORGE, f"http://{address}"))
+        assert statuses[-1] == ("/api/commands", 403)
+        other.close()

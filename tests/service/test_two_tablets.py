@@ -4,6 +4,7 @@ One browser, one cell and one service serve every test of this file, one after t
 the issue asks in seconds is measured by the campaign ``pages_link``.
 """
 
+import re
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -12,8 +13,9 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import expect
 
+from tests.service.browsers import comes, go
 from tests.service.floor import Floor, a_floor, can, held, press, seen, touch
-from tests.service.shop import PATIENCE_MS, for_everybody
+from tests.service.shop import for_everybody
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
 FIRST = "[data-testid=prompt][data-key=pin_is_fixed]"
@@ -53,11 +55,11 @@ async def test_one_orders_the_other_sees_and_takes_over(floor: Floor) -> None:
     await tom.get_by_test_id("start").click()
     for page in (tom, tina):
         await page.locator(FIRST).wait_for()
-    await expect(tina.get_by_test_id("controlled-by")).to_contain_text("Tom", timeout=PATIENCE_MS)
+    await expect(tina.get_by_test_id("controlled-by")).to_contain_text("Tom")
     await can(tina, "yes", be_pressed=False)
     await can(tina, "stop")
     await tina.get_by_test_id("take-over").click()
-    await expect(tom.get_by_test_id("asked-for")).to_contain_text("Tina", timeout=PATIENCE_MS)
+    await expect(tom.get_by_test_id("asked-for")).to_contain_text("Tina")
     for page in (tom, tina):
         await for_everybody(page, "a request to take over")
     await tom.get_by_test_id("refuse").click()
@@ -83,6 +85,7 @@ async def test_a_double_tap_answers_one_question(floor: Floor) -> None:
     for _ in range(3):
         await page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     await page.locator(NEXT).wait_for()
+    await can(page, "no")  # nothing that was pressed is on its way any more
     assert floor.answered_once_since(first)
     await seen(page, "refusal", there=False)
 
@@ -99,6 +102,7 @@ async def test_a_page_that_is_behind_is_refused_and_then_shows_what_is(floor: Fl
     await behind.get_by_test_id("yes").click()  # the page still shows the question before
     await seen(behind, "refusal")
     await behind.locator(NEXT).wait_for()
+    await can(page, "no")
     assert floor.answered_once_since(first)
     await behind.close()
 
@@ -125,6 +129,7 @@ async def test_a_stale_order_carries_the_present_session(floor: Floor) -> None:
     assert answer.status_code == 409
     session = floor.session()
     assert session is not None
+    assert session["prompt"]
     assert answer.json()["session"]["prompt"] == session["prompt"]
 
 
@@ -132,6 +137,10 @@ async def test_a_stale_order_carries_the_present_session(floor: Floor) -> None:
 async def test_a_press_into_a_dead_link_counts_once_when_it_is_back(floor: Floor, late: bool) -> None:
     first = await floor.asked()
     page, hole = floor.tom, floor.hole
+
+    async def swallowed() -> int:
+        return hole.swallowed
+
     await can(page, "yes")
     hole.swallow(late=late)
     await page.get_by_test_id("yes").click()
@@ -139,7 +148,7 @@ async def test_a_press_into_a_dead_link_counts_once_when_it_is_back(floor: Floor
     await seen(page, "queued")
     for button in ("yes", "no", "stop", "hold"):
         await can(page, button, be_pressed=False)
-    assert hole.swallowed > 0
+    await comes(swallowed)
     session = floor.session()
     assert session is not None
     assert session["prompt"]["id"] == first["id"]
@@ -147,6 +156,7 @@ async def test_a_press_into_a_dead_link_counts_once_when_it_is_back(floor: Floor
     await seen(page, "offline", there=False)
     await page.locator(NEXT).wait_for()
     await seen(page, "queued", there=False)
+    await can(page, "no")
     await seen(page, "refusal", there=False)
     assert floor.answered_once_since(first)
 
@@ -164,8 +174,8 @@ async def test_what_was_typed_outlives_a_dead_link(floor: Floor) -> None:
     floor.hole.heal()
     await seen(page, "offline", there=False)
     await can(page, "start")
-    assert await field.input_value() == "7"
-    assert "six_point_tcp" in page.url
+    await expect(field).to_have_value("7")
+    await expect(page).to_have_url(re.compile("six_point_tcp"))
 
 
 class TestHold:
@@ -213,8 +223,8 @@ class TestHold:
         await held(page, yes=False)
         for _ in range(3):
             await page.keyboard.down(" ")  # still down: the keyboard repeats it
-        assert await page.get_by_test_id("hold").get_attribute("aria-pressed") == "false"
         await floor.stands()
+        await held(page, yes=False)
         await page.keyboard.up(" ")
 
     @pytest.mark.parametrize("late", [False, True], ids=["lost", "late"])
@@ -255,16 +265,16 @@ class TestHold:
         await floor.door.fault("emergency_stop", device="fanuc")
         try:
             await seen(page, "stopped")
-            assert await page.get_by_test_id("stopped").get_attribute("role") == "alert"
-            assert await page.get_by_test_id("stopped").get_by_role("button").count() == 0
+            await expect(page.get_by_test_id("stopped")).to_have_attribute("role", "alert")
+            await expect(page.get_by_test_id("stopped").get_by_role("button")).to_have_count(0)
             await can(page, "hold", be_pressed=False)
             for button in ("hold", "stop"):
-                box = await page.get_by_test_id(button).bounding_box()
-                assert box is not None
-                assert box["y"] + box["height"] <= HEIGHT, button
+                await comes(
+                    page.get_by_test_id(button).bounding_box,
+                    lambda box: box is not None and box["y"] + box["height"] <= HEIGHT,
+                )
             for place in PLACES:
-                await page.evaluate("place => { location.hash = place; }", place)
-                await page.locator("main h1").first.wait_for()
+                await go(page, place)
                 await seen(page, "stopped")
         finally:
             for mended in ("release_emergency_stop", "press_reset"):

@@ -1,26 +1,21 @@
 """A technician with a tablet: does what a page asks, presses its buttons, and looks at how it ends."""
 
 import asyncio
-import socket
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import httpx
-import uvicorn
-from playwright.async_api import Page, async_playwright
+from playwright.async_api import Page
 from playwright.async_api import TimeoutError as NotThere
 
 from service.web.app import Settings, create_app
+from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium, served
 from tests.stories.day_cell import day_cell
 from tests.stories.hands import Hands
 
-CHROMIUM = next(
-    (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
-)
-FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
 PATIENCE_S = 600.0
 PRESS_MS = 4000
 LOOKS_S = 0.15
@@ -29,7 +24,6 @@ PRESSED = """async (asked) => {
     const told = await fetch('/api/commands', {method: 'POST', body: JSON.stringify(asked), headers});
     return [told.status, await told.text()];
 }"""
-NO_WEBGL = "HTMLCanvasElement.prototype.getContext = () => null"  # drawn in software a picture costs a core
 
 
 @dataclass(frozen=True)
@@ -114,7 +108,7 @@ class Day:
         return dict(told["session"])
 
     async def _until(self, true: Any) -> None:
-        async with asyncio.timeout(60.0):
+        async with asyncio.timeout(PATIENCE_S):
             while not true(await self.session()):
                 await asyncio.sleep(LOOKS_S)
 
@@ -162,7 +156,8 @@ class Day:
 
     async def _agree(self, prompt: dict[str, Any]) -> None:
         """Press what the page offers until the page has gone on; some buttons want to be held."""
-        yes = self.page.get_by_test_id("yes")
+        asks = self.page.locator(f"[data-testid=prompt][data-key={json.dumps(prompt['key'])}]")
+        yes = asks.get_by_test_id("yes")  # and not what the page has gone on to
         for _ in range(40):
             try:
                 await yes.hover(timeout=PRESS_MS)
@@ -193,37 +188,15 @@ class Day:
 @asynccontextmanager
 async def working_day(folder: Path, pictures: Path | None = None) -> AsyncIterator[Day]:
     """Run the cell, its service and a browser at it."""
-    async with day_cell(folder) as (path, door), _served(path) as url, async_playwright() as playwright:
-        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        try:
-            page = await browser.new_page(viewport={"width": 1280, "height": 800})
-            if pictures is None:
-                await page.add_init_script(NO_WEBGL)
-            await page.goto(url)
-            await page.get_by_test_id("device-robot").wait_for()
-            yield Day(page, Hands(door, {}), pictures)
-        finally:
-            await browser.close()
-
-
-@asynccontextmanager
-async def _served(cell_file: Path) -> AsyncIterator[str]:
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        app = create_app(Settings(cell_file, open_access=True))
-        server = uvicorn.Server(
-            uvicorn.Config(app, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=2)
-        )
-        serving = asyncio.create_task(server.serve([listening]))
-        url = f"http://127.0.0.1:{listening.getsockname()[1]}"
-        async with httpx.AsyncClient(base_url=url) as client, asyncio.timeout(60.0):
-            while True:
-                with suppress(httpx.TransportError):
-                    if (await client.get("/api/session")).status_code == 200:
-                        break
-                await asyncio.sleep(0.05)
-        try:
-            yield url
-        finally:
-            server.should_exit = True
-            await serving
+    async with (
+        day_cell(folder) as (path, door),
+        served(create_app(Settings(path, open_access=True))) as url,
+        chromium() as browser,
+    ):
+        page = await browser.new_page(viewport={"width": 1280, "height": 800})
+        page.set_default_timeout(PATIENCE_MS)
+        if pictures is None:
+            await page.add_init_script(NO_WEBGL)  # drawn in software a picture costs a core
+        await page.goto(url)
+        await page.get_by_test_id("device-robot").wait_for()
+        yield Day(page, Hands(door, {}), pictures)
