@@ -146,7 +146,8 @@ def _literal(source: Source, place: int, *, axes: bool) -> re.Match[str] | None:
     try:
         return AGGREGATES[kind].match(source.text, place)
     except LiteralError as error:
-        if error.computed or source.text[after_blanks(source.text, place + 1)] != "[":
+        second = after_blanks(source.text, place + 1)
+        if error.computed or source.text[second : second + 1] != "[":
             return None  # a speed or zone in numbers, or a target that is computed
         raise source.error(error.place, str(error), remedy="Correct it on the controller.") from None
 

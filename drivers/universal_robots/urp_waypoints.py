@@ -74,11 +74,21 @@ class Reader:
         self.read: set[int] = set()  # position elements that are waypoints of ours
 
     def waypoints(self) -> Iterator[Waypoint]:
-        """Yield the fixed waypoints in the order of the file."""
+        """Yield the fixed waypoints in the order of the file.
+
+        Raises
+        ------
+        ProgramFileError
+            One stands inside another, whose numbers would then be on both sides of it: the file is damaged.
+        """
         for i in self.tags.get("Waypoint", ()):
             if self.xml.value(i, "type", "Fixed") == "Fixed":
                 position = self.xml.child(i, "position")
                 if position is not None and self._holds_joints(position):
+                    if self.xml.above(i, "Waypoint") is not None:
+                        raise self.xml.wrong(
+                            self.xml.elements[i].offset, "this waypoint stands inside another one."
+                        )
                     self.read.add(position)
                     yield self._waypoint(i, position)
 

@@ -73,6 +73,14 @@ def _turn(angle: float) -> np.ndarray:
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
 
+def test_a_file_that_ends_behind_a_bracket_is_read_to_its_end():
+    data = (
+        b"MODULE Teil\r\nCONST robtarget p1:=" + target("p1").partition(":=")[2].encode() + b"\r\nMoveL p1, ["
+    )
+    with pytest.raises(ProgramFileError):
+        BRAND.read("a.mod", data)
+
+
 def test_arrays_inline_targets_and_two_in_one_circle_are_named():
     one = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{E}]"
     file = read(

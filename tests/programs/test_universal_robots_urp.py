@@ -259,6 +259,7 @@ _ENTITY = '<!DOCTYPE x [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>'
         (_urp(_waypoint().replace("1.99", "1.9.9")), "six numbers"),
         (_urp(_waypoint().replace("1.99", "199e9")), "beyond"),
         (_urp(_waypoint().replace("-0.27", "nan")), "six numbers"),
+        (_urp(_waypoint().replace("<position>", _waypoint() + "<position>", 1)), "inside another"),
     ],
 )
 def test_what_is_damaged_or_dangerous_is_refused_with_a_cure(data: bytes, says: str):
