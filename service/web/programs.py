@@ -23,7 +23,7 @@ from service.web.overlays import frames_of
 from service.web.parameters import FOLDER
 from service.web.programs_files import kept_projects
 from service.web.programs_jobs import Jobs
-from service.web.programs_shapes import Bench, Here, Job, Kept, MadeJob, PointsMade, Wanted
+from service.web.programs_shapes import Bench, Here, KeptProject, MadeJob, PointsMade, ProgramsJob, Wanted
 
 JobId = Annotated[str, Path(max_length=32, pattern=r"^[0-9a-z]+$")]
 _ARCHIVE: dict[int | str, dict[str, Any]] = {
@@ -47,7 +47,7 @@ def jobs_of(connection: HTTPConnection) -> Jobs:
     """Return the jobs of this service."""
     state = connection.app.state
     if not hasattr(state, "programs"):
-        state.programs = Jobs(house_of(connection).settings.cell_file)
+        state.programs = Jobs(house_of(connection).config)
     found: Jobs = state.programs
     return found
 
@@ -61,7 +61,7 @@ async def bench(request: Request, who: Who) -> Bench:
 
 
 @router.post("/jobs", status_code=202, responses={403: {"description": "the role does not include it"}})
-async def begin(wanted: Wanted, request: Request, who: Who) -> Job:
+async def begin(wanted: Wanted, request: Request, who: Who) -> ProgramsJob:
     """Begin to make programs; `/jobs/{id}` tells how far it is, and shows what came of it."""
     _may_make(who)
     return (await jobs_of(request).begin(wanted, who.name)).told()
@@ -77,7 +77,7 @@ async def job(job_id: JobId, request: Request, who: Who) -> MadeJob:
 
 
 @router.post("/jobs/{job_id}/stop", responses={403: {"description": "the role does not include it"}})
-async def stop(job_id: JobId, request: Request, who: Who) -> Job:
+async def stop(job_id: JobId, request: Request, who: Who) -> ProgramsJob:
     """Stop a job that is not done yet."""
     _may_make(who)
     work = jobs_of(request).find(job_id)
@@ -115,7 +115,7 @@ def _may_make(who: Person) -> None:
         raise NotAllowedError(who.name, who.role, Right.MAKE_PROGRAMS.value, "Let an engineer sign in.")
 
 
-def _cells(config: CellConfig) -> tuple[list[Here], list[Kept]]:
+def _cells(config: CellConfig) -> tuple[list[Here], list[KeptProject]]:
     folder = FilePath(config.path).resolve().parent
     sets = ParameterSets(folder / FOLDER)
     known = set(sets.robots())
@@ -135,7 +135,7 @@ def _cells(config: CellConfig) -> tuple[list[Here], list[Kept]]:
     return robots, _projects(folder)
 
 
-def _projects(folder: FilePath) -> list[Kept]:
+def _projects(folder: FilePath) -> list[KeptProject]:
     """Return the projects beside the cell file; what they name is read when something is made."""
     found = kept_projects(folder)
     names = {path.resolve(): name for name, (path, _) in found.items()}
@@ -146,7 +146,7 @@ def _projects(folder: FilePath) -> list[Kept]:
         serial = robot.get("serial") if isinstance(robot, dict) else None
         theirs = names.get((path.parent / str(named)).resolve(), "") if named else ""
         told.append(
-            Kept(
+            KeptProject(
                 name=name,
                 serial=serial if isinstance(serial, str) else "",
                 master=theirs,

@@ -14,8 +14,6 @@ from service.configuration.cell_file import CellConfig
 from service.parameters.parameter_sets import ParameterSets
 from service.programs.project import SMALLEST_SIGMA, Project, Tool
 from service.programs.project_arms import IdentifiedArm, identified_arm
-from service.web.overlays import all_kept
-from service.web.parameters import FOLDER
 
 _IN_SPACE = 2.8  # the radius that holds 95 % of a tip, in standard deviations of one coordinate
 
@@ -23,7 +21,8 @@ _IN_SPACE = 2.8  # the radius that holds 95 % of a tip, in standard deviations o
 def cell_here(config: CellConfig, given: Mapping[str, Any]) -> Project:
     """Return a robot of this service's cell with its newest parameters, and tools and frames as runs left them.
 
-    What a person entered goes before what a run measured.
+    ``given`` is what a page asked for, with ``sets``, the folder of all parameters beside the cell file, and with
+    ``measured``, what runs of this cell kept. What a person entered goes before what a run measured.
 
     Raises
     ------
@@ -32,7 +31,7 @@ def cell_here(config: CellConfig, given: Mapping[str, Any]) -> Project:
     """
     robot = config.robot(given["name"] or None)
     model = load_model(robot.model)
-    tools, frames = _measured(config, robot.serial)
+    tools, frames = _measured(given["measured"])
     tools |= {each["name"]: Tool(pose_given(each), pose_given(each)) for each in given["tools"]}
     frames |= {each["name"]: pose_given(each) for each in given["frames"]}
     return Project(
@@ -42,7 +41,7 @@ def cell_here(config: CellConfig, given: Mapping[str, Any]) -> Project:
         nominal=model,
         controller=model,
         factory_known=False,
-        identified=_identified(config, robot.serial, model),
+        identified=_identified(config, given["sets"], robot.serial, model),
         tools=tools,
         frames=frames,
         unsaid_tool=_only(given["tools"]),
@@ -55,22 +54,23 @@ def cell_here(config: CellConfig, given: Mapping[str, Any]) -> Project:
     )
 
 
-def _identified(config: CellConfig, serial: str, model: RobotModel) -> IdentifiedArm | None:
+def _identified(config: CellConfig, sets: str, serial: str, model: RobotModel) -> IdentifiedArm | None:
     folder = Path(config.path).parent
-    if serial not in ParameterSets(folder / FOLDER).robots():
+    if serial not in ParameterSets(folder / sets).robots():
         return None
-    return identified_arm({"parameter_store": FOLDER}, folder, model, serial, "this cell")
+    return identified_arm({"parameter_store": sets}, folder, model, serial, "this cell")
 
 
-def _measured(config: CellConfig, serial: str) -> tuple[dict[str, Tool], dict[str, Array]]:
+def _measured(found: Sequence[Mapping[str, Any]]) -> tuple[dict[str, Tool], dict[str, Array]]:
     tools: dict[str, Tool] = {}
     frames: dict[str, Array] = {}
-    for kept in all_kept(config, serial):
-        if kept.what == "tool_frame":
-            entered, real = (pose_given(kept.value[key]) for key in ("read_back", "flange_tool"))
-            tools[kept.subject] = Tool(entered, real, _tip_sigma_m(kept.value), measured=True)
-        elif kept.what == "user_frame":
-            frames[kept.subject] = pose_given(kept.value["read_back"])
+    for kept in found:
+        value = kept["value"]
+        if kept["what"] == "tool_frame":
+            entered, real = (pose_given(value[key]) for key in ("read_back", "flange_tool"))
+            tools[kept["subject"]] = Tool(entered, real, _tip_sigma_m(value), measured=True)
+        elif kept["what"] == "user_frame":
+            frames[kept["subject"]] = pose_given(value["read_back"])
     return tools, frames
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from calibration.errors import CellError
 from service.measured.carried import content_of, plain_name
-from service.web.programs_shapes import MOST_FILE_BYTES, Carried, Fault, RefusedFile
+from service.web.programs_shapes import MOST_FILE_BYTES, Carried, ProgramsFault, RefusedFile
 
 PROJECTS = "projects"  # beside the cell file
 # of a job's folder; pages of points are called points-<program or all>-<page>.json
@@ -139,8 +139,8 @@ def _table(path: Path) -> dict[str, Any] | None:
         return None
 
 
-def _said(error: CellError) -> Fault:
-    return Fault(message=error.message, remedy=error.remedy)
+def _said(error: CellError) -> ProgramsFault:
+    return ProgramsFault(message=error.message, remedy=error.remedy)
 
 
 def without_paths(text: str) -> str:

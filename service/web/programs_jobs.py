@@ -20,6 +20,9 @@ from typing import Any, Literal
 import orjson
 
 from calibration.errors import CellError
+from service.configuration.cell_file import CellConfig
+from service.web.overlays import all_kept
+from service.web.parameters import FOLDER
 from service.web.programs_files import (
     ALL,
     ARCHIVE,
@@ -31,7 +34,15 @@ from service.web.programs_files import (
     put_project,
     without_paths,
 )
-from service.web.programs_shapes import CellGiven, Fault, Job, PointsMade, Preview, Wanted, spelled
+from service.web.programs_shapes import (
+    CellGiven,
+    PointsMade,
+    Preview,
+    ProgramsFault,
+    ProgramsJob,
+    Wanted,
+    spelled,
+)
 
 _log = logging.getLogger(__name__)
 _KEPT, _MOST_OPEN = 6, 4
@@ -58,7 +69,7 @@ class Work:
     state: State = "waiting"
     done: int = 0
     total: int = 0
-    fault: Fault | None = None
+    fault: ProgramsFault | None = None
     task: asyncio.Task[None] | None = None
     _place: tempfile.TemporaryDirectory[str] = field(
         default_factory=lambda: tempfile.TemporaryDirectory(prefix="cellcal-", ignore_cleanup_errors=True)
@@ -74,9 +85,9 @@ class Work:
         """Return what the archive is called: no source has this name."""
         return f"cellcal_{self.wanted.do}_{self.at:%Y%m%d_%H%M%S}_{self.id[:4]}"
 
-    def told(self) -> Job:
+    def told(self) -> ProgramsJob:
         """Return how it stands."""
-        return Job(
+        return ProgramsJob(
             id=self.id, do=self.wanted.do, who=self.who, at_utc=self.at.isoformat(timespec="seconds"),
             state=self.state, done=self.done, total=self.total, fault=self.fault,
         )  # fmt: skip
@@ -121,12 +132,12 @@ class Work:
 class Jobs:
     """All jobs of one service."""
 
-    def __init__(self, cell_file: Path) -> None:
-        self._cell_file = cell_file
+    def __init__(self, config: CellConfig) -> None:
+        self._config = config
         self._turn = asyncio.Lock()
         self._works: OrderedDict[str, Work] = OrderedDict()
 
-    def newest_first(self) -> list[Job]:
+    def newest_first(self) -> list[ProgramsJob]:
         """Return every job that is kept."""
         return [work.told() for work in reversed(self._works.values())]
 
@@ -159,7 +170,7 @@ class Jobs:
         check(wanted)
         work = Work(wanted, who)
         try:
-            await asyncio.to_thread(_unpack, work, self._cell_file)
+            await asyncio.to_thread(_unpack, work, self._config)
         except BaseException:
             work.forget()
             raise
@@ -197,17 +208,17 @@ class Jobs:
             raise
         except TimeoutError:
             work.state = "failed"
-            work.fault = Fault(message="This took too long.", remedy="Make fewer programs at once.")
+            work.fault = ProgramsFault(message="This took too long.", remedy="Make fewer programs at once.")
         except OSError:
             _log.exception("the job %s could not be started", work.id)
             work.state = "failed"
-            work.fault = Fault(
+            work.fault = ProgramsFault(
                 message="The job could not be started.", remedy="The service's log has the cause."
             )
 
     async def _run(self, work: Work) -> None:
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "service.web.programs_work", os.fspath(self._cell_file), os.fspath(work.folder),
+            sys.executable, "-m", "service.web.programs_work", os.fspath(self._config.path), os.fspath(work.folder),
             stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
             limit=_LONGEST_LINE, start_new_session=True,  # Ctrl-C is for the service
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
@@ -222,14 +233,18 @@ class Jobs:
             await process.wait()
         if work.state == "running":
             work.state = "failed"
-            work.fault = Fault(message="The job ended by itself.", remedy="The service's log has the cause.")
+            work.fault = ProgramsFault(
+                message="The job ended by itself.", remedy="The service's log has the cause."
+            )
 
 
 def _take(work: Work, said: dict[str, Any]) -> None:
     if "end" in said:
         work.state = said["end"]
         if work.state == "failed":
-            work.fault = Fault(message=without_paths(said["message"]), remedy=without_paths(said["remedy"]))
+            work.fault = ProgramsFault(
+                message=without_paths(said["message"]), remedy=without_paths(said["remedy"])
+            )
     elif "done" in said:
         work.done, work.total = said["done"], said["total"]
 
@@ -257,23 +272,28 @@ def check(wanted: Wanted) -> None:
             raise ProgramsError("a project names its own tools and frames.", remedy="Leave them out.")
 
 
-def _unpack(work: Work, cell_file: Path) -> None:
+def _unpack(work: Work, config: CellConfig) -> None:
     """Write all that came along into the job's folder, and what is asked of it."""
     wanted, folder = work.wanted, work.folder
     refused = put_programs(wanted.files, folder / SOURCES)
     asked = spelled(wanted)
     for name, cell in (("cell", wanted.cell), ("clone", wanted.clone)):
         if cell is not None:
-            asked[name]["project"] = _project(cell, folder / name, cell_file)
+            asked[name] |= _looked_up(cell, folder / name, config)
     told = {**asked, "refused": [one.model_dump() for one in refused], "archive": work.name}
     (folder / ASKED).write_text(json.dumps(told), encoding="utf-8")
 
 
-def _project(cell: CellGiven, folder: Path, cell_file: Path) -> str:
+def _looked_up(cell: CellGiven, folder: Path, config: CellConfig) -> dict[str, Any]:
+    """Return what the process must know of a cell beside what a page said of it."""
     if cell.kind == "carried":
-        return put_project(cell.files, folder).name
-    if cell.kind == "kept" and cell.name not in kept_projects(cell_file.resolve().parent):
+        return {"project": put_project(cell.files, folder).name}
+    if cell.kind == "here":
+        serial = config.robot(cell.name or None).serial
+        kept = [{"what": k.what, "subject": k.subject, "value": k.value} for k in all_kept(config, serial)]
+        return {"sets": FOLDER, "measured": kept}
+    if cell.name not in kept_projects(Path(config.path).resolve().parent):
         raise ProgramsError(
             "there is no such project beside the cell file.", remedy="Choose one of the list."
         )
-    return ""
+    return {}

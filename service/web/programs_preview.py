@@ -22,9 +22,9 @@ from service.programs.verdicts import counted, place_in, verdict_of
 from service.web.programs_files import ALL, ARCHIVE, OUT, PREVIEW, without_paths
 from service.web.programs_shapes import (
     Mark,
-    Picture,
     PointMade,
     PointsMade,
+    PointsPicture,
     Preview,
     ProgramMade,
     RefusedFile,
@@ -154,9 +154,9 @@ def _point(entry: ProgramEntry, told: dict[str, Any]) -> PointMade:
     )
 
 
-def _picture(report: Report) -> Picture:
+def _picture(report: Report) -> PointsPicture:
     if not report.points:
-        return Picture(in_base=True, points=[], colours=[], edges_m=[], not_drawn=0)
+        return PointsPicture(in_base=True, points=[], colours=[], edges_m=[], not_drawn=0)
     seen = points_to_draw(report)
     shift = report.column("shift_m")[seen.rows]
     scale = Scale.of(Colouring("", shift, CIVIDIS))
@@ -165,7 +165,7 @@ def _picture(report: Report) -> Picture:
         Mark(place_m=(place[0], place[1], place[2]), step=scale.step(figure), left=bool(left), label=label)
         for place, figure, left, label in drawn
     ]
-    return Picture(
+    return PointsPicture(
         in_base=seen.in_base,
         points=marks,
         colours=list(itertools.islice(scale.colours, scale.steps)),

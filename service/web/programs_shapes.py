@@ -70,14 +70,14 @@ class Told(BaseModel):
     model_config = ConfigDict(frozen=True)
 
 
-class Fault(Told):
+class ProgramsFault(Told):
     """What is wrong, and the cure."""
 
     message: str
     remedy: str
 
 
-class RefusedFile(Fault):
+class RefusedFile(ProgramsFault):
     """A file that was left out; zeros where it is wrong as a whole."""
 
     file: str
@@ -96,7 +96,7 @@ class Here(Told):
     frames: list[str]
 
 
-class Kept(Told):
+class KeptProject(Told):
     """A project beside the cell file."""
 
     name: str
@@ -106,7 +106,7 @@ class Kept(Told):
     readable: bool
 
 
-class Job(Told):
+class ProgramsJob(Told):
     """Programs that are made, or were."""
 
     id: str
@@ -116,15 +116,15 @@ class Job(Told):
     state: Literal["waiting", "running", "done", "failed", "stopped"]
     done: int
     total: int
-    fault: Fault | None
+    fault: ProgramsFault | None
 
 
 class Bench(Told):
     """What can be made here, what was made last, and what a page may bring along."""
 
     robots: list[Here]
-    projects: list[Kept]
-    jobs: list[Job]
+    projects: list[KeptProject]
+    jobs: list[ProgramsJob]
     most_files: int = MOST_FILES
     most_bytes: int = MOST_FILE_BYTES
 
@@ -152,7 +152,7 @@ class Mark(Told):
     label: str
 
 
-class Picture(Told):
+class PointsPicture(Told):
     """Points to draw, the worst last, and what the colours mean."""
 
     in_base: bool  # else each in its own user frame
@@ -178,7 +178,7 @@ class Preview(Told):
     refused: list[RefusedFile]
     notes: list[str]
     page_size: int
-    picture: Picture
+    picture: PointsPicture
 
 
 class PointMade(Told):
@@ -210,7 +210,7 @@ class PointsMade(Told):
     points: list[PointMade]
 
 
-class MadeJob(Job):
+class MadeJob(ProgramsJob):
     """A job with its preview, once it is done."""
 
     preview: Preview | None
