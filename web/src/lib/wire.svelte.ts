@@ -69,6 +69,7 @@ class Wire {
   #socket: WebSocket | null = null;
   #opened = false;
   #turn = 0;
+  #coming = false; // being asked who may come in
   #heardMs = 0;
   #lookedMs = 0;
   #queuedMs = 0;
@@ -234,8 +235,10 @@ class Wire {
 
   async #comeIn() {
     const turn = ++this.#turn;
+    this.#coming = true;
     const answered = await people.check();
     if (turn !== this.#turn) return; // asked again meanwhile: the newer one opens the line
+    this.#coming = false;
     if (!answered) setTimeout(() => void this.#comeIn(), RETRY_MS);
     else if (people.wanted === "device") {
       this.#forget();
@@ -309,6 +312,7 @@ class Wire {
     this.#socket = null;
     this.online = false;
     socket?.close();
+    if (refused && this.#coming) return; // what is being asked already opens the next one
     setTimeout(() => (refused ? void this.#comeIn() : this.#open()), RETRY_MS);
   }
 
