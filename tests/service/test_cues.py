@@ -1,0 +1,64 @@
+"""U22: a tone and a shake at a tablet that asked for them, and what the page shows at every tablet."""
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, expect
+
+from tests.service.browsers import LOCALES, hold_to_rules, speaks
+from tests.service.steps import Pendant, asked, at_the_pages
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
+# its last value is no function: that would be called
+SPY = """{ window.__tones = []; window.__shakes = [];
+    const make = AudioContext.prototype.createOscillator;
+    AudioContext.prototype.createOscillator = function () {
+        const tone = make.call(this), start = tone.start.bind(tone);
+        tone.start = (...at) => { window.__tones.push(tone.frequency.value); start(...at); };
+        return tone; };
+    navigator.vibrate = (what) => { window.__shakes.push(what); return true; }; 0; }"""
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def pendant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Pendant]:
+    async with at_the_pages(tmp_path_factory.mktemp("cues")) as found:
+        yield found
+
+
+async def tones(page: Page) -> list[int]:
+    return [round(each) for each in await page.evaluate("window.__tones")]
+
+
+async def a_record_and_a_refusal(pendant: Pendant, page: Page) -> None:
+    """Let one answer be recorded and the next be declined, and see both on the page."""
+    frame: dict[str, Any] = {"frame_number": 3, "tip_in_flange_m": [0.0, 0.0, 0.1]}
+    pendant.nobody_has_control()
+    await pendant.looks.order(op="start", procedure="three_point_frame", settings=frame, hold_to_move=False)
+    await asked(page, "pointer_is_mounted")
+    await page.get_by_test_id("yes").click()
+    await asked(page, "touch_origin")
+    await expect(page.get_by_text("read the user frame").first).to_be_visible()
+    await page.get_by_test_id("no").click()
+    await pendant.looks.until(lambda session: session["run"]["outcome"])
+    await expect(page.locator("[data-testid=outcome], [data-testid=verdict], .banner").first).to_be_visible()
+
+
+async def test_nothing_sounds_before_it_is_switched_on_and_the_page_says_all(pendant: Pendant) -> None:
+    async with pendant.looks.page() as page:
+        await page.evaluate(SPY)
+        await expect(page.get_by_test_id("cue").get_by_role("checkbox")).not_to_be_checked()
+        await a_record_and_a_refusal(pendant, page)
+        assert await tones(page) == []
+        await pendant.looks.order(op="dismiss")
+
+
+async def test_the_setting_is_for_everybody_in_four_languages(pendant: Pendant) -> None:
+    for locale in LOCALES:
+        async with pendant.looks.page(locale=locale) as page:
+            await speaks(page, locale)
+            size = await page.get_by_test_id("cue").bounding_box()
+            assert size is not None
+            assert size["height"] >= 44
+            await hold_to_rules(page, locale)
