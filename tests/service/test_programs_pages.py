@@ -1,0 +1,158 @@
+"""The page of programs in a real browser: an engineer makes a preview and takes it away, a viewer looks."""
+
+import io
+import re
+import shutil
+import zipfile
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, expect
+
+from service.demo.fake_cell import write_cell_file
+from tests.example_projects import FOLDER
+from tests.service.browsers import LOCALES, speaks
+from tests.service.doors import Clock
+from tests.service.shop import Shop, a_shop, for_everybody, sign_in
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+PROGRAMS = FOLDER / "cell_1" / "programs"
+NUMBERS = re.compile(rb"([XYZWPR]) = *-?[\d.]+ +(mm|deg)")
+
+
+class Idle:
+    """Stands where the desk's process is: the cell is there, and no run is."""
+
+    session: dict[str, Any] = {  # noqa: RUF012  nobody writes to it
+        "rev": 1, "cell": "cell 7", "robots": [{"name": "fanuc", "model": "m6ib", "serial": "1"}],
+        "robot": "fanuc", "level": "commanded", "losses": [], "waits_for_hold": False,
+        "connection": {"connected": True, "message": "", "remedy": ""}, "run": None, "prompt": None,
+    }  # fmt: skip
+
+    live: dict[str, Any] | None = None
+
+    def __init__(self, _: object) -> None: ...
+
+    async def order(self, command: dict[str, Any]) -> dict[str, Any]:
+        """Take a letting go; nothing else is ordered here."""
+        assert command["order"] == {"op": "hold", "held": False}, command
+        return {"ok": True, "rev": 1}
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def shop(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Shop]:
+    folder = tmp_path_factory.mktemp("cell")
+    shutil.copytree(FOLDER, folder / "projects")
+    path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
+    async with a_shop(path, desk=Idle, clock=Clock()) as opened:
+        yield opened
+        await opened.app.state.programs.leave()
+        assert opened.complaints == []
+
+
+@pytest.fixture
+def tablet_files(tmp_path: Path) -> list[Path]:
+    """Programs on the tablet, one of them damaged."""
+    bad = tmp_path / "RACK_PICK.LS"
+    bad.write_bytes((PROGRAMS / bad.name).read_bytes().replace(b"X =   600.000  mm", b"X =   6o0.000  mm", 1))
+    good = shutil.copy(PROGRAMS / "DOOR_SPOTS.LS", tmp_path)
+    return [Path(good), bad]
+
+
+async def test_an_engineer_moves_programs_looks_and_takes_them_away(
+    shop: Shop, tablet_files: list[Path]
+) -> None:
+    sources = [path.read_bytes() for path in tablet_files]
+    async with shop.tablet("Emil") as page:
+        await _ask_for_a_move(page, tablet_files)
+        await page.get_by_test_id("make").click()
+        await expect(page.get_by_test_id("made")).to_be_visible()
+        await _is_told(page)
+        await _is_taken(page, sources[0])
+        assert [path.read_bytes() for path in tablet_files] == sources
+        for locale in LOCALES:
+            await page.get_by_test_id("language").select_option(locale)
+            await speaks(page, locale)
+            await for_everybody(page, f"the preview in {locale}")
+        await page.get_by_test_id("language").select_option("en")
+        preview = await page.evaluate("location.hash")
+    await _a_viewer_looks(shop, preview)
+
+
+async def _ask_for_a_move(page: Page, files: list[Path]) -> None:
+    await page.locator("nav a[href='#/programs']").click()
+    await expect(page.get_by_test_id("make")).to_be_disabled()
+    await page.get_by_test_id("files").set_input_files(files)
+    await page.get_by_test_id("way-move").click()
+    await page.get_by_test_id("cell").select_option("kept:door line, cell 1")
+    await expect(page.get_by_test_id("missing")).to_be_visible()  # nothing has moved yet
+    await page.get_by_test_id("offset-x").fill("820")
+    await page.get_by_test_id("offset-x").press("Tab")
+    await page.get_by_test_id("frame").fill("2")
+    await expect(page.get_by_test_id("make")).to_be_enabled()
+    for locale in LOCALES:
+        await page.get_by_test_id("language").select_option(locale)
+        await speaks(page, locale)
+        await for_everybody(page, f"the question in {locale}")
+    await page.get_by_test_id("language").select_option("en")
+    await page.get_by_test_id("cell").select_option("here:fanuc")
+    await page.locator("summary").click()
+    await page.get_by_test_id("add-tool").click()
+    await for_everybody(page, "tools that are entered")
+    await page.get_by_test_id("cell").select_option("kept:door line, cell 1")
+
+
+async def _is_told(page: Page) -> None:
+    """Points that fail are told by shape and word, the damaged file by line and column."""
+    left = int(await page.get_by_test_id("made").get_attribute("data-left") or 0)
+    assert 0 < left < 16
+    rows = page.get_by_test_id("points-table").locator("tbody tr")
+    await expect(rows).to_have_count(16)
+    await expect(rows.locator("xpath=self::*[@data-verdict='reach']")).to_have_count(left)
+    await expect(rows.first).to_contain_text("✗ out of reach")
+    await expect(rows.first).to_contain_text("left as it was")
+    await expect(rows.last).to_contain_text("✓ fits")
+    await expect(rows.last).to_contain_text("mm")
+    await expect(page.get_by_test_id("refused")).to_contain_text("RACK_PICK.LS, line 36, column")
+    await expect(page.get_by_test_id("refused")).to_contain_text("Save the program again")
+    await expect(page.get_by_test_id("notes")).to_contain_text("PR[1]")
+    picture = page.get_by_test_id("programs-picture")
+    await expect(picture.locator("svg[role=img] circle")).to_have_count(2 * (16 - left))
+    await expect(picture.locator("svg[role=img] .left")).to_have_count(2 * left)
+    await expect(page.get_by_test_id("made")).to_contain_text("NOT for collision")
+
+
+async def _is_taken(page: Page, source: bytes) -> None:
+    async with page.expect_download() as download:
+        await page.get_by_test_id("take").click()
+    path = await (await download.value).path()
+    name = (await download.value).suggested_filename
+    with zipfile.ZipFile(io.BytesIO(path.read_bytes())) as archive:
+        folder = name.removesuffix(".zip")
+        assert set(archive.namelist()) == {
+            f"{folder}/programs/DOOR_SPOTS.LS",
+            *(f"{folder}/report/report.{kind}" for kind in ("html", "csv", "json")),
+        }
+        new = archive.read(f"{folder}/programs/DOOR_SPOTS.LS")
+    assert new != source
+    assert NUMBERS.sub(rb"\1 \2", new) == NUMBERS.sub(rb"\1 \2", source), "only coordinates may differ"
+
+
+async def _a_viewer_looks(shop: Shop, preview: str) -> None:
+    async with shop.tablet("Vera", size=(800, 1280)) as page:
+        await page.evaluate(f"location.hash = {preview!r}")
+        await expect(page.get_by_test_id("may-not-take")).to_be_visible()
+        await expect(page.get_by_test_id("take")).to_have_count(0)
+        await expect(page.get_by_test_id("points-table").locator("tbody tr")).to_have_count(16)
+        await for_everybody(page, "the preview on an upright tablet")
+        await page.get_by_test_id("make-others").click()
+        await expect(page.get_by_test_id("may-look")).to_be_visible()
+        await expect(page.get_by_test_id("ask")).to_have_count(0)
+        await expect(page.get_by_test_id("jobs").locator("li")).to_have_count(1)
+        await sign_in(page, "Ada")
+        await page.locator("nav a[href='#/programs']").click()
+        await expect(page.get_by_test_id("ask")).to_be_visible()
+        await for_everybody(page, "the question on an upright tablet")
