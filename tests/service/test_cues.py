@@ -7,7 +7,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
-from tests.service.browsers import LOCALES, hold_to_rules, speaks
+from tests.service.browsers import LOCALES, comes, hold_to_rules, speaks
 from tests.service.steps import Pendant, asked, at_the_pages
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
@@ -31,10 +31,13 @@ async def tones(page: Page) -> list[int]:
     return [round(each) for each in await page.evaluate("window.__tones")]
 
 
+async def sounded(page: Page) -> set[int]:
+    return set(await tones(page))
+
+
 async def a_record_and_a_refusal(pendant: Pendant, page: Page) -> None:
     """Let one answer be recorded and the next be declined, and see both on the page."""
     frame: dict[str, Any] = {"frame_number": 3, "tip_in_flange_m": [0.0, 0.0, 0.1]}
-    pendant.nobody_has_control()
     await pendant.looks.order(op="start", procedure="three_point_frame", settings=frame, hold_to_move=False)
     await asked(page, "pointer_is_mounted")
     await page.get_by_test_id("yes").click()
@@ -46,11 +49,26 @@ async def a_record_and_a_refusal(pendant: Pendant, page: Page) -> None:
 
 
 async def test_nothing_sounds_before_it_is_switched_on_and_the_page_says_all(pendant: Pendant) -> None:
+    pendant.nobody_has_control()
     async with pendant.looks.page() as page:
         await page.evaluate(SPY)
         await expect(page.get_by_test_id("cue").get_by_role("checkbox")).not_to_be_checked()
         await a_record_and_a_refusal(pendant, page)
         assert await tones(page) == []
+        await pendant.looks.order(op="dismiss")
+
+
+async def test_switched_on_it_sounds_and_shakes_at_a_record_and_at_a_failure(pendant: Pendant) -> None:
+    pendant.nobody_has_control()
+    async with pendant.looks.page() as page:
+        await page.evaluate(SPY)
+        await page.get_by_test_id("cue").get_by_role("checkbox").check()
+        await comes(lambda: tones(page), [880].__eq__)  # what it will sound like
+        await a_record_and_a_refusal(pendant, page)
+        await comes(lambda: sounded(page), {880, 220}.__eq__)
+        assert await page.evaluate("window.__shakes.length") == len(await tones(page))
+        await page.reload()
+        await expect(page.get_by_test_id("cue").get_by_role("checkbox")).to_be_checked()  # kept on this tablet
         await pendant.looks.order(op="dismiss")
 
 
