@@ -68,7 +68,8 @@ async def test_switched_on_it_sounds_and_shakes_at_a_record_and_at_a_failure(pen
         await comes(lambda: sounded(page), {880, 220}.__eq__)
         assert await page.evaluate("window.__shakes.length") == len(await tones(page))
         await page.reload()
-        await expect(page.get_by_test_id("cue").get_by_role("checkbox")).to_be_checked()  # kept on this tablet
+        kept = page.get_by_test_id("cue").get_by_role("checkbox")
+        await expect(kept).to_be_checked()
         await pendant.looks.order(op="dismiss")
 
 
