@@ -207,10 +207,12 @@ class Command:
 
 
 @asynccontextmanager
-async def fake_cell(folder: Path) -> AsyncIterator[tuple[Path, Door, tuple[str, ...]]]:
+async def fake_cell(
+    folder: Path, *, time_factor: float = 600.0
+) -> AsyncIterator[tuple[Path, Door, tuple[str, ...]]]:
     """Play a cell; lend its file, its control door and what every run is told."""
     with free_address() as address:
-        path = write_cell_file(folder, address, seed=1, time_factor=600.0)
+        path = write_cell_file(folder, address, seed=1, time_factor=time_factor)
     answers = folder / "answers.json"
     answers.write_text(json.dumps(dict.fromkeys(YES, "yes")))
     async with running_fakes(path) as door:
@@ -218,7 +220,7 @@ async def fake_cell(folder: Path) -> AsyncIterator[tuple[Path, Door, tuple[str, 
 
 
 async def test_an_emergency_stop_and_a_second_program_in_the_middle_of_a_run(tmp_path: Path) -> None:
-    async with fake_cell(tmp_path) as (path, door, told):
+    async with fake_cell(tmp_path, time_factor=150.0) as (path, door, told):
         run = await Command.start("run", "mastering_record", *told)
         await run.until(lambda line: "capture 1" in line)
 

@@ -102,12 +102,13 @@ async def why(page: Page, key: str) -> None:
 
 
 async def record(page: Page) -> None:
-    """Press the button once it can be pressed, and wait until that question is gone."""
+    """Press the button once it can be pressed, and wait until something else is asked, or the run has ended."""
     prompt = page.get_by_test_id("prompt")
     step = await prompt.locator("h2").inner_text()
     await page.get_by_test_id("yes").click(timeout=PATIENCE_MS)
     await page.wait_for_function(
-        "step => document.querySelector('[data-testid=prompt] h2')?.innerText !== step",
+        """step => { const asks = document.querySelector('[data-testid=prompt] h2');
+            return asks ? asks.innerText !== step : document.querySelector('[data-testid=outcome]') !== null; }""",
         arg=step,
         timeout=PATIENCE_MS,
     )

@@ -31,6 +31,7 @@ class OneQuestion:
         self.key = "wire_is_hooked"
         self.orders: list[tuple[str, str]] = []
         self.live: dict[str, Any] | None = None
+        self.outcome: dict[str, Any] | None = None
 
     @property
     def session(self) -> dict[str, Any]:
@@ -43,16 +44,27 @@ class OneQuestion:
         }
         run: dict[str, Any] = {"id": "run", "procedure": "mastering_recovery", "title": "Mastering recovery"}
         run |= {"state": "running", "step": "write mastering", "index": 1, "expected": 2, "phases": []}
-        run |= {"found": [], "events": [], "outcome": None, "hold_to_move": True}
+        run |= {"found": [], "events": [], "outcome": self.outcome, "hold_to_move": True}
+        if self.outcome is not None:
+            run["state"] = "ended"
         return {
             "rev": self.rev, "cell": "cell 7", "robots": [{"name": "fanuc", "model": "m6ib", "serial": "1"}],
             "robot": "fanuc", "level": "commanded", "losses": [], "waits_for_hold": False,
-            "connection": {"connected": True, "message": "", "remedy": ""}, "run": run, "prompt": prompt,
+            "connection": {"connected": True, "message": "", "remedy": ""}, "run": run,
+            "prompt": None if self.outcome else prompt,
         }  # fmt: skip
 
     def ask(self, key: str) -> None:
         """Ask something else."""
-        self.key = key
+        self.key, self.outcome = key, None
+        self._tell()
+
+    def end(self, verdict: str, reason: str, remedy: str) -> None:
+        """Let the run end so."""
+        self.outcome = {"verdict": verdict, "reason": reason, "remedy": remedy}
+        self._tell()
+
+    def _tell(self) -> None:
         self.rev += 1
         self._app.state.house.screens.show("session", self.session)
 

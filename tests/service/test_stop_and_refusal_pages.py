@@ -35,16 +35,6 @@ def tell(shop: Shop, state: str, **trouble: str) -> None:
     shop.app.state.house.screens.show("live", told)
 
 
-def end(shop: Shop, reason: str, remedy: str) -> None:
-    """Let the run end so."""
-    session = shop.app.state.house.link.session
-    session["run"] |= {
-        "state": "ended",
-        "outcome": {"verdict": "refused", "reason": reason, "remedy": remedy},
-    }
-    shop.app.state.house.screens.show("session", session | {"prompt": None})
-
-
 async def stands_inside(page: Page, test_id: str, size: tuple[int, int]) -> None:
     """Wait until an element is wholly on the screen, without scrolling."""
     place = page.get_by_test_id(test_id)
@@ -60,6 +50,7 @@ async def test_a_stopped_robot_is_told_everywhere_until_it_is_stopped_no_more(
     shop: Shop, size: tuple[int, int]
 ) -> None:
     tell(shop, "ready")
+    shop.app.state.house.link.ask("wire_is_hooked")
     shop.nobody_has_control()
     async with shop.tablet("Tom", size=size) as page:
         await page.evaluate("location.hash = '#/'")
@@ -102,7 +93,7 @@ async def test_a_refusal_is_said_in_the_reader_s_language(shop: Shop, locale: st
     )
     async with shop.tablet("Tom", locale=locale) as page:
         await page.evaluate("location.hash = '#/'")
-        end(shop, REASON, REMEDY)
+        shop.app.state.house.link.end("refused", REASON, REMEDY)
         reason, remedy = SAID[locale]
         outcome = page.get_by_test_id("outcome")
         await expect(outcome).to_contain_text(reason, timeout=PATIENCE_MS)
