@@ -90,7 +90,7 @@ class Desk:
         self._remedy = ""
         self._run: Running | None = None
         self._task: asyncio.Task[None] | None = None
-        self._replies: OrderedDict[str, dict[str, Any]] = OrderedDict()
+        self._replies: OrderedDict[str, asyncio.Task[dict[str, Any]]] = OrderedDict()
         self._leave = asyncio.Event()
         self.rev = int(time.time() * 1000)  # a restart never repeats one
 
@@ -190,23 +190,25 @@ class Desk:
     # orders
 
     async def obey(self, command: Command) -> dict[str, Any]:
-        """Do what a screen orders; the same command sent twice is obeyed once."""
-        if command.id in self._replies:
-            return self._replies[command.id]
-        if command.rev != self.rev and not isinstance(command.order, UNGUARDED):
-            stale = {"ok": False, "code": "desk.stale", "message": "The page was out of date."}
-            return {**stale, "session": self.session()}
+        """Do what a screen orders; the same command sent twice is obeyed once, also while it is being obeyed."""
+        if isinstance(command.order, HoldOrder):
+            return await self._obeyed(command)
+        if command.id not in self._replies:
+            if command.rev != self.rev and not isinstance(command.order, UNGUARDED):
+                stale = {"ok": False, "code": "desk.stale", "message": "The page was out of date."}
+                return {**stale, "session": self.session()}
+            self._replies[command.id] = asyncio.create_task(self._obeyed(command))
+            while len(self._replies) > _REPLIES_KEPT:
+                self._replies.popitem(last=False)
+        return await asyncio.shield(self._replies[command.id])
+
+    async def _obeyed(self, command: Command) -> dict[str, Any]:
         try:
             await self._answering.note("" if self._run is None else self._run.run_id, command)
             await self._do(command)
-            reply: dict[str, Any] = {"ok": True, "rev": self.rev}
         except CellError as error:
-            reply = {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
-        if not isinstance(command.order, HoldOrder):
-            self._replies[command.id] = reply
-            while len(self._replies) > _REPLIES_KEPT:
-                self._replies.popitem(last=False)
-        return reply
+            return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
+        return {"ok": True, "rev": self.rev}
 
     async def _do(self, command: Command) -> None:
         order = command.order

@@ -30,6 +30,23 @@ async def test_an_order_is_obeyed_once_and_only_for_what_its_sender_saw(tmp_path
         await person.order({"op": "stop"})
 
 
+async def test_an_answer_that_comes_twice_at_once_is_one_answer(tmp_path: Path) -> None:
+    """After a lost link the late press and its repetition arrive together."""
+    async with at_desk(tmp_path) as person:
+        await person.order(RECORD)
+        prompt = await person.until(lambda session: session["prompt"])
+        told = {"id": "one press", "rev": person.desk.rev, "who": "Anna"}
+        told |= {"people": [{"name": "Anna", "role": "technician"}]}
+        told |= {"order": {"op": "answer", "prompt_id": prompt["id"]}}
+        both = await asyncio.gather(*(person.desk.obey(COMMAND.validate_python(told)) for _ in range(2)))
+        assert [reply["ok"] for reply in both] == [True, True], both
+        assert both[0] == both[1]
+        await person.until(
+            lambda session: session["prompt"] is None or session["prompt"]["id"] != prompt["id"]
+        )
+        await person.order({"op": "stop"})
+
+
 async def test_a_move_waits_for_the_button_and_ends_with_it(tmp_path: Path) -> None:
     async with at_desk(tmp_path, time_factor=20.0) as person:
         await person.order(RECORD | {"hold_to_move": True})
