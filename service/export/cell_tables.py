@@ -56,9 +56,7 @@ def points_table(config: CellConfig, run_id: str) -> Table:
         There is no such run.
     """
     with open_journal(config) as journal:
-        store = Store(journal)
-        view = store.run(store.newest(run_id))
-        events = journal.events(view.run_id)
+        view, events = Store(journal).with_events(run_id)
     taken = [(told, dict(_flat(told.get("value")))) for told in readings(events, view.judgement)]
     names = list(dict.fromkeys(name for _, flat in taken for name in flat))
     if len(names) > _MOST_COLUMNS:

@@ -37,9 +37,7 @@ def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
     """
     writer_module = _library()
     with open_journal(config) as journal:
-        store = Store(journal)
-        view = store.run(store.newest(run_id))
-        events = journal.events(view.run_id)
+        view, events = Store(journal).with_events(run_id)
     draft = out.with_name(f".{out.name}.draft")
     try:
         count = _write(writer_module, draft, view, events)

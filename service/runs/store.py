@@ -85,6 +85,17 @@ class Store:
             )
         return views[-1].run_id
 
+    def with_events(self, run_id: str) -> tuple[RunView, list[Event]]:
+        """Return a run and everything that its journal holds of it; ``last`` is the newest run.
+
+        Raises
+        ------
+        StoreError
+            There is no such run.
+        """
+        view = self.run(self.newest(run_id))
+        return view, self._journal.events(view.run_id)
+
     def kept(self, what: str, robot_serial: str) -> list[Mapping[str, Any]]:
         """Return every kept result of one kind for one robot, oldest first."""
         facts = [json.loads(event.body) for event in self._journal.events() if event.kind == Kind.STORED]

@@ -75,9 +75,7 @@ def points_of(config: CellConfig, run_id: str) -> RunPoints:
     from service.runs.store import Store  # noqa: PLC0415  # heavy, as above
 
     with open_journal(config) as journal:
-        store = Store(journal)
-        view = store.run(store.newest(run_id))
-        events = journal.events(view.run_id)
+        view, events = Store(journal).with_events(run_id)
     taken = readings(events, view.judgement)
     spreads = tuple(_spread(reading) for reading in taken if len(_samples(reading)) > 1)
     found = (*_errors(view.result), *((SeriesSeen(SPREAD, "", spreads),) if spreads else ()))
