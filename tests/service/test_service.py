@@ -10,7 +10,6 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import httpx
 import pytest
@@ -19,6 +18,7 @@ from websockets.asyncio.client import connect
 from service.demo.fake_cell import write_cell_file
 from service.web.app import Settings, create_app
 from tests.service.desks import PATIENCE_S, RECORD, a_cell
+from tests.soak.served import address_of
 
 
 def free_port() -> int:
@@ -37,28 +37,13 @@ async def serving(
     )  # fmt: skip
     try:
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE_S) as client:
-            assert (await client.get(await _address_of(process))).status_code == 303
+            assert (await client.get(await address_of(process))).status_code == 303
             await _connected(client)
             yield process, client
     finally:
         with suppress(ProcessLookupError):
             process.send_signal(signal.SIGINT)
         await process.communicate()
-
-
-async def _address_of(process: asyncio.subprocess.Process) -> str:
-    """Read the address that opens the service once, when it answers."""
-    assert process.stderr is not None
-    async with asyncio.timeout(PATIENCE_S):
-        while b"Open once: " not in (line := await process.stderr.readline()):
-            assert line
-        address = line.decode().partition("Open once: ")[2].strip()
-        while True:
-            with suppress(OSError):
-                _, writer = await asyncio.open_connection("127.0.0.1", urlsplit(address).port)
-                writer.close()
-                return address
-            await asyncio.sleep(0.05)
 
 
 async def _connected(client: httpx.AsyncClient) -> dict[str, Any]:

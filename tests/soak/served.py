@@ -61,7 +61,7 @@ async def serving(cell_file: Path, port: int) -> AsyncIterator[tuple[Service, ht
         stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
     )  # fmt: skip
     try:
-        address = await _address_of(process)
+        address = await address_of(process)
         async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=60.0) as client:
             assert (await client.get(address)).status_code == 303
             reading = asyncio.create_task(_drain(process))
@@ -79,7 +79,8 @@ async def _drain(process: asyncio.subprocess.Process) -> None:
         pass
 
 
-async def _address_of(process: asyncio.subprocess.Process) -> str:
+async def address_of(process: asyncio.subprocess.Process) -> str:
+    """Read the address that opens the service once, when it answers."""
     assert process.stderr is not None
     async with asyncio.timeout(PATIENCE_S):
         while b"Open once: " not in (line := await process.stderr.readline()):
