@@ -16,6 +16,8 @@ from calibration.wires.reference import WirePredictor, parameter_sigmas
 TURN_DOUBT = 10.0  # deviation of a lost motor's turns before measuring, per motor
 _EXCHANGE_ROUNDS = 2
 _DESIGN_SIGMA_M = 0.0002
+_CANDIDATES_A_POSE = 4  # of fewer a greedy choice is mostly made by chance
+_MOST_BATCHES, _NEXT_SEED = 12, 1_000_003
 
 
 def predict(model: RobotModel, record: MasteringRecord, joints_rad: Array) -> tuple[float, Array]:
@@ -146,15 +148,12 @@ def kit_poses(  # noqa: PLR0913 - a kit depends on all of it
     DegenerateDataError
         Fewer than 2 k candidates keep the limits and can be gone to.
     """
-    candidates = candidate_joints(
-        model, limits, max(400, 12 * k), seed=seed, hook_in_flange_m=prior.hook_in_flange_m
-    )
-    if usable is not None:
-        candidates = candidates[usable(candidates)]
+    candidates, tried = _enough_candidates(model, limits, prior, k, seed, usable)
     if len(candidates) < 2 * k:
         raise DegenerateDataError(
-            f"only {len(candidates)} of the postures tried keep all limits",
-            remedy="Move the anchor of the wire or widen the workspace box.",
+            f"only {len(candidates)} of {tried} postures tried keep all limits and can be gone to from here",
+            remedy="Jog the robot towards the middle of its range, move the anchor of the wire, or widen the "
+            "workspace box.",
         )
     sigma_x = parameter_sigmas(model, prior)
     nominal = np.zeros(len(sigma_x))
@@ -174,6 +173,31 @@ def kit_poses(  # noqa: PLR0913 - a kit depends on all of it
         if chosen == before:
             break
     return candidates[chosen]
+
+
+def _enough_candidates(
+    model: RobotModel,
+    limits: MotionLimits,
+    prior: WirePrior,
+    k: int,
+    seed: int,
+    usable: Callable[[Array], Array] | None,
+) -> tuple[Array, int]:
+    """Return usable candidates (C, n), drawn until a choice of k is no narrow one, and how many were tried."""
+    found, tried = list[Array](), 0
+    for batch in range(_MOST_BATCHES):
+        drawn = candidate_joints(
+            model,
+            limits,
+            max(400, 12 * k),
+            seed=seed + batch * _NEXT_SEED,
+            hook_in_flange_m=prior.hook_in_flange_m,
+        )
+        tried += len(drawn)
+        found.append(drawn if usable is None else drawn[usable(drawn)])
+        if sum(map(len, found)) >= _CANDIDATES_A_POSE * k or not len(drawn):
+            break
+    return np.concatenate(found), tried
 
 
 def candidate_joints(

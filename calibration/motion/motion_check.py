@@ -147,7 +147,7 @@ def check_moves(  # noqa: PLR0913 - one move needs all of it
     findings += _far_outside(model, np.vstack([targets, start]))
     if any(finding.check == "joint limits" for finding in findings):
         return MotionVerdict(False, tuple(findings), _not_checked(limits))
-    owner, path, direction = _sample(start, targets, limits.clearances)
+    owner, path, direction = sampled(start, targets, limits.clearances)
     with_start = np.vstack([start, path])
     stays = _stays(owner, stops)
     postures = _posture_excesses(model, with_start, limits, tip_in_flange_m)
@@ -232,7 +232,7 @@ def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
     return findings
 
 
-def _sample(
+def sampled(
     start: Array, targets: Array, clearances: Clearances | None
 ) -> tuple[NDArray[np.int_], Array, Array]:
     """Return which target each sample belongs to, the samples (S, n), and the joints' rates there (S, n).

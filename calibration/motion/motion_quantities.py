@@ -80,13 +80,20 @@ def wire_winding(model: RobotModel, path: Array, places_m: tuple[Triple, Triple]
     The side on which the anchor is, seen from the flange, is followed along the path. While the anchor is
     nearly on the flange's axis it has no side, and the last one holds.
     """
-    rotations, origins = chain_frames(model, path)
+    side, has_side = wire_side(model, path, places_m)
+    last = np.maximum.accumulate(np.where(has_side, np.arange(len(side)), 0))
+    return np.asarray(np.unwrap(side[last]) - side[last[0]], dtype=np.float64)
+
+
+def wire_side(
+    model: RobotModel, postures: Array, places_m: tuple[Triple, Triple]
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return (N,) the angle at which the flange sees the anchor about its axis [rad], and (N,) where it has one."""
+    rotations, origins = chain_frames(model, postures)
     away = np.array(places_m[0])[:, None] - origins[-1]
     seen = np.einsum("jin,jn->in", rotations[-1], away)
     beside = np.hypot(seen[0], seen[1]) > _NEAR_AXIS * np.linalg.norm(away, axis=0)
-    side = np.arctan2(seen[1], seen[0])
-    last = np.maximum.accumulate(np.where(beside, np.arange(len(side)), 0))
-    return np.asarray(np.unwrap(side[last]) - side[last[0]], dtype=np.float64)
+    return np.asarray(np.arctan2(seen[1], seen[0]), dtype=np.float64), beside
 
 
 def wire_wrap_excess(

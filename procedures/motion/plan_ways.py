@@ -5,13 +5,14 @@ import numpy as np
 from calibration.arm.kinematics import RobotModel
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
-from calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves
-from calibration.motion.motion_quantities import wire_winding
+from calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves, sampled
+from calibration.motion.motion_quantities import wire_side, wire_winding
 from drivers.interfaces import Joints
 from procedures.motion.approach import axis_by_axis, from_below
 
 WINDING_LOOKS = 40  # along a joint move, of at most one turn of a joint
-_SPARE_WINDING_RAD = 0.2  # detours and stops from below wind it a little differently
+_SPARE_WINDING_RAD = 0.2  # between places a detour goes straight, not from below
+_SAME_WINDING_RAD = 0.1
 
 
 def travel_order(
@@ -53,7 +54,12 @@ def corners_of(here: Array, there: Array, one_by_one: bool) -> Array:
 
 
 def arrive(model: RobotModel, limits: MotionLimits, here: Array, there: Array, wound: float) -> float | None:
-    """Return how far the wire is wound after a free joint move; None where the move is not free."""
+    """Return how far the wire is wound after a joint move; None where the move, or the way back, is not free.
+
+    The wire is followed at the samples at which a plan is checked, so that what is wound leg by leg is what the
+    plan finds as a whole. A posture from which the anchor has no side, and a way back that does not unwind what
+    the way there wound, would not add up: they count as not free.
+    """
     way = np.vstack([corners_of(here, there, False), here])  # and straight back, as a later detour may go
     stops = [False] * (len(way) - 2) + [True, False]
     if (
@@ -62,9 +68,12 @@ def arrive(model: RobotModel, limits: MotionLimits, here: Array, there: Array, w
     ):
         return None
     places = (limits.wire.anchor_in_base_m, limits.wire.hook_in_flange_m)
-    path = here + np.linspace(0.0, 1.0, WINDING_LOOKS)[:, None] * (there - here)
-    total = wound + wire_winding(model, path, places)
-    return float(total[-1]) if np.abs(total).max() <= limits.wire.wrap_rad - _SPARE_WINDING_RAD else None
+    owner, path, _ = sampled(here, way, limits.clearances)
+    winds = wire_winding(model, np.vstack([here, path]), places)
+    unwound = abs(winds[-1]) < _SAME_WINDING_RAD and wire_side(model, there[None], places)[1][0]
+    if not unwound or np.abs(wound + winds).max() > limits.wire.wrap_rad - _SPARE_WINDING_RAD:
+        return None
+    return wound + float(winds[np.count_nonzero(owner < len(way) - 1)])
 
 
 def walk_allowed(

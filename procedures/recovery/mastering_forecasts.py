@@ -34,7 +34,7 @@ def forecast_record(
     """
     (poses, samples), (kit, seed) = captures, how
     assumed = _assumed(known)
-    state = _state_of(known)
+    state = state_of(known)
     if state is None:
         return Forecast(0.0, assumed=assumed)
     plan = plan_kit(state, room, poses, seed)
@@ -63,7 +63,7 @@ def forecast_recovery(
     ``captures`` are the first ones, those at check poses, and the final ones.
     """
     record = known.record
-    state = _state_of(known)
+    state = state_of(known)
     if record is None or record.wire is None or state is None:
         return Forecast(0.0, assumed=_assumed(known))
     first, checks, finals = captures
@@ -211,7 +211,7 @@ def _assumed(known: Knowledge) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _state_of(known: Knowledge) -> MotorState | None:
+def state_of(known: Knowledge) -> MotorState | None:
     """Return what reading the motors would say, as far as it is known; None where too little is."""
     model, setup, gauge, record = known.model, known.gauge_setup, known.gauge, known.record
     if model is None or setup is None or gauge is None:
