@@ -2,6 +2,7 @@
 
 import re
 from array import array
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -98,7 +99,11 @@ class Collected:
         self.fixed[row] = why
 
     def positions(
-        self, order: NDArray[np.int64], user_frames: list[str | None], tools: list[str | None]
+        self,
+        order: NDArray[np.int64],
+        user_frames: list[str | None],
+        tools: list[str | None],
+        barred: Mapping[int, str],
     ) -> Positions:
         """Return the columns in the order of the file."""
         lines = self.source.lines_of(np.array(self.starts, dtype=np.int64)[order])
@@ -129,6 +134,7 @@ class Collected:
             configurations=tuple(_taken(self.states, order)),
             resolution_m=steps[:, 0],
             resolution_rad=steps[:, 1],
+            barred={k: barred[row] for k, row in enumerate(order.tolist()) if row in barred},
         )
 
     def _row(self, name: str, kind: str, start: int, state: str) -> None:

@@ -24,6 +24,10 @@ _FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}([A-Za-z]\w*+)", re.ASCII)
 _SIZES = re.compile(r"\s*\d+\s*(?:,\s*\d+\s*)*")
 _MOST_DIGITS = 9  # of an array's size
 _HOLDS_A_POSITION = re.compile(r"\[\s*\[\s*[-+.\d]")
+_NEXT = r"\s*+[-+.\d][^\[\],;]*+"
+_UNREAD_POSITION = re.compile(  # a place and a quaternion, or two lists of six axes
+    rf"\[\s*+\[{_NEXT}(?:,{_NEXT}(?:,{_NEXT}\]\s*+,\s*+\[{_NEXT}(?:,{_NEXT}){{3}}\]|(?:,{_NEXT}){{4}}\]\s*+,\s*+\[))"
+)
 
 _REMARKED = {
     "offs": ("offset", "Offs shifts this target while the program runs."),
@@ -44,6 +48,7 @@ _COMPUTED_TEXT = "{} is computed; it is not read."
 _HELD_TEXT = "{} is held by the robot: its targets are seen from the flange, and are not changed."
 _MOVED_TEXT = "The user frame of {} is moved by {}; it is not taken as fixed."
 _STATIONARY_TEXT = "{} stands in the cell: targets that use it are seen from the flange, and are not changed."
+_INSIDE_TEXT = "A position stands inside this statement; it is not read, and stays as it is."
 _UNREAD_TEXT = "{} is not read: it is computed, or not as {} is written."
 
 
@@ -58,6 +63,7 @@ class Module:
     bases: dict[str, Pose] = field(default_factory=lambda: {"wobj0": Pose((0.0, 0.0, 0.0))})
     tools: dict[str, Pose] = field(default_factory=lambda: {"tool0": Pose((0.0, 0.0, 0.0))})
     modules: int = 0
+    looked_at: int = 0  # up to where the text was searched for positions inside other data
 
     def read(self) -> None:
         """Take the whole text.
@@ -70,6 +76,7 @@ class Module:
         text, place = self.found.source.text, 0
         while (token := _TOKEN.search(text, place)) is not None:
             word = token[0]
+            self._look_inside(place, token.start())
             if word[0] == "!":
                 if "[" in word and _HOLDS_A_POSITION.search(word):
                     self.found.remark(
@@ -80,6 +87,17 @@ class Module:
                 place = token.end()
             else:
                 place = self._word(word.lower(), token.start(), token.end())
+
+    def _look_inside(self, place: int, end: int) -> None:
+        """Remark a position in a statement that is not read: in a record, a call, an array of another kind."""
+        text = self.found.source.text
+        if place < self.looked_at or text.find("[", place, end) < 0:
+            return
+        stop = text.find(";", place)
+        self.looked_at = stop if stop >= 0 else len(text)
+        found = _UNREAD_POSITION.search(text, place, self.looked_at)
+        if found is not None:
+            self.found.remark(found.start(), "computed", _INSIDE_TEXT)
 
     def finish(self) -> None:
         """Remark targets that the program sets, and take away those that are seen from the flange."""

@@ -89,7 +89,7 @@ class AbbFile:
         return cls(
             source=source,
             name=module.name or PurePath(name).stem,
-            positions=found.positions(order, user_frames, tools),
+            positions=found.positions(order, user_frames, tools, module.uses.barred),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=module.frames(),
             starts=np.array(found.starts, dtype=np.int64)[order],

@@ -9,6 +9,8 @@ from drivers.programs.positions import CARTESIAN
 Used = tuple[str | None, str | None]  # tool, work object; None where it is computed
 
 _DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
+_BARRED_DIFFERENT = "the program uses it with different tools or work objects"
+_BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
 _SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
 
 
@@ -24,6 +26,7 @@ class Uses:
     seen_from_flange: set[str] = field(default_factory=set)
     user_frames: dict[int, str] = field(default_factory=dict)
     tools: dict[int, str] = field(default_factory=dict)
+    barred: dict[int, str] = field(default_factory=dict)  # rows whose tool or frame is not one, and why
     of_modules: dict[str, list[int]] = field(
         default_factory=lambda: defaultdict(list)
     )  # seen from all routines
@@ -90,6 +93,10 @@ class Uses:
             value = next(iter(values))
             if len(values) == 1 and value is not None:
                 column[row] = value
+        if len(uses) > 1:
+            self.barred[row] = _BARRED_DIFFERENT
+        elif None in next(iter(uses)):
+            self.barred[row] = _BARRED_COMPUTED
         if len(uses) > 1:
             found.remark(found.starts[row], "indirect", _DIFFERENT.format(found.names[row]))
         if any(part is not None and part.lower() in self.seen_from_flange for use in uses for part in use):

@@ -40,6 +40,7 @@ class Positions:
     configurations: tuple[str, ...]  # the maker's spelling with turn numbers, "" where there is none
     resolution_m: Array  # (N,) one unit of the last decimal of a length as written
     resolution_rad: Array  # (N,)
+    barred: Mapping[int, str] = field(default_factory=dict)  # rows that no command may change, and why
 
     def __len__(self) -> int:
         """Return N."""

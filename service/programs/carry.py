@@ -20,6 +20,7 @@ from service.programs.cell_of_program import (
     Points,
     Rows,
     bring_their_own,
+    contradiction,
     frame_of,
     groups_of,
     missing,
@@ -128,6 +129,10 @@ class Carrier:
         """Return tools and frames of a group; what is missing is said of its points."""
         program, route = points.programs[points.of[group.rows[0]]], self._route
         ends = (route.source, route.target)
+        for project in ends:
+            if why := contradiction(project, program, group.tool, group.frame):
+                points.refuse(group.rows, why)
+                return None
         tools = [tool_of(project, program, group.tool) for project in ends]
         frames = [frame_of(project, program, group.frame) for project in ends]
         cartesian = group.rows[points.cartesian[group.rows]]

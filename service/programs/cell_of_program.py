@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array, Pose
+from calibration.programs.transfer import same_place
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
 from service.programs.project import Project, Tool
@@ -20,6 +21,8 @@ Some = TypeVar("Some", bound=np.generic)
 # Frames and tools that every controller of a make has without anybody entering them.
 _FLANGE = {"fanuc": ("0",), "kuka": ("0",), "abb": ("tool0",)}
 _BASE = {"fanuc": ("0",), "kuka": ("0",), "abb": ("wobj0",), "universal_robots": ("base",)}
+_ALWAYS = {"yaskawa": ("BASE", "ROBOT"), **_BASE}  # a file may hold these, but does not bring them
+_ALIKE_M, _ALIKE_RAD = 1e-5, np.radians(0.01)  # what a pendant shows of one pose and another
 _MAKES = {"fanuc_": "fanuc", "kuka_": "kuka", "abb_": "abb", "ur": "universal_robots"}
 _NEAREST_M = 5e-3  # all points of a program within this of their frame's origin: another unit
 _FEWEST = 3
@@ -85,6 +88,10 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
         user_frames=tuple(name for p in all_of for name in p.user_frames),
         reasons=[_first_reason(kind, axes) for p in all_of for kind in p.kinds],
     )
+    first = np.cumsum([0, *count]).tolist()
+    for start, positions in zip(first, all_of, strict=False):
+        for row, why in positions.barred.items():
+            points.refuse(np.array([start + row], dtype=np.intp), why)
     groups = side_by_side([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
     points.refuse(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
     moving = [np.abs(np.nan_to_num(p.external)).max(axis=1, initial=0.0) > 0 for p in all_of]
@@ -137,6 +144,27 @@ def frame_of(project: Project, program: ProgramFile, name: str | None) -> Array 
     if named in project.frames:
         return project.frames[named]
     return _own(program.frames.base_frame, named, _BASE.get(program.brand, ()))
+
+
+def contradiction(project: Project, program: ProgramFile, tool: str | None, frame: str | None) -> str:
+    """Return why points are left whose tool or frame the file brings along, and the cell has another; or ""."""
+    tool = tool if tool is not None else project.unsaid_tool
+    frame = frame if frame is not None else project.unsaid_frame
+    entered = project.tools[tool].entered if tool is not None and tool in project.tools else None
+    pairs = (
+        ("tool", tool, entered, program.frames.flange_tip, _FLANGE),
+        ("user frame", frame, project.frames.get(frame or ""), program.frames.base_frame, _ALWAYS),
+    )
+    for what, name, cells, files, always in pairs:
+        if name is None or cells is None or name not in files or name in always.get(program.brand, ()):
+            continue
+        apart, turned = same_place(files[name].matrix()[None], cells[None])
+        if apart[0] > _ALIKE_M or turned[0] > _ALIKE_RAD:
+            return (
+                f"the program brings its own {what} {name}, {apart[0] * 1e3:.2f} mm and "
+                f"{np.degrees(turned[0]):.2f} deg from that of {project.path.name}: make them one"
+            )
+    return ""
 
 
 def missing(what: str, name: str | None, project: Project) -> str:

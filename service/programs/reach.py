@@ -15,6 +15,7 @@ from service.programs.cell_of_program import (
     Group,
     Points,
     bring_their_own,
+    contradiction,
     frame_of,
     groups_of,
     missing,
@@ -103,6 +104,9 @@ def _of_group(group: Group, points: Points, cell: Project, search: PostureSearch
     taught = np.isfinite(points.joints[rows]).all(axis=1)
     found.joints_rad[rows[taught]] = points.joints[rows[taught]]
     posed = rows[~taught]
+    if other := contradiction(cell, program, group.tool, group.frame):
+        points.refuse(rows, other)
+        return
     if tool is None:
         points.refuse(rows, missing("tool", group.tool, cell))
         return

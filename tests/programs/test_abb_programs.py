@@ -146,6 +146,41 @@ def test_what_also_moves_the_robot_is_remarked_and_left(line, code):
     assert file.positions.names == ("p1",)
 
 
+def test_a_target_used_in_several_frames_is_barred_and_takes_none_that_a_project_assumes():
+    file = read(
+        target("p1"), target("p2"), target("p3"), target("p4"),
+        "PROC main()",
+        "MoveL p1,v100,fine,tGrip\\WObj:=wA;", "MoveL p1,v100,fine,tGrip\\WObj:=wB;",
+        "MoveL p2,v100,fine,tGrip\\WObj:=wAll{i};",
+        "MoveL p3,v100,fine,tGrips{i}\\WObj:=wA;",
+        "ENDPROC",
+    )  # fmt: skip
+    assert sorted(file.positions.barred) == [0, 1, 2]
+    assert "different" in file.positions.barred[0]
+    assert "computed" in file.positions.barred[1]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        f"PERS pickpoint g:=[[[100.5,0,-20],[0,0.70711,0,0.70711],[0,-1,0,1],{E}],25];",
+        f"PERS pickpoint g{{2}}:=[[[[1,0,-2],[1,0,0,0],[0,0,0,0],{E}],25],[[[1,0,-2],[1,0,0,0],[0,0,0,0],{E}],2]];",
+        f"g:=[[[100.5,0,-20],[0,0.70711,0,0.70711],[0,-1,0,1],{E}],25];",
+        f"rPick [[100.5,0,-20],[0,0.70711,0,0.70711],[0,-1,0,1],{E}],25;",
+        f"CONST pickaxes g:=[[[0,0,0,0,30,0],{E}],25];",
+        "CONST pose shift:=[[1,0,-2],[1,0,0,0]];",
+    ],
+)
+def test_a_position_inside_other_data_is_remarked_and_left(line):
+    file = read("PROC main()", "MoveL p,v100,fine,tGrip;", line, "ENDPROC")
+    assert len(file.positions) == 0
+    assert [(remark.line, remark.code) for remark in file.remarks] == [(4, "computed")]
+
+
+def test_numbers_in_lists_are_no_position():
+    assert not read("CONST num a{2,2}:=[[1,2],[3,4]];", "VAR speeddata v:=[100,500,5000,1000];").remarks
+
+
 def test_frames_of_fixed_work_objects_and_tools_on_the_robot():
     file = read(
         'PERS wobjdata w:=[FALSE,TRUE,"",[[1000,0,0],[0,0,0,1]],[[100,0,0],[1,0,0,0]]];',

@@ -1,18 +1,22 @@
 """Work that was moved, and programs corrected for their own robot: judged by where the real robot then stands."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from calibration.compensation.compensate import Direction
 from calibration.errors import CalibrationError
-from calibration.geometry import exp_twist, inverse_transform
+from calibration.geometry import exp_twist, homogeneous, inverse_transform
+from drivers.abb.programs import BRAND as ABB_BRAND
 from drivers.fanuc.ls_program import read_ls
 from drivers.fanuc.programs import BRAND
 from service.programs.compensate import compensating
 from service.programs.move import change_of_frame, moving, redefined_frame
+from service.programs.project import read_project
 from service.programs.project_poses import ProjectError
+from service.programs.reach import reach_of
 from tests.unit.helpers.cloned_cells import ENTERED_TOOL, listing
 from tests.unit.helpers.cloned_program import Cells
 
@@ -134,3 +138,57 @@ def test_the_tool_as_entered_is_what_positions_are_written_in(cells: Cells) -> N
     flange = result.base_tip_after @ inverse_transform(ENTERED_TOOL)
     joints = cells.master.commanded(result.after.positions.frame_tip, cells.joints)
     assert np.abs(cells.master.arm.believed_flange(joints) - flange).max() < 5e-5
+
+
+ABB = """MODULE Teil
+PERS wobjdata wTable:=[FALSE,TRUE,"",[[300,50,100],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+PERS tooldata tGrip:=[TRUE,[[0,0,80],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+CONST robtarget p1:=[[100,0,300],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+PROC main()
+MoveL p1,v100,fine,tGrip\\WObj:=wTable;
+ENDPROC
+ENDMODULE
+"""
+PROJECT = """format = 1
+name = "cell"
+[robot]
+serial = "S"
+model = "abb_irb120"
+[unsaid]
+tool = "tGrip"
+frame = "wTable"
+[tools.tGrip.entered]
+position_mm = [0, 0, 80]
+abb_quaternion = [1, 0, 0, 0]
+[frames.wTable]
+position_mm = [300, 50, 100]
+abb_quaternion = [1, 0, 0, 0]
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "project_old", "project_new", "words"),
+    [
+        ("", "", "", "", ""),
+        ("[[300,50,100]", "[[300,50,101]", "", "", "its own user frame wTable, 1.00 mm and 0.00 deg"),
+        ("", "", "[0, 0, 80]", "[0, 0, 79.9]", "its own tool tGrip, 0.10 mm"),
+        ("tGrip\\WObj", "tGrips{1}\\WObj", "", "", "computed"),
+        ("ENDPROC", "MoveL p1,v100,fine,tGrip;\nENDPROC", "", "", "different"),
+    ],
+)
+def test_a_frame_that_is_not_one_in_program_and_cell_leaves_its_points(
+    tmp_path: Path, old: str, new: str, project_old: str, project_new: str, words: str
+) -> None:
+    file = tmp_path / "project.toml"
+    file.write_text(PROJECT.replace(project_old, project_new), encoding="utf-8")
+    project, program = read_project(file), ABB_BRAND.read("a.mod", ABB.replace(old, new).encode())
+
+    result = moving(project, homogeneous(np.eye(3), np.array([0.01, 0, 0])), ABB_BRAND.configurations).carry(
+        [program]
+    )[0]
+    reach = reach_of([program], project)[0]
+
+    assert result.status == (("left",) if words else ("changed",))
+    assert words in result.reason[0]
+    assert words in reach.why[0]
+    assert bool(reach.why[0]) == bool(words)
