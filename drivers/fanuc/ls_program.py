@@ -6,6 +6,7 @@ printed from a parsed form.
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +24,9 @@ from drivers.programs.positions import Change, Frames, Positions, ProgramFile, R
 _SECTION = re.compile(rb"/(PROG|ATTR|APPL|MN|POS|END)\b[^\n]*+")
 _INDENT = 40  # a section's name stands at the beginning of its line, behind so many blanks at most
 _PROGRAM = re.compile(rb"/PROG[ \t]++([^\s;]{1,80}+)")
+_SCHEDULE = re.compile(rb"LINE_TRACK_SCHEDULE_NUMBER[ \t]*+:[ \t]*+0*+[1-9]")
+_TRACK = "This program follows a conveyor: its points stand in the tracking frame of its schedule, not in a user frame."
+_TRACKED = "its program follows a conveyor, whose frame no program file holds"
 _AFTER_END = re.compile(rb"[\s\x1a\x00]*+")
 _ORDER = (b"PROG", b"ATTR", b"APPL", b"MN", b"POS", b"END")
 _SAVE_AGAIN = "Save the program again on the controller, in ASCII."
@@ -48,13 +52,18 @@ class LsProgram:
         """Return the file's name."""
         return self._place.file
 
-    @property
+    @cached_property
     def positions(self) -> Positions:
-        return self._read[0]
+        found, track = self._read[0], self._track
+        return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED)) if track else found
 
     @cached_property
     def remarks(self) -> tuple[Remark, ...]:
-        return remarks_of(self._place.data, self._sections["MN"], self._sections["POS"], self.positions)
+        found = remarks_of(self._place.data, self._sections["MN"], self._sections["POS"], self.positions)
+        if self._track is None:
+            return found
+        line = self._place.data.count(b"\n", 0, self._track.start()) + 1
+        return (Remark(line, "relative", _TRACK), *found)
 
     @property
     def frames(self) -> Frames:
@@ -89,6 +98,11 @@ class LsProgram:
     def _body(self) -> tuple[int, int]:
         """Return where the records begin, after the line /POS, and where they end."""
         return self._sections["RECORDS"], self._sections["END"]
+
+    @cached_property
+    def _track(self) -> re.Match[bytes] | None:
+        """Return where the head says that the program follows a conveyor; a schedule of 0 is none."""
+        return _SCHEDULE.search(self._place.data, 0, self._sections["MN"])
 
     @cached_property
     def _read(self) -> tuple[Positions, NDArray[np.int64]]:

@@ -45,7 +45,7 @@ _KINDS: tuple[tuple[str, str, tuple[bytes, ...]], ...] = (
     (
         "relative",
         "{what} makes the motion depend on another position or group, not on the user frame alone.",
-        (rb"INC(?<![A-Za-z_]INC)\b", rb"COORD(?<![A-Za-z_]COORD)\b"),
+        (rb"INC(?<![A-Za-z_]INC)\b", rb"COORD(?<![A-Za-z_]COORD)\b", rb"RTCP(?<![A-Za-z_]RTCP)\b"),
     ),
     (
         "computed",

@@ -43,6 +43,7 @@ class Collected:
     user_frames: list[str | None] = field(default_factory=list)
     tools: list[str | None] = field(default_factory=list)
     fixed: dict[int, str] = field(default_factory=dict)  # rows that take no change, and why
+    barred: dict[int, str] = field(default_factory=dict)  # rows whose tool or base nobody can tell, and why
     remarks: list[Remark] = field(default_factory=list)
     external_seen: bool = False
     known_axes: dict[tuple[str | None, ...], list[float]] = field(
@@ -155,6 +156,7 @@ class Collected:
             configurations=tuple(_kept(self.states, keep)),
             resolution_m=steps[:, 0] * 1e-3,
             resolution_rad=np.deg2rad(steps[:, 1]),
+            barred={k: self.barred[row] for k, row in enumerate(keep.tolist()) if row in self.barred},
         )
 
     def _row(self, name: str, kind: str, start: int, state: str) -> None:

@@ -16,7 +16,10 @@ _MOTION = re.compile(
     rf"{_B}*+(PTP|LIN|CIRC|SPTP|SLIN|SCIRC|SPL)(_REL)?+(?![\w$.=\[(]){_B}*+(?!=)", re.ASCII | re.IGNORECASE
 )
 _WITH = re.compile(r"\bWITH\b", re.IGNORECASE)
-_ROUTINE = re.compile(rf"{_B}*+(?:GLOBAL{_B}++)?+(?:DEF|DEFFCT)\b", re.ASCII | re.IGNORECASE)
+_ROUTINE = re.compile(
+    rf"{_B}*+(?:GLOBAL{_B}++)?+(?:DEF|DEFFCT{_B}++\w++)\b{_B}*+(\w*+)", re.ASCII | re.IGNORECASE
+)
+_STEP_INTO = re.compile(rf"{_B}*+([A-Za-z_]\w*+){_B}*+\(", re.ASCII)
 _BAS = re.compile(
     rf"\bBAS{_B}*+\({_B}*+#(TOOL|BASE|PTP_PARAMS|CP_PARAMS|FRAMES|INITMOV){_B}*+,?+{_B}*+([^)]*+)",
     re.IGNORECASE,
@@ -32,6 +35,11 @@ _CALLED = re.compile(rf"[$A-Za-z_][\w$]*+{_B}*+\(", re.ASCII)
 _POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNORECASE)
 _MOST_TARGETS = 3  # a circle has two
 _UNKNOWN = "?"
+_BARRED = {
+    "several": "the program sets another tool or base for it at different places",
+    "computed": "its tool or base is set while the program runs",
+    "called": "a routine that its program calls sets another tool or base",
+}
 _SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
 
 _OFFSET = "The operator ':' adds a frame to this point while the program runs."
@@ -63,12 +71,22 @@ class FrameUse:
         (value,) = self.values
         return None if value == _UNKNOWN else value
 
+    def barred(self, called: set[str]) -> str:
+        """Return why nobody can tell what holds, with what called routines set; "" where nothing is in the way."""
+        if called - self.values:
+            return _BARRED["called"]
+        if _UNKNOWN in self.values:
+            return _BARRED["computed"]
+        return _BARRED["several"] if len(self.values) > 1 else ""
+
 
 @dataclass
 class Routine:
     """One DEF ... END."""
 
     number: int
+    name: str = ""
+    calls: set[str] = field(default_factory=set)
     tool: FrameUse = field(default_factory=FrameUse)
     base: FrameUse = field(default_factory=FrameUse)
 
@@ -85,12 +103,14 @@ class Program:
     types: dict[str, str] = field(default_factory=dict)
     set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
     external_tool: bool = False
+    called: dict[int, list[Routine]] = field(default_factory=dict)  # by a routine's number, when all is read
 
     def read(self, line: Line) -> None:
         """Take one line."""
         text = self.found.source.text
-        if _ROUTINE.match(text, line.start, line.end):
-            self.routines.append(Routine(len(self.routines)))
+        begun = _ROUTINE.match(text, line.start, line.end)
+        if begun is not None:
+            self.routines.append(Routine(len(self.routines), begun[1].upper()))
         motion = _MOTION.match(text, line.start, line.end)
         if motion is not None:
             self._motion(motion, line)
@@ -109,6 +129,32 @@ class Program:
                 routine = self.routines[number]
                 self.found.tools[row] = _resolved(routine.tool.at(place), names["TOOL"])
                 self.found.user_frames[row] = _resolved(routine.base.at(place), names["BASE"])
+                self._bar(row, routine)
+            elif self.found.names[row].find("@") > 0:
+                self.found.barred[row] = _BARRED["computed"]
+
+    def _bar(self, row: int, routine: Routine) -> None:
+        """Leave a point whose tool or base cannot be told from this file, though it is set here."""
+        if routine.number not in self.called:
+            self.called[routine.number] = self._called(routine)
+        called = self.called[routine.number]
+        uses = [(routine.tool, {v for one in called for v in one.tool.values})]
+        if self.found.kinds[row] == CARTESIAN:
+            uses.append((routine.base, {v for one in called for v in one.base.values}))
+        for use, values in uses:
+            if why := use.barred(values):
+                self.found.barred[row] = why
+
+    def _called(self, routine: Routine) -> list[Routine]:
+        """Return the routines of this file that a routine calls, and those that they call."""
+        by_name = {one.name: one for one in self.routines if one.name}
+        found: dict[str, Routine] = {}
+        open_ = [routine]
+        while open_:
+            for name in sorted(open_.pop().calls & by_name.keys() - found.keys()):
+                found[name] = by_name[name]
+                open_.append(by_name[name])
+        return list(found.values())
 
     def frames(self) -> Frames:
         """Return ``$BASE`` and ``$TOOL`` where the program writes them once, as numbers."""
@@ -181,6 +227,8 @@ class Program:
     def _statement(self, line: Line) -> None:
         text = self.found.source.text
         code = without_strings(text[line.start : line.end])
+        if (step := _STEP_INTO.match(code)) is not None:
+            self.routines[-1].calls.add(step[1].upper())
         declared = declaration(text, line)
         if declared is not None:
             self._declared(declared[0], declared[1], line)

@@ -259,6 +259,21 @@ def test_what_else_moves_the_robot_is_told_with_its_line():
     assert {remark.code for remark in read(statements="   1:J P[1] 5% FINE ;\n").remarks} == {"unused"}
 
 
+@pytest.mark.parametrize(("schedule", "tracked"), [("0", False), ("1", True), ("06", True)])
+def test_points_of_a_program_that_follows_a_conveyor_are_barred(schedule: str, tracked: bool):
+    head = f"/APPL\n\nLINE_TRACK;\n  LINE_TRACK_SCHEDULE_NUMBER      : {schedule};\n"
+    program = read_ls(
+        "pick.ls", listing(statements="   1:J P[1] 5% FINE ;\n").replace(b"/MN", head.encode() + b"/MN")
+    )
+    assert sorted(program.positions.barred) == ([0, 1, 2, 3] if tracked else [])
+    assert ([(r.line, r.code) for r in program.remarks if r.code != "unused"] == [(7, "relative")]) == tracked
+
+
+def test_a_remote_tool_is_told():
+    program = read(statements="   1:L P[1] 200mm/sec FINE RTCP\n    :  SPOT[SD=3] ;\n")
+    assert "relative" in {remark.code for remark in program.remarks}
+
+
 def test_other_listings_with_the_suffix_are_no_programs():
     assert brand_of("PICK.LS", listing()) is BRAND
     assert brand_of("errall.ls", b"Robot Name ROBOT 01-JAN-26\n") is None

@@ -121,6 +121,31 @@ def test_a_declaration_without_value_is_untaught_unless_the_value_comes_later():
     assert file.positions.kinds == (UNTAUGHT, CARTESIAN)
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        (("BAS(#BASE,1)",), ("BAS(#BASE,2)",), "different places"),
+        (("$BASE=BASE_DATA[N]",), (), "while the program runs"),
+        (("$BASE=BASE_DATA[1]", "OTHER()"), (), "calls"),
+        (("OTHER()",), (), "calls"),
+        (("$BASE=BASE_DATA[2]", "OTHER()"), (), ""),
+        (("$BASE=BASE_DATA[1]", "FAR()"), (), ""),
+        ((), ("BAS(#BASE,1)",), ""),
+    ],
+)
+def test_a_point_whose_base_is_not_one_is_barred(before, after, words):
+    point = "LIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
+    routines = ("END", "DEF other ( )", "third (1)", "END", "DEF THIRD(N:IN)", "$BASE=BASE_DATA[2]")
+    file = src(*before, point, *after, *routines)
+    assert sorted(file.positions.barred) == ([0] if words else [])
+    assert words in file.positions.barred.get(0, "")
+
+
+def test_a_point_with_a_base_of_its_own_move_is_barred():
+    point = "SLIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2} WITH $BASE=BASE_DATA[3]"
+    assert sorted(src("$BASE=BASE_DATA[1]", point).positions.barred) == [0]
+
+
 def test_points_inside_moves_have_the_frames_that_the_routine_sets_once():
     point = "LIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2} C_DIS"
     file = src("BAS(#TOOL,3)", "$BASE=BASE_DATA[ 7 ]", point)
