@@ -25,6 +25,7 @@ class Call:
     function: str  # "" where it is a list or brackets of an expression; "p" for a pose
     offset: int
     argument: int = 0
+    index: bool = False  # it chooses from a list: Places[0]
     keyword: str = ""
     first_name: str = ""  # the first argument, where it is a name and nothing else
     reached: set[int] = field(default_factory=set)  # arguments that are a place to go to, and known to be one

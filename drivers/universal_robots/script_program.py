@@ -130,19 +130,56 @@ class _Tools:
     """The tool in force where the text goes to a place: the last ``set_tcp`` above it."""
 
     def __init__(self, source: ScriptText, finder: Finder) -> None:
-        self.calls = finder.tools()
+        self.calls = _alike(source, finder.tools())
         self.offsets = [offset for offset, _, _ in self.calls]
         self.line = finder.line
+        self.blocks = [
+            block for block in source.blocks if any(block[0] < at < block[1] for at in self.offsets)
+        ]
+        self.setting = [
+            call
+            for function in _PROGRAM.finditer(source.text)
+            if any(
+                start == function.start(0) + len(function[0]) - len(function[0].lstrip())
+                for start, _ in self.blocks
+            )
+            for call in finder.found.calls.get(function[1], ())
+        ]
         self.flange_tip = _frames(source, {name: pose for _, name, pose in self.calls if pose is not None})
 
     def of(self, place: Place) -> str | None:
         """Return the tool's name; None where the moves to a place do not agree, or no text says."""
+        named = {name for name, _ in self._in_force(place)}
+        return (named.pop() or None) if len(named) == 1 else None
+
+    def barred(self, place: Place) -> str:
+        """Return why nobody can tell the tool of a place though the text sets one; "" where nothing is in the way."""
+        found = self._in_force(place)
+        if len({name for name, _ in found}) > 1:
+            return "the program goes to it with different tools"
+        if any(not name for name, _ in found):
+            return "its tool is computed, or set below the move to it"
+        if len({name for _, name, _ in self.calls}) > 1 and not all(sure for _, sure in found):
+            return "which tool the program has there depends on the way that it takes"
+        return ""
+
+    def _in_force(self, place: Place) -> list[tuple[str, bool]]:
+        """Return for each move to a place the tool that stands last above it, and whether it surely holds there."""
         if not self.offsets:
-            return None
+            return []
         literal = place.pose or place.joints
         uses = place.used or ((literal.start,) if literal else ())
-        named = {self.calls[at - 1][1] if (at := bisect_right(self.offsets, use)) else "" for use in uses}
-        return (named.pop() or None) if len(named) == 1 else None
+        found = []
+        for use in uses:
+            at = bisect_right(self.offsets, use)
+            since = self.offsets[at - 1] if at else 0
+            left = any(start < since < end < use for start, end in self.blocks)
+            found.append((self.calls[at - 1][1] if at else "", not left and not self._called(since, use)))
+        return found
+
+    def _called(self, since: int, use: int) -> bool:
+        """Tell whether a function of this text that sets a tool is called between two places."""
+        return any(since < call < use for call in self.setting)
 
     def remarks(self, places: Sequence[Place]) -> Iterator[Remark]:
         """Yield what a person must know of the tools."""
@@ -155,6 +192,21 @@ class _Tools:
             yield Remark(
                 0, "foreign", "the tool is the one that is active on the robot: no set_tcp is in this file."
             )
+
+
+def _alike(
+    source: ScriptText, calls: Sequence[tuple[int, str, Literal | None]]
+) -> list[tuple[int, str, Literal | None]]:
+    """Return the calls, those that set one pose by the name and the literal of the first of them."""
+    first: dict[tuple[float, ...], tuple[str, Literal]] = {}
+    same = []
+    for offset, name, pose in calls:
+        if pose is None:
+            same.append((offset, name, pose))
+            continue
+        numbers = tuple(_numbers(source, [pose])[0].tolist())
+        same.append((offset, *first.setdefault(numbers, (name, pose))))
+    return same
 
 
 class _Edits:
@@ -247,6 +299,7 @@ def _columns(source: ScriptText, finder: Finder, places: Sequence[Place], tools:
         "configurations": ("",) * count,
         "resolution_m": steps,
         "resolution_rad": steps,
+        "barred": {row: why for row, place in enumerate(places) if (why := tools.barred(place))},
     }
 
 

@@ -103,6 +103,7 @@ class ScriptText:
         self.file = file
         self.text = text
         self.depth: list[tuple[str, int]] = []  # blocks that are open
+        self.blocks: list[tuple[int, int]] = []  # those that have ended, and branches of an if: from, to
 
     def wrong(self, offset: int, what: str, remedy: str) -> ProgramFileError:
         """Return the error for something at an offset."""
@@ -164,7 +165,7 @@ class ScriptText:
         if word != "end":
             self.depth.append((word, offset))
         elif self.depth:
-            self.depth.pop()
+            self.blocks.append((self.depth.pop()[1], offset))
         else:
             raise self.wrong(
                 offset, "this end belongs to nothing.", "Lines are missing above it, or it is one too many."
@@ -256,6 +257,8 @@ class _Statement:
             self.block = (item.text, item.start)
         elif item.text == "end":
             self.source.block("end", item.start)
+        elif item.text in ("else", "elif") and self.source.depth:
+            self.source.blocks.append((self.source.depth[-1][1], item.start))
 
     def _name(self, item: Token, after: Token) -> None:
         call = self.stack[-1] if self.stack else None
@@ -308,7 +311,9 @@ class _Statement:
         if len(self.stack) == _DEEPEST:
             cure = "The line is damaged; fetch the file again."
             raise self.source.wrong(token.start, f"more than {_DEEPEST} brackets are open.", cure)
-        self.stack.append(Call(token.text, function, token.start))
+        indexed = before is not None and before.end == token.start and before.kind in ("name", "close")
+        index = token.text == "[" and indexed and not function
+        self.stack.append(Call(token.text, function, token.start, index=index))
 
     def _close(self, token: Token) -> None:
         if not self.stack or _PAIRS[self.stack[-1].opens] != token.text:
@@ -316,7 +321,8 @@ class _Statement:
             raise self.source.wrong(token.start, f"{token.text!r} closes nothing.", cure)
         call = self.stack.pop()
         outer = role_in(self.stack)[0]
-        if call.opens == "[" and call.argument != 5 and (call.function == "p" or outer == "target"):
+        posed = call.opens == "[" and not call.index
+        if posed and call.argument != 5 and (call.function == "p" or outer == "target"):
             cure = "Correct it on the robot, and save the program again."
             raise self.source.wrong(
                 call.offset, "a pose or a posture has six numbers, this one has not.", cure

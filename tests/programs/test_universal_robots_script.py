@@ -88,6 +88,39 @@ def test_frames_and_tools_are_named_with_their_positions():
     assert any("more than one tool" in remark.text for remark in file.remarks)
 
 
+_SET_A, _SET_B = "set_tcp(p[0,0,0.1,0,0,0])", "set_tcp(p[0,0,0.2,0,0,0])"
+_SUB = ("def sub():", _SET_B, "end")
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ((_SET_A, f"movel({_POSE})", _SET_B), ""),
+        ((f"movel({_POSE})", _SET_A), "below"),
+        (("set_tcp(measured)", f"movel({_POSE})"), "computed"),
+        ((f"W = {_POSE}", _SET_A, "movel(W)", _SET_B, "movel(W)"), "different"),
+        ((_SET_A, "if (b):", _SET_B, "end", f"movel({_POSE})"), "way"),
+        ((_SET_A, "if (b):", _SET_B, "else:", f"movel({_POSE})", "end"), "way"),
+        ((_SET_A, "while (b):", _SET_B, f"movel({_POSE})", "end"), ""),
+        ((_SET_A, "if (b):", _SET_A, "end", f"movel({_POSE})"), ""),
+        ((f"W = {_POSE}", _SET_A, "movel(W)", _SET_A, "movel(W)"), ""),
+        ((_SET_A, "if (b):", "i = 1", "end", f"movel({_POSE})"), ""),
+        ((_SET_A, "sub()", f"movel({_POSE})", *_SUB), "way"),
+        ((*_SUB, _SET_A, f"movel({_POSE})", "sub()"), ""),
+    ],
+)
+def test_a_place_whose_tool_is_not_one_is_barred(lines: tuple[str, ...], words: str):
+    file = _read(*lines)
+    assert sorted(file.positions.barred) == ([0] if words else [])
+    assert words in file.positions.barred.get(0, "")
+
+
+def test_a_place_out_of_a_list_is_computed_and_no_damage():
+    file = _read(f"Places = [{_POSE}, {_POSE}]", "movel(Places[0], a=1.2)", "movej(Places[i + 1])")
+    assert len(file.positions) == 0
+    assert [remark.code for remark in file.remarks if remark.line == 2] == ["computed"]
+
+
 def test_pose_and_joints_of_a_public_program_agree_under_the_nominal_arm():
     # Saved by a simulator of the maker (UR5e, PolyScope 5.13), printed in masayuki-kono's article on URSim, 2023.
     file = _read(
