@@ -199,7 +199,7 @@ def _alike(
 ) -> list[tuple[int, str, Literal | None]]:
     """Return the calls, those that set one pose by the name and the literal of the first of them."""
     first: dict[tuple[float, ...], tuple[str, Literal]] = {}
-    same = []
+    same: list[tuple[int, str, Literal | None]] = []
     for offset, name, pose in calls:
         if pose is None:
             same.append((offset, name, pose))
