@@ -110,13 +110,14 @@ def change_programs(
     Raises
     ------
     FilesError
-        A report that would be written over a source, over another report, or over a file that is there.
+        A report that would be written over a source, over another report, or over a file that is there; or one
+        that there is no room for.
     """
     place = NewPlace(wanted.out, found.sources, replace=wanted.replace)
     report = Report(title, refused=list(found.refused))
     made: list[tuple[str, Made]] = []
     _check_reports(wanted, place)
-    with ExitStack() as open_files:
+    with _whole_reports(wanted), ExitStack() as open_files:
         told = formats(title)
         kinds = [kind for kind in told if wanted.file_of(kind) is not None]
         files = [_opened(wanted.file_of(kind), wanted, open_files, told[kind].head) for kind in kinds]
@@ -138,6 +139,23 @@ def change_programs(
         if wanted.html is not None:
             _opened(wanted.html, wanted, open_files, as_html(report).encode(errors="replace"))
     return report
+
+
+@contextmanager
+def _whole_reports(wanted: Wanted) -> Iterator[None]:
+    """Say of a disk that is full what is whole: programs are, a report is not there."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        raise FilesError(
+            f"A report or the record of the programs cannot be written: {error.strerror}.",
+            remedy=f"The programs in {wanted.out} are whole, but not all may be there. Make room and run it again "
+            "with --replace.",
+        ) from error
 
 
 def _check_reports(wanted: Wanted, place: NewPlace) -> None:

@@ -4,6 +4,7 @@ import csv
 import hashlib
 import json
 import re
+import resource
 import shutil
 from pathlib import Path
 
@@ -319,3 +320,21 @@ def test_the_examples_that_ship_are_what_their_maker_makes(tmp_path: Path, monke
     monkeypatch.setattr(example_projects, "FOLDER", tmp_path / "made")
     example_projects.main()
     assert hashes(tmp_path / "made") == hashes(FOLDER)
+
+
+def test_a_full_disk_is_told_and_leaves_nothing_half_written(line: Path, tmp_path: Path, capsys) -> None:
+    master, _ = projects(line)
+    out, report, before = tmp_path / "out", tmp_path / "points.json", hashes(line)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
+    try:
+        code = run("move", "--project", master, "--offset", "1,0,0", "--out", out, "--json", report)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    told = said(capsys.readouterr().err)
+    assert code != ExitCode.PASS
+    assert "cannot be written" in told
+    assert "Make room" in told
+    assert "Traceback" not in told
+    assert hashes(line) == before
+    assert [path for path in tmp_path.rglob("*") if path.is_file() and line not in path.parents] == []
