@@ -314,6 +314,6 @@ def _change(
     console = EN_ROUTE if wanted.fills_standard_output else Console(highlight=False)
     tell_report(report, most=outputs.top, console=console)
     tell_passed_over(found)
-    for path in (outputs.out, *wanted.reports):
+    for path in (*([outputs.out] if report.entries else []), *wanted.reports):
         EN_ROUTE.print(f"written: {path}", markup=False, soft_wrap=True)
     return report

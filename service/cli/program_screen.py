@@ -85,7 +85,7 @@ class InspectionScreen:
         self._rows.append(_inspected_row(inspected))
         self._notes += _notes_of(inspected)
         if self.points:
-            self._tables.append((inspected.program.name, _points_of(inspected)))
+            self._tables.append((_name_of(inspected), _points_of(inspected)))
 
     def end(self, totals: "Totals") -> None:
         """Print what is left to print."""
@@ -212,7 +212,7 @@ def _points_table(points: Sequence["PointLine"]) -> Table:
 def _inspected_row(inspected: "Inspected") -> tuple[str, ...]:
     program, reach = inspected.program, inspected.reach
     return (
-        program.name,
+        _name_of(inspected),
         program.brand,
         str(len(program.positions)),
         _named(inspected.known_frames),
@@ -249,6 +249,12 @@ def _inspected_table(rows: Sequence[tuple[str, ...]]) -> Table:
     return table
 
 
+def _name_of(inspected: "Inspected") -> str:
+    from service.programs.report import shown_name
+
+    return shown_name(inspected.program.name, str(inspected.source.path))
+
+
 def _points_of(inspected: "Inspected") -> Table:
     heads = ["x mm", "y mm", "z mm"]
     reach = inspected.reach
@@ -269,7 +275,7 @@ def _points_of(inspected: "Inspected") -> Table:
 def _notes_of(inspected: "Inspected") -> list["Note"]:
     from service.programs.report_words import Note
 
-    name = inspected.program.name
+    name = _name_of(inspected)
     told = [Note(name, remark.line, remark.text) for remark in inspected.program.remarks]
     if inspected.identical is False:
         told.insert(

@@ -16,6 +16,7 @@ from service.programs.files import Refused
 from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
 
 Figures = NDArray[np.float32]
+_TWO_FILES = (".src", ".dat")  # of one KUKA program: motions and points
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,7 @@ def entry_of(file: str, written: str, result: ProgramResult) -> ProgramEntry:
     return ProgramEntry(
         file=file,
         written=written,
-        program=_name(result.name, file),
+        program=shown_name(result.name, file),
         brand=result.before.brand,
         points=result.before.positions.names,
         lines=result.before.positions.lines,
@@ -153,10 +154,11 @@ def largest(figures: Figures | Array, nothing: float = np.nan) -> float:
     return float(known.max()) if len(known) else nothing
 
 
-def _name(program: str, file: str) -> str:
-    """Return a program's name, with its file's where that is called otherwise."""
+def shown_name(program: str, file: str) -> str:
+    """Return a program's name, with its file's where that is called otherwise, or where a program has two files."""
     path = PurePath(file)
-    return program if path.stem.casefold() == program.casefold() else f"{program} ({path.name})"
+    alone = path.stem.casefold() == program.casefold() and path.suffix.lower() not in _TWO_FILES
+    return program if alone else f"{program} ({path.name})"
 
 
 def _small(figures: Array) -> Figures:

@@ -338,3 +338,28 @@ def test_a_full_disk_is_told_and_leaves_nothing_half_written(line: Path, tmp_pat
     assert "Traceback" not in told
     assert hashes(line) == before
     assert [path for path in tmp_path.rglob("*") if path.is_file() and line not in path.parents] == []
+
+
+KUKA_DATA = """DEFDAT TUER\r
+DECL E6POS XP1={X 228.2,Y -175.1,Z 419.3,A -176.6,B 5.5,C -172.7,S 2,T 2}\r
+DECL FDAT FP1={TOOL_NO 1,BASE_NO 2,IPO_FRAME #TCP}\r
+ENDDAT\r
+"""
+
+
+def test_the_two_files_of_a_kuka_program_are_told_apart(tmp_path: Path, capsys) -> None:
+    (tmp_path / "TUER.dat").write_text(KUKA_DATA, newline="")
+    (tmp_path / "TUER.src").write_text("DEF TUER()\r\nPTP XP1:OFFS\r\nEND\r\n", newline="")
+    assert run("inspect", tmp_path) == ExitCode.PASS
+    shown = said(capsys.readouterr().out)
+    assert "TUER (TUER.dat) (line 2): XP1 is moved with an external tool" in shown
+    assert "TUER (TUER.src) (line 2): The operator ':'" in shown
+
+
+def test_where_nothing_is_written_no_folder_is_said_to_be(line: Path, tmp_path: Path, capsys) -> None:
+    master, _ = projects(line)
+    file = tmp_path / "A.LS"
+    file.write_bytes(b"/PROG A\n")
+    code = run("move", file, "--project", master, "--offset", "1,0,0", "--out", tmp_path / "out")
+    assert code == ExitCode.FILES_REFUSED
+    assert "written" not in capsys.readouterr().err
