@@ -5,14 +5,16 @@ F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positionin
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.points.alignment import Alignment
-from calibration.points.fixture import BaseToBase
+from calibration.points.alignment import Alignment, without_points
+from calibration.points.fixture import BaseToBase, refuse_bad_points
 from calibration.points.joint_bases import bases_together
 from calibration.uncertainty import chi_square_limit
 from drivers.interfaces import Counts, Instruction
@@ -22,6 +24,17 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, Forecast, Knowledge
 from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
 from procedures.limits import FrameLimits
+from procedures.past import Finding
+from procedures.refit import (
+    STANDS_OUT,
+    FitPoint,
+    Refit,
+    Refitted,
+    Use,
+    misses_in_space,
+    pose_values,
+    values_of,
+)
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.verdict import Verdict, held, known_within, stated
@@ -67,6 +80,11 @@ class AlignmentsFound:
     alignments: tuple[Alignment, ...]
     connected_serial: str
     counts_at_zero: Counts  # of the connected robot; empty where it keeps none
+
+
+LEAST = 3
+_STORED: TypeAdapter[AlignmentsFound] = TypeAdapter(AlignmentsFound)
+_RESULT: TypeAdapter[BasesResult] = TypeAdapter(BasesResult)
 
 
 async def base_to_base(run: Run, spec: BaseToBaseSpec) -> BasesResult:
@@ -254,6 +272,40 @@ def _forecast(spec: BaseToBaseSpec, known: Knowledge) -> Forecast:
     return Forecast(duration_s=2 * ANSWER_S, assumed=("each robot is aligned with the fixture",))
 
 
+def _refit(spec: BaseToBaseSpec, findings: Sequence[Finding]) -> Refit | None:
+    found = values_of(findings)
+    stored = _STORED.validate_python(found["read the alignments"])
+    recorded = _RESULT.validate_python(found["chain the bases"])
+    told = {a.robot_serial: a.points for a in recorded.alignments if a.points is not None}
+    if len(told) < len(recorded.alignments):
+        return None  # chained one by one: there is no fit of points
+    seen_m = {serial: points.found_m for serial, points in told.items()}
+    steps = tuple(
+        f"alignment point {k}" for k in range(1, len(recorded.alignments[0].points_in_fixture_m) + 1)
+    )
+    sigma_m = max(math.sqrt(2.0) * points.sigma_seat_m for points in told.values())
+    before = {base.robot_serial: base.pose.other_base_base for base in recorded.bases}
+
+    def solve(use: Use) -> Refitted:
+        fewer = replace(stored, alignments=tuple(without_points(a, use) for a in recorded.alignments))
+        refuse_bad_points(fewer.alignments[0].points_in_fixture_m)
+        result = chain_bases(replace(spec, robots=tuple(seen_m)), fewer)
+        poses = {base.robot_serial: base.pose.other_base_base for base in result.bases}
+        carried = [
+            np.array(seen_m[serial]) @ pose.rotation().T + np.array(pose.position_m)
+            for serial, pose in poses.items()
+        ]
+        gaps = np.stack(carried) - np.array(seen_m[result.reference_serial])
+        worst = gaps[np.linalg.norm(gaps, axis=2).argmax(axis=0), np.arange(len(steps))]
+        values = (
+            v for serial, pose in poses.items() for v in pose_values(pose, before[serial], f"{serial}: ")
+        )
+        u_m = max(base.pose.origin_u_m for base in result.bases)
+        return Refitted(misses_in_space(worst.tolist(), sigma_m, STANDS_OUT), u_m, tuple(values))
+
+    return Refit("place", tuple(FitPoint(step) for step in steps), LEAST, "origin", solve)
+
+
 ENTRY = Entry(
     name="base_to_base",
     title="Robot bases through one fixture",
@@ -265,4 +317,5 @@ ENTRY = Entry(
     keeps=_keeps,
     verdict=_verdict,
     forecast=_forecast,
+    refit=_refit,
 )

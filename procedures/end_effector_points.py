@@ -5,11 +5,12 @@ points that lie on no line, whose places from the tip are known, give the whole 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from calibration.errors import CalibrationError
@@ -30,6 +31,8 @@ from procedures.judged_write import (
     with_verdict,
 )
 from procedures.motion.plan_words import guessed_tour, plan_words
+from procedures.past import Finding
+from procedures.refit import Refit, Refitted, pose_values, values_of
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.mastering import same_epoch
@@ -55,6 +58,7 @@ from procedures.survey.survey_motion import (
     unchecked,
     way_to_rest,
 )
+from procedures.survey.survey_refit import refit_lengths, survey_of
 from procedures.survey.wire_survey import measure_spots, read_survey_state
 from procedures.verdict import Verdict, held, known_within, stated
 
@@ -108,6 +112,9 @@ class ToolFound:
     network: WireNetwork
     captures: int
     fixed_plan_captures: int | None
+
+
+_FOUND: TypeAdapter[ToolFound] = TypeAdapter(ToolFound)
 
 
 async def end_effector_points(run: Run, spec: EndEffectorPoints) -> MeasuredTool:
@@ -188,6 +195,13 @@ def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
 
 
 def locate_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> ToolFound:
+    """Fit the tool frame to its points with all that the lengths say, and compare the effort with a fixed plan."""
+    found = fit_tool(survey, spec, captures)
+    fixed = fixed_plan_captures(survey, found.network.disturbance_factor, (found.tip_u_m, found.angle_u_rad))
+    return replace(found, fixed_plan_captures=fixed)
+
+
+def fit_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> ToolFound:
     """Fit the tool frame to its points with all that the lengths say; with one point, its place only."""
     network, count = fit_survey(survey, captures), sum(map(len, captures))
     hooks = tuple(range(1, len(spec.points_in_tool_m) + 1))
@@ -203,8 +217,7 @@ def locate_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> 
             spec.points_in_tool_m, found, covariance, sigma_point_m=spec.rules.point_sigma_m
         )
         flange_tool, reached = placed.outer_inner, (placed.origin_u_m, placed.angle_u_rad)
-    fixed = fixed_plan_captures(survey, network.disturbance_factor, reached)
-    return ToolFound(flange_tool, *reached, placed, network, count, fixed)
+    return ToolFound(flange_tool, *reached, placed, network, count, None)
 
 
 def _bad_shape(tool: ToolFound) -> RefusalError | None:
@@ -328,6 +341,18 @@ def _forecast(spec: EndEffectorPoints, known: Knowledge) -> Forecast:
     return survey_forecast(Survey(state, plan_tool(state, spec), spec.rules), "tool's", known)
 
 
+def _refit(spec: EndEffectorPoints, findings: Sequence[Finding]) -> Refit:
+    found = values_of(findings)
+    survey, recorded = survey_of(found, spec.rules), _FOUND.validate_python(found["locate the tool"])
+
+    def solve(captures: Captures) -> tuple[Refitted, WireNetwork]:
+        tool = fit_tool(survey, spec, captures)
+        values = pose_values(tool.flange_tool, recorded.flange_tool)
+        return Refitted((), tool.tip_u_m, values), tool.network
+
+    return refit_lengths(survey, findings, solve)
+
+
 ENTRY = Entry(
     name="end_effector_points",
     title="Tool frame from points on the end-effector",
@@ -339,4 +364,5 @@ ENTRY = Entry(
     keeps=_keeps,
     verdict=_verdict,
     forecast=_forecast,
+    refit=_refit,
 )

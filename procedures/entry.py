@@ -1,6 +1,6 @@
 """The card of a procedure: name, version, what it needs of a cell, what it will do."""
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, get_type_hints
 
@@ -8,6 +8,8 @@ from pydantic import TypeAdapter
 
 from procedures.cell import Cell
 from procedures.forecast import Forecast, Knowledge
+from procedures.past import Finding
+from procedures.refit import Refit
 from procedures.run import NeedsUnmetError, Run
 from procedures.verdict import Verdict
 
@@ -56,6 +58,7 @@ class Entry:
     wants: tuple[str, ...] = ()  # what its steps will refuse without; told beforehand in lists and dry runs
     verdict: Callable[[Any, Any], Verdict] | None = None  # spec, result: what it claims and what it does not
     forecast: Callable[[Any, Knowledge], Forecast] | None = None  # spec: the dry run
+    refit: Callable[[Any, Sequence[Finding]], Refit | None] | None = None  # spec, findings: what if
 
     def reads_gauge(self, *ways: object) -> bool:
         """Tell whether lengths of the cell's gauge are behind a result; ``ways`` are its method and evidence."""

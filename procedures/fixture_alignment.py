@@ -6,11 +6,12 @@ the points give the fixture's pose. What cannot be told from its mirror image is
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from calibration.geometry import Pose
@@ -29,6 +30,8 @@ from procedures.forecast import Forecast, Knowledge
 from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
 from procedures.limits import FrameLimits
 from procedures.motion.plan_words import guessed_tour, plan_words
+from procedures.past import Finding
+from procedures.refit import Refit, Refitted, pose_values, values_of
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.mastering import same_epoch
@@ -63,6 +66,7 @@ from procedures.survey.survey_motion import (
     unchecked,
     way_to_rest,
 )
+from procedures.survey.survey_refit import refit_lengths, survey_of
 from procedures.survey.wire_survey import measure_spots, read_survey_state
 from procedures.verdict import Characteristic, Verdict, held, known_within, stated
 
@@ -117,6 +121,9 @@ class AlignmentResult:
             f"{self.captures} captures; a fixed plan of evenly drawn poses needs {self.fixed_plan_captures} for the "
             f"same U: {share:.0%} saved"
         )
+
+
+_RESULT: TypeAdapter[AlignmentResult] = TypeAdapter(AlignmentResult)
 
 
 async def fixture_alignment(run: Run, spec: FixtureAlignment) -> AlignmentResult:
@@ -195,14 +202,8 @@ def place_fixture(
     survey: Survey, spec: FixtureAlignment, captures: Captures, known: KnownWire = NOTHING_KNOWN
 ) -> AlignmentResult:
     """Fit the fixture to its points with all that the lengths say, and compare the effort with a fixed plan."""
-    network = fit_survey(survey, captures)
+    network, placed = fit_fixture(survey, spec, captures)
     spots = survey.places()
-    placed = place_points(
-        spec.points_in_fixture_m,
-        [network.exits_m[k] for k in spots],
-        network.exit_covariance(spots),
-        sigma_point_m=spec.rules.point_sigma_m,
-    )
     alignment = Alignment(
         fixture=spec.fixture,
         robot_serial=survey.state.serial,
@@ -218,6 +219,16 @@ def place_fixture(
     fixed = fixed_plan_captures(survey, network.disturbance_factor, reached)
     base = None if spec.bases is None else base_outlook(alignment, known)
     return AlignmentResult(alignment, placed, network, sum(map(len, captures)), fixed, spec.limits, base)
+
+
+def fit_fixture(
+    survey: Survey, spec: FixtureAlignment, captures: Captures
+) -> tuple[WireNetwork, PlacedPoints]:
+    """Fit the points to the lengths, and the fixture to its points."""
+    network, spots = fit_survey(survey, captures), survey.places()
+    found, covariance = [network.exits_m[k] for k in spots], network.exit_covariance(spots)
+    sigma_m = spec.rules.point_sigma_m
+    return network, place_points(spec.points_in_fixture_m, found, covariance, sigma_point_m=sigma_m)
 
 
 def _bad_shape(result: AlignmentResult) -> RefusalError | None:
@@ -361,6 +372,18 @@ def _forecast(spec: FixtureAlignment, known: Knowledge) -> Forecast:
     return survey_forecast(Survey(state, plan_alignment(state, spec), spec.rules), "fixture's", known)
 
 
+def _refit(spec: FixtureAlignment, findings: Sequence[Finding]) -> Refit:
+    found = values_of(findings)
+    survey, recorded = survey_of(found, spec.rules), _RESULT.validate_python(found["place the fixture"])
+
+    def solve(captures: Captures) -> tuple[Refitted, WireNetwork]:
+        network, placed = fit_fixture(survey, spec, captures)
+        values = pose_values(placed.outer_inner, recorded.alignment.base_fixture)
+        return Refitted((), placed.origin_u_m, values), network
+
+    return refit_lengths(survey, findings, solve)
+
+
 ENTRY = Entry(
     name="fixture_alignment",
     title="Fixture alignment with the draw-wire",
@@ -372,4 +395,5 @@ ENTRY = Entry(
     keeps=_keeps,
     verdict=_verdict,
     forecast=_forecast,
+    refit=_refit,
 )

@@ -5,11 +5,12 @@ Eq. 7-8: with the offset written into the user frame, every recorded point goes 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from calibration.errors import CalibrationError
@@ -27,6 +28,18 @@ from procedures.judged_write import (
     ordered,
     refuse_failed,
     with_verdict,
+)
+from procedures.past import Finding
+from procedures.refit import (
+    STANDS_OUT,
+    FitPoint,
+    Refit,
+    Refitted,
+    Use,
+    kept,
+    misses_in_space,
+    pose_values,
+    values_of,
 )
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
@@ -87,6 +100,11 @@ class OffsetResult:
     found: FoundOffset
     before: Pose  # as the controller had it; the frame before the move may have been given otherwise
     read_back: Pose
+
+
+LEAST = 3
+_TAUGHT: TypeAdapter[TaughtPose] = TypeAdapter(TaughtPose)
+_FOUND: TypeAdapter[FoundOffset] = TypeAdapter(FoundOffset)
 
 
 async def frame_offset(run: Run, spec: FrameOffset) -> OffsetResult:
@@ -286,6 +304,34 @@ def _forecast(spec: FrameOffset, known: Knowledge) -> Forecast:
     )
 
 
+def _refit(spec: FrameOffset, findings: Sequence[Finding]) -> Refit:
+    found = values_of(findings)
+    recorded = _FOUND.validate_python(found["find the offset"])
+    known, old = points_in_frame(spec, recorded.base_frame_old), recorded.base_frame_old
+    steps = tuple(f"touch point {k}" for k in range(1, len(known) + 1))
+    flanges = tuple(_TAUGHT.validate_python(found[step]).base_flange for step in steps)
+    above = _TAUGHT.validate_python(found["touch a point above"]).base_flange if spec.check_above else None
+
+    def solve(use: Use) -> Refitted:
+        fewer = replace(
+            spec,
+            points_in_frame_m=kept(known, use),
+            old_points_in_base_m=(),
+            far_point_in_frame_m=recorded.far_point_in_frame_m,
+        )
+        offset = find_offset(fewer, old, kept(flanges, use), above)
+        back = offset.base_frame_new.inverse()
+        gaps = [
+            np.subtract(tip_in_base(back @ flange, spec.tip_in_flange_m), point).tolist()
+            for flange, point in zip(flanges, known, strict=True)
+        ]
+        misses = misses_in_space(gaps, math.hypot(spec.sigma_m, spec.old_sigma_m), STANDS_OUT)
+        values = pose_values(offset.base_frame_new, recorded.base_frame_new)
+        return Refitted(misses, offset.placed.origin_u_m, values)
+
+    return Refit("place", tuple(FitPoint(step) for step in steps), LEAST, "origin", solve)
+
+
 ENTRY = Entry(
     name="frame_offset",
     title="Offset of a user frame after the workpiece moved",
@@ -297,4 +343,5 @@ ENTRY = Entry(
     keeps=_keeps,
     verdict=_verdict,
     forecast=_forecast,
+    refit=_refit,
 )

@@ -4,18 +4,22 @@ With a draw-wire: lengths over the whole reach. Without one: a kit of places, ch
 would leave.
 """
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from calibration.arm.kinematics import load_model
 from calibration.mastering.counts import MasteringRecord, WireCapture
 from calibration.mastering.pose_design import predict
+from calibration.points.fixture import u_of
 from calibration.uncertainty import chi_square_limit
-from calibration.wires.reference import WireReference, fit_wire_reference
+from calibration.wires.model import WireSeen
+from calibration.wires.reference import WirePredictor, WireReference, fit_wire_reference
 from drivers.interfaces import Instruction, Readiness
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
@@ -23,6 +27,7 @@ from procedures.forecast import Forecast, Knowledge
 from procedures.motion.detours import known_way
 from procedures.motion.plan_words import Tour, plan_words
 from procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
+from procedures.past import Finding
 from procedures.recovery.kit_offers import KitOffers
 from procedures.recovery.mastering_forecasts import forecast_places, forecast_record
 from procedures.recovery.place_record import place_phases, record_places
@@ -35,6 +40,17 @@ from procedures.recovery.recovery_kit import (
     predict_kit,
     recorded_kit,
 )
+from procedures.refit import (
+    MEASURED_AGAIN,
+    FitPoint,
+    Refit,
+    Refitted,
+    Use,
+    Value,
+    kept,
+    misses_of_lengths,
+    values_of,
+)
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.capture import StillCapture, capture
@@ -44,6 +60,9 @@ from procedures.steps.motion import go_along
 from procedures.steps.pages import WIRE_CHECKS, Moves, plan_page, straight
 from procedures.verdict import SetAside, Verdict, enough, held, stated
 
+_PLACES = ("wire's exit x", "wire's exit y", "wire's exit z", "hook x", "hook y", "hook z")
+_STATE: TypeAdapter[MotorState] = TypeAdapter(MotorState)
+_CAPTURE: TypeAdapter[StillCapture] = TypeAdapter(StillCapture)
 HOOK_WIRE = Instruction("wire_is_hooked", "Hook the draw-wire to the flange; nothing may touch the wire.")
 
 
@@ -145,6 +164,18 @@ def fit_wire(state: MotorState, captures: tuple[WireCapture, ...]) -> WireRefere
     lengths = np.array([c.length_m for c in captures])
     sigmas = np.array([c.sigma_m for c in captures])
     return fit_wire_reference(load_model(state.model), joints, lengths, sigmas, wire_prior(state))
+
+
+def wire_residuals(
+    state: MotorState, wire: WireReference, captures: tuple[WireCapture, ...]
+) -> tuple[float, ...]:
+    """Return what captures miss a fit by, in it or not, measured minus computed [m]."""
+    joints = state.drive.joints(
+        np.array([c.counts for c in captures]), np.array(state.mastering.counts_at_zero)
+    )
+    predictor = WirePredictor(load_model(state.model), wire, wire_prior(state))
+    computed = predictor.terms(WireSeen.of(joints, np.array([c.sigma_m for c in captures]))).lengths
+    return tuple(float(c.length_m - length) for c, length in zip(captures, computed, strict=True))
 
 
 def predict_recovery(record: MasteringRecord) -> Prospect:
@@ -323,6 +354,32 @@ def _forecast(spec: MasteringRecordSpec, known: Knowledge) -> Forecast:
     return forecast_record(known, spec.room, (spec.poses, spec.samples), (spec.kit, spec.seed))
 
 
+def _refit(spec: MasteringRecordSpec, findings: Sequence[Finding]) -> Refit | None:
+    if spec.evidence == "places":
+        return None
+    found = values_of(findings)
+    state = _STATE.validate_python(found["read the motors"])
+    taken = [step for step in found if re.fullmatch(r"capture (again )?\d+", step)]
+    captures = tuple(_CAPTURE.validate_python(found[step]).wire for step in taken)
+    standing, aside = [step for step in taken if "again" not in step], set()
+    for retake in range(1, len(taken) - len(standing) + 1):
+        worst = found[f"fit the wire {retake}"]["worst_capture"]
+        aside.add(standing[worst])
+        standing[worst] = f"capture again {retake}"
+    points = tuple(FitPoint(s, s not in aside, MEASURED_AGAIN if s in aside else "") for s in taken)
+
+    def solve(use: Use) -> Refitted:
+        wire = fit_wire(state, kept(captures, use))
+        worst = -1 if wire.consistent() else [k for k, used in enumerate(use) if used][wire.worst_capture]
+        residuals = wire_residuals(state, wire, captures)
+        places = (*wire.anchor_in_base_m, *wire.hook_in_flange_m)
+        values = tuple(Value(n, "m", v) for n, v in zip(_PLACES, places, strict=True))
+        u_m = u_of(np.array(wire.covariance)[3:6, 3:6])
+        return Refitted(misses_of_lengths(residuals, use, worst), u_m, values)
+
+    return Refit("wire", points, len(state.counts) + 2, "hook", solve)
+
+
 ENTRY = Entry(
     name="mastering_record",
     title="Mastering record",
@@ -334,4 +391,5 @@ ENTRY = Entry(
     keeps=_keeps,
     verdict=lambda _, result: verdict_on_record(result),
     forecast=_forecast,
+    refit=_refit,
 )

@@ -6,14 +6,15 @@ Positioning Accuracy, 2008, section 5.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, NewType
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.arm.kinematics import load_model
-from calibration.arm.urdf import bare_urdf, calibrated_urdf, read_urdf
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.arm.urdf import UrdfArm, bare_urdf, calibrated_urdf, read_urdf
 from calibration.errors import CalibrationError
 from calibration.geometry import Pose
 from calibration.identification.parameters import GEOMETRY, OFFSETS
@@ -26,8 +27,11 @@ from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
 from procedures.limits import CHECK, FRAME, TOOL, AccuracyClass, CheckLimits, FrameLimits, chosen, told
+from procedures.past import Finding
+from procedures.refit import Refit, values_of
 from procedures.run import Run
 from procedures.steps.ask import accept
+from procedures.teaching.simulation_refit import refit_place, refit_robot
 from procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
 from procedures.verdict import Verdict
 
@@ -82,6 +86,10 @@ class CalibratedPart:
     found: CalibratedRobot | PlacedTags
 
 
+_PAIRS: TypeAdapter[Pairs] = TypeAdapter(Pairs)
+_PLACED: TypeAdapter[PlacedTags] = TypeAdapter(PlacedTags)
+
+
 async def simulation_cell(run: Run, spec: SimulationCell) -> CalibratedPart:
     """Calibrate a part of a simulated cell from tag points, and have the result accepted."""
     pairs = await run.step("pair the tags", pair_tags, spec.simulated, spec.measured, _least(spec))
@@ -123,21 +131,25 @@ async def choose_model(cell: Cell, model: str, described: bool) -> str:
 
 def calibrate_robot(spec: SimulationCell, model: str, pairs: Pairs) -> CalibratedRobot:
     """Find zero positions and tool, and write them into the robot's description."""
+    arm = _described(spec)
+    found, calibrated = fit_robot(spec, load_model(model) if arm is None else arm.model, pairs)
+    text = bare_urdf(calibrated, geometric_joints=True) if arm is None else calibrated_urdf(arm, calibrated)
+    return CalibratedRobot(found, text)
+
+
+def fit_robot(spec: SimulationCell, nominal: RobotModel, pairs: Pairs) -> tuple[SimulatedRobot, RobotModel]:
+    """Find zero positions and tool; return the calibrated model, too."""
+    return calibrate_simulated_robot(nominal, pairs, level=spec.level, start_guess=spec.nominal)
+
+
+def _described(spec: SimulationCell) -> UrdfArm | None:
     if not spec.description:
-        nominal = load_model(model)
-        found, calibrated = calibrate_simulated_robot(
-            nominal, pairs, level=spec.level, start_guess=spec.nominal
-        )
-        return CalibratedRobot(found, bare_urdf(calibrated, geometric_joints=True))
+        return None
     if not spec.tip_link:
         raise CalibrationError(
             "the description's link at the flange is not named.", remedy="Set tip_link, such as tool0."
         )
-    arm = read_urdf(spec.description, tip_link=spec.tip_link)
-    found, calibrated = calibrate_simulated_robot(
-        arm.model, pairs, level=spec.level, start_guess=spec.nominal
-    )
-    return CalibratedRobot(found, calibrated_urdf(arm, calibrated))
+    return read_urdf(spec.description, tip_link=spec.tip_link)
 
 
 def place_part(spec: SimulationCell, pairs: Pairs) -> PlacedTags:
@@ -215,6 +227,17 @@ def _forecast(spec: SimulationCell, known: Knowledge) -> Forecast:
     )
 
 
+def _refit(spec: SimulationCell, findings: Sequence[Finding]) -> Refit:
+    found = values_of(findings)
+    pairs = _PAIRS.validate_python(found["pair the tags"])
+    if spec.part == "robot":
+        arm = _described(spec)
+        nominal = load_model(found["choose the model"]) if arm is None else arm.model
+        return refit_robot(pairs, lambda fewer: fit_robot(spec, nominal, fewer))
+    placed = _PLACED.validate_python(found["place the tags"])
+    return refit_place(pairs, placed, spec.sigma_m, lambda fewer: place_part(spec, fewer))
+
+
 ENTRY = Entry(
     name="simulation_cell",
     title="Simulated cell from tag points",
@@ -226,4 +249,5 @@ ENTRY = Entry(
     keeps=_keeps,
     verdict=verdict_on_part,
     forecast=_forecast,
+    refit=_refit,
 )

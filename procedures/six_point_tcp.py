@@ -32,6 +32,7 @@ from procedures.steps.ask import accept, ask
 from procedures.steps.pages import frame_displacement, with_changes
 from procedures.steps.write import read_tool_frame, write_and_read_back
 from procedures.teaching.tcp_methods import Held, Method, Orientation, Way, take_axes
+from procedures.teaching.tcp_refit import refit_touches
 from procedures.teaching.tcp_touches import TouchRules, take_touches
 from procedures.teaching.tcp_verdict import Judging, axes_u, verdict_on_tool
 from procedures.verdict import SetAside, Verdict
@@ -224,4 +225,5 @@ ENTRY = Entry(
     keeps=_keeps,
     verdict=_verdict,
     forecast=_forecast,
+    refit=refit_touches,
 )

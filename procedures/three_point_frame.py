@@ -3,12 +3,12 @@
 F. S. Cheng, Calibration of Robot Reference Frames for Enhanced Robot Positioning Accuracy, 2008, section 3.3.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from calibration.geometry import Pose
@@ -26,6 +26,20 @@ from procedures.judged_write import (
     with_verdict,
 )
 from procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
+from procedures.past import Finding
+from procedures.refit import (
+    STANDS_OUT,
+    FitPoint,
+    Refit,
+    RefitError,
+    Refitted,
+    TooFewPointsError,
+    Use,
+    kept,
+    misses_in_space,
+    pose_values,
+    values_of,
+)
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.meters import frame_meter
@@ -35,13 +49,18 @@ from procedures.steps.pages import (
     points_page,
     with_changes,
 )
-from procedures.steps.teach import teach
+from procedures.steps.teach import TaughtPose, teach
 from procedures.steps.write import read_user_frame, write_user_frame
 from procedures.verdict import Contribution, Verdict, held, known_within
 
 Triple = tuple[float, float, float]
 Role = Literal["origin", "on_x", "in_plane", "above"]
 Asked = tuple[str, Role, Instruction]  # step, what the point is, words
+LEAST = 3
+ORIGIN_STEP, Y_SIDE_STEP = "touch the origin", "touch a point on the y side"
+_FREE: dict[Role, int] = {"origin": 0, "on_x": 1, "in_plane": 2}  # coordinates that such a point leaves open
+_TAUGHT: TypeAdapter[TaughtPose] = TypeAdapter(TaughtPose)
+_FRAME: TypeAdapter[TaughtFrame] = TypeAdapter(TaughtFrame)
 ASSUMED_SIDE_M = 0.3  # of the triangle, in a dry run
 
 POINTER = Instruction(
@@ -116,9 +135,9 @@ async def three_point_frame(run: Run, spec: ThreePointFrame) -> FrameSetup:
 def _asked(spec: ThreePointFrame) -> tuple[Asked, ...]:
     """Return every point in the order of teaching: its step, what it is, and what the technician is told."""
     return (
-        ("touch the origin", "origin", ORIGIN),
+        (ORIGIN_STEP, "origin", ORIGIN),
         ("touch a point on x", "on_x", ON_X),
-        ("touch a point on the y side", "in_plane", ON_XY),
+        (Y_SIDE_STEP, "in_plane", ON_XY),
         *((f"touch another point on x {k}", "on_x", MORE_ON_X) for k in range(1, spec.more_on_x + 1)),
         *(
             (f"touch another point of the plane {k}", "in_plane", MORE_ON_XY)
@@ -247,6 +266,33 @@ def _forecast(spec: ThreePointFrame, known: Knowledge) -> Forecast:
     )
 
 
+def _refit(spec: ThreePointFrame, findings: Sequence[Finding]) -> Refit:
+    found = values_of(findings)
+    asked = [(step, role) for step, role, _ in _asked(spec) if role != "above"]
+    poses = {step: _TAUGHT.validate_python(found[step]).base_flange for step, _ in asked}
+    above = _TAUGHT.validate_python(found["touch a point above"]).base_flange if spec.check_above else None
+    recorded = _FRAME.validate_python(found["construct the frame"]).base_frame
+
+    def solve(use: Use) -> Refitted:
+        used = kept(asked, use)
+        for step in (ORIGIN_STEP, Y_SIDE_STEP):
+            if step not in dict(used):
+                raise RefitError(
+                    f"the frame cannot do without {step!r}.",
+                    remedy="Leave another point out, or touch this one anew in a new run.",
+                )
+        by_role = {wanted: tuple(poses[step] for step, role in used if role == wanted) for _, wanted in asked}
+        if not by_role["on_x"]:
+            raise TooFewPointsError(len(used), LEAST)
+        taught = construct_frame(spec, by_role["origin"][0], by_role["on_x"], by_role["in_plane"], above)
+        back = taught.base_frame.inverse()
+        gaps = [tip_in_base(back @ poses[step], spec.tip_in_flange_m)[_FREE[role] :] for step, role in asked]
+        misses = misses_in_space(gaps, spec.sigma_m, STANDS_OUT)
+        return Refitted(misses, 2.0 * max(taught.origin_sigma_m), pose_values(taught.base_frame, recorded))
+
+    return Refit("place", tuple(FitPoint(step) for step, _ in asked), LEAST, "origin", solve)
+
+
 ENTRY = Entry(
     name="three_point_frame",
     title="User frame from three points",
@@ -258,4 +304,5 @@ ENTRY = Entry(
     keeps=_keeps,
     verdict=_verdict,
     forecast=_forecast,
+    refit=_refit,
 )

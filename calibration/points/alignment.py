@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,23 @@ class Alignment:
     def angle_u_rad(self) -> float:
         """U (k = 2) of the turn about the worst axis [rad]."""
         return u_of(np.array(self.covariance)[3:, 3:])
+
+
+def without_points(alignment: Alignment, keep: Sequence[bool]) -> Alignment:
+    """Return an alignment that never found some of its points; its pose is kept as the start of a fit with others."""
+    rows = [k for k, kept in enumerate(keep) if kept]
+    told = alignment.points
+    if told is not None:
+        size = 3 * len(told.found_m)
+        index = [*(3 * k + axis for k in rows for axis in range(3)), *range(size, size + len(told.of_wire))]
+        covariance = np.array(told.covariance)[np.ix_(index, index)]
+        told = replace(
+            told,
+            found_m=tuple(told.found_m[k] for k in rows),
+            covariance=tuple(tuple(float(v) for v in row) for row in covariance),
+        )
+    drawn = tuple(alignment.points_in_fixture_m[k] for k in rows)
+    return replace(alignment, points_in_fixture_m=drawn, points=told)
 
 
 def alignment_text(alignments: Sequence[Alignment]) -> str:

@@ -178,12 +178,16 @@ def fit_network(model: RobotModel, belief: WireBelief, mountings: Sequence[Mount
     ----------
     Derived in calibration/README.md, section 6. Lip: a wire bent by phi around radius r is r (phi - sin phi) longer.
     """
-    _check(model, belief, mountings)
-    network = Network(model, belief, mountings)
-    lengths = np.concatenate([m.lengths_m for m in mountings])
-    solved = _solve(network, lengths, 1.0)
-    factor = _disturbance_factor(network, solved)
-    return _result(network, _solve(network, lengths, factor, solved.x), lengths, factor)
+    return _result(*_fitted(model, belief, mountings))
+
+
+def misses(model: RobotModel, belief: WireBelief, mountings: Sequence[Mounting]) -> Array:
+    """Return what every length misses the same fit by, measured minus computed, one mounting after the other [m].
+
+    A length whose deviation is a metre weighs nothing in the fit, and its miss is told all the same.
+    """
+    _, solved, lengths, _ = _fitted(model, belief, mountings)
+    return np.asarray(lengths - solved.terms.lengths, dtype=np.float64)
 
 
 class Network:
@@ -294,6 +298,18 @@ class _Solved:
     covariance: Array
     terms: WireTerms
     innovation: Array
+
+
+def _fitted(
+    model: RobotModel, belief: WireBelief, mountings: Sequence[Mounting]
+) -> tuple[Network, _Solved, Array, float]:
+    """Return the fit with the lengths it is of, and how much larger the disturbances are than believed."""
+    _check(model, belief, mountings)
+    network = Network(model, belief, mountings)
+    lengths = np.concatenate([m.lengths_m for m in mountings])
+    solved = _solve(network, lengths, 1.0)
+    factor = _disturbance_factor(network, solved)
+    return network, _solve(network, lengths, factor, solved.x), lengths, factor
 
 
 def _solve(network: Network, lengths: Array, factor: float, start: Array | None = None) -> _Solved:

@@ -65,18 +65,32 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
+class ReviewValue:
+    """One figure of what was fitted, with these points and as it was signed."""
+
+    name: str
+    unit: str
+    value: float
+    signed: float
+
+
+@dataclass(frozen=True, slots=True)
 class Review:
     """A run, judged as it was signed, or with another choice of readings: that one is a what-if and nothing more."""
 
     run_id: str
-    along: str  # wire: lengths, with a sign; space: distances of a target; touch: of a tip from its pin
+    along: (
+        str  # wire: lengths, with a sign; distances: space, of a target; touch, of a tip; place, of a point
+    )
     signed: bool
     least: int  # readings that such a fit takes
     points: tuple[ReviewPoint, ...] = ()
     rms_m: float | None = None  # of the used points
     max_m: float | None = None
-    u_m: float | None = None  # of what the run is about, k = 2 or 95 %: the target over the work, or the tip
+    u_m: float | None = None  # of what the run is about, k = 2 or 95 % …
+    u_of: str = "target"  # … over the work; or the tip, the origin, the hook
     signed_rms_m: float | None = None
     signed_u_m: float | None = None
+    values: tuple[ReviewValue, ...] = ()
     validation: Validation | None = None
     places: tuple[Place, ...] = ()

@@ -10,10 +10,10 @@ from service.configuration.cell_file import CellConfig
 from service.runs.cell import open_journal
 from service.runs.store import RunView, Store
 from service.web.arm_review import ArmSeries, chosen_rows, review_arm, series_of, spread_of
+from service.web.fit_review import FitSeries, fit_of_run, review_fit
 from service.web.review_shapes import CheckPoint, Review, Validation
-from service.web.touch_review import TouchSeries, review_touches, touches_of
 
-CALIBRATION, TOUCHES, ACCURACY = "robot_calibration", "six_point_tcp", "accuracy_check"
+CALIBRATION, ACCURACY = "robot_calibration", "accuracy_check"
 _KEPT = 4
 
 
@@ -35,8 +35,8 @@ class Reviewer:
         series = self.series(run_id)
         if isinstance(series, ArmSeries):
             return review_arm(series, chosen_rows(series.steps, used))
-        if isinstance(series, TouchSeries):
-            return review_touches(series, chosen_rows(series.steps, used))
+        if isinstance(series, FitSeries):
+            return review_fit(series, chosen_rows(series.steps, used))
         found: Review = series
         return found
 
@@ -58,8 +58,9 @@ class Reviewer:
 def _read(view: RunView) -> Any:
     if view.procedure == CALIBRATION and isinstance(view.result, dict):
         return series_of(view)
-    if view.procedure == TOUCHES and isinstance(view.result, dict):
-        return touches_of(view)
+    fit = fit_of_run(view)
+    if fit is not None:
+        return fit
     validation = _accuracy(view.result) if view.procedure == ACCURACY else None
     return Review(view.run_id, "space", signed=True, least=0, validation=validation)
 

@@ -13,12 +13,13 @@ from service.configuration.cell_file import CellConfig, read_cell_file
 from service.parameters.parameter_sets import ParameterSets
 from service.runs.calibrated_runs import keep_calibration
 from service.web.parameters import FOLDER
-from tests.procedures.cells import Scene, calibrating, going_round, pointing, touching
+from tests.procedures.cells import Scene, calibrating, going_round, moved_workpiece, pointing, touching
 from tests.procedures.certified import run_in
 from tests.procedures.ideal import IdealArm, IdealTracker
 
 SERIAL, ROBOT = "F-104711", "fanuc"
 SPOILT_STEP = "capture 6"
+SLIPPED_STEP, SLIPPED_KEY = "touch point 3", "touch_point_3"
 QUICK = SeriesRules(
     first=12, batch=4, min_captures=16, max_captures=16, candidates=50, tests=12, samples=1, retakes=0
 )
@@ -49,6 +50,7 @@ class Past:
     touches: str
     spoilt: str
     frame: str
+    moved: str  # four points of a workpiece, one of them touched badly
 
 
 def _of_cell(made: Scene) -> Scene:
@@ -64,6 +66,15 @@ def taught_roughly() -> Scene:
         if key.startswith("touch"):
             slip = dice.normal(0.0, 1e-4, 3)
             made.hands.does[key] = _slipping(made, place, slip)
+    return made
+
+
+def touched_again() -> Scene:
+    """Return a scene whose workpiece moved, and whose third point is touched a millimetre beside."""
+    made = _of_cell(moved_workpiece())
+    made.hands.does[SLIPPED_KEY] = _slipping(
+        made, made.hands.does[SLIPPED_KEY], np.array([7e-4, -5e-4, 4e-4])
+    )
     return made
 
 
@@ -90,4 +101,5 @@ async def with_a_past(cell_file: Path) -> Past:
     rough = await run_in(config, taught_roughly(), "six_point_tcp")
     await run_in(config, _of_cell(going_round()), "accuracy_check")
     frame = await run_in(config, _of_cell(pointing()), "three_point_frame")
-    return Past(config, good.run_id, rough.run_id, spoilt.run_id, frame.run_id)
+    moved = await run_in(config, touched_again(), "frame_offset")
+    return Past(config, good.run_id, rough.run_id, spoilt.run_id, frame.run_id, moved.run_id)

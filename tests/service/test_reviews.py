@@ -23,7 +23,7 @@ from service.web.app import Settings, create_app
 from service.web.parameters import FOLDER
 from service.web.solver import Solver, SolverError
 from tests.service.doors import Clock, Door, another_browser, quick, with_people
-from tests.service.reviewed import ROBOT, SERIAL, SPOILT_STEP, Past, with_a_past
+from tests.service.reviewed import ROBOT, SERIAL, SLIPPED_STEP, SPOILT_STEP, Past, with_a_past
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("reviews")]
 
@@ -158,6 +158,46 @@ async def test_touches_are_reviewed_like_readings(past: Past, client: httpx.Asyn
     assert fewer.status_code == 422
     assert fewer.json()["code"] == "review.too_few"
     assert told["validation"] is None  # no touch was kept back
+
+
+async def test_points_of_any_fit_can_be_left_out_and_nothing_is_kept(
+    past: Past, client: httpx.AsyncClient
+) -> None:
+    at = f"/api/runs/{past.moved}/certificate.json"
+    signed = (await client.get(at)).content
+    with open_journal(past.config) as journal:
+        head = journal.head()
+    told = await asked(client, f"/api/runs/{past.moved}/review")
+    assert (told["along"], told["u_of"], told["signed"]) == ("place", "origin", True)
+    found = view_of(past, past.moved).result["found"]
+    origin = [value["value"] for value in told["values"][:3]]
+    assert origin == pytest.approx(found["base_frame_new"]["position_m"], abs=1e-12)
+    assert told["u_m"] == pytest.approx(2.0 * np.sqrt(np.linalg.eigvalsh(_origin_of(found))[-1]))
+    rest = [step for step in steps(told) if step != SLIPPED_STEP]
+    less = (await what_if(client, past.moved, rest)).json()
+    assert not less["signed"]
+    assert less["rms_m"] < 0.1 * told["rms_m"] == 0.1 * less["signed_rms_m"]
+    assert [value["signed"] for value in less["values"]] == [value["value"] for value in told["values"]]
+    assert max(abs(value["value"] - value["signed"]) for value in less["values"][:3]) > 1e-5
+    assert next(p for p in less["points"] if not p["used"])["residual_m"] > 5e-4
+    assert (await what_if(client, past.moved, steps(told))).json() == told
+    fewer = await what_if(client, past.moved, rest[:2])
+    assert (fewer.status_code, fewer.json()["code"]) == (422, "review.too_few")
+    assert (await client.get(at)).content == signed
+    with open_journal(past.config) as journal:
+        assert journal.head() == head
+
+
+def _origin_of(found: Any) -> np.ndarray:
+    return np.array(found["placed"]["covariance"])[:3, :3]
+
+
+async def test_three_points_are_shown_and_none_can_be_spared(past: Past, client: httpx.AsyncClient) -> None:
+    told = await asked(client, f"/api/runs/{past.frame}/review")
+    assert steps(told) == ["touch the origin", "touch a point on x", "touch a point on the y side"]
+    refused = await what_if(client, past.frame, steps(told)[:2])
+    assert (refused.status_code, refused.json()["code"]) == (422, "review.too_few")
+    assert refused.json()["message"] == "2 points are too few for this fit."
 
 
 async def test_the_map_shows_the_hidden_error_of_the_arm(past: Past, client: httpx.AsyncClient) -> None:

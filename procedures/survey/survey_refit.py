@@ -1,0 +1,112 @@
+"""The lengths of a survey once more, some of them left out: what if, of a finished run."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from calibration.wires.network import WireNetwork, misses
+from procedures.past import Finding
+from procedures.refit import (
+    MEASURED_AGAIN,
+    FitPoint,
+    Miss,
+    Refit,
+    RefitError,
+    Refitted,
+    Use,
+    misses_of_lengths,
+)
+from procedures.steps.length import LengthCapture
+from procedures.survey.survey import Captures, Survey, SurveyPlan, SurveyRules, SurveyState
+
+LEAST_AT_A_SPOT = 3
+_NO_WEIGHT_M = 1.0  # a deviation with which a length tells nothing
+_STATE: TypeAdapter[SurveyState] = TypeAdapter(SurveyState)
+_PLAN: TypeAdapter[SurveyPlan] = TypeAdapter(SurveyPlan)
+_CAPTURE: TypeAdapter[LengthCapture] = TypeAdapter(LengthCapture)
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """One length: its step, at which spot, and whether it was set aside."""
+
+    step: str
+    spot: int
+    capture: LengthCapture
+    aside: bool = False
+
+
+def survey_of(found: Mapping[str, Any], rules: SurveyRules) -> Survey:
+    """Return the survey of a run from its findings."""
+    state, plan = found["read the robot"], found["plan the poses"]
+    return Survey(_STATE.validate_python(state), _PLAN.validate_python(plan), rules)
+
+
+def lengths_of(findings: Sequence[Finding]) -> tuple[Taken, ...]:
+    """Return all lengths of a run in their order: one that was contradicted was taken again just after a look."""
+    taken: list[Taken] = []
+    spot, doubted = -1, -1
+    for finding in findings:
+        if finding.step.startswith("move the wire "):
+            spot += 1
+        elif finding.step.startswith("choose a pose "):
+            doubted = -1
+        elif finding.step.startswith("look at the lengths "):
+            doubted = finding.value["worst_capture"]
+        elif finding.step.startswith("capture "):
+            capture = _CAPTURE.validate_python(finding.value)
+            if doubted >= 0:
+                at = [k for k, each in enumerate(taken) if each.spot == spot and not each.aside][doubted]
+                taken.append(replace(taken[at], aside=True))
+                taken[at] = Taken(finding.step, spot, capture)
+            else:
+                taken.append(Taken(finding.step, spot, capture))
+    return tuple(taken)
+
+
+def refit_lengths(
+    survey: Survey, findings: Sequence[Finding], solve: Callable[[Captures], tuple[Refitted, WireNetwork]]
+) -> Refit:
+    """Return the lengths of a survey as points of a fit; ``solve`` is the procedure's own, of the lengths used."""
+    taken = lengths_of(findings)
+    points = tuple(FitPoint(t.step, not t.aside, MEASURED_AGAIN if t.aside else "") for t in taken)
+
+    def again(use: Use) -> Refitted:
+        captures = _captures(survey, tuple(t for t, used in zip(taken, use, strict=True) if used))
+        for number, spot in enumerate(captures, 1):
+            if len(spot) < LEAST_AT_A_SPOT:
+                raise RefitError(
+                    f"{len(spot)} lengths at spot {number} are too few to place it.",
+                    remedy=f"Keep {LEAST_AT_A_SPOT} or more at each spot.",
+                    code="review.too_few",
+                )
+        found, network = solve(captures)
+        return replace(found, misses=_misses(survey, taken, use, network))
+
+    return Refit("wire", points, LEAST_AT_A_SPOT * len(survey.plan.spots), "origin", again)
+
+
+def _captures(survey: Survey, taken: Sequence[Taken]) -> Captures:
+    spots = range(len(survey.plan.spots))
+    return tuple(tuple(t.capture for t in taken if t.spot == spot) for spot in spots)
+
+
+def _misses(survey: Survey, taken: Sequence[Taken], use: Use, network: WireNetwork) -> tuple[Miss, ...]:
+    """Return what every length misses the fit by; those left out take part without any weight."""
+    weighed = [
+        t if used else replace(t, capture=replace(t.capture, sigma_m=_NO_WEIGHT_M))
+        for t, used in zip(taken, use, strict=True)
+    ]
+    found = misses(survey.model(), survey.belief(), survey.mountings(_captures(survey, weighed)))
+    recorded = survey.state.recorded
+    first = 0 if recorded is None else len(recorded.lengths_m)
+    by_spot = sorted(range(len(taken)), key=lambda k: taken[k].spot)  # as the mountings have them
+    residuals = dict(zip(by_spot, found[first:].tolist(), strict=True))
+    worst = -1
+    if not network.consistent():
+        at = network.worst_mounting - (recorded is not None)
+        standing = [k for k in by_spot if use[k] and taken[k].spot == at]
+        worst = standing[network.worst_capture] if standing else -1
+    return misses_of_lengths([residuals[k] for k in range(len(taken))], use, worst)

@@ -1,0 +1,72 @@
+"""The tip of a tool once more, from other touches of the pin: what if, of a finished run."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from calibration.geometry import Array, Pose
+from calibration.points.tool_point import ToolPoint, locate_tool_point
+from procedures.past import Finding
+from procedures.refit import FitPoint, Miss, Refit, Refitted, Use, Value, kept, values_of
+from procedures.steps.teach import TaughtPose
+from procedures.teaching.tcp_touches import STRAY, STRAY_SIGMAS, Judged
+
+LEAST_TOUCHES = 3
+_TAUGHT: TypeAdapter[TaughtPose] = TypeAdapter(TaughtPose)
+_JUDGED: TypeAdapter[Judged] = TypeAdapter(Judged)
+
+
+def refit_touches(spec: object, findings: Sequence[Finding]) -> Refit:
+    """Return the touches of a run, those taught again included; its axes come from other poses and stay."""
+    del spec
+    found = values_of(findings)
+    taught = {step: value for step, value in found.items() if step.startswith("touch")}
+    aside = _set_aside(tuple(taught), found)
+    touches = tuple(_TAUGHT.validate_python(value).base_flange for value in taught.values())
+    points = tuple(FitPoint(step, step not in aside, aside.get(step, "")) for step in taught)
+    return Refit("touch", points, LEAST_TOUCHES, "tip", partial(_again, touches))
+
+
+def _set_aside(steps: tuple[str, ...], found: Mapping[str, Any]) -> dict[str, str]:
+    """Return which touches were taught again, and why: every judgement follows its touch."""
+    standing: list[str] = []
+    aside: dict[str, str] = {}
+    anew = -1
+    for count, step in enumerate(steps, 1):
+        if anew >= 0:
+            standing[anew] = step
+        else:
+            standing.append(step)
+        judged = _JUDGED.validate_python(found[f"judge the touches {count}"])
+        anew = judged.touch if judged.do == "anew" else -1
+        if anew >= 0:
+            aside[standing[anew]] = judged.why
+    return aside
+
+
+def _again(touches: tuple[Pose, ...], use: Use) -> Refitted:
+    tip = locate_tool_point(kept(touches, use))
+    sizes = _misses_m(touches, tip)
+    expected_m = max(np.sqrt(3.0) * tip.rms_m, 1e-9)
+    used = np.flatnonzero(use)
+    stray = used[tip.stray_touch] if tip.stray_probability < STRAY else -1
+    misses = tuple(
+        Miss(
+            float(size),
+            float(size / expected_m),
+            bool(k == stray or (not use[k] and size > STRAY_SIGMAS * expected_m)),
+        )
+        for k, size in enumerate(sizes)
+    )
+    values = (Value(axis, "m", v) for axis, v in zip("xyz", tip.tip_in_flange_m, strict=True))
+    return Refitted(misses, tip.tip_u_in_space_m, tuple(values))
+
+
+def _misses_m(touches: tuple[Pose, ...], tip: ToolPoint) -> Array:
+    """Return how far from the pin each touch puts the tip (N,) [m]."""
+    at = [pose.rotation() @ np.array(tip.tip_in_flange_m) + pose.position_m for pose in touches]
+    sizes: Array = np.linalg.norm(np.array(at) - np.array(tip.pin_in_base_m), axis=1)
+    return sizes
