@@ -28,9 +28,7 @@ class AbbConfigurations:
         self, model: RobotModel, joints: Array, texts: Sequence[str], *, turns: bool = True
     ) -> NDArray[np.bool_]:
         """Return (N,): whether postures are what the texts say; with ``turns=False`` but for whole turns."""
-        stated = [numbers_of(text) for text in texts]
-        known = np.array([numbers is not None for numbers in stated], dtype=bool)
-        asked = np.array([numbers or (0, 0, 0, 0) for numbers in stated], dtype=np.int64).reshape(-1, 4)
+        known, asked = _stated(texts)
         agreeing = np.ones(len(joints), dtype=bool)
         for k, axis in enumerate(_AXES):
             difference = [_quadrant(joints[:, axis] + side) - asked[:, k] for side in (-NEAR_RAD, NEAR_RAD)]
@@ -39,6 +37,22 @@ class AbbConfigurations:
             agreeing &= np.where(asked[:, 3] & bit, is_set, clear)
         agreeing |= ~known
         return agreeing
+
+    def keeps_posture(self, model: RobotModel, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
+        """Return (N,): whether cfx is that of the postures, and the wrist has not turned over.
+
+        Axis 1 may be in any quadrant, axes 4 and 6 in the next one. An arm that does not use cfx keeps all quadrants.
+        """
+        shape = _shape(model, joints, near=True)
+        if not shape:
+            return self.agrees(model, joints, texts, turns=False)
+        known, asked = _stated(texts)
+        kept = np.ones(len(joints), dtype=bool)
+        for bit, (clear, is_set) in shape:
+            kept &= np.where(asked[:, 3] & bit, is_set, clear)
+        for k, axis in ((1, 3), (2, 5)):
+            kept &= (_quadrant(joints[:, axis]) - asked[:, k]) % 4 != 2
+        return kept | ~known
 
     def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
         """Return the confdata of these postures; a text that states none stays."""
@@ -53,6 +67,13 @@ class AbbConfigurations:
             numbers = [*turned, posture if shape else (stated or (0, 0, 0, 0))[3]]
             result.append(old if stated is None else f"[{','.join(map(str, numbers))}]")
         return tuple(result)
+
+
+def _stated(texts: Sequence[str]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Return whether texts state a confdata (N,), and which (N, 4)."""
+    stated = [numbers_of(text) for text in texts]
+    known = np.array([numbers is not None for numbers in stated], dtype=bool)
+    return known, np.array([numbers or (0, 0, 0, 0) for numbers in stated], dtype=np.int64).reshape(-1, 4)
 
 
 def numbers_of(text: str) -> tuple[int, int, int, int] | None:

@@ -73,6 +73,10 @@ class FanucConfigurations:
             fits &= (np.isnan(asked) | (asked == low) | (asked == high)).all(axis=1)
         return np.asarray(fits, dtype=np.bool_)
 
+    def keeps_posture(self, model: RobotModel, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
+        """Return (N,): whether the flags of the texts are those of the postures."""
+        return self.agrees(model, joints, texts, turns=False)
+
     def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
         """Return the texts that say these postures (N, 6) [rad], in the spelling of the N old texts.
 

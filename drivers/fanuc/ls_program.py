@@ -25,7 +25,9 @@ _SECTION = re.compile(rb"/(PROG|ATTR|APPL|MN|POS|END)\b[^\n]*+")
 _INDENT = 40  # a section's name stands at the beginning of its line, behind so many blanks at most
 _PROGRAM = re.compile(rb"/PROG[ \t]++([^\s;]{1,80}+)")
 _SCHEDULE = re.compile(rb"LINE_TRACK_SCHEDULE_NUMBER[ \t]*+:[ \t]*+0*+[1-9]")
-_TRACK = "This program follows a conveyor: its points stand in its schedule's tracking frame, not in a user frame."
+_TRACK = (
+    "This program follows a conveyor: its points stand in its schedule's tracking frame, not in a user frame."
+)
 _TRACKED = "its program follows a conveyor, whose frame no program file holds"
 _AFTER_END = re.compile(rb"[\s\x1a\x00]*+")
 _ORDER = (b"PROG", b"ATTR", b"APPL", b"MN", b"POS", b"END")

@@ -41,6 +41,10 @@ class KukaConfigurations:
                 agreeing &= np.where(turn >> axis & 1, signs[1][:, axis], signs[0][:, axis]) | (turn < 0)
         return agreeing
 
+    def keeps_posture(self, model: RobotModel, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
+        """Return (N,): whether the flags of the texts are those of the postures."""
+        return self.agrees(model, joints, texts, turns=False)
+
     def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
         """Return S and T of these postures; what an old text does not state stays unstated."""
         status = sum(

@@ -25,6 +25,13 @@ class ConfigurationRule(Protocol):
         """
         ...
 
+    def keeps_posture(self, model: RobotModel, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
+        """Return (N,): whether a point that is taken to postures (N, n) [rad] needs no other posture than it says.
+
+        What an arm passes through without turning over may have changed: turn numbers, and quadrants of axes.
+        """
+        ...
+
     def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
         """Return the texts that say these postures (N, n), in the spelling of the N old texts."""
         ...

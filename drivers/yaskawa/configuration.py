@@ -35,6 +35,10 @@ class JobConfigurations:
                 agreeing &= (said < 0) | np.where(said == 1, is_set, clear)
         return agreeing
 
+    def keeps_posture(self, model: RobotModel, joints: Array, texts: Sequence[str]) -> NDArray[np.bool_]:
+        """Return (N,): whether the flags of the texts are those of the postures."""
+        return self.agrees(model, joints, texts, turns=False)
+
     def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
         """Return RCONF of these postures; numbers whose meaning is not known stay."""
         borders = _borders(model, joints, near=False)

@@ -45,7 +45,11 @@ class Expectation:
         ends = [self.target] if self.nominal or self.one_cell else [self.source, self.target]
         told = []
         for project in ends:
-            if project.identified is None or project.identified.covariance is None:
+            if project.identified is None:
+                told.append(
+                    f"no accuracy can be foretold: {project.path.name} names no parameters of {project.serial}"
+                )
+            elif project.identified.covariance is None:
                 told.append(
                     f"no accuracy can be foretold: the parameters of {project.serial} keep no correlations"
                 )

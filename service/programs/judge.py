@@ -85,7 +85,7 @@ class Judge:
             return
         said = [i for i in np.flatnonzero(points.cartesian[rows]).tolist() if points.texts[int(rows[i])]]
         texts = [points.texts[int(rows[i])] for i in said]
-        same = self.rule.agrees(self.project.controller, joints[said], texts, turns=False)
+        same = self.rule.keeps_posture(self.project.controller, joints[said], texts)
         other = [i for i, agrees in zip(said, same.tolist(), strict=True) if not agrees]
         if other:
             old = [points.texts[int(rows[i])] for i in other]

@@ -192,3 +192,17 @@ def test_a_frame_that_is_not_one_in_program_and_cell_leaves_its_points(
     assert words in result.reason[0]
     assert words in reach.why[0]
     assert bool(reach.why[0]) == bool(words)
+
+
+def test_a_quadrant_that_an_axis_leaves_is_written_anew_and_is_no_other_posture(tmp_path: Path) -> None:
+    file = tmp_path / "project.toml"
+    file.write_text(PROJECT, encoding="utf-8")
+    program = ABB_BRAND.read("a.mod", ABB.encode())
+    shift = homogeneous(np.eye(3), np.array([0, -0.1, 0]))
+
+    result = moving(read_project(file), shift, ABB_BRAND.configurations).carry([program])[0]
+
+    assert (result.status, result.reason) == (("changed",), ("",))
+    assert program.positions.configurations == ("[0,0,0,0]",)
+    assert result.after.positions.configurations == ("[-1,0,-1,0]",)
+    assert any("project.toml names no parameters of S" in warning for warning in result.warnings)
