@@ -25,7 +25,7 @@ LOCALES = ("en", "de", "es", "zh")
 CHROMIUM = next(
     (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
 )
-FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader"]
+FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-fake-device-for-media-stream"]
 SERVED: dict[str, Any] = {
     "log_level": "warning",
     "ws": "websockets-sansio",

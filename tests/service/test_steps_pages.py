@@ -29,6 +29,9 @@ from tests.service.steps import (
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
 TILT = 45.0
+# what a browser answers where no camera is
+NO_CAMERA = """() => { navigator.mediaDevices.getUserMedia =
+    () => Promise.reject(new DOMException("Requested device not found", "NotFoundError")); }"""
 FRAME = {"frame_number": 3, "tip_in_flange_m": TIP_IN_FLANGE_M.tolist(), "check_above": True}
 
 
@@ -74,7 +77,10 @@ async def test_a_tool_is_taught_and_nothing_is_recorded_that_tells_nothing(
         await asked(page, "pin_is_fixed")
         await _shoot(page, tmp_path, "ask")
         await expect(page.locator("[aria-current=step]")).to_have_count(1)
+        await page.evaluate("scrollTo(0, document.body.scrollHeight)")
+        await expect(page.locator("main h1")).not_to_be_in_viewport()
         await record(page)
+        await expect(page.locator("main h1")).to_be_in_viewport()  # what is asked next is read from its head
         await pendant.touch(pin, np.eye(3))
         await why(page, "")
         await record(page)  # the first touch
@@ -230,6 +236,9 @@ async def test_a_plan_is_looked_at_before_the_robot_moves(pendant: Pendant, tmp_
             assert 0.1 < flange < 2.0
             assert len(pose["joints_rad"]) == 6
         await page.get_by_test_id("plan-poses").locator("summary").click()
+        steps = page.locator("aside ol li")
+        await expect(steps.filter(has_text="go again to pose")).to_contain_text("(if needed)")
+        await expect(steps.filter(has_text="≈ 0")).to_have_count(0)
         await _shoot(page, tmp_path, "approve")
         await pendant.looks.order(op="pause")
         await page.get_by_test_id("yes").click()
@@ -239,6 +248,41 @@ async def test_a_plan_is_looked_at_before_the_robot_moves(pendant: Pendant, tmp_
         await page.get_by_test_id("left").wait_for()
         await expect(page.get_by_test_id("pose-of")).to_have_text(re.compile(r"\d+ of \d+"))
         await _shoot(page, tmp_path, "motion")
+
+
+async def test_a_photo_is_taken_with_the_camera_or_the_page_says_what_else_to_do(pendant: Pendant) -> None:
+    """Witness marks: a real picture of the browser's camera; no camera, a forbidden one, and one out of reach."""
+    async with a_run(pendant, "mastering_record", poses=12) as page:
+        await asked(page, "wire_is_hooked")
+        opens, told = page.get_by_test_id("open-camera"), page.get_by_test_id("photo-told")
+        await opens.click()  # nobody allowed it
+        await expect(told).to_contain_text("Allow it in the browser's settings")
+        await page.context.grant_permissions(["camera"])
+        await opens.click()
+        await expect(told).to_have_count(0)
+        await expect(page.get_by_test_id("shoot")).to_be_enabled()
+        await hold_to_rules(page, "camera")
+        await page.get_by_test_id("shoot").click()
+        picture = page.get_by_test_id("photo").locator("img")
+        await expect(picture).to_have_count(1)
+        await comes(lambda: picture.evaluate("seen => seen.naturalWidth"), lambda wide: wide >= 640)
+        run_id = (await pendant.looks.session())["run"]["id"]
+        kept = (await pendant.looks.client.get(f"/api/runs/{run_id}/pictures")).json()
+        assert [each["media_type"] for each in kept] == ["image/jpeg"]
+        await expect(page.get_by_test_id("camera")).to_have_count(0)
+
+        await page.evaluate(NO_CAMERA)
+        await opens.click()
+        await expect(told).to_contain_text("This device has no camera")
+        async with page.expect_file_chooser() as chosen:
+            await page.get_by_test_id("take-photo").click()
+        (first,) = await picture.all()
+        jpeg = await page.request.get(pendant.looks.url + "/" + str(await first.get_attribute("src")))
+        await (await chosen.value).set_files(
+            {"name": "p.jpg", "mimeType": "image/jpeg", "buffer": await jpeg.body()}
+        )
+        await expect(told).to_have_count(0)
+        await expect(page.get_by_test_id("photo").first).to_be_visible()
 
 
 async def test_settings_show_their_units_and_doubt_what_looks_like_another_one(pendant: Pendant) -> None:
@@ -264,6 +308,9 @@ async def test_settings_show_their_units_and_doubt_what_looks_like_another_one(p
         await comes(units.all_inner_texts, lambda told: set(told) == {"mm"})
         await page.get_by_role("button", name="Zeigen, was geschehen wird").click()
         await page.locator("ol li").first.wait_for()
+        await expect(page.get_by_test_id("start")).to_be_in_viewport(
+            ratio=1.0
+        )  # however many settings there are
         settings = asked_for[-1]["settings"]
         assert settings == {"frame_number": 3, "tip_in_flange_m": [0.0205, 0.0, 0.18], "sigma_m": 0.000125}
         await page.reload()
