@@ -208,6 +208,8 @@ async def test_every_page_is_for_everybody_in_four_languages(looking: Looking) -
     for locale in LOCALES:
         async with looking.page(locale=locale) as page:
             await speaks(page, locale)
+            ways = await page.locator("nav a").all_inner_texts()
+            assert len(set(ways)) == len(ways) == 4, f"two buttons that lead elsewhere read alike: {ways}"
             for place in places:
                 await go(page, place)
                 await hold_to_rules(page, f"{place} in {locale}")

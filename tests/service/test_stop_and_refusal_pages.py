@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 
 import pytest
 import pytest_asyncio
-from playwright.async_api import Page, expect
+from playwright.async_api import FloatRect, Locator, Page, expect
 
 from service.demo.fake_cell import write_cell_file
 from tests.service.doors import Clock
@@ -35,12 +35,17 @@ def tell(shop: Shop, state: str, **trouble: str) -> None:
     shop.app.state.house.screens.show("live", told)
 
 
+async def _box(place: Locator) -> FloatRect:
+    box = await place.bounding_box()
+    assert box is not None
+    return box
+
+
 async def stands_inside(page: Page, test_id: str, size: tuple[int, int]) -> None:
     """Wait until an element is wholly on the screen, without scrolling."""
     place = page.get_by_test_id(test_id)
     await expect(place).to_be_in_viewport(ratio=1.0, timeout=PATIENCE_MS)
-    box = await place.bounding_box()
-    assert box is not None
+    box = await _box(place)
     assert box["x"] >= 0
     assert box["x"] + box["width"] <= size[0], test_id
 
@@ -66,6 +71,10 @@ async def test_a_stopped_robot_is_told_everywhere_until_it_is_stopped_no_more(
             await expect(page.get_by_test_id(button)).to_be_disabled(timeout=PATIENCE_MS)
         for control in ALWAYS:
             await stands_inside(page, control, size)
+        tops = [(await _box(page.get_by_test_id(control)))["y"] for control in ("hold", "stop")]
+        assert tops[0] == tops[1], "a second row hides what is asked"
+        assert (await _box(page.locator("header")))["height"] <= 140, "no place is left for the step"
+        await expect(banner).to_contain_text("What to do")
         await expect(banner.get_by_role("button")).to_have_count(0)
         await page.keyboard.press("Escape")
         await banner.click()

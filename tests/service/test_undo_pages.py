@@ -23,6 +23,7 @@ from tests.service.steps import Pendant, asked, at_the_pages, let_go_early
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
 SERIAL = "F-104711"
+NO_CHANGE = "\N{EN DASH}"
 OFF = (0, 40_000, -30_000, 0, 9_000, 0)  # counts by which the backup is another mastering
 
 
@@ -39,18 +40,19 @@ async def on_the_robot(pendant: Pendant) -> bytes:
     return canonical_json(to_jsonable_python(data)).encode()
 
 
-def wrote(journal: Journal, held_before: dict[str, Any], epoch: int) -> None:
+def wrote(journal: Journal, held_before: dict[str, Any], epoch: int, name: str = "earlier") -> None:
     """Let the journal hold a run that wrote the present mastering over another one."""
+    run_id = f"robot_calibration-{name}"
     identity = {"vendor": "FANUC", "model": "M-6iB", "serial": SERIAL, "firmware": "1"}
     header = {
         "procedure": "robot_calibration", "version": 1, "spec": {},
         "cell": {"devices": [{"role": "robot", "identity": identity}]},
     }  # fmt: skip
     read = {"step": "read the bench", "inputs": [], "effect": "none", "value": held_before | {"epoch": epoch}}
-    journal.append("robot_calibration-earlier", Kind.STARTED, header, key="started")
-    journal.append("robot_calibration-earlier", Kind.FINDING, read)
+    journal.append(run_id, Kind.STARTED, header, key="started")
+    journal.append(run_id, Kind.FINDING, read)
     body = {"step": "write the mastering", "attempt": 1, "effect": "write", "inputs": []}
-    journal.append("robot_calibration-earlier", Kind.INTENT, body)
+    journal.append(run_id, Kind.INTENT, body)
 
 
 def config_of(pendant: Pendant) -> CellConfig:
@@ -91,6 +93,10 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
         await start(page)
         rows = page.get_by_test_id("review-changes").locator("tbody tr")
         await expect(rows).to_have_count(7)  # six axes and whether it is mastered
+        await expect(rows.nth(6).locator("td")).to_have_text(
+            ["mastered", "yes", re.compile("yes"), NO_CHANGE]
+        )
+        await expect(page.get_by_test_id("review-unmasters")).to_have_count(0)
         await expect(page.get_by_test_id("displacement")).to_have_text(re.compile(r"[1-9]\d*\.\d\d mm"))
         await expect(page.get_by_test_id("levers").locator("li")).to_have_count(6)
         await page.screenshot(path=tmp_path / "undo_1280.png")
@@ -105,3 +111,13 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
         await start(page)
         assert (await held_to_the_end(page, pendant))["verdict"] == "passed"
         await comes(lambda: on_the_robot(pendant), lambda held: held == original)
+
+        with open_journal(config_of(pendant)) as journal:
+            lost = {"mastering": {"counts_at_zero": other, "mastered": False}}
+            wrote(journal, lost, robot["epoch"], "over a lost one")
+        await start(page)  # what it goes back to is no mastering, and nobody has to unfold a text to learn it
+        await expect(page.get_by_test_id("review-unmasters")).to_contain_text("NOT be mastered")
+        await expect(rows.nth(6).locator("td")).to_have_text(["mastered", "yes", re.compile("no"), NO_CHANGE])
+        await pendant.looks.order(op="stop")
+        await pendant.looks.until(lambda session: session["run"]["outcome"])
+        await pendant.looks.order(op="dismiss")
