@@ -38,6 +38,7 @@ from procedures.recovery.recovery_result import (
 )
 from procedures.recovery.recovery_spec import MasteringRecoverySpec, refuse_other_gears, refuse_unknown_axes
 from procedures.recovery.recovery_verdict import verdict_on_recovery
+from procedures.recovery.saved_counts import confirm_newest, saved_counts_page
 from procedures.recovery.waking import wake_encoders
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
@@ -60,6 +61,7 @@ AT_REFERENCE = Instruction(
 async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryResult:
     """Wake the encoders, measure until the gate holds, confirm elsewhere, write, confirm what was written."""
     record = await run.step("read the stored record", stored_record)
+    await run.step("the saved counts", confirm_newest, saved_counts_page(record, spec.last_counts))
     if spec.last_counts is None:
         await run.step("near the reference pose", ask, levers_page(AT_REFERENCE, record))
     last_counts = record.reference_counts if spec.last_counts is None else spec.last_counts
@@ -159,6 +161,7 @@ def _hash_of(recovery: TurnRecovery) -> str:
 def _outline(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     return (
         Phase("read the stored record"),
+        Phase("the saved counts"),
         *((Phase("near the reference pose"),) if spec.last_counts is None else ()),
         *(Phase(name, times, adaptive=True) for name, times in _WAKING),
         *(_by_wire(spec) if spec.evidence == "wire" else _BY_PLACES),
@@ -232,7 +235,7 @@ def _forecast(spec: MasteringRecoverySpec, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="mastering_recovery",
     title="Mastering recovery",
-    version=4,
+    version=5,
     procedure=mastering_recovery,
     spec_type=MasteringRecoverySpec,
     needs=("jogs_single_axes", "writes_mastering", "evidence", "model"),

@@ -1,0 +1,47 @@
+"""The first question of a recovery: are the counts that it starts from the newest that were saved of this arm?
+
+Older counts lead to a zero that was right once. The measurements find most of that out later; a person who holds a
+newer record or backup knows it now.
+"""
+
+from calibration.mastering.counts import MasteringRecord
+from drivers.errors import RefusedError
+from drivers.interfaces import Answer, Counts, Instruction
+from procedures.cell import Cell
+from procedures.recovery.recovery_pages import levers_page
+from procedures.run import DeclinedError
+from procedures.shown import Shown
+
+NEWEST = (
+    "The recovery starts from the counts that were saved while the robot was healthy. Is no newer record or backup "
+    "of this arm at hand?"
+)
+
+
+def saved_counts_page(record: MasteringRecord, last_counts: Counts | None) -> Shown:
+    """Return the question with the saved counts, and what a tenth of a degree of each axis displaces the hook."""
+    sentences = [NEWEST, f"Counts at zero: {_listed(record.counts_at_zero)}."]
+    if last_counts is not None:
+        sentences.append(f"Last healthy counts: {_listed(last_counts)}.")
+    return levers_page(Instruction("saved_counts", " ".join(sentences)), record)
+
+
+async def confirm_newest(cell: Cell, page: Shown) -> Answer:
+    """Have a person confirm that no newer counts are at hand.
+
+    Raises
+    ------
+    DeclinedError
+        There are: this run would start from the wrong ones.
+    """
+    try:
+        return await cell.operator.confirm(page)
+    except RefusedError as error:
+        raise DeclinedError(
+            "newer counts than the saved ones are at hand",
+            remedy="Read them in with cellcal mastering import, then start a new recovery.",
+        ) from error
+
+
+def _listed(counts: Counts) -> str:
+    return ", ".join(f"J{axis} {count}" for axis, count in enumerate(counts, 1))
