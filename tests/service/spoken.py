@@ -10,9 +10,20 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 SENTENCE = re.compile(r"(?<=[.?!])\s+")  # as in web/src/lib/say.svelte.ts
-SAID_BY_NAME = frozenset({"remedy", "reason", "why", "advice", "rule", "message"})
-SAYING = frozenset({"__init__", "Condition", "Judged", "SetAside", "Check", "Figure"})  # and every error
+# Names of arguments, constants, fields and functions whose texts are read by people.
+_BY_NAME = """
+    remedy reason why advice rule message problem lacks what words detected_by sentence trouble told saving
+    shortfall forecast limits_from not_verified not_checked remarks to_sign suspects_told re_verify
+    no_exchange none_to_spare flaw state_flaw chain_flaw chain_flaws what_is_wrong add
+"""
+# What is called with a text that is read by people, beside every error.
+_CALLED = """
+    __init__ Condition Judged SetAside Check Checked Figure Alarm Flaw Prediction Change Characteristic
+    judged known_within held stated name_flaw _unreadable
+"""
+SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
 _HOLE = re.compile(r"\{\d+\}")
+_CODE = re.compile(r"[a-z_]+(\.[a-z_{}0]+)+")  # of an error or alarm: told to programs
 
 
 def sentences(path: Path) -> set[str]:
@@ -23,7 +34,7 @@ def sentences(path: Path) -> set[str]:
         for said in _said(node)
         for template in templates(said)
         for part in SENTENCE.split(template)
-        if _HOLE.sub("", part).strip(" .,:;'")
+        if _HOLE.sub("", part).strip(" .,:;'") and not _CODE.fullmatch(part)
     }
 
 
@@ -42,6 +53,13 @@ def templates(node: ast.expr) -> Iterator[str]:
     elif isinstance(node, ast.IfExp):
         yield from templates(node.body)
         yield from templates(node.orelse)
+    elif isinstance(node, ast.Tuple | ast.List):
+        for each in node.elts:
+            yield from templates(each)
+    elif isinstance(node, ast.Starred):
+        yield from templates(node.value)
+    elif isinstance(node, ast.GeneratorExp | ast.ListComp):
+        yield from templates(node.elt)
 
 
 def _said(node: ast.AST) -> Iterator[ast.expr]:
@@ -52,5 +70,17 @@ def _said(node: ast.AST) -> Iterator[ast.expr]:
         yield from (each.value for each in node.keywords if each.arg in SAID_BY_NAME)
     elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
         names = node.targets if isinstance(node, ast.Assign) else [node.target]
-        if any(isinstance(name, ast.Name) and name.id.strip("_").lower() in SAID_BY_NAME for name in names):
+        if any(_says(getattr(name, "id", getattr(name, "attr", ""))) for name in names):
             yield node.value
+    elif isinstance(node, ast.Dict):
+        yield from (
+            value
+            for key, value in zip(node.keys, node.values, strict=True)
+            if isinstance(key, ast.Constant) and key.value in SAID_BY_NAME
+        )
+    elif isinstance(node, ast.FunctionDef) and _says(node.name):
+        yield from (each.value for each in ast.walk(node) if isinstance(each, ast.Return) and each.value)
+
+
+def _says(name: str) -> bool:
+    return name.strip("_").lower() in SAID_BY_NAME

@@ -5,7 +5,9 @@ from pathlib import Path
 
 from playwright.async_api import Browser, Page, expect
 
+from service.demo.mishaps import MISHAPS
 from service.web.app import Settings, create_app
+from service.web.demo import MENDED
 from tests.service.browsers import (
     COUNT_ASKED,
     LOCALES,
@@ -19,12 +21,33 @@ from tests.service.browsers import (
 )
 from tests.service.desks import a_cell
 
+HANDS = ("new_battery", "power_cycle", "mount_wire", "hook_wire")  # as service/demo/hands.py lends them
+
 
 async def test_the_demos_buttons_are_for_everybody_and_a_pressed_loss_is_noticed(tmp_path: Path) -> None:
     async with a_cell(tmp_path) as (path, door):
         app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
         async with served(app) as url, chromium() as browser:
             await _look(browser, f"{url}/")
+
+
+def test_all_that_can_happen_has_its_words_in_every_language() -> None:
+    hands = {f"hand_{name}" for name in HANDS}
+    wanted = {f"demo_do_{name}" for name in {each.name for each in MISHAPS} | hands | {MENDED}}
+    wanted |= {f"demo_kind_{each.kind}" for each in MISHAPS}
+    for locale in LOCALES:
+        texts = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
+        assert wanted - texts.keys() == set(), locale
+
+
+async def _refused(page: Page) -> None:
+    """What the demo refuses is said in the page's language: here the service is asked for what it does not have."""
+    await page.route(
+        "**/api/demo/mishaps", lambda route: route.continue_(post_data=json.dumps({"name": "flood"}))
+    )
+    await page.get_by_test_id("demo-battery").click()
+    refused = page.get_by_test_id("demo-refused")
+    await expect(refused).to_contain_text("die Demo kennt kein Missgeschick 'flood'. Wählen Sie battery, ")
 
 
 async def _look(browser: Browser, url: str) -> None:
@@ -35,6 +58,8 @@ async def _look(browser: Browser, url: str) -> None:
         await speaks(page, locale)
         await expect(page.get_by_test_id("demo")).to_contain_text(texts["demo"])
         await hold_to_rules(page, locale)
+        if locale == "de":
+            await _refused(page)
         await page.context.close()
     await first.get_by_test_id("demo-battery").click()
     await first.get_by_test_id("loss").wait_for()

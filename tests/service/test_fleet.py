@@ -19,6 +19,7 @@ from playwright.async_api import Page, expect
 from service.certificates.signing import Checked, check, station_key
 from service.people.entrance import Entrance
 from service.site import fleet
+from service.site.alarms import Alarm
 from service.site.fleet import Fleet
 from service.site.keys import StationKeys
 from service.site.link_files import Enrolled, StationsFile
@@ -51,6 +52,18 @@ CERTIFICATE = {"run_id": "frame-1", "procedure": "three_point_frame", "robot_ser
                "ended_utc": "2026-05-02T10:00:00+00:00"}  # fmt: skip
 RUN = {"id": "r", "procedure": "drift_check", "title": "", "state": "running", "step": "capture 3", "index": 3,
        "expected": 20, "verdict": None}  # fmt: skip
+# Alarm, its cure, whose calibration, a run, its step, a certificate, what is due, what is not believed.
+SAID = {
+    "de": ("von ihrem Dienst ist nichts zu hören", "Lassen Sie es erneuern.",
+           "Kalibrierung von gauge_7: war fällig am", "Roboterkalibrierung", "Driftprüfung", "Messung 3",
+           "Benutzerkoordinaten aus drei Punkten", "Zertifikat am Bus",
+           "eine Nachricht hat nicht die Teile einer signierten"),
+    "es": ("no se sabe nada de su servicio", "Haga que lo renueven.", "calibración de gauge_7: venció el",
+           "calibración del robot", "control de deriva", "medición 3", "sistema de usuario con tres puntos",
+           "certificado en el bus", "un mensaje no tiene las partes de uno firmado"),
+    "zh": ("收不到其服务的消息", "请安排更新。", "gauge_7 的校准: 已于", "机器人标定", "漂移检查", "测量 3",
+           "三点法用户坐标系", "总线证书", "消息缺少签名消息应有的部分"),
+}  # fmt: skip
 
 
 class Hall:
@@ -186,6 +199,42 @@ async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
             await hold_to_rules(page, locale)
             assert await page.evaluate("document.documentElement.scrollWidth <= innerWidth"), locale
             assert not re.search(r"fleet_|verdict_|\{\w+\}", await page.locator("body").inner_text()), locale
+
+
+async def test_what_cells_say_is_said_in_the_language_of_the_page(tmp_path: Path) -> None:
+    hall = Hall(tmp_path, 2)
+    silent = Alarm("desk.silent", "cell", "nothing is heard of its desk", "Look at its service.")
+    late = Alarm("due", "calibration of gauge_7", "was due on 2020-01-01", "Have it renewed.")
+    broken = Alarm("run.broken", "robot_calibration", "Nothing was sent.")
+    hall.say(
+        "cell-000", alarms=[each.as_json() for each in (silent, late, broken)], run=RUN, certificate=CERTIFICATE,
+        due=[{"what": "certificate on the bus", "due": "2099-01-01"}],
+    )  # fmt: skip
+    hall.fleet.sample(StationKeys(SITE, "cell-001").state, b'{"forged": 1}', time.monotonic())
+    hall.say("cell-001")
+    hall.fleet.sample(StationKeys(SITE, "cell-001").state, b'{"forged": 1}', time.monotonic())
+    hall.fleet.look()
+    english = (
+        "heard of",
+        "was due",
+        "calibration of",
+        "robot calibration",
+        "drift check",
+        "three point",
+        "on the bus",
+    )
+    async with page_of(hall, tmp_path) as page:
+        row = page.get_by_test_id("cell-cell-000")
+        await expect(row).to_contain_text("drift check")
+        await page.locator("summary").click()
+        for locale, said in SAID.items():
+            await page.locator("select").select_option(locale)
+            await speaks(page, locale)
+            for words in said:
+                await expect(page.locator("main")).to_contain_text(words)
+            shown = await page.locator("main").inner_text()
+            assert [word for word in english if word in shown] == [], locale
+            await expect(page.locator("[lang=en]")).to_have_count(0)
 
 
 async def test_a_monitor_that_is_gone_is_said_and_what_is_old_is_grey(tmp_path: Path) -> None:

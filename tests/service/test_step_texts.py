@@ -80,6 +80,7 @@ def test_titles_steps_settings_and_plain_instructions_are_translated(locale: str
     }
     wanted = {
         "titles": {key(entry.title) for entry in ENTRIES},
+        "names": {entry.name.replace("_", " ") for entry in ENTRIES},
         "steps": step_names(),
         "settings": settings,
         "needs": {words for words, _ in NEEDS.values()},

@@ -1,6 +1,7 @@
 // Reviews, comparisons, parameter versions and trends as the service tells them, and how their figures are written.
 
 import { language } from "./i18n.svelte";
+import { sayings } from "./say.svelte";
 
 export interface ReviewPoint {
   step: string;
@@ -32,15 +33,17 @@ export interface Place {
 
 export interface Review {
   run_id: string;
-  along: "wire" | "space" | "touch";
+  along: "wire" | "space" | "touch" | "place";
   signed: boolean;
   least: number;
   points: ReviewPoint[];
   rms_m: number | null;
   max_m: number | null;
   u_m: number | null;
+  u_of: "target" | "tip" | "origin" | "hook";
   signed_rms_m: number | null;
   signed_u_m: number | null;
+  values: { name: string; unit: string; value: number; signed: number }[];
   validation: Validation | null;
   places: Place[];
 }
@@ -175,3 +178,6 @@ export const local = (utc: string): string =>
   new Date(utc).toLocaleString(language.locale === "zh" ? "zh-Hans" : language.locale);
 
 export const plain = (name: string): string => name.replaceAll("_", " ");
+
+/** What a procedure is called in the page's language. */
+export const called = (procedure: string): string => sayings.say(plain(procedure));

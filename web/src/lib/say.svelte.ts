@@ -9,10 +9,10 @@ import { language, type Locale } from "./i18n.svelte";
 
 const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,refusals}/*.json", { import: "default" });
 const NUMBER = /(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?/g;
-const ONLY_A_NUMBER = /^[-+]?\d+(?:\.\d+)?(?: ?%)?$/;
+const ONLY_A_NUMBER = /^[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?$/;
 const SENTENCE = /(?<=[.?!])\s+/;
 const HOLE = /\{(\d+)\}/;
-const DEVICE = /^([\w-]+(?: [\w-]+){0,2}): (.+)$/s; // a device's trouble begins with its name
+const DEVICE = /^([\w/-]+(?: [\w-]+){0,2}): (.+)$/s; // a device's trouble begins with its name, a message's with its key
 
 /** A sentence, and whether it is still English on a page that is not. */
 export interface Spoken {
@@ -45,6 +45,7 @@ class Sayings {
   /** The same, sentence by sentence. */
   parts = (text: string): Spoken[] => {
     const english = language.locale !== "en";
+    if (text === "") return [];
     return text.split(SENTENCE).map((part) => {
       const said = this.#one(part);
       return said === null ? { text: part, english } : { text: said, english: false };
@@ -66,7 +67,7 @@ class Sayings {
     const table = this.#table; // read first: who asks is told when another language has come
     let said = this.#heard.get(text);
     if (said === undefined) {
-      said = this.#counted(table, text) ?? this.#filled(text) ?? this.#ofDevice(text);
+      said = this.#counted(table, text) ?? this.#filled(text) ?? this.#ofDevice(text) ?? this.#listed(text);
       this.#heard.set(text, said);
     }
     return said;
@@ -92,6 +93,13 @@ class Sayings {
     const found = DEVICE.exec(text);
     const said = found ? this.#one(found[2]!) : null;
     return said === null ? null : `${found![1]}: ${said}`;
+  }
+
+  #listed(text: string): string | null {
+    const parts = text.split("; ");
+    if (parts.length === 1) return null;
+    const said = parts.map((part) => this.#one(part));
+    return said.includes(null) ? null : said.join("; ");
   }
 
   #value(words: string): string {
