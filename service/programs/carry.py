@@ -4,7 +4,7 @@ Programs are worked on together: their points are sorted by tool and frame, each
 and what fails is left as it was, with a reason.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -69,6 +69,11 @@ class Route(Protocol):
     def expectation(self, passage: Passage) -> Expectation:
         """Return what the expected errors come from."""
         ...
+
+
+def _blocks(rows: Rows) -> Iterator[Rows]:
+    for first in range(0, len(rows), _BLOCK):
+        yield rows[first : first + _BLOCK]
 
 
 class Carrier:
@@ -153,15 +158,18 @@ class Carrier:
         if not len(posed) or passage.source_frame is None:
             return joints
         flange = inverse_transform(passage.source_tool.entered)
+        taught = np.isfinite(joints[posed]).all(axis=1)
+        for some in _blocks(posed[taught]):
+            poses = passage.source_frame @ points.frame_tip[rows[some]] @ flange
+            self._compare(points, rows[some], joints[some], poses)
         before: Array | None = None
-        for first in range(0, len(posed), _BLOCK):
-            part = posed[first : first + _BLOCK]
-            base_flange = passage.source_frame @ points.frame_tip[rows[part]] @ flange
-            both = np.isfinite(joints[part]).all(axis=1)
-            self._compare(points, rows[part[both]], joints[part[both]], base_flange[both])
-            part, base_flange = part[~both], base_flange[~both]
+        for part in _blocks(posed[~taught]):
+            poses = passage.source_frame @ points.frame_tip[rows[part]] @ flange
             texts = [points.texts[i] for i in rows[part].tolist()]
-            joints[part], why = self._postures.joints(base_flange, texts, before)
+            postures = points.taught_before(rows[part])
+            if before is not None and not np.isfinite(postures[0]).all():
+                postures[0] = before
+            joints[part], why = self._postures.joints(poses, texts, postures)
             known = part[np.isfinite(joints[part]).all(axis=1)]
             before = joints[known[-1]] if len(known) else before
             points.refuse(rows[part], dict(zip(rows[part].tolist(), why, strict=True)).__getitem__)

@@ -53,6 +53,20 @@ class Points:
         for i in rows.tolist():
             self.reasons[i] = self.reasons[i] or (why if isinstance(why, str) else why(i))
 
+    def taught_before(self, rows: Rows) -> Array:
+        """Return joints (K, n) taught in the same program after the row before each of K rows, else NaN."""
+        taught = np.flatnonzero(np.isfinite(self.joints).all(axis=1))
+        taught = taught[[not self.reasons[i] for i in taught.tolist()]]
+        found = np.full((len(rows), self.joints.shape[1]), np.nan)
+        if not len(taught):
+            return found
+        last = np.searchsorted(taught, rows) - 1
+        at = taught[np.maximum(last, 0)]
+        previous = np.concatenate([[-1], rows[:-1]])
+        there = (last >= 0) & (self.of[at] == self.of[rows]) & (at > previous)
+        found[there] = self.joints[at[there]]
+        return found
+
     def open(self) -> Rows:
         """Return the points that nothing speaks against."""
         return np.array([i for i, reason in enumerate(self.reasons) if not reason], dtype=np.intp)

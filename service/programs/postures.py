@@ -46,14 +46,18 @@ class PostureSearch:
             Poses of the flange in the controller's base, in the order of the program.
         texts : (N,)
             Configurations in the maker's spelling; empty where the file says none.
-        before : (6,) or None
-            The posture before the first of them: a pose without a configuration is taken near it.
+        before : (6,) or (N, 6) or None
+            The posture before the first of them, or before each where one is taught there, else NaN: a pose without
+            a configuration is taken near the last posture before it.
         """
         candidates = all_branches(self._zero, base_flange)
         self._into_limits(candidates)
         reached = np.asarray(np.isfinite(candidates).all(axis=2), dtype=np.bool_)
         fits = self._fitting(candidates, reached, texts)
-        found, why = self._chosen(candidates, fits, before)
+        taught = np.full((len(base_flange), 6), np.nan)
+        if before is not None and len(taught):
+            taught[: len(before) if before.ndim == 2 else 1] = before
+        found, why = self._chosen(candidates, fits, taught)
         for i in np.flatnonzero(~fits.any(axis=0)).tolist():
             named = reached[:, i].any()
             why[i] = OTHER_CONFIGURATION.format(text=texts[i]) if named else UNREACHABLE
@@ -84,9 +88,7 @@ class PostureSearch:
             )
         return fits
 
-    def _chosen(
-        self, candidates: Array, fits: NDArray[np.bool_], before: Array | None
-    ) -> tuple[Array, list[str]]:
+    def _chosen(self, candidates: Array, fits: NDArray[np.bool_], taught: Array) -> tuple[Array, list[str]]:
         """Take the branch that fits; of several, the one nearest to the posture before."""
         count = fits.shape[1]
         first = np.argmax(fits, axis=0)
@@ -98,7 +100,7 @@ class PostureSearch:
             choice = candidates[fits[:, i], i]
             if np.abs(nearest_turns(choice, choice[0]) - choice[0]).max() < _ALIKE_RAD:
                 continue
-            last = self._last(found, i, before)
+            last = self._last(found, i, taught)
             if last is None:
                 found[i], why[i] = np.nan, NO_POSTURE
                 continue
@@ -107,9 +109,12 @@ class PostureSearch:
         return found, why
 
     @staticmethod
-    def _last(found: Array, i: int, before: Array | None) -> Array | None:
-        known = np.flatnonzero(np.isfinite(found[:i, 0]))
-        return found[known[-1]] if len(known) else before
+    def _last(found: Array, i: int, taught: Array) -> Array | None:
+        """Return the posture before the i-th pose: the last that was found, or one that is taught after it."""
+        known = int(np.flatnonzero(np.isfinite(found[:i, 0]))[-1:].max(initial=-1))
+        said = int(np.flatnonzero(np.isfinite(taught[: i + 1, 0]))[-1:].max(initial=-1))
+        last: Array = taught[said] if said > known else found[known]
+        return last if max(said, known) >= 0 else None
 
     def _into_limits(self, candidates: Array) -> None:
         """Turn joints by whole turns into their limits where that is possible."""

@@ -115,8 +115,8 @@ def _of_group(group: Group, points: Points, cell: Project, search: PostureSearch
         posed = posed[:0]
     if frame is not None and len(posed):
         base_flange = frame @ points.frame_tip[posed] @ inverse_transform(tool.entered)
-        before = _last_taught(found.joints_rad, int(posed[0]))
-        joints, why = search.joints(base_flange, [points.texts[i] for i in posed.tolist()], before)
+        texts = [points.texts[i] for i in posed.tolist()]
+        joints, why = search.joints(base_flange, texts, points.taught_before(posed))
         found.joints_rad[posed] = joints
         _fail(points, posed, why, found)
     _judge(rows[np.isfinite(found.joints_rad[rows]).all(axis=1)], points, cell, tool, found)
@@ -147,8 +147,3 @@ def _fail(points: Points, rows: NDArray[np.intp], why: Sequence[str], found: _Co
     found.failed[rows[bad]] = True
     told = dict(zip(rows.tolist(), why, strict=True))
     points.refuse(rows[bad], lambda i: told[i])
-
-
-def _last_taught(joints_rad: Array, row: int) -> Array | None:
-    known = np.flatnonzero(np.isfinite(joints_rad[:row]).all(axis=1))
-    return joints_rad[known[-1]] if len(known) else None

@@ -6,12 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.arm.kinematics import load_model
 from calibration.compensation.compensate import Direction
 from calibration.errors import CalibrationError
-from calibration.geometry import exp_twist, homogeneous, inverse_transform
+from calibration.geometry import Pose, exp_twist, homogeneous, inverse_transform, log_rotation
 from drivers.abb.programs import BRAND as ABB_BRAND
 from drivers.fanuc.ls_program import read_ls
 from drivers.fanuc.programs import BRAND
+from drivers.universal_robots.script_program import read_script
 from service.programs.compensate import compensating
 from service.programs.move import change_of_frame, moving, redefined_frame
 from service.programs.project import read_project
@@ -206,3 +208,30 @@ def test_a_quadrant_that_an_axis_leaves_is_written_anew_and_is_no_other_posture(
     assert program.positions.configurations == ("[0,0,0,0]",)
     assert result.after.positions.configurations == ("[-1,0,-1,0]",)
     assert any("project.toml names no parameters of S" in warning for warning in result.warnings)
+
+
+def test_a_pose_without_a_configuration_is_taken_near_the_posture_that_is_taught_before_it(
+    tmp_path: Path,
+) -> None:
+    arm = load_model("ur10e")
+    near = np.array([[0.2, -1.3, 1.5, -1.4, -1.5, 0.5], [2.5, -1.7, -1.5, -1.4, 1.5, 0.5]])
+    there = near + 0.05
+    tip = [Pose.from_matrix(pose) for pose in arm.base_flange(np.vstack([near, there]))]
+    vectors = log_rotation(np.array([pose.rotation() for pose in tip]))
+    texts = [",".join(f"{x:.9f}" for x in (*p.position_m, *v)) for p, v in zip(tip, vectors, strict=True)]
+    lines = [
+        line
+        for k in (0, 1)
+        for line in (f"movej([{','.join(map(str, near[k].tolist()))}])", f"movel(p[{texts[2 + k]}])")
+    ]
+    text = "\n".join(["def a():", "set_tcp(p[0,0,0,0,0,0])", *lines, "end", ""])
+    file = tmp_path / "project.toml"
+    file.write_text('format = 1\nname = "u"\n[robot]\nserial = "S"\nmodel = "ur10e"\n', encoding="utf-8")
+    shift = homogeneous(np.eye(3), np.array([0.01, 0, 0]))
+    program = read_script("a.script", text.encode())
+
+    result = moving(read_project(file), shift, None).carry([program])[0]
+
+    assert result.status == ("changed",) * 4, result.reason
+    moved = result.after.positions
+    assert np.abs(moved.frame_tip[[1, 3]] - shift @ program.positions.frame_tip[[1, 3]]).max() < 2e-8
