@@ -79,7 +79,24 @@ async def test_an_engineer_moves_programs_looks_and_takes_them_away(
             await for_everybody(page, f"the preview in {locale}")
         await page.get_by_test_id("language").select_option("en")
         preview = await page.evaluate("location.hash")
+        await expect(page.get_by_test_id("checked")).to_be_visible()
+        await expect(page.get_by_test_id("nothing-new")).to_have_count(0)
     await _a_viewer_looks(shop, preview)
+    async with shop.tablet("Emil") as page:
+        await _nothing_is_claimed_where_nothing_was_changed(page, tablet_files)
+
+
+async def _nothing_is_claimed_where_nothing_was_changed(page: Page, files: list[Path]) -> None:
+    """A cell without the tools that the programs use: no point was checked, and no program is new."""
+    await page.evaluate("location.hash = '#/programs'")
+    await page.get_by_test_id("files").set_input_files(files)
+    await page.get_by_test_id("way-move").click()
+    await page.get_by_test_id("cell").select_option("here:fanuc")
+    await page.get_by_test_id("offset-x").fill("820")
+    await page.get_by_test_id("offset-x").press("Tab")
+    await page.get_by_test_id("make").click()
+    await expect(page.get_by_test_id("nothing-new")).to_be_visible()
+    await expect(page.get_by_test_id("checked")).to_have_count(0)
 
 
 async def _ask_for_a_move(page: Page, files: list[Path]) -> None:
