@@ -102,10 +102,13 @@ def _block(block: Block) -> str:
 def _table(table: Table) -> str:
     head = "".join(_cell(cell, 'th scope="col"') for cell in table.head)
     rows = "".join(f"<tr>{_row(row)}</tr>" for row in table.rows)
+    whole = sum(table.shares)  # a name is not broken in two where another column has place to spare
+    wide = "".join(f'<col width="{100 * share / whole:.0f}%">' for share in table.shares)
     # a table may be wider than a phone: whoever has no pointer scrolls it by keys
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{escape(table.caption)}"><table>'
-        f"<caption>{escape(table.caption)}</caption><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
+        f"<caption>{escape(table.caption)}</caption>{wide}"
+        f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>"
     )
 
 

@@ -133,6 +133,9 @@ async def test_a_page_allows_itself_no_script_and_no_other_host(tmp_path: Path) 
     html = as_html(page_from(issued.json_path))
     assert "default-src 'none'" in html
     assert "script" not in html
+    assert html.count("<table>") == len(re.findall(r'</caption>(?:<col width="\d+%">)+<thead>', html)), (
+        "names break"
+    )
     hosts = set(re.findall(r"https?://[^\"'\s<]+", html))
     assert hosts == {"http://www.w3.org/2000/svg"}  # a name, never asked
 
