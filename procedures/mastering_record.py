@@ -115,8 +115,8 @@ async def mastering_record(run: Run, spec: MasteringRecordSpec) -> RecordResult:
     await run.step("accept the plan", accept, shown(plan), sha256_of(to_jsonable_python(plan)))
 
     taken: list[StillCapture] = []
-    for k, way in enumerate(plan.ways_rad, 1):
-        await run.move(f"go to pose {k}", go_along, way, plan.speed_rad_s)
+    for k, (way, speed_rad_s) in enumerate(zip(plan.ways_rad, plan.speeds_rad_s, strict=True), 1):
+        await run.move(f"go to pose {k}", go_along, way, speed_rad_s)
         taken.append(
             await run.step(f"capture {k}", capture, f"pose {k}", spec.samples, spec.tolerance_counts)
         )
@@ -300,12 +300,13 @@ def _verdict_on_places(result: RecordResult) -> Verdict:
 
 def shown(plan: MotionPlan) -> Instruction:
     """Return the plan as a question for the technician."""
-    tour = Tour(len(plan.poses_rad), plan.travel_rad, plan.speed_rad_s)
+    fastest_rad_s = max(plan.speeds_rad_s)
+    tour = Tour(len(plan.poses_rad), plan.travel_rad, fastest_rad_s, moving_s=plan.moving_s)
     what = f"the robot with the wire hooked in, to {len(plan.poses_rad)} poses; the wire keeps its range"
     asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     moves = Moves(
         ways_rad=plan.ways_rad or straight(plan.poses_rad),
-        speed_rad_s=plan.speed_rad_s,
+        speed_rad_s=fastest_rad_s,
         checked=WIRE_CHECKS,
         not_checked=plan.not_checked,
     )
@@ -383,7 +384,7 @@ def _refit(spec: MasteringRecordSpec, findings: Sequence[Finding]) -> Refit | No
 ENTRY = Entry(
     name="mastering_record",
     title="Mastering record",
-    version=3,
+    version=4,
     procedure=mastering_record,
     spec_type=MasteringRecordSpec,
     needs=("writes_mastering", "model"),

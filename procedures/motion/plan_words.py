@@ -20,11 +20,13 @@ class Tour:
     travel_rad: float
     speed_rad_s: float
     hands: str = ""  # what a person does in between, which takes its own time
+    moving_s: float | None = None  # where some ways are slower than that; None: all at this speed
 
     @property
     def minutes(self) -> float:
         """How long it takes, about."""
-        return (self.travel_rad / self.speed_rad_s + self.stops * PER_POSE_S) / 60.0
+        moving_s = self.travel_rad / self.speed_rad_s if self.moving_s is None else self.moving_s
+        return (moving_s + self.stops * PER_POSE_S) / 60.0
 
 
 def guessed_tour(stops: int, speed_rad_s: float, hands: str = "") -> Tour:

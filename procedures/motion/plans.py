@@ -75,15 +75,17 @@ class Room:
 
 @dataclass(frozen=True, slots=True)
 class MotionPlan:
-    """Poses in the order of travel, the speed that keeps every cap, and what nobody checked."""
+    """Poses in the order of travel, the speeds that keep every cap, and what nobody checked."""
 
     poses_rad: tuple[Joints, ...]
-    speed_rad_s: float
+    speed_rad_s: float  # of the slowest way: it keeps the caps on every one
     travel_rad: float  # of the slowest axis, added over all moves
     not_checked: tuple[str, ...]
     ways_rad: tuple[
         tuple[Joints, ...], ...
     ] = ()  # to each pose, with the corners in between; empty: straight
+    speeds_rad_s: tuple[float, ...] = ()  # of each way, as fast as its own corners allow
+    moving_s: float = 0.0  # with each way at its own speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,14 +349,21 @@ def _checked(
     corners = np.concatenate(ways)
     stops = [last for way in ways for last in [*([False] * (len(way) - 1)), True]]
     verdict = check_moves(model, start_rad, corners, limits, speed_rad_s=speed_rad_s, stops=stops)
-    fastest = max((f.found / f.limit for f in verdict.findings if f.check == "tip speed"), default=1.0)
     refuse_broken(verdict)
+    way_of = np.repeat(np.arange(len(ways)), [len(way) for way in ways])
+    fastest = np.ones(len(ways))  # tip speed over its cap, at the speed asked for
+    for finding in verdict.findings:
+        if finding.check == "tip speed":
+            way = way_of[finding.target]
+            fastest[way] = max(fastest[way], 1.01 * finding.found / finding.limit)
     steps = np.abs(np.diff(np.vstack([np.array(start_rad), corners]), axis=0)).max(axis=1)
     return MotionPlan(
         poses_rad=as_way([way[-1] for way in ways]),
-        speed_rad_s=speed_rad_s / (fastest * 1.01) if fastest > 1.0 else speed_rad_s,
+        speed_rad_s=float(speed_rad_s / fastest.max()),
         travel_rad=float(steps.sum()),
         not_checked=verdict.not_checked,
+        speeds_rad_s=tuple(float(v) for v in speed_rad_s / fastest),
+        moving_s=float(np.sum(steps * fastest[way_of]) / speed_rad_s),
     )
 
 

@@ -39,12 +39,12 @@ def forecast_record(
         return Forecast(0.0, assumed=assumed)
     plan = plan_kit(state, room, poses, seed)
     rehearsed = _rehearsed(state, plan)
-    moves_s = (plan.travel_rad + len(plan.poses_rad) * OVERSHOOT_RAD) / plan.speed_rad_s
+    moves_s = plan.moving_s + len(plan.poses_rad) * OVERSHOOT_RAD / plan.speed_rad_s
     capture_s = len(plan.poses_rad) * (3.0 * known.limits.settle_s + samples * SAMPLE_S)
     return Forecast(
         duration_s=2.0 * ANSWER_S + moves_s + capture_s,
         poses=_labelled(plan, "pose"),
-        speed_rad_s=plan.speed_rad_s,
+        speed_rad_s=max(plan.speeds_rad_s),
         predictions=(
             _turns(rehearsed, np.array(plan.poses_rad)),
             _offsets(rehearsed, np.array(plan.poses_rad)),

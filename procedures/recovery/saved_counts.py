@@ -1,4 +1,4 @@
-"""The first question of a recovery: are the counts that it starts from the newest that were saved of this arm?
+"""The first question of a recovery: whether the counts that it starts from are the newest that were saved.
 
 Older counts lead to a zero that was right once. The measurements find most of that out later; a person who holds a
 newer record or backup knows it now.
