@@ -24,15 +24,28 @@ const packed: Plugin = {
   },
 };
 
+// What comes into the cell is asked while the page is still loading: a script of its own, beside the page's.
+const early: Plugin = {
+  name: "early",
+  transformIndexHtml: {
+    order: "post",
+    handler(_, { bundle, path }) {
+      const script = Object.values(bundle ?? {}).find((file) => file.type === "chunk" && file.name === "early");
+      if (!script || path !== "/index.html") return [];
+      return [{ tag: "script", attrs: { type: "module", async: true, src: `./${script.fileName}` }, injectTo: "head-prepend" }];
+    },
+  },
+};
+
 // The pages are built into the Python package: a user needs no Node.
 export default defineConfig({
-  plugins: [svelte(), packed],
+  plugins: [svelte(), early, packed],
   base: "./",
   build: {
     outDir: DIST,
     emptyOutDir: true,
     target: "es2022",
-    rollupOptions: { input: ["index.html", "fleet.html"] },
+    rollupOptions: { input: ["index.html", "fleet.html", "src/lib/early.ts"] },
     assetsInlineLimit: 0, // the content security policy allows no data: scripts or styles
   },
   server: { proxy: { "/api": { target: "http://127.0.0.1:8470", ws: true } } },

@@ -46,12 +46,17 @@ def person_of(connection: HTTPConnection) -> Person:
 
 def standing(connection: HTTPConnection) -> dict[str, Any]:
     """Return who asks and what is wanted next: a device's proof, a person, the PIN again, or nothing."""
+    return standing_with(connection, token_of(connection))
+
+
+def standing_with(connection: HTTPConnection, token: str | None) -> dict[str, Any]:
+    """Return the same for a session that has only just begun: its cookie was not sent yet."""
     entrance = house_of(connection).entrance
     try:
-        who = entrance.present(token_of(connection))
+        who = entrance.present(token)
     except NotSignedInError:
         return {"wanted": "device", "person": None}
-    session = entrance.sessions.find(token_of(connection))
+    session = entrance.sessions.find(token)
     nobody = session is None or session.person is None
     wanted = "pin" if who.locked else "person" if nobody and not who.alone else "nothing"
     rights = [right.name.lower() for right in Right if who.may(right)]

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, StringConstraints
 from service.people.naming import LONGEST_NAME, LONGEST_SECRET
 from service.people.sessions import WHOLE_S
 from service.web.control import told
-from service.web.door import Who, cookie_of, house_of, standing, token_of
+from service.web.door import Who, cookie_of, house_of, standing, standing_with, token_of
 
 router = APIRouter()
 Token = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -91,10 +91,10 @@ async def challenge(request: Request) -> dict[str, str]:
 
 @router.post("/sign-in/device")
 async def device(given: Proof, request: Request) -> Response:
-    """Open a session for an enrolled device: it may look on and ask for a stop."""
+    """Open a session for an enrolled device, which may look on and ask for a stop; say what is wanted next."""
     origin = f"{request.url.scheme}://{request.headers['host']}"
     session = house_of(request).entrance.from_device(given.device, given.challenge, given.signature, origin)
-    return _with_session(JSONResponse({"ok": True}), request, session)
+    return _with_session(JSONResponse({"ok": True, **standing_with(request, session)}), request, session)
 
 
 @router.post("/sign-in/person")

@@ -79,3 +79,14 @@ async def test_a_browser_keeps_assets_and_asks_for_the_page_again(tmp_path: Path
 def test_packed_copies_have_no_address_of_their_own() -> None:
     assert not [path for path in page_paths() if path.endswith((".gz", ".br"))]
     assert "/icon.svg" in page_paths()
+
+
+def test_who_comes_in_is_asked_by_a_script_of_its_own_before_the_page_is_there() -> None:
+    shell = SHELL.findall((DIST / "index.html").read_text(encoding="utf-8"))
+    text = (DIST / shell[0]).read_text(encoding="utf-8")
+    assert "api/sign-in" in text
+    assert "sign-in/challenges" in text
+    assert not re.search(r"\bimport\b", text), "it would wait for another file"
+    assert len((DIST / f"{shell[0]}.br").read_bytes()) < 2000
+    page = next(name for name in shell if "/index-" in name and name.endswith(".js"))
+    assert Path(shell[0]).name in (DIST / page).read_text(encoding="utf-8"), "asked twice"

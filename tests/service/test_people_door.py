@@ -129,7 +129,12 @@ async def test_a_proof_counts_once_for_this_address_and_for_a_minute(tmp_path: P
             door.clock.pass_by(other.pop("late_s", 0.0))
             signature = other.pop("by", tablet).signature(challenge, other.pop("origin", "http://127.0.0.1"))
             given = {"device": tablet.id, "challenge": challenge, "signature": signature} | other
-            status = (await door.post("/api/sign-in/device", given)).status_code
+            answer = await door.post("/api/sign-in/device", given)
+            status = answer.status_code
+            if status == 200:  # what is wanted next, which a page need not ask for
+                told = (await door.client.get("/api/sign-in")).json()
+                assert answer.json() == {"ok": True, **told}
+                assert told["wanted"] == "person"
             again = (await door.post("/api/sign-in/device", given)).status_code
             assert again in (403, 422)
             return status

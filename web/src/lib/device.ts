@@ -1,5 +1,7 @@
 // This browser's own key: made when it is enrolled, never readable, kept in IndexedDB; its signature opens a session.
 
+import type { Standing } from "./people.svelte";
+
 const STORE = "device";
 const WAIT_MS = 10_000;
 
@@ -46,16 +48,17 @@ export async function enrol(token: string): Promise<Answer> {
   return answer;
 }
 
-/** Prove that this browser is the enrolled device; false when it has no key or the service does not know it. */
-export async function prove(): Promise<boolean> {
+/** Prove that this browser is the enrolled device; null when it has no key or the service does not know it. */
+export async function prove(): Promise<Standing | null> {
   const kept = canEnrol() ? await read() : undefined;
-  if (!kept) return false;
+  if (!kept) return null;
   const asked = await post("sign-in/challenges", {});
-  if (!asked.ok) return false;
+  if (!asked.ok) return null;
   const challenge = String(asked.told.challenge);
   const text = new TextEncoder().encode(`cellcal device sign-in\n${location.origin}\n${challenge}`);
   const signature = await crypto.subtle.sign({ name: "ECDSA", hash: "SHA-256" }, kept.key, text);
-  return (await post("sign-in/device", { device: kept.id, challenge, signature: url64(signature) })).ok;
+  const answer = await post("sign-in/device", { device: kept.id, challenge, signature: url64(signature) });
+  return answer.ok ? (answer.told as unknown as Standing) : null;
 }
 
 function url64(bytes: ArrayBuffer): string {

@@ -1,6 +1,7 @@
 // Who sits at this screen, and what that allows. The service decides; the page only does not offer what would be refused.
 
 import { post, prove, type Answer } from "./device";
+import { come, early } from "./early";
 import { language, type Key } from "./i18n.svelte";
 import { sayings } from "./say.svelte";
 
@@ -49,6 +50,7 @@ export const inEnglish = (answer: { message: string; remedy: string }): string =
 class People {
   wanted = $state<Standing["wanted"] | null>(null); // null until the service has said
   person = $state<Person | null>(null);
+  #first: typeof early | null = early; // asked while the page was still loading; later it would be old
   /** Called when the session's cookie is a new one. */
   onNewSession: () => void = () => {};
 
@@ -64,9 +66,9 @@ class People {
   /** Ask what is wanted; an enrolled device proves itself unasked. False when the service does not answer. */
   async check(): Promise<boolean> {
     try {
-      let standing = await look();
-      if (standing.wanted === "device" && (await prove())) standing = await look();
-      this.take(standing);
+      const first = this.#first;
+      this.#first = null;
+      this.take((await first) ?? (await come()));
       return true;
     } catch {
       return false;
@@ -115,12 +117,6 @@ class People {
     }
     return answer;
   }
-}
-
-async function look(): Promise<Standing> {
-  const answer = await fetch("./api/sign-in", { signal: AbortSignal.timeout(4000) });
-  if (!answer.ok) throw new Error(answer.statusText);
-  return answer.json();
 }
 
 export const people = new People();
