@@ -233,6 +233,7 @@ class Module:
             self.uses.seen_from_flange.add(name.lower())
             self.found.remark(found.start(), "foreign", _HELD_TEXT.format(name))
         elif found[2].upper() == "FALSE":
+            self.uses.moved.add(name.lower())
             self.found.remark(found.start(), "foreign", _MOVED_TEXT.format(name, found[3]))
         elif user is not None and obj is not None:
             self.bases[name] = user @ obj

@@ -11,6 +11,7 @@ Used = tuple[str | None, str | None]  # tool, work object; None where it is comp
 _DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
 _BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 _BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
+_BARRED_MOVED = "its work object is moved by a mechanical unit, which no program file holds"
 _SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
 
 
@@ -24,6 +25,7 @@ class Uses:
     of_row: dict[int, list[Used]] = field(default_factory=lambda: defaultdict(list))
     spelling: dict[str, str] = field(default_factory=dict)
     seen_from_flange: set[str] = field(default_factory=set)
+    moved: set[str] = field(default_factory=set)  # work objects that a mechanical unit moves
     user_frames: dict[int, str] = field(default_factory=dict)
     tools: dict[int, str] = field(default_factory=dict)
     barred: dict[int, str] = field(default_factory=dict)  # rows whose tool or frame is not one, and why
@@ -93,16 +95,22 @@ class Uses:
             value = next(iter(values))
             if len(values) == 1 and value is not None:
                 column[row] = value
-        if len(uses) > 1:
-            self.barred[row] = _BARRED_DIFFERENT
-        elif None in next(iter(uses)):
-            self.barred[row] = _BARRED_COMPUTED
+        if why := self._why_barred(uses):
+            self.barred[row] = why
         if len(uses) > 1:
             found.remark(found.starts[row], "indirect", _DIFFERENT.format(found.names[row]))
         if any(part is not None and part.lower() in self.seen_from_flange for use in uses for part in use):
             self.tools.pop(row, None)
             self.user_frames.pop(row, None)
             found.forget(row, _SEEN_FROM_FLANGE)
+
+    def _why_barred(self, uses: set[Used]) -> str:
+        """Return why a target's place cannot be told though the moves to it name tools and frames; or ""."""
+        if any(frame is not None and frame.lower() in self.moved for _, frame in uses):
+            return _BARRED_MOVED
+        if len(uses) > 1:
+            return _BARRED_DIFFERENT
+        return _BARRED_COMPUTED if None in next(iter(uses)) else ""
 
     def _spelled(self, tool: str | None, frame: str | None) -> Used:
         return (tool and self.spell(tool), frame and self.spell(frame))

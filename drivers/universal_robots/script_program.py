@@ -1,10 +1,11 @@
 """A URScript program, read and changed without losing a byte."""
 
 import re
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from heapq import heappop, heappush
 from typing import Any, Self
 
 import numpy as np
@@ -133,18 +134,17 @@ class _Tools:
         self.calls = _alike(source, finder.tools())
         self.offsets = [offset for offset, _, _ in self.calls]
         self.line = finder.line
-        self.blocks = [
-            block for block in source.blocks if any(block[0] < at < block[1] for at in self.offsets)
+        holding = [
+            b for b in source.blocks if bisect_right(self.offsets, b[0]) < bisect_left(self.offsets, b[1])
         ]
-        self.setting = [
+        self.until = _ends(self.offsets, holding, len(source.text))
+        begun = {start for start, _ in holding}
+        self.setting = sorted(  # calls of functions that set a tool
             call
             for function in _PROGRAM.finditer(source.text)
-            if any(
-                start == function.start(0) + len(function[0]) - len(function[0].lstrip())
-                for start, _ in self.blocks
-            )
+            if function.start() + len(function[0]) - len(function[0].lstrip()) in begun
             for call in finder.found.calls.get(function[1], ())
-        ]
+        )
         self.flange_tip = _frames(source, {name: pose for _, name, pose in self.calls if pose is not None})
 
     def of(self, place: Place) -> str | None:
@@ -173,13 +173,10 @@ class _Tools:
         for use in uses:
             at = bisect_right(self.offsets, use)
             since = self.offsets[at - 1] if at else 0
-            left = any(start < since < end < use for start, end in self.blocks)
-            found.append((self.calls[at - 1][1] if at else "", not left and not self._called(since, use)))
+            called = bisect_right(self.setting, since) < bisect_left(self.setting, use)
+            ended = at > 0 and self.until[at - 1] < use
+            found.append((self.calls[at - 1][1] if at else "", not called and not ended))
         return found
-
-    def _called(self, since: int, use: int) -> bool:
-        """Tell whether a function of this text that sets a tool is called between two places."""
-        return any(since < call < use for call in self.setting)
 
     def remarks(self, places: Sequence[Place]) -> Iterator[Remark]:
         """Yield what a person must know of the tools."""
@@ -192,6 +189,18 @@ class _Tools:
             yield Remark(
                 0, "foreign", "the tool is the one that is active on the robot: no set_tcp is in this file."
             )
+
+
+def _ends(offsets: Sequence[int], blocks: Sequence[tuple[int, int]], last: int) -> list[int]:
+    """Return where the innermost block around each offset ends; offsets in the order of the text."""
+    waiting, open_, found = sorted(blocks, reverse=True), list[int](), list[int]()
+    for at in offsets:
+        while waiting and waiting[-1][0] < at:
+            heappush(open_, waiting.pop()[1])
+        while open_ and open_[0] < at:
+            heappop(open_)
+        found.append(open_[0] if open_ else last)
+    return found
 
 
 def _alike(

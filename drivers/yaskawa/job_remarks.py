@@ -10,10 +10,12 @@ from drivers.yaskawa.job_text import Job
 _MOVES = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "SMOVJ", "SMOVL", "SMOVC", "MOV", "REFP"))
 _VARIABLE = re.compile(r"\bL?P(X?)(\d{3,5})\b")
 _INDIRECT = re.compile(r"\bL?(?:P|BP|EX)X?\[")
+_CONVEYED = ("SYSTART", "SYMOVJ", "SYMOVL", "SYMOVC")
 _SHIFTS = {
     "SFTON": "shifts every point that follows, until SFTOF",
     "MSHIFT": "computes a shift from taught points",
     "IMOV": "moves by an increment, from wherever the arm is",
+    **dict.fromkeys(_CONVEYED, "follows a conveyor: points hold for one place of the conveyor only"),
 }
 _COMPUTES = frozenset(
     (
@@ -93,7 +95,7 @@ def _remark(line: int, word: str, rest: str, uses_variable: bool) -> Iterable[Re
     if _INDIRECT.search(rest):
         yield Remark(line, "indirect", f"{word} takes a position by a number that is known at run time only.")
     if word in _SHIFTS:
-        code = "relative" if word == "IMOV" else "offset"
+        code = "relative" if word in ("IMOV", *_CONVEYED) else "offset"
         yield Remark(line, code, f"{word} {rest.strip()} {_SHIFTS[word]}; its amount stays as written.")
     elif word in _SETS_FRAMES or (word in _COMPUTES and uses_variable):
         yield Remark(

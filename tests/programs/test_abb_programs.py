@@ -192,6 +192,16 @@ def test_frames_of_fixed_work_objects_and_tools_on_the_robot():
     assert file.frames.flange_tip["t"].position_m == (0, 0, 0.18)
 
 
+def test_a_target_on_a_conveyor_is_barred():
+    frame = "[[0,0,0],[1,0,0,0]]"
+    file = read(
+        f'PERS wobjdata wCnv:=[FALSE,FALSE,"CNV1",{frame},{frame}];', target("p1"), target("p2"),
+        "PROC main()", "MoveL p1,v100,fine,tGrip\\WObj:=wcnv;", "MoveL p2,v100,fine,tGrip;", "ENDPROC",
+    )  # fmt: skip
+    assert list(file.positions.barred) == [0]
+    assert "mechanical unit" in file.positions.barred[0]
+
+
 def test_a_held_work_object_is_listed_but_not_shifted():
     file = read(
         'PERS wobjdata wHeld:=[TRUE,TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];',

@@ -93,6 +93,16 @@ def test_a_job_is_read_as_the_maker_describes_it() -> None:
     assert set(job.frames.base_frame) == {"ROBOT"}  # what carries the robot is not known here
 
 
+def test_a_job_that_follows_a_conveyor_says_so() -> None:
+    old = b"MOVL C00002 V=100.0\r\n"
+    new = b"SYSTART CV#(1) STP=100.0\r\nSYMOVL C00002 V=100.0 CTP=50.0\r\nSYEND CV#(1)\r\n"
+    told = {
+        (r.line, r.code) for r in BRAND.read("a.jbi", JOB.replace(old, new)).remarks if "conveyor" in r.text
+    }
+    line = JOB.partition(old)[0].count(b"\n") + 1
+    assert told == {(line, "relative"), (line + 1, "relative")}
+
+
 def test_what_no_coordinate_shows_is_told() -> None:
     told = [(remark.line, remark.code) for remark in BRAND.read("a.jbi", JOB).remarks]
     assert (8, "pulses") in told
