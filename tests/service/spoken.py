@@ -14,7 +14,8 @@ SENTENCE = re.compile(r"(?<=[.?!])\s+")  # as in web/src/lib/say.svelte.ts
 _BY_NAME = """
     remedy reason why advice rule message problem lacks what words detected_by sentence trouble told saving
     shortfall forecast limits_from not_verified not_checked remarks to_sign suspects_told re_verify
-    no_exchange none_to_spare flaw state_flaw chain_flaw chain_flaws what_is_wrong add
+    no_exchange none_to_spare flaw state_flaw chain_flaw chain_flaws what_is_wrong add _cure
+    turn_more seen scale
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """
@@ -83,4 +84,4 @@ def _said(node: ast.AST) -> Iterator[ast.expr]:
 
 
 def _says(name: str) -> bool:
-    return name.strip("_").lower() in SAID_BY_NAME
+    return name in SAID_BY_NAME or name.strip("_").lower() in SAID_BY_NAME

@@ -32,6 +32,7 @@ WHOLE = (
     "drivers/universal_robots/session.py",
     "drivers/wire/can_session.py",
     "drivers/wire/deadline.py",
+    "calibration/identification/identifiability.py",
     "calibration/line_accuracy.py",
     "calibration/mastering/kit_design.py",
     "calibration/mastering/pose_design.py",

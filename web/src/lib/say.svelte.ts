@@ -11,6 +11,7 @@ const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,r
 const NUMBER = /(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?/g;
 const ONLY_A_NUMBER = /^[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?$/;
 const SENTENCE = /(?<=[.?!])\s+/;
+const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const HOLE = /\{(\d+)\}/;
 const DEVICE = /^([\w/-]+(?: [\w-]+){0,2}): (.+)$/s; // a device's trouble begins with its name, a message's with its key
 
@@ -48,7 +49,7 @@ class Sayings {
     if (text === "") return [];
     return text.split(SENTENCE).map((part) => {
       const said = this.#one(part);
-      return said === null ? { text: part, english } : { text: said, english: false };
+      return said === null ? { text: part, english: english && WORD.test(part) } : { text: said, english: false };
     });
   };
 
