@@ -43,7 +43,8 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
     seed
         The world's hidden truth; another seed is another robot.
     time_factor
-        How much faster than real the world's clock runs (600 in a story, 20 with pages).
+        How much faster than real the world's clock runs (600 in a story, 20 with pages); the record before the
+        story is taken fast in any case.
     keep
         Keep the cell file, the journal and the signed certificates in this folder.
     as_json

@@ -17,6 +17,8 @@ from service.demo.door import Door
 _PORTS = (29999, 30001, 30002, 30003, 30004, 1502, 29536)
 _START_S = 30.0
 
+QUICKLY = 600.0  # times as fast as real: for what a demo is not about
+
 _CELL_FILE = """\
 # Written by `cellcal demo`: a fake cell on loopback. Edit and run it with `cellcal fakes` and `cellcal run`.
 [cell]

@@ -5,10 +5,10 @@ import itertools
 from typing import Any
 
 from calibration.errors import CellError
+from service.demo.fake_cell import QUICKLY
 from service.demo.mishaps import ROBOT
 from service.web.demo import DemoLink
 
-QUICKLY = 600.0  # times as fast as real
 _WHO = "demo"
 _PATIENCE_S = 120.0
 _LOOK_S = 0.05

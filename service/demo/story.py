@@ -2,7 +2,8 @@
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from procedures.progress import Progress, ignore
 from procedures.recovery.recovery_result import RecoveryResult
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.door import Door
-from service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from service.demo.fake_cell import QUICKLY, free_address, running_fakes, write_cell_file
 from service.demo.report import DemoReport, JointReport, TcpError
 from service.demo.technician import DemoTechnician
 from service.demo.timing import RobotTime, StepClock
@@ -70,7 +71,8 @@ async def tell_story(folder: Path, plot: Plot) -> DemoReport:
         await _reach_everything(config, plot)
         with open_journal(config) as journal:
             async with open_cell(config, _technician(door, plot), ROBOT) as cell:
-                await _take_record(config, cell, journal, plot)
+                async with _quickly(door, plot.time_factor):
+                    await _take_record(config, cell, journal, plot)
                 loss = await _lose_and_notice(config, cell, door, fault, plot)
                 truth_before, error_before = await _truth_of(door), await _tcp_error(door)
                 outcome, robot_time = await _recover_timed(config, cell, journal, door, plot)
@@ -144,6 +146,14 @@ async def _take_record(config: CellConfig, cell: Cell, journal: Journal, plot: P
     )
     if outcome.verdict is not Verdict.PASSED:
         raise CellError(f"no mastering record: {outcome.reason}", remedy=outcome.remedy, code=outcome.code)
+
+
+@asynccontextmanager
+async def _quickly(door: Door, time_factor: float) -> AsyncIterator[None]:
+    """Let the world run fast for what the story is not about: a record takes half an hour of a robot's time."""
+    await door.ask("pace", time_factor=max(QUICKLY, time_factor))
+    yield
+    await door.ask("pace", time_factor=time_factor)
 
 
 async def _lose_and_notice(
