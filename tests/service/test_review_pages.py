@@ -123,6 +123,48 @@ async def test_too_few_readings_are_refused_in_words(seen: Seen) -> None:
         looks.complaints.clear()  # the browser tells of a refusal, too
 
 
+async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(seen: Seen) -> None:
+    looks, past = seen
+    async with looks.page(f"#/history/{past.moved}") as page:
+        at, table = await marks(page), page.get_by_test_id("fit-values")
+        assert len(at) == 4
+        signed = await table.inner_text()
+        told = await tap(page, at[2])
+        assert [p["used"] for p in told["points"]] == [True, True, False, True]
+        await page.get_by_test_id("what-if").wait_for()
+        value = told["values"][0]
+        assert abs(value["value"] - value["signed"]) > 1e-5
+        await expect(table).to_contain_text(f"{value['value'] * 1e3:.3f} mm")
+        await expect(table).to_contain_text(f"{value['signed'] * 1e3:.3f} mm")
+        await page.get_by_test_id("residuals").locator("summary").click()
+        rows = page.get_by_test_id("residual-table").locator("tbody tr")
+        for i, point in enumerate(told["points"]):
+            await expect(rows.nth(i)).to_contain_text(f"{point['residual_m'] * 1e3:.3f} mm")
+            await expect(rows.nth(i)).to_have_attribute("data-used", str(point["used"]).lower())
+        await rows.nth(2).get_by_role("button").click()
+        await expect(page.get_by_test_id("residuals")).to_have_attribute("data-signed", "true")
+        await expect(table).to_have_text(signed, use_inner_text=True)
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+async def test_a_point_that_cannot_be_spared_is_refused_in_the_pages_language(
+    seen: Seen, locale: str
+) -> None:
+    looks, past = seen
+    async with looks.page(f"#/history/{past.frame}", locale=locale) as page:
+        await speaks(page, locale)
+        await go(page, f"#/history/{past.frame}")
+        at = await marks(page)
+        await tap(page, at[1])
+        refused = page.get_by_test_id("what-if-refused")
+        await expect(refused).to_contain_text("3")
+        await expect(refused.locator("[lang=en]")).to_have_count(0)
+        await expect(page.get_by_test_id("residuals")).to_have_attribute("data-signed", "true")
+        await comes(lambda: _complaints_of(looks))
+        assert [line for line in looks.complaints if "422" not in line] == []
+        looks.complaints.clear()
+
+
 async def _complaints_of(looks: Looking) -> list[str]:
     return looks.complaints
 
@@ -247,6 +289,7 @@ async def test_pages_that_judge_are_for_everybody(seen: Seen, locale: str) -> No
         for place in places_of(past)[:4]:
             await unfolded(page, place)
             await hold_to_rules(page, f"{place} in {locale}")
+            assert await page.locator("main [lang=en]").all_inner_texts() == [], f"{place} in {locale}"
 
 
 def longer(text: str) -> str:
