@@ -209,12 +209,10 @@ def _alike(
     """Return the calls, those that set one pose by the name and the literal of the first of them."""
     first: dict[tuple[float, ...], tuple[str, Literal]] = {}
     same: list[tuple[int, str, Literal | None]] = []
-    for offset, name, pose in calls:
-        if pose is None:
-            same.append((offset, name, pose))
-            continue
-        numbers = tuple(_numbers(source, [pose])[0].tolist())
-        same.append((offset, *first.setdefault(numbers, (name, pose))))
+    sixes = _numbers(source, [pose for _, _, pose in calls]).tolist()
+    for (offset, name, pose), six in zip(calls, sixes, strict=True):
+        known = (name, None) if pose is None else first.setdefault(tuple(six), (name, pose))
+        same.append((offset, *known))
     return same
 
 
