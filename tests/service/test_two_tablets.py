@@ -176,6 +176,11 @@ async def test_what_was_typed_outlives_a_dead_link(floor: Floor) -> None:
     await can(page, "start")
     await expect(field).to_have_value("7")
     await expect(page).to_have_url(re.compile("six_point_tcp"))
+    floor.hole.swallow(late=False)
+    await seen(page, "offline")
+    await page.evaluate("location.hash = '#/'")
+    floor.hole.heal()
+    await seen(page, "procedure-six_point_tcp")  # what could not be asked is asked when the link is back
 
 
 class TestHold:
