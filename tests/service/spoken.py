@@ -15,12 +15,12 @@ _BY_NAME = """
     remedy reason why advice rule message problem lacks what words detected_by sentence trouble told saving
     shortfall forecast limits_from not_verified not_checked remarks to_sign suspects_told re_verify
     no_exchange none_to_spare flaw state_flaw chain_flaw chain_flaws what_is_wrong add _cure
-    turn_more seen scale
+    turn_more seen scale unseen forms
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """
     __init__ Condition Judged SetAside Check Checked Figure Alarm Flaw Prediction Change Characteristic
-    judged known_within held stated name_flaw _unreadable
+    judged known_within held stated enough name_flaw _unreadable
 """
 SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
 _HOLE = re.compile(r"\{\d+\}")
