@@ -146,25 +146,6 @@ async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(see
         await expect(table).to_have_text(signed, use_inner_text=True)
 
 
-@pytest.mark.parametrize("locale", LOCALES)
-async def test_a_point_that_cannot_be_spared_is_refused_in_the_pages_language(
-    seen: Seen, locale: str
-) -> None:
-    looks, past = seen
-    async with looks.page(f"#/history/{past.frame}", locale=locale) as page:
-        await speaks(page, locale)
-        await go(page, f"#/history/{past.frame}")
-        at = await marks(page)
-        await tap(page, at[1])
-        refused = page.get_by_test_id("what-if-refused")
-        await expect(refused).to_contain_text("3")
-        await expect(refused.locator("[lang=en]")).to_have_count(0)
-        await expect(page.get_by_test_id("residuals")).to_have_attribute("data-signed", "true")
-        await comes(lambda: _complaints_of(looks))
-        assert [line for line in looks.complaints if "422" not in line] == []
-        looks.complaints.clear()
-
-
 async def _complaints_of(looks: Looking) -> list[str]:
     return looks.complaints
 
