@@ -278,9 +278,11 @@ async def test_a_photo_is_taken_with_the_camera_or_the_page_says_what_else_to_do
             await page.get_by_test_id("take-photo").click()
         (first,) = await picture.all()
         jpeg = await page.request.get(pendant.looks.url + "/" + str(await first.get_attribute("src")))
-        await (await chosen.value).set_files(
-            {"name": "p.jpg", "mimeType": "image/jpeg", "buffer": await jpeg.body()}
-        )
+        async with page.expect_response(lambda answer: answer.request.method == "POST") as kept_too:
+            await (await chosen.value).set_files(
+                {"name": "p.jpg", "mimeType": "image/jpeg", "buffer": await jpeg.body()}
+            )
+        assert (await kept_too.value).ok
         await expect(told).to_have_count(0)
         await expect(page.get_by_test_id("photo").first).to_be_visible()
 
