@@ -1,14 +1,12 @@
 """What a screen knows of the run under way: its steps as planned, where it stands, how it ended."""
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from procedures.entry import Phase
 from procedures.progress import Progress
+from service.desk.time_left import TimeLeft
 
-_TELLING = 5  # steps, before the time that is left is told
 _KEPT = 200  # events; the journal has them all
 
 
@@ -29,10 +27,7 @@ class Running:
     outcome: dict[str, Any] | None = None
     hold_to_move: bool = False
     does: str = ""  # what the present step does: read, move, write, solve
-    clock: Callable[[], float] = time.monotonic
-    worked_s: float = 0.0  # in steps that were done since this entry, without waiting for people
-    worked: int = 0
-    _since_s: float | None = None
+    time_left: TimeLeft = field(default_factory=TimeLeft)
 
     @property
     def ended(self) -> bool:
@@ -42,7 +37,10 @@ class Running:
     def take(self, progress: Progress) -> None:
         """Note one event of the run."""
         self.step, self.index, self.expected = progress.step, progress.index, progress.expected
-        self._keep_time(progress)
+        self.time_left.phases = self.phases
+        self.time_left.take(progress)
+        if progress.kind == "started":
+            self.does = progress.does
         if progress.kind in ("finding", "replayed"):
             self.found.append(progress.step)
         if progress.kind in ("paused", "resumed"):
@@ -58,24 +56,6 @@ class Running:
             }
         )
         del self.events[:-_KEPT]
-
-    @property
-    def left_s(self) -> float | None:
-        """About how long the rest takes by what was seen so far, people not counted; None: too early to tell."""
-        if self.worked < _TELLING or self.ended:
-            return None
-        return self.worked_s / self.worked * max(self.expected - self.index + 1, 0)
-
-    def _keep_time(self, progress: Progress) -> None:
-        now_s = self.clock()
-        if progress.kind == "started":
-            self.does, self._since_s = progress.does, now_s
-        elif progress.kind == "answered":
-            self._since_s = now_s
-        elif self._since_s is not None and progress.kind in ("asked", "finding"):
-            self.worked_s += now_s - self._since_s
-            self.worked += progress.kind == "finding"
-            self._since_s = None
 
     def as_json(self) -> dict[str, Any]:
         """Return it for a screen."""
@@ -96,5 +76,5 @@ class Running:
             "outcome": self.outcome,
             "hold_to_move": self.hold_to_move,
             "does": self.does,
-            "left_s": self.left_s,
+            "left_s": None if self.ended else self.time_left.seconds(),
         }
