@@ -1,6 +1,7 @@
 """Ways between planned poses: their corners, whether they may be gone, and in which order. Pure functions."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.arm.kinematics import RobotModel
 from calibration.errors import DegenerateDataError
@@ -70,10 +71,17 @@ def arrive(model: RobotModel, limits: MotionLimits, here: Array, there: Array, w
     places = (limits.wire.anchor_in_base_m, limits.wire.hook_in_flange_m)
     owner, path, _ = sampled(here, way, limits.clearances)
     winds = wire_winding(model, np.vstack([here, path]), places)
-    unwound = abs(winds[-1]) < _SAME_WINDING_RAD and wire_side(model, there[None], places)[1][0]
+    unwound = abs(winds[-1]) < _SAME_WINDING_RAD and wire_has_side(model, there[None], limits)[0]
     if not unwound or np.abs(wound + winds).max() > limits.wire.wrap_rad - _SPARE_WINDING_RAD:
         return None
     return wound + float(winds[np.count_nonzero(owner < len(way) - 1)])
+
+
+def wire_has_side(model: RobotModel, postures: Array, limits: MotionLimits) -> NDArray[np.bool_]:
+    """Return (N,): in which postures it is sure on which side of the flange's axis the wire leaves."""
+    if limits.wire is None:
+        return np.ones(len(postures), dtype=bool)
+    return wire_side(model, postures, (limits.wire.anchor_in_base_m, limits.wire.hook_in_flange_m))[1]
 
 
 def walk_allowed(

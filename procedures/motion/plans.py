@@ -35,6 +35,7 @@ from procedures.motion.plan_ways import (
     travel_order,
     walk_allowed,
     way_allowed,
+    wire_has_side,
 )
 from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings, clearances
 from procedures.steps.mastering import MotorState
@@ -143,7 +144,9 @@ def plan_kit(state: MotorState, room: Room, poses: int, seed: int) -> MotionPlan
         limits,
         poses,
         seed=seed,
-        usable=lambda drawn: seem_free(model, here, drawn, limits),
+        usable=lambda drawn: np.logical_and.reduce(
+            [seem_free(model, here, drawn, limits), wire_has_side(model, drawn, limits)]
+        ),
     )
     ways = ways_through(state.joints_rad, kit, partial(arrive, model, limits))
     if len(ways) < min(poses, model.axes + 6):

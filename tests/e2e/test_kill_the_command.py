@@ -15,6 +15,7 @@ from service.runs.journal import Journal
 from service.runs.store import Store
 
 KEYS = (
+    "saved_counts",
     "wire_is_hooked",
     "accept_plan",
     "accept_mastering",
