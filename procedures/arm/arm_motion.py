@@ -19,7 +19,6 @@ from calibration.motion.motion_quantities import wire_winding
 from drivers.interfaces import Joints
 from procedures.arm.arm_bench import Bench, Triple
 from procedures.motion.approach import from_below
-from procedures.motion.plan_ways import WINDING_LOOKS
 from procedures.motion.plans import Room
 from procedures.motion.surroundings import clearances
 from procedures.survey import survey_motion
@@ -27,6 +26,7 @@ from procedures.survey import survey_motion
 FEWEST_POSES = 8
 _CORNERS = 80
 _TRIED, _LOOKS = 12, 9  # postures tried as a hub; places looked at on a way
+_WINDING_LOOKS = 40  # along a joint move, of at most one turn of a joint
 _WOUND_RAD, _SAME_WINDING_RAD = 3.5, 0.5  # from where the series begins; the gate allows more
 _HUBS, _WORTH_A_HUB = 8, 0.1  # and the share of what is left that a hub must seem to reach
 
@@ -247,7 +247,7 @@ def wound_on_way(reach: Reach, here_rad: Joints, there_rad: Joints) -> float:
     """Return how far a wire winds about the flange on a straight joint move [rad]; 0 without a wire."""
     if reach.wire is None:
         return 0.0
-    share = np.linspace(0.0, 1.0, WINDING_LOOKS)[:, None]
+    share = np.linspace(0.0, 1.0, _WINDING_LOOKS)[:, None]
     path = np.array(here_rad) + share * (np.array(there_rad) - np.array(here_rad))
     return float(wire_winding(load_model(reach.model), path, reach.wire[:2])[-1])
 

@@ -12,7 +12,7 @@ from drivers.interfaces import Joints
 K = TypeVar("K", int, Joints)
 _NEAREST = 6  # places that a way to one pose is tried from at a time
 _CORNER_RAD = 0.1  # what a corner counts: a way with few is easier to look over
-_SAME_WINDING_RAD = 0.1
+SAME_WINDING_RAD = 0.1  # of two ways to one place: more apart, the wire lies otherwise
 
 # From a place, with how far the wire is wound there, to a posture: how far it is wound then; None: no free way.
 Arrive = Callable[[Array, Array, float], float | None]
@@ -96,7 +96,7 @@ class _Tour:
         if (one, other) in self._crooked:
             return False
         wound = self._arrive(self._places[one], self._places[other], self._wound_rad[one])
-        if wound is None or abs(wound - self._wound_rad[other]) > _SAME_WINDING_RAD:
+        if wound is None or abs(wound - self._wound_rad[other]) > SAME_WINDING_RAD:
             self._crooked |= {(one, other), (other, one)}
             return False
         self._join(one, other)

@@ -10,10 +10,9 @@ from calibration.motion.motion_check import MotionLimits, MotionVerdict, check_m
 from calibration.motion.motion_quantities import wire_side, wire_winding
 from drivers.interfaces import Joints
 from procedures.motion.approach import axis_by_axis, from_below
+from procedures.motion.detours import SAME_WINDING_RAD
 
-WINDING_LOOKS = 40  # along a joint move, of at most one turn of a joint
 _SPARE_WINDING_RAD = 0.2  # between places a detour goes straight, not from below
-_SAME_WINDING_RAD = 0.1
 
 
 def travel_order(
@@ -71,7 +70,7 @@ def arrive(model: RobotModel, limits: MotionLimits, here: Array, there: Array, w
     places = (limits.wire.anchor_in_base_m, limits.wire.hook_in_flange_m)
     owner, path, _ = sampled(here, way, limits.clearances)
     winds = wire_winding(model, np.vstack([here, path]), places)
-    unwound = abs(winds[-1]) < _SAME_WINDING_RAD and wire_has_side(model, there[None], limits)[0]
+    unwound = abs(winds[-1]) < SAME_WINDING_RAD and wire_has_side(model, there[None], limits)[0]
     if not unwound or np.abs(wound + winds).max() > limits.wire.wrap_rad - _SPARE_WINDING_RAD:
         return None
     return wound + float(winds[np.count_nonzero(owner < len(way) - 1)])
