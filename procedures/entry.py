@@ -88,6 +88,7 @@ NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
         "a mastering record of this robot, taken before the loss",
         lambda cell: cell.record is not None,
     ),
+    "backup": ("a mastering that an earlier run wrote", lambda cell: bool(cell.backups)),
     "evidence": (
         "a draw-wire, touch probe or tracker, or a record with touched places or a seat",
         lambda cell: (

@@ -197,6 +197,7 @@ ENTRY = Entry(
     procedure=mastering_undo,
     spec_type=MasteringUndo,
     needs=("writes_mastering", "model"),
+    wants=("backup",),
     outline=_outline,
     keeps=_keeps,
     verdict=_verdict,

@@ -36,8 +36,10 @@ class JointRecovery:
     name: str
     turns_restored: int
     offset_rad: float  # by which the joint would have been wrong
-    offset_u_rad: float  # of the restored zero, k = 2; 0.0 where whole turns were restored
-    exact: bool  # its motor lost whole turns only
+    offset_u_rad: (
+        float  # of the restored zero, k = 2; 0.0 where it and all motors coupled to it lost whole turns
+    )
+    exact: bool  # its own motor lost whole turns only
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,7 +86,9 @@ def _flanks(found: FlankCheck | None) -> tuple[Characteristic, ...]:
 def _changes(result: RecoveryResult) -> tuple[Change, ...]:
     zeros = zip(result.joints, result.counts_at_zero_before, result.counts_at_zero, strict=True)
     offsets = [
-        Change(f"{joint.name}: error of its zero", joint.offset_rad, 0.0 if joint.exact else None, "rad")
+        Change(
+            f"{joint.name}: error of its zero", joint.offset_rad, None if joint.offset_u_rad else 0.0, "rad"
+        )
         for joint in result.joints
     ]
     counts = [

@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import asdict, fields, is_dataclass, replace
-from typing import Any
+from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from calibration.errors import CellError
+from procedures.arm.arm_bench import Method
 from procedures.catalogue import entry_named
 from procedures.motion.plans import Room
 from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
@@ -28,11 +29,20 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[st
     if "last_counts" in valid and "last_counts" not in settings:
         healthy = LastHealthyCounts(config.cell.data_dir).load(robot)
         settings = settings | {"last_counts": None if healthy is None else healthy.counts}
-    if "evidence" in valid and "evidence" not in settings and config.gauge_for(robot) is None:
-        settings = settings | {
-            "evidence": "places"
-        }  # without a draw-wire, by touched points, a seat or targets
+    settings = chosen_by_cell(config, robot, procedure) | settings
     return _in_the_cell(spec_of(procedure, settings), config.motion_of(robot).surroundings)
+
+
+def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
+    """Return the settings whose usual value follows from the devices that this robot has."""
+    takes = get_type_hints(entry_named(procedure).spec_type)
+    wired, tracked = config.gauge_for(robot) is not None, config.tracker_for(robot) is not None
+    chosen: dict[str, Any] = {}
+    if "evidence" in takes and not wired:
+        chosen["evidence"] = "places"  # without a draw-wire, by touched points, a seat or targets
+    if takes.get("method") == Method and wired != tracked:
+        chosen["method"] = "wire" if wired else "tracker"
+    return chosen
 
 
 def spec_of(procedure: str, settings: dict[str, Any]) -> Any:

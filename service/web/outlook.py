@@ -40,22 +40,27 @@ async def foretell(asked: Outlook, request: Request, who: Who) -> dict[str, Any]
 
 
 def _possible(config: CellConfig, robot: str | None) -> list[dict[str, Any]]:
-    from procedures.catalogue import entry_named  # noqa: PLC0415  heavy: not while the service starts
-    from service.runs.outline import possible  # noqa: PLC0415  as above
+    from service.runs.outline import possible  # noqa: PLC0415  heavy: not while the service starts
 
+    named = config.robot(robot).name
     return [
-        {**to_jsonable_python(each), "settings": _schema(entry_named(each.name).spec_type)}
+        {**to_jsonable_python(each), "settings": _schema(config, named, each.name)}
         for each in possible(config, robot)
     ]
 
 
-def _schema(kind: type) -> dict[str, Any]:
-    """Return the settings as JSON schema; those that are files say so."""
+def _schema(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
+    """Return the settings as JSON schema; those that are files say so; what the cell decides is the usual value."""
+    from procedures.catalogue import entry_named  # noqa: PLC0415  as above
     from service.parameters.simulated_cells import file_settings  # noqa: PLC0415  as above
+    from service.runs.specs import chosen_by_cell  # noqa: PLC0415  as above
 
+    kind = entry_named(procedure).spec_type
     schema = TypeAdapter(kind).json_schema()
     for name in file_settings(kind):
         schema["properties"][name]["x-file"] = True
+    for name, value in chosen_by_cell(config, robot, procedure).items():
+        schema["properties"][name]["default"] = value
     return schema
 
 

@@ -51,5 +51,6 @@ async def _one(seed: int) -> tuple[str, bool, bool]:
             except RefusalError:
                 return fault, False, False
             off = np.abs(await wrong_rad(cell, door))
-            allowed = [0.0 if joint.exact else OUTSIDE * joint.offset_u_rad for joint in found.joints]
-            return fault, True, bool((off > np.array(allowed) + 1e-12).any())
+            # An exact wrist joint has a U too, where the motor it is coupled with was exchanged; else its U is zero.
+            allowed = OUTSIDE * np.array([joint.offset_u_rad for joint in found.joints])
+            return fault, True, bool((off > allowed + 1e-12).any())

@@ -66,6 +66,18 @@ def test_what_another_robot_of_the_cell_lacks(config: CellConfig) -> None:
     assert {entry.lacks for entry in possible(None)} == {None}
 
 
+def test_the_device_that_a_cell_has_is_the_one_that_measures(config: CellConfig) -> None:
+    checked = dry_run(config, "accuracy_check", {})  # a draw-wire, no tracker
+    assert (checked.settings["method"], checked.lacks) == ("wire", ())
+    assert checked.forecast is not None
+    assert dry_run(config, "accuracy_check", {"method": "tracker"}).lacks  # who asks for one is told
+
+
+def test_an_undo_needs_a_run_that_wrote(config: CellConfig) -> None:
+    lacks = {entry.name: entry.lacks for entry in possible(config)}
+    assert lacks["mastering_undo"] == ("a mastering that an earlier run wrote",)
+
+
 def test_more_touches_tell_more(config: CellConfig) -> None:
     few, many = (
         dry_run(config, "six_point_tcp", {"tool_number": 1, "max_touches": most}).forecast for most in (4, 12)
