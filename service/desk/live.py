@@ -16,7 +16,7 @@ from procedures.cell import Cell
 from service.desk.recording import SETTLE_SIGMAS, Settle, Standing
 
 CONDITION_EVERY_S = 1.0
-STOP_EVERY_S = 0.3  # a stopped robot is shown within half a second, in a run, too
+STOP_EVERY_S = 0.15  # at every second look: a stopped robot is shown within half a second, in a run, too
 
 
 class SharedGauge:
