@@ -1,4 +1,4 @@
-import { readdir, readFile, writeFile } from "node:fs/promises";
+import { cp, readdir, readFile, writeFile } from "node:fs/promises";
 import { join } from "node:path";
 import { promisify } from "node:util";
 import { brotliCompress, gzip } from "node:zlib";
@@ -24,6 +24,15 @@ const packed: Plugin = {
   },
 };
 
+// The service prints reports in the reader's language from the same tables as the pages.
+const tables: Plugin = {
+  name: "tables",
+  apply: "build",
+  async closeBundle() {
+    for (const kind of ["procedures", "refusals"]) await cp(`src/locales/${kind}`, join(DIST, "locales", kind), { recursive: true });
+  },
+};
+
 // What comes into the cell is asked while the page is still loading: a script of its own, beside the page's.
 const early: Plugin = {
   name: "early",
@@ -39,7 +48,7 @@ const early: Plugin = {
 
 // The pages are built into the Python package: a user needs no Node.
 export default defineConfig({
-  plugins: [svelte(), early, packed],
+  plugins: [svelte(), early, packed, tables],
   base: "./",
   build: {
     outDir: DIST,

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from service.sayings import Locale
+
 if TYPE_CHECKING:
     from drivers.programs.brands import ConfigurationRule
     from drivers.programs.positions import ProgramFile
@@ -49,6 +51,8 @@ class Outputs:
     """A page with pictures of the points, coloured by shift and by expected error."""
     diff: ReportFile = None
     """A unified diff of all programs, as `patch` takes it."""
+    language: Locale = "en"
+    """Language of the page; all else is English."""
     top: int = 10
     """How many points the terminal lists, worst first."""
 
@@ -308,7 +312,9 @@ def _change(
     from service.cli.program_screen import counting, tell_passed_over, tell_report
     from service.programs.report_run import Wanted, change_programs
 
-    wanted = Wanted(outputs.out, outputs.replace, outputs.json, outputs.csv, outputs.html, outputs.diff)
+    wanted = Wanted(
+        outputs.out, outputs.replace, outputs.json, outputs.csv, outputs.html, outputs.diff, outputs.language
+    )
     with counting("changing", len(found.sources)) as counted:
         report = change_programs(found, carry, wanted, title, counted(lambda _: None), recorder)
     console = EN_ROUTE if wanted.fills_standard_output else Console(highlight=False)

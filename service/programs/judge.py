@@ -126,10 +126,9 @@ class Judge:
 
 
 def _contact(contact: Contact) -> str:
-    what = f"{contact.first} and {contact.second}"
     if contact.clearance_m <= 0:
-        return f"collides: {what}"
-    return f"comes too close: {contact.clearance_m * 1e3:.0f} mm between {what}"
+        return f"collides: {contact.first} and {contact.second}"
+    return f"comes too close: {contact.clearance_m * 1e3:.0f} mm between {contact.first} and {contact.second}"
 
 
 class _Said:

@@ -10,13 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import Array
+from service.programs.report_texts import Language
 
 # Stops of matplotlib's cividis and viridis: read alike by the colour-blind. The light end is cut off for white pages.
 CIVIDIS = ("#00224e", "#123570", "#3b496c", "#575d6d", "#707173", "#8a8678", "#a59c74", "#c3b369", "#d9c45c")
 VIRIDIS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#8fd544", "#bddf26")
 MOST_DRAWN = 3000
+_FINEST_MM = 1e-3
+_MANY, _SMALLER = 400, 0.65  # more marks than this would be one blot
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP, _RIGHT = 460, 360, 54, 44, 26, 14
-_VIEWS = (("from above", 0, 1, "x", "y"), ("from the side", 0, 2, "x", "z"))
+_ABOVE, _SIDE = (0, 1), (0, 2)  # the axes across and up
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +40,17 @@ class Colouring:
     colours: tuple[str, ...]
 
 
-def two_views(points: Drawn, colouring: Colouring, about: str) -> str:
+def two_views(points: Drawn, colouring: Colouring, about: str, language: Language) -> str:
     """Return both views and their legend as HTML; ``about`` says in whose frame the places are."""
-    scale = Scale.of(colouring)
-    views = "".join(_view(points, colouring, scale, view, about) for view in _VIEWS)
+    scale, texts = Scale.of(colouring), language.texts
+    fills = [scale.colour(figure) for figure in colouring.figure_m.tolist()]
+    views = "".join(
+        _View(title, *axes, about, language).drawn(points, fills, colouring.title)
+        for title, axes in ((texts.from_above, _ABOVE), (texts.from_the_side, _SIDE))
+    )
     return (
         f"<figure><figcaption>{escape(colouring.title)}</figcaption>"
-        f'<div class="views">{views}</div>{_legend(scale)}</figure>'
+        f'<div class="views">{views}</div>{_legend(scale, language)}</figure>'
     )
 
 
@@ -57,15 +64,17 @@ class Scale:
 
     @classmethod
     def of(cls, colouring: Colouring) -> "Scale":
-        """Return the scale of what is drawn."""
+        """Return the scale of what is drawn; no step is finer than the legend's digits."""
         known = colouring.figure_m[np.isfinite(colouring.figure_m)] * 1e3
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
-        return cls(low, high, colouring.colours)
+        steps = max(1, min(len(colouring.colours), round((high - low) / _FINEST_MM)))
+        chosen = np.linspace(0, len(colouring.colours) - 1, steps).round().astype(int)
+        return cls(low, high, tuple(colouring.colours[i] for i in chosen.tolist()))
 
     @property
     def steps(self) -> int:
         """Return how many colours there are: one where all figures are alike."""
-        return len(self.colours) if self.high - self.low > 5e-4 else 1
+        return len(self.colours)
 
     @property
     def edges(self) -> list[float]:
@@ -86,55 +95,68 @@ class Scale:
         return "" if step < 0 else self.colours[step]
 
 
-def _legend(scale: Scale) -> str:
-    width, edges = (scale.high - scale.low) / scale.steps, scale.edges
+def _legend(scale: Scale, language: Language) -> str:
+    width, edges, texts = (scale.high - scale.low) / scale.steps, scale.edges, language.texts
     digits = max(0, min(3, 1 - math.floor(math.log10(width)))) if width > 0 else 3
     if scale.steps == 1:
-        pairs = [f"{scale.high:.3f} mm"]
+        pairs = [language.number(f"{scale.high:.3f}") + " mm"]
     else:
-        pairs = [f"{low:.{digits}f} to {high:.{digits}f}" for low, high in itertools.pairwise(edges)]
+        shown = [language.number(f"{edge:.{digits}f}") for edge in edges]
+        pairs = [texts.step.format(low, high) for low, high in itertools.pairwise(shown)]
         pairs[-1] += " mm"
     swatches = "".join(
         f'<span><i style="background:{colour}"></i>{pair}</span>'
         for colour, pair in zip(scale.colours, pairs, strict=False)
     )
     cross = (
-        '<svg width="12" height="12" aria-hidden="true"><path class="left" d="M2 2 10 10M2 10 10 2"/></svg>'
+        '<svg width="12" height="12" aria-hidden="true">'
+        '<path class="left" stroke-width="2.2" d="M2 2 10 10M2 10 10 2"/></svg>'
     )
     ring = (
         '<svg width="12" height="12" aria-hidden="true"><circle class="unknown" cx="6" cy="6" r="4"/></svg>'
     )
-    return f'<p class="legend">{swatches}<span>{ring} not known</span><span>{cross} left as it was</span></p>'
-
-
-def _view(
-    points: Drawn, colouring: Colouring, scale: Scale, view: tuple[str, int, int, str, str], about: str
-) -> str:
-    title, across, up, across_name, up_name = view
-    box = _Box.around(points.place_m[:, across] * 1e3, points.place_m[:, up] * 1e3)
-    marks = [
-        _mark(*box.at(float(place[across]) * 1e3, float(place[up]) * 1e3), left, scale.colour(figure), label)
-        for place, left, figure, label in zip(
-            points.place_m.tolist(),
-            points.left.tolist(),
-            colouring.figure_m.tolist(),
-            points.labels,
-            strict=True,
-        )
-    ]
     return (
-        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(colouring.title)}, {title}">'
-        f'<text class="view" x="{_LEFT}" y="16">{title}</text>{box.axes(across_name, up_name, about)}'
-        f"{''.join(marks)}</svg>"
+        f'<p class="legend">{swatches}<span>{ring} {escape(texts.not_known)}</span>'
+        f"<span>{cross} {escape(texts.left)}</span></p>"
     )
 
 
-def _mark(x: float, y: float, left: bool, colour: str, label: str) -> str:
-    told = f"<title>{escape(label)}</title>"
+@dataclass(frozen=True, slots=True)
+class _View:
+    """One side of the points, with its axes."""
+
+    title: str
+    across: int
+    up: int
+    about: str
+    language: Language
+
+    def drawn(self, points: Drawn, fills: Sequence[str], what: str) -> str:
+        box = _Box.around(points.place_m[:, self.across] * 1e3, points.place_m[:, self.up] * 1e3)
+        size = _SMALLER if len(points.labels) > _MANY else 1.0
+        marks = "".join(
+            _mark(box.at(place[self.across] * 1e3, place[self.up] * 1e3), left, fill, label, size)
+            for place, left, fill, label in zip(
+                points.place_m.tolist(), points.left.tolist(), fills, points.labels, strict=True
+            )
+        )
+        texts = self.language.texts
+        across = texts.axis_of.format(axis="xyz"[self.across], about=self.about)
+        return (
+            f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" role="img" aria-label="{escape(what)}, {escape(self.title)}">'
+            f'<text class="view" x="{(_LEFT + _WIDTH - _RIGHT) / 2}" y="16" text-anchor="middle">'
+            f"{escape(self.title)}</text>{box.axes(across, texts.axis.format('xyz'[self.up]))}{marks}</svg>"
+        )
+
+
+def _mark(at: tuple[float, float], left: bool, colour: str, label: str, size: float) -> str:
+    (x, y), told, arm = at, f"<title>{escape(label)}</title>", 4 * size
     if left:
-        return f'<path class="left" d="M{x - 4:.1f} {y - 4:.1f}l8 8m0 -8l-8 8">{told}</path>'
+        far = 2 * arm
+        cross = f"M{x - arm:.1f} {y - arm:.1f}l{far:.1f} {far:.1f}m0 {-far:.1f}l{-far:.1f} {far:.1f}"
+        return f'<path class="left" stroke-width="{2.2 * size:.2g}" d="{cross}">{told}</path>'
     style = f'fill="{colour}"' if colour else 'class="unknown"'
-    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3.4" {style}>{told}</circle>'
+    return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{3.4 * size:.2g}" {style}>{told}</circle>'
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +179,7 @@ class _Box:
         y = (_TOP + _HEIGHT - _BOTTOM) / 2 - (up_mm - self.up_mm) * self.per_mm
         return x, y
 
-    def axes(self, across_name: str, up_name: str, about: str) -> str:
+    def axes(self, across: str, up: str) -> str:
         floor, right = _HEIGHT - _BOTTOM, _WIDTH - _RIGHT
         parts = [
             f'<rect class="frame" x="{_LEFT}" y="{_TOP}" width="{right - _LEFT}" height="{floor - _TOP}"/>'
@@ -172,8 +194,8 @@ class _Box:
             parts.append(f'<text x="{_LEFT - 5}" y="{y + 3.5:.1f}" text-anchor="end">{value:g}</text>')
         parts.append(
             f'<text x="{(_LEFT + right) / 2}" y="{_HEIGHT - 10}" text-anchor="middle">'
-            f"{across_name} in mm, {escape(about)}</text>"
-            f'<text x="{_LEFT - 5}" y="{_TOP - 8}" text-anchor="end">{up_name} in mm</text>'
+            f"{escape(across)}</text>"
+            f'<text x="{_LEFT - 5}" y="{_TOP - 8}" text-anchor="end">{escape(up)}</text>'
         )
         return "".join(parts)
 

@@ -16,9 +16,11 @@ from service.programs.files import FilesError, Found, NewPlace, Refused, Source,
 from service.programs.report import ProgramEntry, Report, entry_of
 from service.programs.report_files import Format, formats
 from service.programs.report_html import as_html
+from service.programs.report_texts import Language
 from service.programs.result import ProgramResult
 from service.programs.shares import shared_out
 from service.programs.versions import Made
+from service.sayings import Locale
 
 STANDARD_OUTPUT = Path("-")
 Carry: TypeAlias = Callable[[Sequence[ProgramFile]], Sequence[ProgramResult]]  # of programs of one brand
@@ -34,6 +36,7 @@ class Wanted:
     csv: Path | None = None
     html: Path | None = None
     diff: Path | None = None
+    language: Locale = "en"  # of the page: the other reports are for programs
 
     def file_of(self, kind: str) -> Path | None:
         """Return where a report goes: csv, json, diff."""
@@ -137,7 +140,8 @@ def change_programs(
         if also is not None:
             also.end(made)
         if wanted.html is not None:
-            _opened(wanted.html, wanted, open_files, as_html(report).encode(errors="replace"))
+            page = as_html(report, Language.of(wanted.language))
+            _opened(wanted.html, wanted, open_files, page.encode(errors="replace"))
     return report
 
 

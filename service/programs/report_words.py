@@ -1,4 +1,4 @@
-"""The sentences of a report, the same on the screen and on the page."""
+"""The sentences of a report, the same on the screen, in English, and on the page."""
 
 import math
 import re
@@ -8,46 +8,55 @@ from dataclasses import dataclass
 
 from service.programs.files import Refused
 from service.programs.report import Report, largest
+from service.programs.report_texts import Language, counted
 from service.programs.result import CHANGED, LEFT, UNCHANGED
 
+SCREEN = Language.of("en")
 _MOST_NAMED = 3  # programs of a sentence, lines of a program: the rest is counted
 _LINE = re.compile(r"line (\d+): (.*)", re.DOTALL)
 
 
-def heading(report: Report) -> str:
+def heading(report: Report, language: Language = SCREEN) -> str:
     """Return what was done."""
-    return report.title
+    return language.say(report.title)
 
 
-def verdict(report: Report) -> str:
+def verdict(report: Report, language: Language = SCREEN) -> str:
     """Return the whole in a sentence or two."""
-    counts = report.counts
-    told = (
-        f"{plural(len(report.entries), 'program')}, {plural(report.points, 'point')}: {counts[CHANGED]} changed, "
-        f"{counts[UNCHANGED]} unchanged, {counts[LEFT]} left as they were."
+    counts, texts = report.counts, language.texts
+    counted_up = texts.counts.format(
+        programs=counted(len(report.entries), texts.programs),
+        points=counted(report.points, texts.points),
+        changed=counts[CHANGED],
+        unchanged=counts[UNCHANGED],
+        left=counts[LEFT],
     )
+    told = [counted_up]
     if counts[LEFT]:
-        told += " A point that is left is not fit for this cell: teach it there."
+        told.append(texts.left_means)
     if report.refused:
-        told += f" {plural(len(report.refused), 'file')} refused."
-    return told
+        told.append(counted(len(report.refused), texts.files_refused))
+    return language.join(told)
 
 
-def accuracy(report: Report) -> str:
+def accuracy(report: Report, language: Language = SCREEN) -> str:
     """Return the largest expected error, and what it would be without the robots' models; empty if unknown."""
-    expected, without = (largest(report.column(name)) for name in ("expected_m", "uncorrected_m"))
-    told = []
-    if math.isfinite(expected):
-        told.append(f"Expected error at most {expected * 1e3:.2f} mm (k = 2).")
-    if math.isfinite(without):
-        told.append(f"Without the robots' models points would miss by up to {without * 1e3:.2f} mm.")
-    return " ".join(told)
+    told = [
+        sentence.format(language.number(f"{figure * 1e3:.2f}"))
+        for sentence, figure in (
+            (language.texts.expected_most, largest(report.column("expected_m"))),
+            (language.texts.without_most, largest(report.column("uncorrected_m"))),
+        )
+        if math.isfinite(figure)
+    ]
+    return language.join(told)
 
 
-def problems(report: Report) -> list[str]:
+def problems(report: Report, language: Language = SCREEN) -> list[str]:
     """Return what else a person must know before the programs run."""
     entries = report.programs_worst_first()
-    return said_once(Note.of(entry.program, warning) for entry in entries for warning in entry.warnings)
+    notes = (Note.of(entry.program, warning) for entry in entries for warning in entry.warnings)
+    return said_once(notes, language)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,32 +74,32 @@ class Note:
         return cls(program, 0, warning) if found is None else cls(program, int(found[1]), found[2])
 
 
-def said_once(notes: Iterable[Note]) -> list[str]:
+def said_once(notes: Iterable[Note], language: Language = SCREEN) -> list[str]:
     """Return sentences that name the programs and lines they are about, each sentence once."""
     by_text: defaultdict[str, defaultdict[str, list[int]]] = defaultdict(lambda: defaultdict(list))
     for note in notes:
         by_text[note.text][note.program].append(note.line)
-    return [f"{_where(programs)}: {text}" for text, programs in by_text.items()]
+    return [f"{_where(programs, language)}: {language.say(text)}" for text, programs in by_text.items()]
 
 
-def _where(programs: Mapping[str, Sequence[int]]) -> str:
-    told = [name + _lines(lines) for name, lines in programs.items()]
-    if len(told) <= _MOST_NAMED:
-        return ", ".join(told)
-    return f"{', '.join(told[:_MOST_NAMED])} and {plural(len(told) - _MOST_NAMED, 'more program')}"
+def _where(programs: Mapping[str, Sequence[int]], language: Language) -> str:
+    told = [name + _lines(lines, language) for name, lines in list(programs.items())[:_MOST_NAMED]]
+    named, more = ", ".join(told), len(programs) - len(told)
+    return language.texts.more_programs[more != 1].format(named, more) if more else named
 
 
-def _lines(lines: Sequence[int]) -> str:
+def _lines(lines: Sequence[int], language: Language) -> str:
     known = [str(line) for line in lines if line]
     if not known:
         return ""
-    more = f" and {len(known) - _MOST_NAMED} more" if len(known) > _MOST_NAMED else ""
-    return f" (line{'s' if len(known) > 1 else ''} {', '.join(known[:_MOST_NAMED])}{more})"
+    named, more = ", ".join(known[:_MOST_NAMED]), len(known) - _MOST_NAMED
+    told = language.texts.more_lines.format(named, more) if more > 0 else named
+    return f" ({language.texts.lines[len(known) > 1].format(told)})"
 
 
-def refusal(one: Refused) -> str:
+def refusal(one: Refused, language: Language = SCREEN) -> str:
     """Return a refusal in one piece."""
-    return f"{one.file}: {one.message} {one.remedy}".rstrip()
+    return f"{one.file}: {language.join(map(language.say, (one.message, one.remedy)))}".rstrip()
 
 
 def plural(count: int, what: str) -> str:

@@ -16,7 +16,8 @@ from service.programs.project import Project
 from service.programs.report import ProgramEntry, Report, largest
 from service.programs.report_html import points_to_draw
 from service.programs.report_picture import CIVIDIS, Colouring, Scale
-from service.programs.report_words import problems
+from service.programs.report_texts import Language
+from service.programs.report_words import heading, problems
 from service.programs.result import CHANGED, LEFT, UNCHANGED
 from service.programs.verdicts import counted, place_in, verdict_of
 from service.web.programs_files import ALL, ARCHIVE, OUT, PREVIEW, without_paths
@@ -45,6 +46,7 @@ class Made:
     target: Project
     notes: Sequence[str]
     asked: dict[str, Any]
+    language: Language
 
 
 def write_preview(made: Made, folder: Path) -> None:
@@ -88,9 +90,9 @@ def write_archive(folder: Path, inside: str) -> None:
 def _preview(made: Made, order: Sequence[ProgramEntry], verdicts: dict[str, int]) -> Preview:
     report, target = made.report, made.target
     arm = target.identified
-    notes = [*made.notes, *(without_paths(line) for line in problems(report))]
+    notes = [*map(made.language.say, made.notes), *map(without_paths, problems(report, made.language))]
     return Preview(
-        title=without_paths(report.title),
+        title=without_paths(heading(report, made.language)),
         cell=target.name,
         parameters="" if arm is None else f"{target.serial}, {arm.version}, {arm.sha256[:8]}",
         counts={status: report.counts[status] for status in (CHANGED, UNCHANGED, LEFT)},
@@ -103,7 +105,7 @@ def _preview(made: Made, order: Sequence[ProgramEntry], verdicts: dict[str, int]
         refused=[*(RefusedFile(**one) for one in made.asked["refused"]), *_refused(report)],
         notes=notes,
         page_size=PAGE,
-        picture=_picture(report),
+        picture=_picture(report, made.language),
     )
 
 
@@ -154,10 +156,10 @@ def _point(entry: ProgramEntry, told: dict[str, Any]) -> PointMade:
     )
 
 
-def _picture(report: Report) -> PointsPicture:
+def _picture(report: Report, language: Language) -> PointsPicture:
     if not report.points:
         return PointsPicture(in_base=True, points=[], colours=[], edges_m=[], not_drawn=0)
-    seen = points_to_draw(report)
+    seen = points_to_draw(report, language)
     shift = report.column("shift_m")[seen.rows]
     scale = Scale.of(Colouring("", shift, CIVIDIS))
     drawn = zip(seen.drawn.place_m.tolist(), shift.tolist(), seen.drawn.left, seen.drawn.labels, strict=True)

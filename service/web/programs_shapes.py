@@ -4,6 +4,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from service.sayings import Locale
+
 MOST_FILES, MOST_FILE_BYTES = 200, 6 * 1024 * 1024  # of all files together, before they are packed into text
 _MOST_BASE64 = (MOST_FILE_BYTES // 3 + 1) * 4
 _MOST_POSES = 64
@@ -62,6 +64,7 @@ class Wanted(_Given):
     )
     files: Annotated[list[Carried], Field(max_length=MOST_FILES)] = []
     own_files: bool = False  # the programs that the kept project names itself
+    language: Locale = "en"  # of who asks: of the report's page and of what to know
 
 
 class Told(BaseModel):

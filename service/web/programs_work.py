@@ -26,6 +26,7 @@ from service.programs.inspect import named_by
 from service.programs.move import change_of_frame, moving, redefined_frame
 from service.programs.project import Project, read_project
 from service.programs.report_run import Carry, Wanted, change_programs
+from service.programs.report_texts import Language
 from service.programs.result import ProgramResult
 from service.web.programs_cells import cell_here, pose_given
 from service.web.programs_files import ASKED, OUT, SOURCES, kept_projects
@@ -121,11 +122,18 @@ def make(config: CellConfig, asked: dict[str, Any]) -> None:
     task = Task.read(config, asked)
     found = _found(task)
     told = Path(OUT)
-    wanted = Wanted(told, json=Path("report.json"), csv=Path("report.csv"), html=Path("report.html"))
+    language = Language.of(asked["language"])
+    wanted = Wanted(
+        told,
+        json=Path("report.json"),
+        csv=Path("report.csv"),
+        html=Path("report.html"),
+        language=language.locale,
+    )
     carry = _of_each_brand(task, len(found.sources))
     report = change_programs(found, carry, wanted, task.title, lambda _: None)
     tell(stage="writing")
-    write_preview(Made(report, task.cell, task.target, task.notes(), asked), Path())
+    write_preview(Made(report, task.cell, task.target, task.notes(), asked, language), Path())
 
 
 def _found(task: Task) -> Found:

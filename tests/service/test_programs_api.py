@@ -113,6 +113,23 @@ async def test_a_clone_differs_in_coordinates_only_and_stands_where_the_master_s
         assert str(tmp_path).encode() not in b"".join(files.values())
 
 
+async def test_the_page_of_a_report_is_in_the_language_of_who_asked_and_the_data_in_english(
+    tmp_path: Path,
+) -> None:
+    async with an_engineer(tmp_path) as door:
+        job = await made(door, do="clone", cell=CELL_1, clone=CELL_7, own_files=True, language="de")
+        assert job["state"] == "done", job
+        _, files = await taken(door, job)
+        report = {
+            path.rpartition("/")[2]: data.decode() for path, data in files.items() if "/report/" in path
+        }
+        assert '<html lang="de">' in report["report.html"]
+        assert "Wie weit jeder Punkt verschoben wurde" in report["report.html"]
+        assert "How far" not in report["report.html"]
+        assert report["report.csv"].startswith("program,point,line")
+        assert " cloned to " in json.loads(report["report.json"])["title"]
+
+
 async def test_a_preview_tells_old_and_new_of_every_point_by_page(tmp_path: Path) -> None:
     many = {f"SPOTS_{i}.LS": SOURCES["DOOR_SPOTS.LS"] for i in range(8)}
     async with an_engineer(tmp_path) as door:

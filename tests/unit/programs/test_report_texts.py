@@ -1,0 +1,129 @@
+"""A report's page in every language: its own words, and what judges, drivers and refusals say of programs."""
+
+import re
+from dataclasses import astuple, fields, replace
+from itertools import product
+
+import pytest
+
+from drivers.fanuc.ls_remarks import remarks_of
+from drivers.yaskawa.job_edits import RATIOS_NEEDED
+from service.programs import postures
+from service.programs.files import Refused
+from service.programs.report import Report
+from service.programs.report_html import as_html
+from service.programs.report_texts import ENGLISH, TEXTS, Language, Texts
+from service.programs.report_words import accuracy, problems, verdict
+from service.sayings import LOCALES, Locale, Sayings
+from tests.service.spoken import ROOT
+from tests.unit.programs.test_report import Program, report_of, result
+
+TABLES = ROOT / "web/src/locales"  # what the built pages hold a copy of
+FOREIGN: tuple[Locale, ...] = ("de", "es", "zh")
+# As judges say them, with figures in; verdicts.py and its test hold how each begins.
+REASONS = (
+    "unreachable: the arm ends 12.3 mm away",
+    postures.UNREACHABLE,
+    postures.OTHER_CONFIGURATION.format(text="N U T, 0, 0, 0"),
+    postures.OTHER_TURNS.format(text="F L T, 0, 0, -1"),
+    postures.NO_POSTURE,
+    "joint 4 would pass its limit by 3.2 deg",
+    "near a singularity: 0.0021 m/rad, at least 0.01 is wanted",
+    "the wrist would flip or the arm change its posture: N U T would become F U T",
+    "collides: joint 5 and fence",
+    "comes too close: 4 mm between tool and table",
+    "no tool 3 in project.toml",
+)
+STATEMENTS = b"""/MN
+   1:  J PR[1] 100% FINE ;
+   2:  CALL OTHER ;
+   3:  L P[1] 100mm/sec FINE Offset,PR[2] ;
+/POS
+/END
+"""
+
+
+def spoken(locale: Locale) -> Language:
+    return Language.of(locale, Sayings.read(locale, TABLES))
+
+
+def holes(text: object) -> list[list[str]]:
+    return [
+        sorted(re.findall(r"\{\w*\}", form)) for form in (text if isinstance(text, tuple) else (str(text),))
+    ]
+
+
+@pytest.mark.parametrize("locale", FOREIGN)
+def test_every_language_has_every_word_with_its_holes_and_its_columns(locale: Locale) -> None:
+    assert set(TEXTS) == set(LOCALES)
+    for word in fields(Texts):
+        english, said = (getattr(texts, word.name) for texts in (ENGLISH, TEXTS[locale]))
+        assert holes(said) == holes(english), word.name
+        assert all(form.strip() for form in (said if isinstance(said, tuple) else (said,))), word.name
+        if word.name.endswith("heads"):
+            assert [head.endswith("#") for head in said] == [head.endswith("#") for head in english]
+    assert sum(a == b for a, b in zip(astuple(ENGLISH), astuple(TEXTS[locale]), strict=True)) <= 2  # of axes
+
+
+@pytest.mark.parametrize(("locale", "reason"), [*product(FOREIGN, REASONS)])
+def test_the_reasons_of_points_are_said_in_the_language(locale: Locale, reason: str) -> None:
+    said = spoken(locale).say(reason)
+    assert said != reason
+    assert not re.search(r"\b(the|would|posture|away|between|wanted)\b", said), said
+    for number in re.findall(r"\d+(?:\.\d+)?", reason):
+        assert spoken(locale).number(number) in said
+
+
+@pytest.mark.parametrize("locale", FOREIGN)
+def test_what_programs_do_beside_their_points_is_said_in_the_language(locale: Locale) -> None:
+    positions = replace(Program("A", 1).positions, names=("P[7]",))
+    told = [remark.text for remark in remarks_of(STATEMENTS, 0, len(STATEMENTS), positions)]
+    assert len(told) >= 5
+    for text in (*told, RATIOS_NEEDED):
+        assert spoken(locale).say(text) != text, text
+
+
+@pytest.mark.parametrize("locale", FOREIGN)
+def test_the_page_has_no_english_sentence_of_its_own(locale: Locale) -> None:
+    report = report_of(
+        result("A", [1.0, None, 2.5], [0.1, 0.0, 0.4]), result("B", [3.0] * 4000, [0.2] * 4000)
+    )
+    report.title = "Moved in cell 7"
+    report.entries[0].reasons[1] = REASONS[0]
+    report.refused.append(
+        Refused("x.ls", "the file is empty.", "Save the program from the controller again.")
+    )
+    page, english = as_html(report, spoken(locale)), as_html(report)
+    assert f'<html lang="{locale}">' in page
+    for word in fields(Texts):
+        said = getattr(ENGLISH, word.name)
+        whole = said if isinstance(said, str) else ""
+        if whole and "{" not in whole and whole in english and whole != getattr(TEXTS[locale], word.name):
+            assert f">{whole}<" not in page, word.name
+    assert "Moved in" not in page
+    assert "the file is empty" not in page
+    assert "12.3 mm away" not in page
+
+
+def test_numbers_are_written_as_people_write_them() -> None:
+    report = report_of(result("A", [1.25], [0.5]))
+    assert "0,50 mm" in accuracy(report, spoken("de"))
+    assert "0.50 mm" in accuracy(report, spoken("zh"))
+    assert ">1,250</td>" in as_html(report, spoken("es"))
+    assert "width:" not in as_html(report, spoken("de")).replace("width: 100%", "").split("<body>")[1]
+
+
+def test_one_and_many_are_told_apart() -> None:
+    one = report_of(result("A", [1.0], [0.1]))
+    assert verdict(one, spoken("de")).startswith("1 Programm, 1 Punkt: 1 geändert")
+    many = report_of(*(result(name, [1.0], [0.1]) for name in "ABCDE"))
+    assert verdict(many, spoken("es")).startswith("5 programas, 5 puntos")
+    assert problems(many, spoken("de"))[1].startswith(
+        "A (Zeile 3), B (Zeile 3), C (Zeile 3) und 2 weitere Programme: "
+    )
+
+
+def test_without_tables_what_others_say_stays_english(tmp_path) -> None:
+    language = Language.of("de", Sayings.read("de", tmp_path))
+    assert language.say(REASONS[0]) == REASONS[0]
+    assert verdict(Report("Nothing"), language).startswith("0 Programme")
