@@ -203,6 +203,25 @@ def test_angles_mean_what_the_maker_means(name, values, rotation):
     assert np.allclose(rotation_from(name, np.array(values) * DEG), rotation, atol=1e-14)
 
 
+def test_yaskawas_angles_are_those_of_the_makers_own_software():
+    """Yaskawa's MotoROS2 makes the quaternion of a controller's Rx, Ry, Rz by this sum (src/Quaternion_Conversion.c).
+
+    Its source calls the same angles "ZYX euler" where it makes frames of them (src/PositionMonitor.c). No public pair
+    of a controller's joints and pose was found: drivers/yaskawa/README.md says where was looked.
+    """
+    angles = np.random.default_rng(4).uniform(-1.5, 1.5, (50, 3))
+    (c1, c2, c3), (s1, s2, s3) = np.cos(angles / 2).T, np.sin(angles / 2).T
+    xyzw = (
+        s1 * c2 * c3 - c1 * s2 * s3,
+        c1 * s2 * c3 + s1 * c2 * s3,
+        c1 * c2 * s3 - s1 * s2 * c3,
+        c1 * c2 * c3 + s1 * s2 * s3,
+    )
+    expected = rotation_from("ros_quaternion", np.stack(xyzw, axis=-1))
+    assert np.allclose(rotation_from("yaskawa_rpy", angles), expected, atol=1e-14)
+    assert not np.allclose(rotation_from("staubli_rxryrz", angles), expected, atol=0.1)
+
+
 def test_quaternions_are_in_the_makers_order():
     half = math.sqrt(0.5)
     assert np.allclose(rotation_from("abb_quaternion", (half, 0, 0, half)), turn("z", 90))
