@@ -31,8 +31,9 @@ h1 { font-size: 1.4rem; } h2 { font-size: 1.1rem; margin-top: 2rem; }
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; font-size: .9rem; }
 caption { text-align: left; color: var(--quiet); padding-bottom: .3rem; }
 th, td { text-align: left; padding: .25rem .6rem .25rem 0; border-bottom: 1px solid var(--line);
-  vertical-align: top; overflow-wrap: break-word; }
-th { vertical-align: bottom; } th.n, td.n { text-align: right; } td.n { white-space: nowrap; }
+  vertical-align: top; overflow-wrap: anywhere; min-width: 6rem; }
+th { vertical-align: bottom; } th.n, td.n { text-align: right; overflow-wrap: normal; min-width: 0; }
+td.n { white-space: nowrap; }
 figure { margin: 1rem 0 1.5rem; } figcaption { font-weight: 600; margin-bottom: .3rem; }
 .views { display: flex; flex-wrap: wrap; gap: .5rem; } .views svg { flex: 1 1 26rem; min-width: 0;
   max-width: 100%; height: auto; }
