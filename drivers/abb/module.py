@@ -20,6 +20,11 @@ _ASSIGNED = re.compile(
     rf"{W}(?:\{{([^{{}};]*+)\}})?+{W}((?:\.{W}\w++{W}(?:\{{[^{{}};]*+\}})?+{W}){{0,6}}+):={W}", re.ASCII
 )
 _NAME = re.compile(rf"{W}([A-Za-z]\w*+)", re.ASCII)
+_COPIED = re.compile(
+    rf"(?:(?:Offs|RelTool){W}\({W})?+([A-Za-z]\w*+){W}(?:\{{[^{{}};]*+\}}{W})?+[,;]", re.ASCII | re.IGNORECASE
+)
+_PARAMETERS = re.compile(rf"{W}\(([^()]{{0,4000}}+)\)", re.ASCII)
+_TARGET_PARAMETER = re.compile(r"\b(?:robtarget|jointtarget)\s++([A-Za-z]\w*+)", re.ASCII | re.IGNORECASE)
 _FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}([A-Za-z]\w*+)", re.ASCII)
 _SIZES = re.compile(r"\s*\d+\s*(?:,\s*\d+\s*)*")
 _MOST_DIGITS = 9  # of an array's size
@@ -63,6 +68,10 @@ class Module:
     bases: dict[str, Pose] = field(default_factory=lambda: {"wobj0": Pose((0.0, 0.0, 0.0))})
     tools: dict[str, Pose] = field(default_factory=lambda: {"tool0": Pose((0.0, 0.0, 0.0))})
     modules: int = 0
+    declared_local: bool = False
+    local: bool = False  # the declaration that follows is its module's only
+    frames_declared: set[str] = field(default_factory=set)  # tools and work objects, in small letters
+    set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
     looked_at: int = 0  # up to where the text was searched for positions inside other data
 
     def read(self) -> None:
@@ -101,6 +110,9 @@ class Module:
 
     def finish(self) -> None:
         """Remark targets that the program sets, and take away those that are seen from the flange."""
+        self.uses.set_while_running |= {
+            name for name in self.set_names if name in self.frames_declared or name not in self.uses.shown
+        }
         for place, name, scope in self.assigned:
             if self.uses.rows_of(name, scope):
                 self.found.remark(place, "computed", _ASSIGNED_TEXT.format(name))
@@ -129,6 +141,10 @@ class Module:
         if declared is None:
             return end
         kind, name, sizes = declared[1].lower(), declared[2], declared[3]
+        self.local, local = False, self.local
+        self.declared_local = local
+        if kind in ("tooldata", "wobjdata"):
+            self.frames_declared.add(name.lower())
         if kind not in AGGREGATES:
             return declared.end()
         if sizes is not None:
@@ -202,7 +218,7 @@ class Module:
     def _declare(self, name: str, add: Callable[[], None]) -> None:
         row = len(self.found.names)
         add()
-        self.uses.declare(name, row)
+        self.uses.declare(name, row, local=self.declared_local)
 
     def _frame(self, kind: str, name: str, declared: re.Match[str]) -> int:
         if not declared[4]:
@@ -248,8 +264,18 @@ class Module:
                     add = self.found.add_robtarget if kind == "robtarget" else self.found.add_jointtarget
                     add(name, found)
                     return found.end()
+        self._note_copy(text, assigned.end())
+        part = assigned[2].partition(".")[2].strip().lower()
+        if not part or part.startswith(("uframe", "oframe", "tframe")):
+            self.set_names.add(text[start:end].lower())
         self.assigned.append((start, text[start:end], self.uses.scope))
         return assigned.end()
+
+    def _note_copy(self, text: str, place: int) -> None:
+        """Note a target that is assigned to another, which moves go to in its place."""
+        copied = _COPIED.match(text, place)
+        if copied is not None:
+            self.uses.copied.add((self.uses.scope, copied[1]))
 
     def _instruction(self, word: str, start: int, end: int) -> int:
         if _ASSIGNED.match(self.found.source.text, end):
@@ -287,8 +313,16 @@ class Module:
         named = pattern.match(self.found.source.text, end)
         if named is None:
             return end
+        self.local = False
         self.uses.enter_routine(named[1])
+        parameters = _PARAMETERS.match(self.found.source.text, named.end())
+        for target in _TARGET_PARAMETER.finditer(parameters[1] if parameters else ""):
+            self.uses.declare_parameter(target[1])
         return named.end()
+
+    def _local(self, word: str, end: int) -> int:
+        self.local = True
+        return end
 
     def _leave(self, word: str, end: int) -> int:
         self.uses.enter_routine("")
@@ -299,6 +333,7 @@ _HANDLERS: dict[str, Callable[[Module, str, int], int]] = {
     **dict.fromkeys(("const", "pers", "var"), Module._declaration),  # noqa: SLF001  # a table of its own methods
     **dict.fromkeys(("proc", "func", "trap"), Module._routine),  # noqa: SLF001
     **dict.fromkeys(("endproc", "endfunc", "endtrap"), Module._leave),  # noqa: SLF001
+    "local": Module._local,  # noqa: SLF001
     "module": Module._module,  # noqa: SLF001
 }
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, isnan
 from pathlib import PurePath
 from typing import Self
@@ -19,6 +19,7 @@ from drivers.abb.collected import (
 from drivers.abb.configuration import AbbConfigurations, numbers_of
 from drivers.abb.literals import AGGREGATES
 from drivers.abb.module import read_module
+from drivers.programs.across import Abroad, Said, settled
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
@@ -39,6 +40,9 @@ class AbbFile:
     frames: Frames
     starts: NDArray[np.int64]  # (N,) where each target's numbers open
     fixed: dict[int, str]  # targets that take no change, and why
+    said: Said  # what counts for other files
+    keys: tuple[str, ...]  # (N,) the targets' names as other modules write them
+    used: frozenset[int]  # rows that moves of this file go to
     brand: str = "abb"
 
     def to_bytes(self) -> bytes:
@@ -86,8 +90,17 @@ class AbbFile:
         order = np.argsort(np.array(found.starts, dtype=np.int64), kind="stable")
         user_frames = [module.uses.user_frames.get(row) for row in range(count)]
         tools = [module.uses.tools.get(row) for row in range(count)]
+        uses = module.uses
         return cls(
             source=source,
+            said=Said(
+                (module.name or PurePath(name).stem).lower(),
+                declares=uses.shown,
+                uses={name: frozenset(held) for name, held in uses.abroad.items()},
+                doubtful=uses.doubtful(),
+            ),
+            keys=tuple(found.names[row].lower() for row in order.tolist()),
+            used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
             name=module.name or PurePath(name).stem,
             positions=found.positions(order, user_frames, tools, module.uses.barred),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
@@ -95,6 +108,13 @@ class AbbFile:
             starts=np.array(found.starts, dtype=np.int64)[order],
             fixed={k: found.fixed[row] for k, row in enumerate(order.tolist()) if row in found.fixed},
         )
+
+    def with_abroad(self, abroad: Abroad) -> Self:
+        """Return the file with what other modules say of its targets."""
+        positions, remarks = settled(
+            self.positions, abroad, self.keys, used=self.used, taught=frozenset(), routines={}
+        )
+        return replace(self, positions=positions, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, frame: str | None) -> None:
         kind = self.positions.kinds[row]
@@ -176,4 +196,5 @@ BRAND = ProgramBrand(
     read=AbbFile.read,
     configurations=AbbConfigurations(),
     writes_program=writes_program,
+    tells=True,
 )

@@ -4,6 +4,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 
 from drivers.abb.collected import Collected
+from drivers.programs.across import COPIED, Held
 from drivers.programs.positions import CARTESIAN
 
 Used = tuple[str | None, str | None]  # tool, work object; None where it is computed
@@ -11,6 +12,7 @@ Used = tuple[str | None, str | None]  # tool, work object; None where it is comp
 _DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
 _BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 _BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
+BARRED_SET = "its tool or work object is set while the program runs"
 _BARRED_MOVED = "its work object is moved by a mechanical unit, which no program file holds"
 _SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
 
@@ -20,6 +22,10 @@ class Uses:
     """Declared targets by scope, and the moves that name them."""
 
     scope: str = "/"  # module/routine
+    shown: dict[str, bool] = field(default_factory=dict)  # targets of modules, and whether others see them
+    copied: set[tuple[str, str]] = field(default_factory=set)  # scope, name
+    set_while_running: set[str] = field(default_factory=set)  # tools and work objects
+    abroad: dict[str, set[Held]] = field(default_factory=dict)  # uses of what is not declared here
     rows: dict[tuple[str, str], list[int]] = field(default_factory=lambda: defaultdict(list))  # (scope, name)
     used: list[tuple[str, str, Used]] = field(default_factory=list)  # scope, name, with what
     of_row: dict[int, list[Used]] = field(default_factory=lambda: defaultdict(list))
@@ -45,14 +51,20 @@ class Uses:
         """Return a name as it was first written."""
         return self.spelling.setdefault(name.lower(), name)
 
-    def declare(self, name: str, row: int) -> None:
+    def declare_parameter(self, name: str) -> None:
+        """Note a routine's parameter, which hides a target of its name."""
+        self.rows[self.scope, name.lower()] = []
+
+    def declare(self, name: str, row: int, *, local: bool = False) -> None:
         """Note a declared target; an element stands for its array, too."""
         bare = name.partition("{")[0].lower()
         self.rows[self.scope, name.lower()].append(row)
         if bare != name.lower():
             self.rows[self.scope, bare].append(row)
         if self.scope.endswith("/"):
-            self.of_modules[bare].append(row)
+            self.shown[bare] = self.shown.get(bare, False) or not local
+            if not local:
+                self.of_modules[bare].append(row)
 
     def use(self, name: str, tool: str | None, frame: str | None) -> None:
         """Note that a move goes to a named target."""
@@ -74,16 +86,39 @@ class Uses:
             return self.rows_of(bare, scope)
         return self.of_modules.get(bare, [])
 
+    def _own(self, name: str, scope: str) -> bool:
+        """Tell whether a name is declared in this file, as far as a scope sees."""
+        bare = name.partition("{")[0].lower()
+        module = scope.partition("/")[0]
+        return (scope, bare) in self.rows or (f"{module}/", bare) in self.rows or bare in self.of_modules
+
     def resolve(self, found: Collected) -> None:
         """Give every row the tool and work object that all its uses agree on."""
         uses: dict[tuple[str, str], set[Used]] = defaultdict(set)
         for scope, name, what in self.used:
             uses[scope, name].add(what)
         for (scope, name), what_all in uses.items():
+            if not self._own(name, scope):
+                self._use_abroad(name, what_all)
             for row in self.rows_of(name, scope):
                 self.of_row[row] += [what for what in what_all if what not in self.of_row[row]]
+        self._bar_copied(found)
         for row, what_all_of_row in sorted(self.of_row.items()):
             self._settle(found, row, set(what_all_of_row))
+
+    def _bar_copied(self, found: Collected) -> None:
+        """Leave targets that no move goes to but by a copy."""
+        for scope, name in self.copied:
+            if not self._own(name, scope):
+                self.abroad.setdefault(name.lower(), set()).add(Held(None, None, COPIED))
+            for row in self.rows_of(name, scope):
+                if row not in self.of_row and found.kinds[row] == CARTESIAN:
+                    self.barred[row] = COPIED
+
+    def _use_abroad(self, name: str, uses: set[Used]) -> None:
+        self.abroad.setdefault(name.lower(), set()).update(
+            Held(tool, frame, "" if tool and frame else _BARRED_COMPUTED) for tool, frame in uses
+        )
 
     def _settle(self, found: Collected, row: int, uses: set[Used]) -> None:
         if found.kinds[row] != CARTESIAN:
@@ -108,9 +143,19 @@ class Uses:
         """Return why a target's place cannot be told though the moves to it name tools and frames; or ""."""
         if any(frame is not None and frame.lower() in self.moved for _, frame in uses):
             return _BARRED_MOVED
+        if any(part is not None and part.lower() in self.set_while_running for use in uses for part in use):
+            return BARRED_SET
         if len(uses) > 1:
             return _BARRED_DIFFERENT
         return _BARRED_COMPUTED if None in next(iter(uses)) else ""
+
+    def doubtful(self) -> dict[str, str]:
+        """Return tools and work objects in which no target may be carried, and why."""
+        return (
+            dict.fromkeys(self.set_while_running, BARRED_SET)
+            | dict.fromkeys(self.moved, _BARRED_MOVED)
+            | dict.fromkeys(self.seen_from_flange, _SEEN_FROM_FLANGE)
+        )
 
     def _spelled(self, tool: str | None, frame: str | None) -> Used:
         return (tool and self.spell(tool), frame and self.spell(frame))

@@ -15,6 +15,7 @@ _MOST_DIGITS = 9  # of a tool's or a base's number, its sign counted
 _NUMBER_OF = re.compile(r"\b(TOOL|BASE)_NO\s+([+-]?\d+)", re.IGNORECASE)
 _IPO_FRAME = re.compile(r"\bIPO_FRAME\s+#(\w+)", re.IGNORECASE)
 _LOOKS_LIKE_A_POSITION = re.compile(r"\{[^{}]*?\b(?:X|A1)[ \t]+[-+.\d]", re.IGNORECASE)
+_GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
 _NULL_FRAME = Pose((0.0, 0.0, 0.0))
 
 _FRAME_TEXT = "{} is a FRAME: base, offset or point, this file does not tell. It is not read as a position."
@@ -38,6 +39,8 @@ class DataList:
 
     found: Collected
     types: dict[str, str] = field(default_factory=dict)
+    shown: dict[str, bool] = field(default_factory=dict)  # what is declared, and whether for all modules
+    taught: set[int] = field(default_factory=set)  # rows with frame data
     frame_data: dict[str, FrameData] = field(default_factory=dict)
     undecided: list[tuple[str, Literal]] = field(default_factory=list)  # FRAMEs, which may have an FDAT below
     bases: dict[str, Pose] = field(default_factory=lambda: {"0": _NULL_FRAME})
@@ -76,6 +79,7 @@ class DataList:
             data = self.frame_data.get(name_of_data(name))
             if data is None:
                 continue
+            self.taught.add(row)
             self.found.user_frames[row], self.found.tools[row] = data.base, data.tool
             if data.external_tool and self.found.kinds[row] != "joints":
                 self._external_tool(row, name)
@@ -86,11 +90,13 @@ class DataList:
 
     def _declared(self, kind: str, place: int, line: Line) -> None:
         text = self.found.source.text
+        shown = _GLOBAL.search(text, line.start, place) is not None
         while place < line.end:
             name = item(text, place, line.end)
             if name is None:
                 return
             self.types[name.name.upper()] = kind
+            self.shown[name.name.upper()] = shown
             place = name.end
             if name.value is not None:
                 place = self._value(kind, name, line)

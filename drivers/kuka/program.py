@@ -2,12 +2,15 @@
 
 import re
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from calibration.geometry import Pose
 from drivers.kuka.collected import Collected
 from drivers.kuka.data_list import remark_comment, remark_hidden_positions
+from drivers.kuka.frame_uses import BARRED, UNKNOWN, Branches, Routine, base_of, callers_of, tool_of
 from drivers.kuka.lines import Item, Line, declaration, item, lines, without_strings
 from drivers.kuka.literals import Literal
+from drivers.programs.across import COPIED, Held, RoutineSaid, bare_of
 from drivers.programs.positions import CARTESIAN, Frames
 from drivers.programs.spans import Source
 
@@ -19,7 +22,18 @@ _WITH = re.compile(r"\bWITH\b", re.IGNORECASE)
 _ROUTINE = re.compile(
     rf"{_B}*+(?:GLOBAL{_B}++)?+(?:DEF|DEFFCT{_B}++\w++)\b{_B}*+(\w*+)", re.ASCII | re.IGNORECASE
 )
-_STEP_INTO = re.compile(rf"{_B}*+([A-Za-z_]\w*+){_B}*+\(", re.ASCII)
+_STEP_INTO = re.compile(
+    rf"(?:{_B}*+|{_B}*+(?:GLOBAL{_B}++)?+INTERRUPT{_B}++DECL\b[^\n]*?\bDO{_B}++)([A-Za-z_]\w*+){_B}*+\(",
+    re.ASCII | re.IGNORECASE,
+)
+_BRANCH = re.compile(
+    rf"{_B}*+(IF|SWITCH|WHILE|FOR|ELSE|CASE|DEFAULT|ENDIF|ENDSWITCH|ENDWHILE|ENDFOR)\b",
+    re.ASCII | re.IGNORECASE,
+)
+_FRAME_DATA_SET = re.compile(rf"{_B}*+FDAT_ACT{_B}*+={_B}*+(\w++)", re.ASCII | re.IGNORECASE)
+_OWN_FRAME_DATA = re.compile(rf"\b(?:STOOL2?|SBASE){_B}*+\({_B}*+(\w++)", re.ASCII | re.IGNORECASE)
+_NAMES_POINT = re.compile(rf"{_B}*+([A-Za-z_]\w*+){_B}*+(?:\[([^\[\]]*+)\])?+", re.ASCII)
+_WORD = re.compile(r"(?<![\w.$#])([A-Za-z_]\w*+)(?:\[([^\[\]]*+)\])?+", re.ASCII)
 _BAS = re.compile(
     rf"\bBAS{_B}*+\({_B}*+#(TOOL|BASE|PTP_PARAMS|CP_PARAMS|FRAMES|INITMOV){_B}*+,?+{_B}*+([^)]*+)",
     re.IGNORECASE,
@@ -34,12 +48,8 @@ _COMPONENT = re.compile(
 _CALLED = re.compile(rf"[$A-Za-z_][\w$]*+{_B}*+\(", re.ASCII)
 _POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNORECASE)
 _MOST_TARGETS = 3  # a circle has two
-_UNKNOWN = "?"
-_BARRED = {
-    "several": "the program sets another tool or base for it at different places",
-    "computed": "its tool or base is set while the program runs",
-    "called": "a routine that its program calls sets another tool or base",
-}
+_MOST_USES = 64  # of one name that are told apart
+_DEEPEST = 30  # branches inside each other
 _SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
 
 _OFFSET = "The operator ':' adds a frame to this point while the program runs."
@@ -52,43 +62,14 @@ _EXTERNAL_TEXT = (
 )
 
 
-@dataclass
-class FrameUse:
-    """What a routine sets ``$TOOL`` or ``$BASE`` to, and where first."""
+class Used(NamedTuple):
+    """A move to a point, in a routine."""
 
-    values: set[str] = field(default_factory=set)
-    first: int = -1
-
-    def take(self, place: int, value: str) -> None:
-        """Note a value."""
-        self.first = place if self.first < 0 else self.first
-        self.values.add(value)
-
-    def at(self, place: int) -> str | None:
-        """Return what is set at a place: known only where the routine sets one thing, and before."""
-        if len(self.values) != 1 or self.first > place:
-            return None
-        (value,) = self.values
-        return None if value == _UNKNOWN else value
-
-    def barred(self, called: set[str]) -> str:
-        """Return why nobody can tell what holds, with what called routines set; "" where nothing is in the way."""
-        if called - self.values:
-            return _BARRED["called"]
-        if _UNKNOWN in self.values:
-            return _BARRED["computed"]
-        return _BARRED["several"] if len(self.values) > 1 else ""
-
-
-@dataclass
-class Routine:
-    """One DEF ... END."""
-
-    number: int
-    name: str = ""
-    calls: set[str] = field(default_factory=set)
-    tool: FrameUse = field(default_factory=FrameUse)
-    base: FrameUse = field(default_factory=FrameUse)
+    row: int  # of one written into the move, else -1
+    routine: int
+    place: int
+    branches: Branches
+    why: str = ""  # why its tool and base are not the routine's
 
 
 @dataclass
@@ -97,20 +78,25 @@ class Program:
 
     found: Collected
     routines: list[Routine] = field(default_factory=lambda: [Routine(0)])
-    rows: list[tuple[int, int, bool]] = field(
-        default_factory=list
-    )  # row, routine, frames known from the routine
+    rows: list[Used] = field(default_factory=list)  # of points written into moves
+    uses: dict[str, dict[Used, None]] = field(default_factory=dict)  # of named points
+    branches: Branches = ()
+    frame_data: str = ""  # the FDAT that BAS takes for the next move
     types: dict[str, str] = field(default_factory=dict)
     set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
     external_tool: bool = False
     called: dict[int, list[Routine]] = field(default_factory=dict)  # by a routine's number, when all is read
+    callers: dict[int, list[Routine]] = field(default_factory=dict)
 
     def read(self, line: Line) -> None:
         """Take one line."""
         text = self.found.source.text
         begun = _ROUTINE.match(text, line.start, line.end)
         if begun is not None:
-            self.routines.append(Routine(len(self.routines), begun[1].upper()))
+            name = begun[1].upper()
+            shown = len(self.routines) == 1 or "GLOBAL" in begun[0].upper()
+            self.routines.append(Routine(len(self.routines), name, shown))
+            self.branches, self.frame_data = (), ""
         motion = _MOTION.match(text, line.start, line.end)
         if motion is not None:
             self._motion(motion, line)
@@ -120,30 +106,102 @@ class Program:
 
     def finish(self) -> None:
         """Give points their tool and base."""
-        names = {which: self._name_of_set(which) for which in ("TOOL", "BASE")}
-        for row, number, known in self.rows:
-            place = self.found.starts[row]
-            if self.external_tool and self.found.kinds[row] == CARTESIAN:
-                self.found.forget(row, "the program works with an external tool ($IPO_MODE)")
-            elif known:
-                routine = self.routines[number]
-                self.found.tools[row] = _resolved(routine.tool.at(place), names["TOOL"])
-                self.found.user_frames[row] = _resolved(routine.base.at(place), names["BASE"])
-                self._bar(row, routine)
-            elif self.found.names[row].find("@") > 0:
-                self.found.barred[row] = _BARRED["computed"]
+        self._look_at_calls()
+        for used in self.rows:
+            if self.external_tool and self.found.kinds[used.row] == CARTESIAN:
+                self.found.forget(used.row, "the program works with an external tool ($IPO_MODE)")
+                continue
+            held = self.held(used, joints=self.found.kinds[used.row] != CARTESIAN)
+            self.found.tools[used.row], self.found.user_frames[used.row] = held.tool, held.frame
+            if held.why:
+                self.found.barred[used.row] = held.why
+        for row, name in enumerate(self.found.names):
+            if "@" not in name:
+                self._settle_named(row, name)
 
-    def _bar(self, row: int, routine: Routine) -> None:
-        """Leave a point whose tool or base cannot be told from this file, though it is set here."""
-        if routine.number not in self.called:
-            self.called[routine.number] = self._called(routine)
-        called = self.called[routine.number]
-        uses = [(routine.tool, {v for one in called for v in one.tool.values})]
-        if self.found.kinds[row] == CARTESIAN:
-            uses.append((routine.base, {v for one in called for v in one.base.values}))
-        for use, values in uses:
-            if why := use.barred(values):
-                self.found.barred[row] = why
+    def _look_at_calls(self) -> None:
+        """Find what routines with points call, and what calls them."""
+        callers: dict[str, list[Routine]] = {}
+        for routine in self.routines:
+            for name in routine.calls:
+                callers.setdefault(name, []).append(routine)
+        for number in {used.routine for some in (self.rows, *self.uses.values()) for used in some}:
+            routine = self.routines[number]
+            self.called[number] = self._called(routine)
+            above = callers_of(routine, callers)
+            beside = [below for one in above for below in self._called(one) if below is not routine]
+            self.callers[number] = [*above, *beside]
+
+    def _settle_named(self, row: int, name: str) -> None:
+        """Give a point that a statement sets the tool and base of the moves to it."""
+        key = name.upper()
+        helds = {
+            self.held(used, joints=False)
+            for one in {key, bare_of(key), f"{bare_of(key)}[]"}
+            for used in self.uses.get(one, ())
+        }
+        helds = {held for held in helds if held.why != COPIED} or helds
+        if not helds or self.found.kinds[row] != CARTESIAN:
+            return
+        if self.external_tool:
+            self.found.forget(row, "the program works with an external tool ($IPO_MODE)")
+            return
+        why = next((held.why for held in sorted(helds, key=str) if held.why), "")
+        if len({held[:2] for held in helds}) > 1:
+            why = why or BARRED["several"]
+        if why:
+            self.found.barred[row] = why
+        else:
+            self.found.tools[row], self.found.user_frames[row] = next(iter(helds))[:2]
+
+    def held(self, used: Used, *, joints: bool) -> Held:
+        """Return the tool and base of a move as far as this file says."""
+        routine = self.routines[used.routine]
+        tool = _resolved(routine.tool.at(used.place, used.branches), self._name_of_set("TOOL"))
+        base = _resolved(routine.base.at(used.place, used.branches), self._name_of_set("BASE"))
+        if why := used.why or self._why_barred(routine, used, joints=joints):
+            return Held(None, None, why, routine.name)
+        return Held(tool, base, "", routine.name)
+
+    def _why_barred(self, routine: Routine, used: Used, *, joints: bool) -> str:
+        """Return why the tool or base of a move cannot be told from this file, though one is set here."""
+        called, callers = self.called[routine.number], self.callers[routine.number]
+        found = ""
+        for use, of in ((routine.tool, tool_of), (routine.base, base_of))[: 1 if joints else 2]:
+            found = found or use.barred(
+                {value for one in called for value in of(one).values},
+                {value for one in callers for value in of(one).values},
+                used.place,
+                used.branches,
+            )
+        return found
+
+    def uses_said(self) -> dict[str, frozenset[Held]]:
+        """Return the moves to points that other files declare."""
+        said = {}
+        for name, all_used in self.uses.items():
+            bare = bare_of(name)
+            helds = {
+                self.held(used, joints=False)
+                for used in all_used
+                if bare not in self.routines[used.routine].declared
+            }
+            if helds:
+                said[name.removesuffix("[]")] = frozenset(helds)
+        return said
+
+    def routines_said(self) -> dict[str, RoutineSaid]:
+        """Return what routines set, for the files that call them."""
+        said = {}
+        for routine in self.routines:
+            some = [routine, *(self._called(routine) if routine.calls else ())]
+            said[routine.name] = RoutineSaid(
+                frozenset(value for one in some for value in one.tool.values),
+                frozenset(value for one in some for value in one.base.values),
+                frozenset(call for one in some for call in one.calls),
+                routine.shown,
+            )
+        return said
 
     def _called(self, routine: Routine) -> list[Routine]:
         """Return the routines of this file that a routine calls, and those that they call."""
@@ -175,7 +233,8 @@ class Program:
         text = self.found.source.text
         code = without_strings(text[motion.end() : line.end])
         cut = _WITH.search(code)
-        own_frames = cut is not None and _FRAME_SET.search(code, cut.end()) is not None
+        own = "" if cut is None else code[cut.end() :]
+        own_frames = _FRAME_SET.search(own) is not None
         code = code[: cut.start()] if cut else code
         begin, end = motion.end(), motion.end() + len(code)
         place, part = begin, 0
@@ -189,7 +248,7 @@ class Program:
                 part += 1
                 place = self._target(motion[1].upper(), part, literal, end, known=not own_frames)
             else:
-                place = begin + self._named(code, place - begin, begin)
+                place = begin + self._named(code, place - begin, begin, own if own_frames else "")
             if place >= end or text[place] != ",":
                 return
             place = _skip_blanks(text, place + 1, end)
@@ -207,28 +266,58 @@ class Program:
         self._add(name, literal, known=known)
         return after
 
-    def _named(self, code: str, place: int, begin: int) -> int:
+    def _named(self, code: str, place: int, begin: int, own: str) -> int:
         """Pass a target that is named or computed; return where it ends, all of the rest for a computed one."""
         comma = code.find(",", place)
         comma = len(code) if comma < 0 else comma
         target = code[place:comma]
+        first = _NAMES_POINT.match(target)
         if ":" in target:
             self.found.remark(begin + place, "offset", _OFFSET)
+            self._use_all(target[first.end() :] if first else target, begin + place, BARRED["computed"])
         elif _CALLED.match(target):
             self.found.remark(begin + place, "computed", _CALL)
-        else:
-            return comma
-        return len(code)
+            self._use_all(code[place:], begin + place, BARRED["computed"])
+            return len(code)
+        if first is not None:
+            self._use_point(first, begin + place, own)
+        return len(code) if ":" in target else comma
+
+    def _use_point(self, name: re.Match[str], place: int, own: str) -> None:
+        """Note a move to a named point, unless it is done with the point's own frame data."""
+        data = f"F{name[1][1:]}".upper()
+        if own:
+            taken = {found.upper() for found in _OWN_FRAME_DATA.findall(own)}
+            if taken != {data}:
+                self._use(name, place, BARRED["computed"])
+        elif self.frame_data != data:
+            self._use(name, place, "")
+
+    def _use_all(self, code: str, place: int, why: str) -> None:
+        for name in _WORD.finditer(code):
+            self._use(name, place, why)
+
+    def _use(self, name: re.Match[str], place: int, why: str) -> None:
+        key = name[1].upper()
+        if name[2] is not None:
+            index = "".join(name[2].split())
+            key += f"[{index}]" if index.replace(",", "").isdigit() else "[]"
+        used = Used(-1, len(self.routines) - 1, place, self.branches, why)
+        said = self.uses.setdefault(key, {})
+        if len(said) < _MOST_USES:
+            said[used] = None
 
     def _add(self, name: str, literal: Literal, *, known: bool) -> None:
-        self.rows.append((len(self.found.names), len(self.routines) - 1, known))
+        why = "" if known else BARRED["computed"]
+        if "@" in name:
+            row = len(self.found.names)
+            self.rows.append(Used(row, len(self.routines) - 1, literal.start, self.branches, why))
         self.found.add(name, literal)
 
     def _statement(self, line: Line) -> None:
         text = self.found.source.text
         code = without_strings(text[line.start : line.end])
-        if (step := _STEP_INTO.match(code)) is not None:
-            self.routines[-1].calls.add(step[1].upper())
+        self._flow(code, line)
         declared = declaration(text, line)
         if declared is not None:
             self._declared(declared[0], declared[1], line)
@@ -237,16 +326,40 @@ class Program:
         if bas is not None:
             self._bas(line.start + bas.start(), bas[1].upper(), bas[2].strip())
         elif (frame := _FRAME_SET.search(code)) is not None:
-            self._frame_set(frame, line)
+            if _WITH.search(code, 0, frame.start()) is None:
+                self._frame_set(frame, line)
+            else:  # of a spline block, whose segments may have their own
+                self._take_both(line.start, UNKNOWN)
         elif _COMPONENT.match(code):
             self.found.remark(line.start, "computed", _ASSIGNED.format(code.partition("=")[0].strip()))
         else:
             self._assignment(line)
 
+    def _flow(self, code: str, line: Line) -> None:
+        """Take calls, branches, and the frame data that the next move is done with."""
+        if (step := _STEP_INTO.match(code)) is not None:
+            self.routines[-1].calls.add(step[1].upper())
+        elif (branch := _BRANCH.match(code)) is not None:
+            self._branch(branch[1].upper(), line.start)
+        elif (data := _FRAME_DATA_SET.match(code)) is not None:
+            self.frame_data = data[1].upper()
+
+    def _branch(self, word: str, place: int) -> None:
+        if word not in ("IF", "SWITCH", "WHILE", "FOR"):
+            self.branches = self.branches[:-1]
+        if not word.startswith("END"):
+            self.branches = (*self.branches[:_DEEPEST], place)
+
+    def _take_both(self, place: int, value: str) -> None:
+        routine = self.routines[-1]
+        routine.tool.take(place, value, self.branches)
+        routine.base.take(place, value, self.branches)
+
     def _declared(self, kind: str, place: int, line: Line) -> None:
         name = item(self.found.source.text, place, line.end)
         while name is not None:
             self.types[name.name.upper()] = kind
+            self.routines[-1].declared.add(name.name.upper())
             if name.value is not None or name.end >= line.end:
                 break
             name = item(self.found.source.text, name.end, line.end)
@@ -256,11 +369,10 @@ class Program:
     def _bas(self, place: int, command: str, argument: str) -> None:
         routine = self.routines[-1]
         if command in _SET_BY_POINTS:  # taken from the point's own data, which is not in this file
-            routine.tool.take(place, _UNKNOWN)
-            routine.base.take(place, _UNKNOWN)
+            self._take_both(place, UNKNOWN)
         elif command != "INITMOV":
             use = routine.tool if command == "TOOL" else routine.base
-            use.take(place, argument if argument.isdigit() else _UNKNOWN)
+            use.take(place, argument if argument.isdigit() else UNKNOWN, self.branches)
 
     def _frame_set(self, frame: re.Match[str], line: Line) -> None:
         text, place = self.found.source.text, line.start + frame.end()
@@ -270,7 +382,8 @@ class Program:
             self.found.remark(line.start, "foreign", _EXTERNAL_TEXT)
             return
         routine = self.routines[-1]
-        (routine.tool if which == "TOOL" else routine.base).take(place, self._frame_value(which, frame, line))
+        use = routine.tool if which == "TOOL" else routine.base
+        use.take(place, self._frame_value(which, frame, line), self.branches)
         self.found.remark(line.start, "computed", _FRAME_SET_TEXT.format(which))
 
     def _frame_value(self, which: str, frame: re.Match[str], line: Line) -> str:
@@ -285,7 +398,7 @@ class Program:
         alone = literal is not None and not text[literal.end : line.end].strip()
         pose = self.found.pose(literal) if literal is not None and alone else None
         self.set_frames[which].append(pose)
-        return "$" if pose is not None else _UNKNOWN
+        return "$" if pose is not None else UNKNOWN
 
     def _assignment(self, line: Line) -> None:
         text = self.found.source.text
@@ -300,6 +413,7 @@ class Program:
         kind = self.types.get(name.name.upper(), "")
         value = without_strings(source.text[name.value : line.end])
         if not value.startswith("{"):
+            self._use_all(value, line.start, COPIED)
             if kind or _POINT_VALUE.search(value):
                 self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
             else:

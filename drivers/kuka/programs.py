@@ -1,8 +1,8 @@
 """KUKA programs and data lists as `ProgramFile`: lossless, span by span."""
 
 import re
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
 from math import isnan, radians
 from pathlib import PurePath
 from typing import Self
@@ -22,6 +22,7 @@ from drivers.kuka.configuration import KukaConfigurations, parts_of
 from drivers.kuka.data_list import read_data_list
 from drivers.kuka.literals import AXIS_FIELDS, POSE_FIELDS, STATE_FIELDS, field_spans
 from drivers.kuka.program import read_program
+from drivers.programs.across import Abroad, Said, settled
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
@@ -49,6 +50,10 @@ class KukaFile:
     frames: Frames
     starts: NDArray[np.int64]  # (N,) where each position's struct opens
     fixed: dict[int, str]  # positions that take no change, and why
+    said: Said  # what counts for other files
+    keys: tuple[str, ...]  # (N,) the positions' names as other files write them
+    taught: frozenset[int]  # rows with frame data of their own
+    routines: Mapping[int, str]  # rows written into moves, and their routine
     brand: str = "kuka"
 
     def to_bytes(self) -> bytes:
@@ -92,18 +97,44 @@ class KukaFile:
             raise ProgramFileError(name, "its lines do not end as KUKA's do.", remedy="Save it with CR LF.")
         is_data = PurePath(name).suffix.lower() == ".dat"
         reader: Callable[[Source], _Read] = _read_data if is_data else _read_src
-        found, frames = reader(source)
+        found, frames, said = reader(source)
         rows = found.rows()
         own = _DEFINED.search(source.text, 0, _LOOKED_AT)
+        module = own[1] if own else PurePath(name).stem
         return cls(
             source=source,
-            name=own[1] if own else PurePath(name).stem,
+            name=module,
+            said=replace(
+                said.said, module=PurePath(name).stem.upper(), public=PurePath(name).stem.upper() == "$CONFIG"
+            ),
+            keys=tuple(found.names[row].upper() for row in rows.tolist()),
+            taught=frozenset(k for k, row in enumerate(rows.tolist()) if row in said.taught),
+            routines={k: said.routines[row] for k, row in enumerate(rows.tolist()) if row in said.routines},
             positions=found.positions(rows),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=frames,
             starts=np.array(found.starts, dtype=np.int64)[rows],
             fixed={k: found.fixed[row] for k, row in enumerate(rows.tolist()) if row in found.fixed},
         )
+
+    def with_abroad(self, abroad: Abroad) -> Self:
+        """Return the file with what others say of its positions."""
+        used = frozenset(self.routines) | {
+            k
+            for k, (tool, base) in enumerate(
+                zip(self.positions.tools, self.positions.user_frames, strict=True)
+            )
+            if tool or base
+        }
+        positions, remarks = settled(
+            self.positions,
+            abroad,
+            self.keys,
+            used=used - self.taught,
+            taught=self.taught,
+            routines=self.routines,
+        )
+        return replace(self, positions=positions, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, base: str | None) -> None:
         kind = self.positions.kinds[row]
@@ -153,17 +184,26 @@ class KukaFile:
         return refusal(self.source, int(self.starts[row]), self.positions.names[row], why)
 
 
-_Read = tuple[Collected, Frames]
+@dataclass(frozen=True)
+class _ToOthers:
+    said: Said
+    taught: Set[int] = frozenset()
+    routines: Mapping[int, str] = field(default_factory=dict)
+
+
+_Read = tuple[Collected, Frames, _ToOthers]
 
 
 def _read_data(source: Source) -> _Read:
     data = read_data_list(source)
-    return data.found, data.frames()
+    return data.found, data.frames(), _ToOthers(Said("", declares=data.shown), data.taught)
 
 
 def _read_src(source: Source) -> _Read:
     program = read_program(source)
-    return program.found, program.frames()
+    said = Said("", uses=program.uses_said(), routines=program.routines_said())
+    routines = {used.row: program.routines[used.routine].name for used in program.rows}
+    return program.found, program.frames(), _ToOthers(said, routines=routines)
 
 
 def _angles_deg(count: int, frame_tip: Array | None) -> Array:
@@ -190,4 +230,5 @@ BRAND = ProgramBrand(
     read=KukaFile.read,
     configurations=KukaConfigurations(),
     writes_program=writes_program,
+    tells=True,
 )

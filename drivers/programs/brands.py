@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array
+from drivers.programs.across import Abroad, Said
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import Change, ProgramFile
 
@@ -50,7 +51,21 @@ class ProgramBrand:
     writes_program: Callable[[bytes], bool] = lambda _: (
         True
     )  # a suffix shared with other files: is it a program?
+    tells: bool = False  # whether its programs are `Telling`
     together: "Together | None" = None  # where many at once are quicker than one after another
+
+
+class Telling(ProgramFile, Protocol):
+    """A program whose positions other files of its robot use, or that uses theirs."""
+
+    @property
+    def said(self) -> Said:
+        """Return what counts for other files."""
+        ...
+
+    def with_abroad(self, abroad: Abroad) -> "Telling":
+        """Return the program with what the other files say."""
+        ...
 
 
 class Together(Protocol):

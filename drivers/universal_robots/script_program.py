@@ -133,6 +133,7 @@ class _Tools:
     def __init__(self, source: ScriptText, finder: Finder) -> None:
         self.calls = _alike(source, finder.tools())
         self.offsets = [offset for offset, _, _ in self.calls]
+        self.several = len({name for _, name, _ in self.calls}) > 1
         self.line = finder.line
         holding = [
             b for b in source.blocks if bisect_right(self.offsets, b[0]) < bisect_left(self.offsets, b[1])
@@ -159,7 +160,7 @@ class _Tools:
             return "the program goes to it with different tools"
         if any(not name for name, _ in found):
             return "its tool is computed, or set below the move to it"
-        if len({name for _, name, _ in self.calls}) > 1 and not all(sure for _, sure in found):
+        if self.several and not all(sure for _, sure in found):
             return "which tool the program has there depends on the way that it takes"
         return ""
 
@@ -180,7 +181,7 @@ class _Tools:
 
     def remarks(self, places: Sequence[Place]) -> Iterator[Remark]:
         """Yield what a person must know of the tools."""
-        if len({name for _, name, _ in self.calls}) > 1:
+        if self.several:
             yield Remark(
                 self.line(self.offsets[1]), "computed",
                 "more than one tool is set: each position has the one that stands last above its move in the text.",

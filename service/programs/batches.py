@@ -8,6 +8,7 @@ from calibration.errors import CellError
 from drivers.program_registry import read_programs
 from drivers.programs.positions import ProgramFile
 from service.programs.files import Refused, Source, read_bytes
+from service.programs.siblings import with_siblings
 
 Found = TypeVar("Found")
 _POINTS_AT_ONCE = 20_000
@@ -70,7 +71,7 @@ def _read(
             if isinstance(program, CellError):
                 refused.append(Refused.because(source.path, program))
             else:
-                yield Read(source, data, program)
+                yield Read(source, data, with_siblings(source, program))
 
 
 def _bytes_of(

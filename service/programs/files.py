@@ -10,13 +10,14 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import Path, PurePath
 from typing import IO
 
 from calibration.errors import CellError
 from drivers.program_registry import SUFFIXES, brand_of
+from drivers.programs.across import Across
 from drivers.programs.errors import ProgramFileError
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
@@ -30,12 +31,21 @@ class FilesError(CellError):
     code = "usage"
 
 
+@dataclass(eq=False)
+class Siblings:
+    """The programs that were named together, and what they say of each other once it was read."""
+
+    sources: tuple["Source", ...] = ()
+    across: Across | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class Source:
     """One program file, and its place below any folder that it is written to."""
 
     path: Path
     place: PurePath
+    siblings: Siblings | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +94,9 @@ def find_programs(named: Sequence[str], *, out: Path | None = None) -> Found:
         except OSError as error:
             refused.append(Refused(name, f"{error.strerror or error}.", "Give a folder that may be read."))
     apart, clashing = _without_clashes(sources.values())
-    return Found(tuple(apart), (*refused, *clashing), tuple(passed))
+    siblings = Siblings()
+    siblings.sources = tuple(replace(source, siblings=siblings) for source in apart)
+    return Found(siblings.sources, (*refused, *clashing), tuple(passed))
 
 
 def _real(path: Path, real_folders: dict[Path, str]) -> str:

@@ -1,62 +1,16 @@
-"""Many programs shared out among the processors, where that pays."""
+"""Many programs shared out among the processors, each with what the others say of its positions."""
 
-import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 from service.programs.files import Source
+from service.programs.forks import forked
+from service.programs.siblings import read_siblings
 
 Part = TypeVar("Part")
-_WORTH_BYTES = 8 << 20  # below, starting processes costs more than they bring
-_AT_ONCE_BYTES = 4 << 20
-
-_work: Callable[[Sequence[Source]], object] | None = None  # what a forked process finds
 
 
 def shared_out(work: Callable[[Sequence[Source]], Part], sources: Sequence[Source]) -> Iterator[Part]:
-    """Yield what work makes of sources, in their order; large lines are worked on by all processors.
-
-    Processes are forked, because what they work with cannot be sent to them; where a system cannot fork, and for
-    a few programs, there is one.
-    """
-    sizes = [_size(source) for source in sources]
-    shares = list(_shares(sources, sizes))
-    processors = min(_processors(), len(shares))
-    if processors < 2 or sum(sizes) < _WORTH_BYTES or "fork" not in multiprocessing.get_all_start_methods():
-        yield from map(work, shares)
-        return
-    global _work  # noqa: PLW0603  forked processes inherit it; a closure cannot be sent
-    _work = work
-    try:
-        with multiprocessing.get_context("fork").Pool(processors) as pool:
-            yield from pool.imap(_of_share, shares)
-    finally:
-        _work = None
-
-
-def _of_share(sources: Sequence[Source]) -> object:
-    assert _work is not None
-    return _work(sources)
-
-
-def _shares(sources: Sequence[Source], sizes: Sequence[int]) -> Iterator[Sequence[Source]]:
-    first = total = 0
-    for i, size in enumerate(sizes):
-        if total + size > _AT_ONCE_BYTES and i > first:
-            yield sources[first:i]
-            first, total = i, 0
-        total += size
-    if first < len(sources):
-        yield sources[first:]
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _size(source: Source) -> int:
-    try:
-        return source.path.stat().st_size
-    except OSError:
-        return 0
+    """Yield what work makes of sources, in their order; large lines are worked on by all processors."""
+    read_siblings(sources)
+    yield from forked(work, sources)

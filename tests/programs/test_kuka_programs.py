@@ -130,7 +130,7 @@ def test_a_declaration_without_value_is_untaught_unless_the_value_comes_later():
         (("OTHER()",), (), "calls"),
         (("$BASE=BASE_DATA[2]", "OTHER()"), (), ""),
         (("$BASE=BASE_DATA[1]", "FAR()"), (), ""),
-        ((), ("BAS(#BASE,1)",), ""),
+        ((), ("BAS(#BASE,1)",), "below it"),
     ],
 )
 def test_a_point_whose_base_is_not_one_is_barred(before, after, words):

@@ -16,7 +16,7 @@ import pytest
 
 from drivers.programs.positions import CARTESIAN, Change, Frames, Positions, Remark
 from service.exit_codes import ExitCode
-from service.programs import shares
+from service.programs import forks, shares
 from service.programs.diff import unified_diff
 from service.programs.files import FilesError, NewPlace, Refused, Source, find_programs
 from service.programs.report import Report, entry_of
@@ -260,9 +260,9 @@ def test_a_large_line_is_shared_out_and_comes_back_in_order(tmp_path: Path, monk
     one = list(shares.shared_out(_named, sources))
     assert [name for part in one for name in part[1]] == [f"{i}.ls" for i in range(40)]
     assert {part[0] for part in one} == {os.getpid()}
-    monkeypatch.setattr(shares, "_WORTH_BYTES", 1000)
-    monkeypatch.setattr(shares, "_AT_ONCE_BYTES", 1000)
-    monkeypatch.setattr(shares, "_processors", lambda: 2)
+    monkeypatch.setattr(forks, "_WORTH_BYTES", 1000)
+    monkeypatch.setattr(forks, "_AT_ONCE_BYTES", 1000)
+    monkeypatch.setattr(forks, "_processors", lambda: 2)
     many = list(shares.shared_out(_named, sources))
     assert [name for part in many for name in part[1]] == [f"{i}.ls" for i in range(40)]
     assert len(many) > 10

@@ -1,0 +1,267 @@
+"""What the files of one robot say of each other's positions: declared in one, moved to in another.
+
+A file that is read alone tells what it declares and what it does to names of others (`Said`). All files' sayings
+together (`Across`) tell of each file how the others use its positions.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import dataclass, field, replace
+from pathlib import PurePath
+from typing import NamedTuple, TypeAlias
+
+from drivers.programs.positions import CARTESIAN, Positions, Remark
+
+Routine: TypeAlias = tuple[str, str]  # its file and name
+COPIED = "the program copies it, and only the copy is moved to"
+_DIFFERENT = "it is used with different tools or frames, in {}"
+_OTHERWISE = "it was taught with another tool or frame than {} moves there with"
+_CALLED = "{} in {}, which its program calls, sets another tool or frame"
+_CALLER = "{} in {} sets the tool or frame before its program is called, or may"
+_UNUSED = "{} and {} more may be used by programs that were not given, with another tool or frame than is taken here."
+_UNUSED_ALONE = (
+    "{} may be used by a program that was not given, with another tool or frame than is taken here."
+)
+
+
+class Held(NamedTuple):
+    """How a move goes to a position: its tool and frame, None where its file does not say."""
+
+    tool: str | None
+    frame: str | None
+    why: str = ""  # why nobody can tell them; "" where nothing is in the way
+    routine: str = ""  # whose callers and called routines may set others
+
+
+@dataclass(frozen=True, slots=True)
+class RoutineSaid:
+    """What a routine that other files may call sets, with those that it calls in its own file."""
+
+    tools: frozenset[str] = frozenset()
+    frames: frozenset[str] = frozenset()
+    calls: frozenset[str] = frozenset()
+    shown: bool = True  # other files may call it
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What one file says that counts for others; all names in the language's one case."""
+
+    module: str
+    declares: Mapping[str, bool] = field(default_factory=dict)  # names, and whether other modules see them
+    uses: Mapping[str, frozenset[Held]] = field(default_factory=dict)  # of names declared elsewhere
+    routines: Mapping[str, RoutineSaid] = field(default_factory=dict)
+    doubtful: Mapping[str, str] = field(
+        default_factory=dict
+    )  # tools and frames no point may be carried in, and why
+    public: bool = False  # all that is declared here is seen everywhere
+
+
+@dataclass(frozen=True, slots=True)
+class Abroad:
+    """What the files of a batch say of one of them."""
+
+    uses: Mapping[str, Sequence[tuple[Held, str]]]  # by declared name; the file that uses it
+    doubtful: Mapping[str, str]
+    reached: Callable[
+        [str, str], str
+    ]  # of a file's routine: why its callers or called routines leave a frame open
+    file: str
+    visible: frozenset[str]  # names that programs not given may use, too
+
+    def doubt(self, tool: str | None, frame: str | None) -> str:
+        """Return why nothing is carried in a tool or frame, or ""."""
+        return self.doubtful.get(_key(tool), "") or self.doubtful.get(_key(frame), "")
+
+    def of(self, name: str) -> Sequence[tuple[Held, str]]:
+        """Return the uses of a declared name, those of its whole array with those of an element."""
+        bare = bare_of(name)
+        some = self.uses.get(name, ())
+        return some if bare == name else [*some, *self.uses.get(bare, ())]
+
+
+class Across:
+    """All sayings of a batch, each by its file; a folder's own module goes before one of the same name elsewhere."""
+
+    def __init__(self, said: Mapping[str, Said]) -> None:
+        self._said = said
+        self._uses: dict[str, dict[str, list[tuple[Held, str]]]] = defaultdict(lambda: defaultdict(list))
+        self._doubtful: dict[str, str] = {}
+        self._shown: dict[str, list[str]] = defaultdict(list)  # by routine: the files that show it
+        self._callers: dict[str, list[Routine]] = defaultdict(list)
+        for file, one in said.items():
+            self._doubtful |= one.doubtful
+            for name, routine in one.routines.items():
+                if routine.shown:
+                    self._shown[name].append(file)
+                for called in routine.calls:
+                    self._callers[called].append((file, name))
+        self._give_uses()
+        self._reached: dict[Routine, str] = {}
+
+    def of(self, file: str) -> Abroad | None:
+        """Return what counts for a file; None for one that said nothing."""
+        if file not in self._said:
+            return None
+        one, uses = self._said[file], self._uses.get(file, {})
+        visible = frozenset(name for name, seen in one.declares.items() if seen or one.public)
+        return Abroad(uses, self._doubtful, self._why_reached, file, visible)
+
+    def _give_uses(self) -> None:
+        """Find for every name that is used whose declaration it means."""
+        own: dict[str, list[str]] = defaultdict(list)
+        seen: dict[str, list[str]] = defaultdict(list)  # by name: the files that show it to others
+        for file, one in self._said.items():
+            if one.declares:
+                own[one.module].append(file)
+            for name, shown in one.declares.items():
+                if shown or one.public:
+                    seen[name].append(file)
+        for file, one in self._said.items():
+            mine = _nearest(file, [other for other in own[one.module] if other != file])
+            for name, helds in one.uses.items():
+                bare = bare_of(name)
+                owners = [other for other in mine if bare in self._said[other].declares]
+                for owner in owners or _nearest(file, seen.get(bare, ())):
+                    self._uses[owner][name] += [(held, file) for held in helds]
+
+    def _why_reached(self, file: str, name: str) -> str:
+        routine = (file, name)
+        if not name or file not in self._said or name not in self._said[file].routines:
+            return ""
+        if routine not in self._reached:
+            self._reached[routine] = self._look(routine)
+        return self._reached[routine]
+
+    def _look(self, routine: Routine) -> str:
+        """Return why what a routine sets itself is not all: one that it calls, or a caller, sets more."""
+        own = self._of(routine)
+        for other in _closure([routine], self._called):
+            one = self._of(other)
+            if other[0] != routine[0] and (one.tools - own.tools or one.frames - own.frames):
+                return _CALLED.format(other[1], PurePath(other[0]).name)
+        if own.tools and own.frames:
+            return ""
+        callers = _closure([routine], self._calling)
+        for other in [*callers, *_closure(callers, self._called)]:
+            one = self._of(other)
+            if other != routine and ((one.tools and not own.tools) or (one.frames and not own.frames)):
+                return _CALLER.format(other[1], PurePath(other[0]).name)
+        return ""
+
+    def _of(self, routine: Routine) -> RoutineSaid:
+        return self._said[routine[0]].routines[routine[1]]
+
+    def _called(self, routine: Routine) -> list[Routine]:
+        file = routine[0]
+        found = []
+        for name in self._of(routine).calls:
+            own = name in self._said[file].routines
+            found += (
+                [(file, name)]
+                if own
+                else [(other, name) for other in _nearest(file, self._shown.get(name, ()))]
+            )
+        return found
+
+    def _calling(self, routine: Routine) -> list[Routine]:
+        file, name = routine
+        return [
+            caller
+            for caller in self._callers.get(name, ())
+            if caller[0] == file or (self._of(routine).shown and name not in self._said[caller[0]].routines)
+        ]
+
+
+def settled(
+    positions: Positions,
+    abroad: Abroad,
+    keys: Sequence[str],
+    *,
+    used: Set[int],
+    taught: Set[int],
+    routines: Mapping[int, str],
+) -> tuple[Positions, tuple[Remark, ...]]:
+    """Return a file's positions with what other files say of them, and what must be told of the others.
+
+    ``keys`` names every row as other files do; rows ``used`` are moved to in this file, in ``routines`` where their
+    tool or frame depends on it; rows ``taught`` hold their own tool and frame.
+    """
+    tools, frames, barred = list(positions.tools), list(positions.user_frames), dict(positions.barred)
+    unused: list[int] = []
+    for row, kind in enumerate(positions.kinds):
+        if kind != CARTESIAN or row in barred:
+            continue
+        helds = abroad.of(keys[row])
+        why = ""
+        if row in taught:
+            why = _taught_otherwise(Held(tools[row], frames[row]), helds, abroad)
+        elif helds:
+            own = [(Held(tools[row], frames[row], routine=routines.get(row, "")), abroad.file)]
+            tools[row], frames[row], why = _together([*(own if row in used else ()), *helds], abroad)
+        elif row in used:
+            why = abroad.reached(abroad.file, routines.get(row, ""))
+        elif bare_of(keys[row]) in abroad.visible:
+            unused.append(row)
+        if why := why or abroad.doubt(tools[row], frames[row]):
+            barred[row] = why
+    remarks = _of_unused(positions, unused)
+    return replace(positions, tools=tuple(tools), user_frames=tuple(frames), barred=barred), remarks
+
+
+def _of_unused(positions: Positions, unused: Sequence[int]) -> tuple[Remark, ...]:
+    if not unused:
+        return ()
+    first = positions.names[unused[0]]
+    text = _UNUSED.format(first, len(unused) - 1) if len(unused) > 1 else _UNUSED_ALONE.format(first)
+    return (Remark(int(positions.lines[unused[0]]), "indirect", text),)
+
+
+def _taught_otherwise(taught: Held, helds: Sequence[tuple[Held, str]], abroad: Abroad) -> str:
+    """Return why a position is left that holds a tool and frame, and is moved to with others; or ""."""
+    helds = [(held, file) for held, file in helds if held.why != COPIED]
+    tool, frame, why = _together(helds, abroad) if helds else (None, None, "")
+    if why or (tool or taught.tool, frame or taught.frame) == (taught.tool, taught.frame):
+        return why
+    return _OTHERWISE.format(PurePath(helds[0][1]).name)
+
+
+def _together(helds: Sequence[tuple[Held, str]], abroad: Abroad) -> tuple[str | None, str | None, str]:
+    """Return the tool and frame that all uses of a position agree on, or why they do not."""
+    some = [(held, file) for held, file in helds if held.why != COPIED]
+    if not some:
+        return None, None, COPIED
+    whys = (held.why or abroad.reached(file, held.routine) for held, file in some)
+    why = next(filter(None, whys), "")
+    if len({(_key(held.tool), _key(held.frame)) for held, _ in some}) > 1:
+        files = sorted({PurePath(file).name for _, file in some if file})
+        why = why or _DIFFERENT.format(", ".join(files[:3]) + (" and others" if len(files) > 3 else ""))
+    held = some[0][0]
+    return (None, None, why) if why else (held.tool, held.frame, "")
+
+
+def _closure(begin: Sequence[Routine], further: Callable[[Routine], list[Routine]]) -> list[Routine]:
+    """Return routines without those to begin with, unless another leads to them."""
+    found: dict[Routine, None] = {}
+    open_ = list(begin)
+    while open_:
+        for new in further(open_.pop()):
+            if new not in found:
+                found[new] = None
+                open_.append(new)
+    return list(found)
+
+
+def _key(name: str | None) -> str:
+    return "" if name is None else name.lower()
+
+
+def _nearest(file: str, others: Sequence[str]) -> list[str]:
+    """Return those beside a file, or all where none is."""
+    folder = PurePath(file).parent
+    return [other for other in others if PurePath(other).parent == folder] or list(others)
+
+
+def bare_of(name: str) -> str:
+    """Return an array's name for an element of it."""
+    return name.partition("[")[0].partition("{")[0]

@@ -1,0 +1,54 @@
+"""What the programs of one batch say of each other's positions, read before any of them is changed."""
+
+from collections.abc import Iterator, Sequence
+from typing import cast
+
+from calibration.errors import CellError
+from drivers.program_registry import SUFFIXES, brand_named, read_programs
+from drivers.programs.across import Across, Said
+from drivers.programs.brands import Telling
+from drivers.programs.positions import ProgramFile
+from service.programs.files import Source, read_bytes
+from service.programs.forks import forked
+
+
+def read_siblings(sources: Sequence[Source]) -> None:
+    """Read what a batch's programs say of each other, once; needed where one process starts others."""
+    for siblings in {id(one.siblings): one.siblings for one in sources if one.siblings is not None}.values():
+        if siblings.across is None:
+            told = [one for one in siblings.sources if _may_tell(one)]
+            said = {file: said for some in forked(_said_of, told) for file, said in some}
+            siblings.across = Across(said)
+
+
+def with_siblings(source: Source, program: ProgramFile) -> ProgramFile:
+    """Return a program with what the others of its batch say of its positions."""
+    if not brand_named(program.brand).tells:
+        return program
+    if source.siblings is None:
+        across = Across({str(source.path): cast(Telling, program).said})
+    else:
+        read_siblings([source])
+        across = cast(Across, source.siblings.across)
+    abroad = across.of(str(source.path))
+    return program if abroad is None else cast(Telling, program).with_abroad(abroad)
+
+
+def _may_tell(source: Source) -> bool:
+    suffix = source.path.suffix.lower()
+    return any(suffix in SUFFIXES[brand] for brand in SUFFIXES if brand in ("abb", "kuka"))
+
+
+def _said_of(sources: Sequence[Source]) -> list[tuple[str, Said]]:
+    return list(_saying(sources))
+
+
+def _saying(sources: Sequence[Source]) -> Iterator[tuple[str, Said]]:
+    for source in sources:
+        try:
+            data = read_bytes(source.path)
+        except CellError:
+            continue  # it is refused when its turn comes
+        for program in read_programs([(str(source.path), data)]):
+            if not isinstance(program, CellError) and brand_named(program.brand).tells:
+                yield str(source.path), cast(Telling, program).said

@@ -1,0 +1,212 @@
+"""Positions that one file declares and others move to: KUKA's data lists and ABB's modules, given together."""
+
+from pathlib import Path
+
+import pytest
+
+from service.programs.batches import batches
+from service.programs.files import find_programs
+
+POINT = "{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
+FRAME_DATA = 'DECL FDAT FP1={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " "}'
+TARGET = "[[1,2,3],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
+USED = ("BAS(#TOOL,1)", "BAS(#BASE,4)", "LIN P1")
+WORK_OBJECT = 'PERS wobjdata w1:=[{},TRUE,"",[[0,0,0],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];'
+
+
+def dat(name, *lines, public=""):
+    return "\r\n".join([f"DEFDAT {name} {public}", *lines, "ENDDAT", ""])
+
+
+def src(name, *lines):
+    return "\r\n".join([f"DEF {name} ( )", *lines, "END", ""])
+
+
+def module(name, *lines):
+    return "\r\n".join([f"MODULE {name}", *lines, "ENDMODULE", ""])
+
+
+def moves(*lines):
+    return "\r\n".join(["PROC r()", *lines, "ENDPROC"])
+
+
+def read(folder: Path, files):
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, newline="")
+    refused = []
+    found = {
+        one.source.place.as_posix(): one.program
+        for some in batches(find_programs([str(folder)]).sources, lambda _: None, refused)
+        for one in some
+    }
+    assert not refused
+    return found
+
+
+def told(program, name):
+    """Return tool and frame of a position, or why it is left."""
+    positions = program.positions
+    row = positions.names.index(name)
+    return positions.barred.get(row) or (positions.tools[row], positions.user_frames[row])
+
+
+SHOWN = dat("A", f"DECL GLOBAL E6POS P1={POINT}", public="PUBLIC")
+OWN = dat("A", f"DECL E6POS P1={POINT}")
+
+
+@pytest.mark.parametrize(
+    ("files", "wanted"),
+    [
+        ({"a.dat": OWN, "a.src": src("A", *USED)}, ("1", "4")),
+        ({"a.dat": OWN, "b.src": src("B", *USED)}, (None, None)),  # not GLOBAL
+        ({"a.dat": SHOWN, "b.src": src("B", *USED)}, ("1", "4")),
+        (
+            {"a.dat": SHOWN, "b.dat": dat("B", f"DECL E6POS P1={POINT}"), "b.src": src("B", *USED)},
+            (None, None),
+        ),
+        ({"a.dat": SHOWN, "b.src": src("B", "DECL E6POS P1", *USED)}, (None, None)),  # hidden by its own
+        ({"a.dat": SHOWN, "b.src": src("B", *USED), "c.src": src("C", *USED)}, ("1", "4")),
+        (
+            {
+                "a.dat": SHOWN,
+                "b.src": src("B", *USED),
+                "c.src": src("C", "BAS(#TOOL,1)", "BAS(#BASE,5)", "LIN P1"),
+            },
+            "different tools or frames, in b.src, c.src",
+        ),
+        (
+            {
+                "a.dat": OWN,
+                "a.src": src("A", *USED[:2], "GRIP()", "LIN P1"),
+                "g.src": src("GRIP", "BAS(#BASE,7)"),
+            },
+            "GRIP in g.src",
+        ),
+        (
+            {
+                "a.dat": OWN,
+                "a.src": src("A", *USED[:2], "GRIP()", "LIN P1"),
+                "g.src": src("GRIP", "BAS(#BASE,4)"),
+            },
+            ("1", "4"),
+        ),
+        ({"a.dat": OWN, "a.src": src("A", "LIN P1"), "m.src": src("M", "BAS(#BASE,7)", "A()")}, "M in m.src"),
+        (
+            {
+                "a.dat": OWN,
+                "a.src": src("A", *USED[:2], "INTERRUPT DECL 3 WHEN $IN[1] DO STOPP()", "LIN P1"),
+                "s.src": src("STOPP", "$BASE=BASE_DATA[9]"),
+            },
+            "STOPP in s.src",
+        ),
+        ({"a.dat": OWN, "a.src": src("A", *USED[:2], "P2=P1", "LIN P2")}, "only the copy"),
+        (
+            {
+                "a.dat": OWN,
+                "a.src": src("A", "BAS(#TOOL,1)", "IF $IN[1] THEN", "BAS(#BASE,4)", "ENDIF", "LIN P1"),
+            },
+            "in a branch",
+        ),
+        ({"a.dat": OWN, "a.src": src("A", "BAS(#TOOL,1)", "IF $IN[1] THEN", *USED[1:], "ENDIF")}, ("1", "4")),
+        (
+            {
+                "a.dat": OWN,
+                "a.src": src("A", "SPLINE WITH $BASE=BASE_DATA[2],$TOOL=TOOL_DATA[1]", "SPL P1", "ENDSPLINE"),
+            },
+            "while the program runs",
+        ),
+        (
+            {
+                "one/a.dat": OWN,
+                "one/a.src": src("A", *USED),
+                "two/a.dat": OWN,
+                "two/a.src": src("A", "BAS(#BASE,5)"),
+            },
+            ("1", "4"),
+        ),
+        ({"$config.dat": dat("$CONFIG", f"DECL E6POS P1={POINT}"), "b.src": src("B", *USED)}, ("1", "4")),
+    ],
+)
+def test_a_kuka_point_has_the_tool_and_base_that_all_files_agree_on(tmp_path, files, wanted):
+    found = told(read(tmp_path, files)[next(iter(files))], "P1")
+    if isinstance(wanted, str):
+        assert isinstance(found, str)
+        assert wanted in found
+    else:
+        assert found == wanted
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        (("BAS(#BASE,5)", "FDAT_ACT=FP1", "BAS(#PTP_PARAMS,100)", "PTP XP1"), ""),
+        (("SLIN XP1 WITH $TOOL=STOOL2(FP1),$BASE=SBASE(FP1.BASE_NO)",), ""),
+        (("BAS(#BASE,5)", "BAS(#TOOL,1)", "LIN XP1"), "a.src moves there"),
+        (("SLIN XP1 WITH $BASE=BASE_DATA[5]",), "while the program runs"),
+    ],
+)
+def test_a_kuka_point_with_frame_data_is_left_where_it_is_moved_to_otherwise(tmp_path, lines, words):
+    files = {"a.dat": dat("A", f"DECL E6POS XP1={POINT}", FRAME_DATA), "a.src": src("A", *lines)}
+    found = told(read(tmp_path, files)["a.dat"], "XP1")
+    assert (words in found) if words else (found == ("1", "2"))
+
+
+ABB = module("A", f"CONST robtarget p1:={TARGET};")
+AT_W2 = "MoveL p1,v100,fine,tool1\\WObj:=w2;"
+
+
+@pytest.mark.parametrize(
+    ("files", "wanted"),
+    [
+        ({"a.mod": ABB, "b.mod": module("B", moves(AT_W2))}, ("tool1", "w2")),
+        ({"a.mod": ABB, "b.mod": module("B", moves(AT_W2.replace("p1", "Offs(p1,0,0,9)")))}, ("tool1", "w2")),
+        ({"a.mod": ABB.replace("CONST", "LOCAL CONST"), "b.mod": module("B", moves(AT_W2))}, (None, None)),
+        ({"a.mod": ABB, "b.mod": module("B", "PROC go(robtarget p1)", AT_W2, "ENDPROC")}, (None, None)),
+        ({"a.mod": ABB, "b.mod": module("B", moves("VAR robtarget p1;", AT_W2))}, (None, None)),
+        (
+            {
+                "a.mod": module("A", f"CONST robtarget p1:={TARGET};", moves(AT_W2)),
+                "b.mod": module("B", moves(AT_W2.replace("w2", "w1"))),
+            },
+            "different tools or frames, in a.mod, b.mod",
+        ),
+        (
+            {
+                "a.mod": ABB,
+                "b.mod": module("B", moves(AT_W2.replace("w2", "w1"))),
+                "c.sys": module("C", WORK_OBJECT.format("TRUE")),
+            },
+            "held work object",
+        ),
+        (
+            {
+                "a.mod": ABB,
+                "b.mod": module("B", moves(AT_W2.replace("w2", "w1"))),
+                "c.sys": module("C", WORK_OBJECT.format("FALSE"), moves("w1.uframe.trans.x:=5;")),
+            },
+            "set while the program runs",
+        ),
+        ({"a.mod": ABB, "b.mod": module("B", moves("pApp:=Offs(p1,0,0,100);"))}, "only the copy"),
+    ],
+)
+def test_an_abb_target_has_the_tool_and_work_object_that_all_modules_agree_on(tmp_path, files, wanted):
+    found = told(read(tmp_path, files)["a.mod"], "p1")
+    if isinstance(wanted, str):
+        assert isinstance(found, str)
+        assert wanted in found
+    else:
+        assert found == wanted
+
+
+def test_an_array_of_another_module_is_used_as_a_whole_where_its_index_is_computed(tmp_path):
+    array = module("A", f"CONST robtarget p{{2}}:=[{TARGET},{TARGET}];")
+    move = moves("MoveL p{i},v100,fine,tool1\\WObj:=w2;")
+    found = read(tmp_path, {"a.mod": array, "b.mod": module("B", move)})["a.mod"]
+    assert told(found, "p{1}") == told(found, "p{2}") == ("tool1", "w2")
+
+
+@pytest.mark.parametrize(("name", "text"), [("a.mod", ABB), ("a.dat", SHOWN)])
+def test_a_position_that_programs_not_given_may_use_is_told(tmp_path, name, text):
+    program = read(tmp_path, {name: text})[name]
+    assert any("not given" in remark.text for remark in program.remarks)
