@@ -50,10 +50,12 @@ def run(  # noqa: PLR0913  a command's options are its arguments
     from service.cli.outlook import tell_dry_run
     from service.configuration.cell_file import read_cell_file
     from service.runs.outline import refuse_class_out_of_reach
+    from service.runs.specs import build_spec
 
     config, settings = read_cell_file(cell), _settings(setting)
     if dry_run:
         return tell_dry_run(config, procedure, robot, settings, as_json=as_json)
+    build_spec(config, config.robot(robot).name, procedure, settings)  # what is misspelt reaches no device
     refuse_class_out_of_reach(config, procedure, settings, robot)
     outcome = asyncio.run(run_live(config, procedure, robot, settings, answers))
     return tell(outcome, config, as_json=as_json)

@@ -64,6 +64,10 @@ def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
     endless = [key for key, value in asdict(spec).items() if not _is_finite(value)]
     if endless:
         raise _wrong(procedure, f"{', '.join(endless)}: not a finite number")
+    became = asdict(spec)
+    yes_or_no = [key for key, value in settings.items() if _bool_became_number(value, became[key])]
+    if yes_or_no:
+        raise _wrong(procedure, f"{', '.join(yes_or_no)}: true and false are no numbers")
     return spec
 
 
@@ -108,3 +112,14 @@ def _is_finite(value: Any) -> bool:
     if isinstance(value, list | tuple):
         return all(_is_finite(part) for part in value)
     return not isinstance(value, float) or math.isfinite(value)
+
+
+def _bool_became_number(given: Any, became: Any) -> bool:
+    """Tell whether a true or false is taken for 1 or 0 anywhere in a setting: the types alone let it pass."""
+    if isinstance(given, bool):
+        return isinstance(became, int | float) and not isinstance(became, bool)
+    if isinstance(given, dict) and isinstance(became, dict):
+        return any(_bool_became_number(value, became.get(key)) for key, value in given.items())
+    if isinstance(given, list | tuple) and isinstance(became, list | tuple):
+        return any(_bool_became_number(a, b) for a, b in zip(given, became, strict=False))
+    return False

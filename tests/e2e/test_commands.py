@@ -40,6 +40,9 @@ def test_help_names_every_command() -> None:
         assert name in ended.stdout
 
 
+_REAL_CELL = str(ROOT / "deploy/example_cells/fanuc_draw_wire.toml")
+
+
 def test_the_version_is_the_packages() -> None:
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
     assert cellcal("--version").stdout.strip() == declared
@@ -52,6 +55,8 @@ def test_the_version_is_the_packages() -> None:
         (("run", "mastering_record"), "cell"),
         (("check", "/no/such/cell.toml"), "there is no such file"),
         (("models", "ur99"), "ur"),
+        (("run", "drift_chek", "--cell", _REAL_CELL), "Did you mean drift_check"),  # and reaches no device
+        (("run", "drift_check", "--cell", _REAL_CELL, "--set", "nope=1"), "no setting nope"),
     ],
 )
 def test_a_wrong_word_is_a_sentence_and_no_trace(words: tuple[str, ...], says: str) -> None:

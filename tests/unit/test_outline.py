@@ -6,11 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.errors import CellError
 from service.cli.app import run_command_line
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import write_cell_file
 from service.exit_codes import ExitCode
 from service.runs.outline import ClassOutOfReachError, dry_run, possible, refuse_class_out_of_reach
+from service.runs.specs import spec_of
 
 POINTER = {"frame_number": 2, "tip_in_flange_m": [0.0, 0.0, 0.1]}
 
@@ -123,3 +125,18 @@ def test_the_commands_print_it(config: CellConfig, capsys: pytest.CaptureFixture
     assert listed["mastering_record"] == []
     assert listed["mastering_recovery"]
     assert run_command_line([*words, "--set", "tip_in_flange_m=[0,0,1e999]", "--dry-run"]) == ExitCode.USAGE
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"frame_number": True},
+        {"tip_in_flange_m": [0, 0, False]},
+        {"limits": {"origin_m": True, "angle_rad": 1.0}},
+    ],
+)
+def test_true_and_false_are_no_numbers_of_a_setting(wrong: dict[str, object]) -> None:
+    right: dict[str, object] = {"frame_number": 1, "tip_in_flange_m": [0, 0, 0.2], "check_above": True}
+    assert spec_of("three_point_frame", right).check_above
+    with pytest.raises(CellError, match=f"{next(iter(wrong))}.*true and false are no numbers"):
+        spec_of("three_point_frame", right | wrong)
