@@ -90,10 +90,16 @@ def _how(cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float) -> str:
             f"Load the program {name} on the pendant, compare its joints with "
             f"{_shown(way_rad[-1])}, and run it in T1, at most {pace}. Say yes when it has ended."
         )
-    over = f"by way of {'; then '.join(map(_shown, way_rad[:-1]))}; " if len(way_rad) > 1 else ""
+    to = _shown(way_rad[-1])
+    if len(way_rad) > 1:
+        over = "; then ".join(map(_shown, way_rad[:-1]))
+        return (
+            f"With the pendant, in T1 and at most {pace} per joint, bring the robot by way of {over}; "
+            f"to {to}. Say yes when it stands there."
+        )
     return (
-        f"With the pendant, in T1 and at most {pace} per joint, bring the robot {over}to "
-        f"{_shown(way_rad[-1])}. Say yes when it stands there."
+        f"With the pendant, in T1 and at most {pace} per joint, bring the robot to {to}. "
+        "Say yes when it stands there."
     )
 
 

@@ -146,6 +146,46 @@ async def test_a_frames_point_is_left_out_by_a_tap_and_put_back_in_the_table(see
         await expect(table).to_have_text(signed, use_inner_text=True)
 
 
+@pytest.mark.parametrize("locale", LOCALES)
+async def test_a_point_that_cannot_be_spared_is_refused_in_the_pages_language(
+    seen: Seen, locale: str
+) -> None:
+    looks, past = seen
+    async with looks.page(f"#/history/{past.frame}", locale=locale) as page:
+        await speaks(page, locale)
+        await marks(page)
+        await page.get_by_test_id("residuals").locator("summary").click()
+        rows = page.get_by_test_id("residual-table").locator("tbody tr")
+        async with page.expect_response("**/what-if") as answer:  # residuals of zero lie on the plot's edge
+            await rows.nth(1).get_by_role("button").click()
+        told = await (await answer.value).json()
+        refused = page.get_by_test_id("what-if-refused")
+        await expect(refused).to_contain_text("3")
+        if locale != "en":
+            await expect(refused).not_to_contain_text(told["message"])
+        await expect(refused.locator("[lang=en]")).to_have_count(0)
+        await expect(page.get_by_test_id("residuals")).to_have_attribute("data-signed", "true")
+        await comes(lambda: _complaints_of(looks))
+        assert [line for line in looks.complaints if "422" not in line] == []
+        looks.complaints.clear()
+
+
+async def test_settings_that_differ_are_rows_with_units(seen: Seen) -> None:
+    looks, past = seen
+    async with looks.page("#/history", locale="de") as page:
+        await page.get_by_test_id("run").first.wait_for()
+        for run in (past.frame, past.moved):
+            await page.locator(f"[data-run='{run}']").get_by_test_id("pick").click()
+        table = page.get_by_test_id("settings-differ")
+        sigma = table.locator("[data-path=old_sigma_m]")
+        await expect(sigma).to_contain_text("0,500 mm")
+        await expect(table.locator("[data-path='points_in_frame_m.4']")).to_contain_text(
+            "300,000 / 200,000 / 100,000 mm"
+        )
+        words = await table.inner_text()
+        assert not re.search(r"null|[\[\]{}_]|\d\.\d", words), words
+
+
 async def _complaints_of(looks: Looking) -> list[str]:
     return looks.complaints
 

@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import TypeAdapter
@@ -70,13 +71,19 @@ def step_names() -> set[str]:
     return {name for found in names if found is not None and not found[1] for name in [found[0]]}
 
 
+def setting_names(schema: dict[str, Any]) -> set[str]:
+    """Return the names of settings and of their parts; a pose has a field of its own."""
+    parts = [each for name, each in schema.get("$defs", {}).items() if name != "Pose"]
+    return {name for each in (schema, *parts) for name in each.get("properties", {})}
+
+
 @pytest.mark.parametrize("locale", TRANSLATED)
 def test_titles_steps_settings_and_plain_instructions_are_translated(locale: str) -> None:
     table = tables()[locale]
     settings = {
         UNIT.sub("", name).replace("_", " ")
         for entry in ENTRIES
-        for name in TypeAdapter(entry.spec_type).json_schema()["properties"]
+        for name in setting_names(TypeAdapter(entry.spec_type).json_schema())
     }
     wanted = {
         "titles": {key(entry.title) for entry in ENTRIES},

@@ -93,7 +93,9 @@ class Sayings {
   #ofDevice(text: string): string | null {
     const found = DEVICE.exec(text);
     const said = found ? this.#one(found[2]!) : null;
-    return said === null ? null : `${found![1]}: ${said}`;
+    if (said === null) return null;
+    const name = found![1]!; // a step is said, too; a device has its own name
+    return `${/ \d+$/.test(name) ? this.step(name) : name}: ${said}`;
   }
 
   #listed(text: string): string | null {

@@ -2,6 +2,8 @@
 
 export interface Field {
   type?: string;
+  properties?: Record<string, Field>;
+  required?: string[];
   anyOf?: Field[];
   enum?: unknown[];
   default?: unknown;
@@ -13,20 +15,53 @@ export interface Field {
   "x-file"?: boolean;
 }
 
-export type Kind = "number" | "integer" | "choice" | "yesno" | "text" | "triple" | "triples" | "pose" | "numbers" | "file" | "json";
+export type Kind =
+  | "number" | "integer" | "choice" | "yesno" | "text" | "triple" | "triples" | "pose" | "numbers" | "file"
+  | "group" | "list" | "row" | "json"; // a row: so many numbers
+
+/** What parts are made of, by name, as a JSON schema keeps them. */
+export type Known = Record<string, Field>;
 
 export interface Setting {
   name: string;
+  path: string; // with what it is a part of: room.surroundings.margin_m
   kind: Kind;
   field: Field;
   required: boolean;
+  known: Known;
 }
 
 /** The settings of a procedure, in the order of its specification. */
 export function settingsOf(schema: Record<string, unknown>): Setting[] {
-  const required = (schema.required ?? []) as string[];
-  const fields = Object.entries((schema.properties ?? {}) as Record<string, Field>);
-  return fields.map(([name, field]) => ({ name, kind: kindOf(field), field, required: required.includes(name) }));
+  return partsIn(schema as Field, (schema.$defs ?? {}) as Known, "");
+}
+
+/** The parts of a setting that is a group. */
+export const partsOf = (setting: Setting): Setting[] => partsIn(resolved(setting.field, setting.known), setting.known, `${setting.path}.`);
+
+/** What each member of a list is; its place in the list is its name where there is no other. */
+export function memberOf(setting: Setting, at: number): Setting {
+  const field = resolved(setting.field, setting.known).items ?? {};
+  return { name: setting.name, path: `${setting.path}.${at}`, kind: kindOf(field, setting.known), field, required: false, known: setting.known };
+}
+
+/** How many numbers a row has. */
+export const lengthOf = (setting: Setting): number => resolved(setting.field, setting.known).minItems ?? 0;
+
+/** A name as it is said: without its unit, which stands beside the value. */
+export const plainName = (name: string): string => name.replace(/_(m|rad|s|rad_s|m_s)$/, "").replaceAll("_", " ");
+
+function partsIn(field: Field, known: Known, prefix: string): Setting[] {
+  const required = field.required ?? [];
+  return Object.entries(field.properties ?? {}).map(([name, each]) => ({
+    name, path: prefix + name, kind: kindOf(each, known), field: each, required: required.includes(name), known,
+  }));
+}
+
+/** A field as it is when it is there, a name of another schema looked up. */
+function resolved(field: Field, known: Known): Field {
+  const real = (field.anyOf ?? [field]).find((each) => each.type !== "null") ?? field;
+  return known[real.$ref?.split("/").pop() ?? ""] ?? real;
 }
 
 /** What a technician decides: what must be told, choices, and points. The rest stands at its usual value. */
@@ -34,18 +69,22 @@ export function isEssential(setting: Setting): boolean {
   return setting.required || ["choice", "yesno", "triples", "numbers"].includes(setting.kind);
 }
 
-function kindOf(field: Field): Kind {
-  const real = (field.anyOf ?? [field]).find((each) => each.type !== "null") ?? field;
+function kindOf(field: Field, known: Known): Kind {
   if (field["x-file"]) return "file";
-  if (real.$ref?.endsWith("/Pose")) return "pose";
+  if ((field.anyOf ?? [field]).some((each) => each.$ref?.endsWith("/Pose"))) return "pose";
+  const real = resolved(field, known);
   if (real.enum) return "choice";
   if (real.type === "boolean") return "yesno";
   if (real.type === "number" || real.type === "integer") return real.type;
   if (real.type === "string") return "text";
+  if (real.type === "object" && real.properties) return "group";
   if (real.type !== "array") return "json";
   if (isTriple(real)) return "triple";
-  if (real.items && isTriple(real.items)) return "triples";
-  return real.items?.type === "integer" ? "numbers" : "json";
+  if (real.prefixItems?.every((each) => each.type === "number" || each.type === "integer")) return "row";
+  if (!real.items) return "json";
+  if (isTriple(real.items)) return "triples";
+  if (real.items.type === "integer") return "numbers";
+  return kindOf(real.items, known) === "json" ? "json" : "list";
 }
 
 function isTriple(field: Field): boolean {

@@ -1,0 +1,127 @@
+"""Settings in a real browser: every kind has fields, units and words; what the service refuses is said in them."""
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, expect
+
+from procedures.catalogue import ENTRIES
+from service.web.app import Settings, create_app
+from tests.service.browsers import go, hold_to_rules, speaks
+from tests.service.desks import a_cell
+from tests.service.test_pages import Looking, looking_at
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+ROOM = "setting-room"
+SAID = {
+    "de": ("Geschwindigkeit der Spitze", "höchstens 250,0 mm/s"),
+    "es": ("velocidad de la punta", "como máximo 250,0 mm/s"),
+    "zh": ("尖端速度", "最大 250.0 mm/s"),
+}
+NEGATIVE = {"de": "endliche", "es": "finit", "zh": "有限"}
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
+    async with (
+        a_cell(tmp_path_factory.mktemp("cell")) as (path, _),
+        looking_at(create_app(Settings(path, open_access=True))) as looks,
+    ):
+        yield looks
+
+
+async def fill(page: Page, test_id: str, text: str) -> None:
+    """Type into a field, and go on to the next."""
+    await page.get_by_test_id(test_id).fill(text)
+    await page.get_by_test_id(test_id).press("Tab")
+
+
+async def unfold(page: Page) -> None:
+    """Open all that is folded."""
+    await page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true; })")
+
+
+async def foretell(page: Page) -> dict[str, Any]:
+    """Press the button that asks what will happen; return what was asked."""
+    async with page.expect_response("**/api/dry-runs") as answered:
+        await page.locator("section[aria-live] button").click()
+    asked: dict[str, Any] = (await answered.value).request.post_data_json
+    return asked
+
+
+async def test_no_procedure_wants_anything_typed_as_json(looking: Looking) -> None:
+    async with looking.page(size=(800, 1280)) as page:
+        for entry in ENTRIES:
+            await go(page, f"#/procedure/{entry.name}")
+            await page.get_by_test_id("settings").wait_for(state="attached")  # one has none
+            await unfold(page)
+            assert await page.locator("[data-kind=json]").count() == 0, entry.name
+            assert await page.evaluate("document.documentElement.scrollWidth <= innerWidth"), entry.name
+
+
+async def test_what_has_parts_is_filled_in_part_by_part(looking: Looking) -> None:
+    async with looking.page("#/procedure/mastering_recovery", locale="de") as page:
+        await page.get_by_test_id("settings").wait_for()
+        await unfold(page)
+        await fill(page, "value-room.tip_speed_m_s", "100,5")
+        await page.get_by_test_id("room.surroundings.planes-add").click()
+        await unfold(page)
+        plane = "room.surroundings.planes.0"
+        await fill(page, f"value-{plane}.name", "Boden")
+        for axis, point, normal in zip("xyz", ("0", "0", "-12,5"), ("0", "0", "1"), strict=True):
+            await fill(page, f"{plane}.point_in_base_m-0-{axis}", point)
+            await fill(page, f"{plane}.normal_in_base-0-{axis}", normal)
+        normals = page.get_by_test_id(f"setting-{plane}.normal_in_base")
+        await expect(normals.get_by_test_id("unit")).to_have_count(0)  # a direction has none
+        await expect(page.get_by_test_id("value-alarms.battery.0")).to_have_value("SRVO-062")  # the usual one
+        await page.get_by_test_id("alarms.battery-add").click()
+        await page.get_by_test_id("alarms.battery-remove-1").click()
+        settings = (await foretell(page))["settings"]
+        room = settings["room"]
+        assert room["tip_speed_m_s"] == 0.1005
+        assert room["surroundings"]["planes"] == [
+            {"name": "Boden", "point_in_base_m": [0, 0, -0.0125], "normal_in_base": [0, 0, 1]}
+        ]
+        assert settings["alarms"] == {"battery": ["SRVO-062"]}
+        await page.reload()
+        await expect(page.get_by_test_id("value-room.tip_speed_m_s")).to_have_value("100,5")
+        await unfold(page)
+        await page.get_by_test_id("usual-room").click()
+        await expect(page.get_by_test_id("usual-room")).to_have_count(0)
+        assert "room" not in (await foretell(page))["settings"]
+
+
+@pytest.mark.parametrize("locale", SAID)
+async def test_settings_that_are_refused_are_named_with_their_bounds(looking: Looking, locale: str) -> None:
+    async with looking.page("#/procedure/mastering_record", locale=locale) as page:
+        await speaks(page, locale)
+        await page.get_by_test_id("settings").wait_for()
+        await unfold(page)
+        await fill(page, "value-room.tip_speed_m_s", "400")
+        await foretell(page)
+        refused = page.get_by_test_id("no-outlook")
+        for words in SAID[locale]:
+            await expect(refused).to_contain_text(words)
+        await expect(refused).not_to_contain_text("--set")  # nobody at a tablet has a command line
+        await expect(refused.locator("[lang=en]")).to_have_count(0)
+        await hold_to_rules(page, "a refusing dry run")
+
+        await fill(page, "value-room.tip_speed_m_s", "100")
+        await fill(page, "value-room.surroundings.margin_m", "-1000")
+        await foretell(page)
+        await expect(refused).to_contain_text(
+            NEGATIVE[locale]
+        )  # the cell is refused, and what can be told is
+        await expect(refused.locator("[lang=en]")).to_have_count(0)
+        assert [line for line in looking.complaints if "422" not in line and "400" not in line] == []
+        looking.complaints.clear()  # the browser tells of a refusal, too
+
+
+async def test_a_procedure_that_is_not_there_is_no_dead_end(looking: Looking) -> None:
+    async with looking.page("#/procedure/none") as page:
+        await page.get_by_test_id("no-procedure").wait_for()
+        await page.locator("main a[href='#/']").click()
+        await expect(page.locator("main h1")).to_be_visible()
+        await expect(page.get_by_test_id("no-procedure")).to_have_count(0)

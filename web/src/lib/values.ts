@@ -1,0 +1,77 @@
+// Settings of two runs that differ, as rows that people read: where, what it was, what it is, and by how much.
+
+import { language } from "./i18n.svelte";
+import { sayings } from "./say.svelte";
+import { plainName } from "./schema";
+import { unitOf, type Unit } from "./units";
+
+export interface Row {
+  path: string; // as the service names it, with a place in a list counted from 1
+  said: string;
+  before: string;
+  after: string;
+  change: string; // empty where nothing can be subtracted
+}
+
+const NOTHING = "–";
+const LONGEST = 6; // numbers that are read as one thing: a point, joints
+
+/** The rows of one setting: what has parts has a row for each part that differs. */
+export function rowsOf(path: string, before: unknown, after: unknown): Row[] {
+  if (isGroup(before) || isGroup(after)) {
+    const [old, fresh] = [partsOf(before), partsOf(after)];
+    const names = [...new Set([...Object.keys(old), ...Object.keys(fresh)])];
+    return names.flatMap((name) => rowsOf(`${path}.${name}`, old[name], fresh[name]));
+  }
+  if (JSON.stringify(before ?? null) === JSON.stringify(after ?? null)) return [];
+  const names = path.split(".");
+  const unit = unitOf(names.filter((name) => !/^\d+$/.test(name)).pop() ?? "");
+  return [{
+    path,
+    said: nameOf(path),
+    before: written(before, unit),
+    after: written(after, unit),
+    change: difference(before, after, unit),
+  }];
+}
+
+/** What a path is called: "room · tip speed". */
+export const nameOf = (path: string): string =>
+  path.split(".").map((name) => (/^\d+$/.test(name) ? name : sayings.say(plainName(name)))).join(" · ");
+
+const isNumbers = (value: unknown): value is number[] =>
+  Array.isArray(value) && value.length > 0 && value.length <= LONGEST && value.every((each) => typeof each === "number");
+
+/** Whether a value is told part by part: a list of plain words is not. */
+const isGroup = (value: unknown): boolean =>
+  typeof value === "object" && value !== null && !isNumbers(value) && !(Array.isArray(value) && value.every((each) => typeof each === "string"));
+
+function partsOf(value: unknown): Record<string, unknown> {
+  if (Array.isArray(value)) return Object.fromEntries(value.map((each, i) => [String(i + 1), each]));
+  return isGroup(value) ? (value as Record<string, unknown>) : {};
+}
+
+/** A value with its unit. */
+export function written(value: unknown, unit: Unit): string {
+  if (value === null || value === undefined || (Array.isArray(value) && value.length === 0)) return NOTHING;
+  if (typeof value === "number") return number(value, unit) + named(unit);
+  if (isNumbers(value)) return value.map((each) => number(each, unit)).join(" / ") + named(unit);
+  if (Array.isArray(value)) return value.join(", ");
+  if (typeof value === "boolean") return language.t(value ? "yes" : "no");
+  const words = String(value);
+  const said = sayings.say(words.replaceAll("_", " "));
+  return said === words.replaceAll("_", " ") ? words : said;
+}
+
+function difference(before: unknown, after: unknown, unit: Unit): string {
+  const [old, fresh] = [before, after].map((value) => (typeof value === "number" ? [value] : value));
+  if (!isNumbers(old) || !isNumbers(fresh) || old.length !== fresh.length) return "";
+  return fresh.map((each, i) => (each > old[i]! ? "+" : "") + number(each - old[i]!, unit)).join(" / ") + named(unit);
+}
+
+const number = (value: number, unit: Unit): string => {
+  const digits = unit.name === "" ? (Number.isInteger(value) ? 0 : 5) : unit.digits;
+  return language.number(value * unit.factor, digits);
+};
+
+const named = (unit: Unit): string => (unit.name === "" || unit.name.startsWith("°") ? unit.name : ` ${unit.name}`);
