@@ -1,8 +1,10 @@
 """What the routines of a KRL program set ``$TOOL`` and ``$BASE`` to, and where that surely holds."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
+
+from drivers.programs.call_graph import Marks, reached
 
 UNKNOWN = "?"
 BARRED = {
@@ -22,32 +24,37 @@ class FrameUse:
 
     values: set[str] = field(default_factory=set)
     first: dict[Branches, int] = field(default_factory=dict)  # where first in which branches
+    below: Marks = ()  # what the routine and those that it calls set, when all is read
+    above: Marks = ()  # what is set around it
 
     def take(self, place: int, value: str, branches: "Branches") -> None:
         """Note a value."""
         self.first.setdefault(branches, place)
         self.values.add(value)
 
-    def at(self, place: int, branches: "Branches") -> str | None:
-        """Return what is set at a place: known only where the routine sets one thing, and surely before."""
-        if len(self.values) != 1 or not self._surely_before(place, branches):
+    def value(self, *, said_before: bool) -> str | None:
+        """Return what holds where it is set before or not: known only where the routine sets one thing."""
+        if len(self.values) != 1 or not said_before:
             return None
         (value,) = self.values
         return None if value == UNKNOWN else value
 
-    def barred(self, called: set[str], callers: set[str], place: int, branches: "Branches") -> str:
+    def barred(self, *, said_before: bool) -> str:
         """Return why nobody can tell what holds, with what other routines set; "" where nothing is in the way."""
-        if called - self.values:
+        if any(value not in self.values for value, _ in self.below):
             return BARRED["called"]
         if UNKNOWN in self.values:
             return BARRED["computed"]
         if len(self.values) > 1:
             return BARRED["several"]
-        if self.values and not self._surely_before(place, branches):
+        if self.values and not said_before:
             return BARRED["later"]
-        return BARRED["caller"] if callers and not self.values else ""
+        return BARRED["caller"] if self.above and not self.values else ""
 
-    def _surely_before(self, place: int, branches: "Branches") -> bool:
+    def surely_before(self, place: int, branches: "Branches") -> bool:
+        """Tell whether one is set above a place, in the branches that the place is inside."""
+        if not self.first:
+            return False
         return any(self.first.get(branches[:depth], place + 1) <= place for depth in range(len(branches) + 1))
 
 
@@ -64,23 +71,16 @@ class Routine:
     base: FrameUse = field(default_factory=FrameUse)
 
 
-def tool_of(routine: Routine) -> FrameUse:
-    """Return what a routine sets ``$TOOL`` to."""
-    return routine.tool
-
-
-def base_of(routine: Routine) -> FrameUse:
-    """Return what a routine sets ``$BASE`` to."""
-    return routine.base
-
-
-def callers_of(routine: Routine, callers: Mapping[str, list[Routine]]) -> list[Routine]:
-    """Return the routines of this file that call one, and those that call them."""
-    found: dict[int, Routine] = {}
-    open_ = [routine]
-    while open_:
-        for one in callers.get(open_.pop().name, ()):
-            if one.number not in found:
-                found[one.number] = one
-                open_.append(one)
-    return list(found.values())
+def reached_from(routines: Sequence[Routine]) -> None:
+    """Give every routine what is set by those of its file that it calls, and that call it."""
+    by_name: dict[str, list[int]] = {}
+    for routine in routines:
+        if routine.name:
+            by_name.setdefault(routine.name, []).append(routine.number)
+    calls = [
+        [number for name in sorted(routine.calls) for number in by_name.get(name, ())] for routine in routines
+    ]
+    for uses in ([one.tool for one in routines], [one.base for one in routines]):
+        below, above = reached(calls, [use.values for use in uses])
+        for use, its_below, its_above in zip(uses, below, above, strict=True):
+            use.below, use.above = its_below, its_above

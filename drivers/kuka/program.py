@@ -7,7 +7,7 @@ from typing import NamedTuple
 from calibration.geometry import Pose
 from drivers.kuka.collected import Collected
 from drivers.kuka.data_list import remark_comment, remark_hidden_positions
-from drivers.kuka.frame_uses import BARRED, UNKNOWN, Branches, Routine, base_of, callers_of, tool_of
+from drivers.kuka.frame_uses import BARRED, UNKNOWN, Branches, Routine, reached_from
 from drivers.kuka.lines import Item, Line, declaration, item, lines, without_strings
 from drivers.kuka.literals import Literal
 from drivers.programs.across import COPIED, Held, RoutineSaid, bare_of
@@ -85,8 +85,7 @@ class Program:
     types: dict[str, str] = field(default_factory=dict)
     set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
     external_tool: bool = False
-    called: dict[int, list[Routine]] = field(default_factory=dict)  # by a routine's number, when all is read
-    callers: dict[int, list[Routine]] = field(default_factory=dict)
+    known_held: dict[tuple[int, str, bool, bool, bool], Held] = field(default_factory=dict)
 
     def read(self, line: Line) -> None:
         """Take one line."""
@@ -106,7 +105,7 @@ class Program:
 
     def finish(self) -> None:
         """Give points their tool and base."""
-        self._look_at_calls()
+        reached_from(self.routines)
         for used in self.rows:
             if self.external_tool and self.found.kinds[used.row] == CARTESIAN:
                 self.found.forget(used.row, "the program works with an external tool ($IPO_MODE)")
@@ -118,19 +117,6 @@ class Program:
         for row, name in enumerate(self.found.names):
             if "@" not in name:
                 self._settle_named(row, name)
-
-    def _look_at_calls(self) -> None:
-        """Find what routines with points call, and what calls them."""
-        callers: dict[str, list[Routine]] = {}
-        for routine in self.routines:
-            for name in routine.calls:
-                callers.setdefault(name, []).append(routine)
-        for number in {used.routine for some in (self.rows, *self.uses.values()) for used in some}:
-            routine = self.routines[number]
-            self.called[number] = self._called(routine)
-            above = callers_of(routine, callers)
-            beside = [below for one in above for below in self._called(one) if below is not routine]
-            self.callers[number] = [*above, *beside]
 
     def _settle_named(self, row: int, name: str) -> None:
         """Give a point that a statement sets the tool and base of the moves to it."""
@@ -157,24 +143,24 @@ class Program:
     def held(self, used: Used, *, joints: bool) -> Held:
         """Return the tool and base of a move as far as this file says."""
         routine = self.routines[used.routine]
-        tool = _resolved(routine.tool.at(used.place, used.branches), self._name_of_set("TOOL"))
-        base = _resolved(routine.base.at(used.place, used.branches), self._name_of_set("BASE"))
-        if why := used.why or self._why_barred(routine, used, joints=joints):
-            return Held(None, None, why, routine.name)
-        return Held(tool, base, "", routine.name)
-
-    def _why_barred(self, routine: Routine, used: Used, *, joints: bool) -> str:
-        """Return why the tool or base of a move cannot be told from this file, though one is set here."""
-        called, callers = self.called[routine.number], self.callers[routine.number]
-        found = ""
-        for use, of in ((routine.tool, tool_of), (routine.base, base_of))[: 1 if joints else 2]:
-            found = found or use.barred(
-                {value for one in called for value in of(one).values},
-                {value for one in callers for value in of(one).values},
-                used.place,
-                used.branches,
+        tool_said = routine.tool.surely_before(used.place, used.branches)
+        base_said = routine.base.surely_before(used.place, used.branches)
+        key = (used.routine, used.why, tool_said, base_said, joints)
+        if key not in self.known_held:
+            self.known_held[key] = self._held(
+                routine, used.why, tool_said=tool_said, base_said=base_said, joints=joints
             )
-        return found
+        return self.known_held[key]
+
+    def _held(self, routine: Routine, why: str, *, tool_said: bool, base_said: bool, joints: bool) -> Held:
+        why = why or routine.tool.barred(said_before=tool_said)
+        if not joints:
+            why = why or routine.base.barred(said_before=base_said)
+        if why:
+            return Held(None, None, why, routine.name)
+        tool = _resolved(routine.tool.value(said_before=tool_said), self._name_of_set("TOOL"))
+        base = _resolved(routine.base.value(said_before=base_said), self._name_of_set("BASE"))
+        return Held(tool, base, "", routine.name)
 
     def uses_said(self) -> dict[str, frozenset[Held]]:
         """Return the moves to points that other files declare."""
@@ -192,27 +178,15 @@ class Program:
 
     def routines_said(self) -> dict[str, RoutineSaid]:
         """Return what routines set, for the files that call them."""
-        said = {}
-        for routine in self.routines:
-            some = [routine, *(self._called(routine) if routine.calls else ())]
-            said[routine.name] = RoutineSaid(
-                frozenset(value for one in some for value in one.tool.values),
-                frozenset(value for one in some for value in one.base.values),
-                frozenset(call for one in some for call in one.calls),
+        return {
+            routine.name: RoutineSaid(
+                frozenset(routine.tool.values),
+                frozenset(routine.base.values),
+                frozenset(routine.calls),
                 routine.shown,
             )
-        return said
-
-    def _called(self, routine: Routine) -> list[Routine]:
-        """Return the routines of this file that a routine calls, and those that they call."""
-        by_name = {one.name: one for one in self.routines if one.name}
-        found: dict[str, Routine] = {}
-        open_ = [routine]
-        while open_:
-            for name in sorted(open_.pop().calls & by_name.keys() - found.keys()):
-                found[name] = by_name[name]
-                open_.append(by_name[name])
-        return list(found.values())
+            for routine in self.routines
+        }
 
     def frames(self) -> Frames:
         """Return ``$BASE`` and ``$TOOL`` where the program writes them once, as numbers."""

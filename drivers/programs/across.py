@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import PurePath
 from typing import NamedTuple, TypeAlias
 
+from drivers.programs.call_graph import Marks, reached
 from drivers.programs.positions import CARTESIAN, Positions, Remark
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
@@ -35,7 +36,7 @@ class Held(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RoutineSaid:
-    """What a routine that other files may call sets, with those that it calls in its own file."""
+    """What a routine that other files may call sets, and what it calls."""
 
     tools: frozenset[str] = frozenset()
     frames: frozenset[str] = frozenset()
@@ -88,16 +89,16 @@ class Across:
         self._uses: dict[str, dict[str, list[tuple[Held, str]]]] = defaultdict(lambda: defaultdict(list))
         self._doubtful: dict[str, str] = {}
         self._shown: dict[str, list[str]] = defaultdict(list)  # by routine: the files that show it
-        self._callers: dict[str, list[Routine]] = defaultdict(list)
+        self._folders = {file: str(PurePath(file).parent) for file in said}
+        self._names = [(file, name) for file, one in said.items() for name in one.routines]
+        self._numbers = {routine: number for number, routine in enumerate(self._names)}
+        self._marks: tuple[_Around, _Around] | None = None
         for file, one in said.items():
             self._doubtful |= one.doubtful
             for name, routine in one.routines.items():
                 if routine.shown:
                     self._shown[name].append(file)
-                for called in routine.calls:
-                    self._callers[called].append((file, name))
         self._give_uses()
-        self._reached: dict[Routine, str] = {}
 
     def of(self, file: str) -> Abroad | None:
         """Return what counts for a file; None for one that said nothing."""
@@ -118,59 +119,56 @@ class Across:
                 if shown or one.public:
                     seen[name].append(file)
         for file, one in self._said.items():
-            mine = _nearest(file, [other for other in own[one.module] if other != file])
+            mine = self._nearest(file, [other for other in own[one.module] if other != file])
             for name, helds in one.uses.items():
                 bare = bare_of(name)
                 owners = [other for other in mine if bare in self._said[other].declares]
-                for owner in owners or _nearest(file, seen.get(bare, ())):
+                for owner in owners or self._nearest(file, seen.get(bare, ())):
                     self._uses[owner][name] += [(held, file) for held in helds]
 
     def _why_reached(self, file: str, name: str) -> str:
-        routine = (file, name)
-        if not name or file not in self._said or name not in self._said[file].routines:
+        """Return why what a routine sets itself is not all: one that it calls, or a caller, sets more; or ""."""
+        number = self._numbers.get((file, name)) if name else None
+        if number is None:
             return ""
-        if routine not in self._reached:
-            self._reached[routine] = self._look(routine)
-        return self._reached[routine]
+        own = self._said[file].routines[name]
+        if self._marks is None:
+            self._marks = self._reached()
+        tools, frames = self._marks
+        others = [who for which, has in ((tools, own.tools), (frames, own.frames))
+                  for value, who in which[0][number] if value not in has]  # fmt: skip
+        if others:
+            return self._named(_CALLED, others[0])
+        above = [which[1][number] for which, has in ((tools, own.tools), (frames, own.frames)) if not has]
+        others = [who for marks in above for _, who in marks]
+        return self._named(_CALLER, others[0]) if others else ""
 
-    def _look(self, routine: Routine) -> str:
-        """Return why what a routine sets itself is not all: one that it calls, or a caller, sets more."""
-        own = self._of(routine)
-        for other in _closure([routine], self._called):
-            one = self._of(other)
-            if other[0] != routine[0] and (one.tools - own.tools or one.frames - own.frames):
-                return _CALLED.format(other[1], PurePath(other[0]).name)
-        if own.tools and own.frames:
-            return ""
-        callers = _closure([routine], self._calling)
-        for other in [*callers, *_closure(callers, self._called)]:
-            one = self._of(other)
-            if other != routine and ((one.tools and not own.tools) or (one.frames and not own.frames)):
-                return _CALLER.format(other[1], PurePath(other[0]).name)
-        return ""
-
-    def _of(self, routine: Routine) -> RoutineSaid:
-        return self._said[routine[0]].routines[routine[1]]
-
-    def _called(self, routine: Routine) -> list[Routine]:
-        file = routine[0]
-        found = []
-        for name in self._of(routine).calls:
-            own = name in self._said[file].routines
-            found += (
-                [(file, name)]
-                if own
-                else [(other, name) for other in _nearest(file, self._shown.get(name, ()))]
-            )
-        return found
-
-    def _calling(self, routine: Routine) -> list[Routine]:
-        file, name = routine
-        return [
-            caller
-            for caller in self._callers.get(name, ())
-            if caller[0] == file or (self._of(routine).shown and name not in self._said[caller[0]].routines)
+    def _reached(self) -> "tuple[_Around, _Around]":
+        routines = [self._said[file].routines[name] for file, name in self._numbers]
+        calls = [
+            [self._numbers[called] for name in sorted(one.calls) for called in self._called(file, name)]
+            for (file, _), one in zip(self._numbers, routines, strict=True)
         ]
+        return reached(calls, [one.tools for one in routines]), reached(
+            calls, [one.frames for one in routines]
+        )
+
+    def _called(self, file: str, name: str) -> list[Routine]:
+        if name in self._said[file].routines:
+            return [(file, name)]
+        return [(other, name) for other in self._nearest(file, self._shown.get(name, ()))]
+
+    def _named(self, text: str, number: int) -> str:
+        file, name = self._names[number]
+        return text.format(name, PurePath(file).name)
+
+    def _nearest(self, file: str, others: Sequence[str]) -> list[str]:
+        """Return those beside a file, or all where none is."""
+        folder = self._folders[file]
+        return [other for other in others if self._folders[other] == folder] or list(others)
+
+
+_Around: TypeAlias = tuple[list[Marks], list[Marks]]  # by routine: of those it calls, and around it
 
 
 def settled(
@@ -240,26 +238,8 @@ def _together(helds: Sequence[tuple[Held, str]], abroad: Abroad) -> tuple[str | 
     return (None, None, why) if why else (held.tool, held.frame, "")
 
 
-def _closure(begin: Sequence[Routine], further: Callable[[Routine], list[Routine]]) -> list[Routine]:
-    """Return routines without those to begin with, unless another leads to them."""
-    found: dict[Routine, None] = {}
-    open_ = list(begin)
-    while open_:
-        for new in further(open_.pop()):
-            if new not in found:
-                found[new] = None
-                open_.append(new)
-    return list(found)
-
-
 def _key(name: str | None) -> str:
     return "" if name is None else name.lower()
-
-
-def _nearest(file: str, others: Sequence[str]) -> list[str]:
-    """Return those beside a file, or all where none is."""
-    folder = PurePath(file).parent
-    return [other for other in others if PurePath(other).parent == folder] or list(others)
 
 
 def bare_of(name: str) -> str:

@@ -1,0 +1,99 @@
+"""What routines set, seen from those that call them and those that they call: one pass over all calls."""
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+Marks: TypeAlias = tuple[tuple[str, int], ...]  # what is set, and by which routine; two tell of several
+
+_MOST = 2
+
+
+def reached(
+    calls: Sequence[Collection[int]], own: Sequence[Iterable[str]]
+) -> tuple[list[Marks], list[Marks]]:
+    """Return for every routine what it and those that it calls set, and what is set around it.
+
+    Around it are the routines that call it, at any depth, and all that those call. At most two different values
+    are kept of each: more tell nothing more, and a chain of calls would cost its square.
+    """
+    groups = _groups(calls)
+    group_of = {routine: number for number, group in enumerate(groups) for routine in group}
+    below: list[Marks] = []
+    for group in groups:  # whom a group calls stands before it
+        marks = {(value, routine) for routine in group for value in own[routine]}
+        for called in {group_of[other] for routine in group for other in calls[routine]}:
+            if called < len(below):
+                marks.update(below[called])
+        below.append(_few(marks))
+    above: list[Marks] = [()] * len(groups)
+    for number in range(len(groups) - 1, -1, -1):
+        others = {group_of[other] for routine in groups[number] for other in calls[routine]}
+        if number in others:  # its routines call each other
+            above[number] = _few({*above[number], *below[number]})
+        for called in others - {number}:
+            above[called] = _few({*above[called], *above[number], *below[number]})
+    count = range(len(calls))
+    return [below[group_of[one]] for one in count], [above[group_of[one]] for one in count]
+
+
+def _few(marks: Collection[tuple[str, int]]) -> Marks:
+    """Return the least marks, each of another value."""
+    found: list[tuple[str, int]] = []
+    for mark in sorted(marks):
+        if not found or found[-1][0] != mark[0]:
+            found.append(mark)
+            if len(found) == _MOST:
+                break
+    return tuple(found)
+
+
+def _groups(calls: Sequence[Collection[int]]) -> list[list[int]]:
+    """Return routines that call each other in a circle together, those called before those that call."""
+    tarjan = _Tarjan(calls)
+    for routine in range(len(calls)):
+        if routine not in tarjan.order:
+            tarjan.follow(routine)
+    return tarjan.groups
+
+
+@dataclass
+class _Tarjan:
+    """Tarjan's way to find them, without recursion: calls are as deep as a file says."""
+
+    calls: Sequence[Collection[int]]
+    order: dict[int, int] = field(default_factory=dict)  # by routine: as how many-th it was met
+    least: dict[int, int] = field(default_factory=dict)  # the first met that leads back to it
+    waiting: dict[int, None] = field(default_factory=dict)  # met, and not yet in a group
+    groups: list[list[int]] = field(default_factory=list)
+
+    def follow(self, first: int) -> None:
+        """Group all that a routine leads to."""
+        path = [(first, self._begin(first))]
+        while path:
+            routine, rest = path[-1]
+            for other in rest:
+                if other not in self.order:
+                    path.append((other, self._begin(other)))
+                    break
+                if other in self.waiting:
+                    self.least[routine] = min(self.least[routine], self.order[other])
+            else:
+                path.pop()
+                if path:
+                    above = path[-1][0]
+                    self.least[above] = min(self.least[above], self.least[routine])
+                self._end(routine)
+
+    def _begin(self, routine: int) -> Iterator[int]:
+        self.order[routine] = self.least[routine] = len(self.order)
+        self.waiting[routine] = None
+        return iter(self.calls[routine])
+
+    def _end(self, routine: int) -> None:
+        if self.least[routine] != self.order[routine]:
+            return
+        group: list[int] = []
+        while routine not in group[-1:]:
+            group.append(self.waiting.popitem()[0])
+        self.groups.append(group)
