@@ -14,6 +14,7 @@ _BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 _BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
 BARRED_SET = "its tool or work object is set while the program runs"
 _BARRED_MOVED = "its work object is moved by a mechanical unit, which no program file holds"
+_MOST_USES = 64  # of one target that are told apart
 _SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
 
 
@@ -97,11 +98,15 @@ class Uses:
         uses: dict[tuple[str, str], set[Used]] = defaultdict(set)
         for scope, name, what in self.used:
             uses[scope, name].add(what)
+        of_rows: dict[tuple[int, ...], set[Used]] = defaultdict(set)
         for (scope, name), what_all in uses.items():
             if not self._own(name, scope):
                 self._use_abroad(name, what_all)
-            for row in self.rows_of(name, scope):
-                self.of_row[row] += [what for what in what_all if what not in self.of_row[row]]
+            of_rows[tuple(self.rows_of(name, scope))] |= what_all
+        for rows, what_all in of_rows.items():
+            some = sorted(what_all, key=str)[:_MOST_USES]  # of thousands, these tell that there are several
+            for row in rows:
+                self.of_row[row] += some
         self._bar_copied(found)
         for row, what_all_of_row in sorted(self.of_row.items()):
             self._settle(found, row, set(what_all_of_row))

@@ -42,6 +42,7 @@ class DataList:
     shown: dict[str, bool] = field(default_factory=dict)  # what is declared, and whether for all modules
     taught: set[int] = field(default_factory=set)  # rows with frame data
     frame_data: dict[str, FrameData] = field(default_factory=dict)
+    known_data: dict[str, FrameData] = field(default_factory=dict)  # by text: most points have the same
     undecided: list[tuple[str, Literal]] = field(default_factory=list)  # FRAMEs, which may have an FDAT below
     bases: dict[str, Pose] = field(default_factory=lambda: {"0": _NULL_FRAME})
     tools: dict[str, Pose] = field(default_factory=lambda: {"0": _NULL_FRAME})
@@ -165,6 +166,9 @@ class DataList:
     def _frame_data(self, name: Item, line: Line) -> None:
         source, place = self.found.source, name.value or line.start
         code = without_strings(source.text[place : line.end])
+        if (known := self.known_data.get(code)) is not None:
+            self.frame_data[name.full.upper()] = known
+            return
         if _FDAT.fullmatch(code) is None:
             raise source.error(
                 place, f"{name.full} is not understood.", remedy="It says tool and base of a point."
@@ -179,9 +183,8 @@ class DataList:
         mode = ipo_frame[1].upper() if ipo_frame else "BASE"
         if mode not in ("BASE", "TCP"):
             raise source.error(place, f"IPO_FRAME #{mode} is not known.", remedy="There are #BASE and #TCP.")
-        self.frame_data[name.full.upper()] = FrameData(
-            _numbered(numbers.get("TOOL")), _numbered(numbers.get("BASE")), mode == "TCP"
-        )
+        data = FrameData(_numbered(numbers.get("TOOL")), _numbered(numbers.get("BASE")), mode == "TCP")
+        self.known_data[code] = self.frame_data[name.full.upper()] = data
 
 
 def read_data_list(source: Source) -> DataList:

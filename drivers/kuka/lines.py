@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 _B = r"[ \t\r]"
 _LINE = re.compile(r'((?:[^;"\n]++|"[^"\n]*+"?+)*+)(;[^\n]*+)?+(?:\n|\Z)')
@@ -16,8 +17,7 @@ _ITEM = re.compile(
 _STRING = re.compile(r'"[^"\n]*+"?+')
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(NamedTuple):
     """One line: code from ``start`` to ``end``, then a comment."""
 
     start: int
@@ -25,7 +25,7 @@ class Line:
     comment: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Item:
     """A name that is declared or assigned, with its index, and where its value begins."""
 

@@ -1,7 +1,7 @@
 """KUKA's way to write a position: ``{E6POS: X 1.0,Y 2.0,...}`` with fields in any order, some of them missing."""
 
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 POSE_FIELDS = ("X", "Y", "Z", "A", "B", "C")
 AXIS_FIELDS = ("A1", "A2", "A3", "A4", "A5", "A6")
@@ -46,8 +46,7 @@ class LiteralError(ValueError):
         self.computed = computed
 
 
-@dataclass(frozen=True, slots=True)
-class Literal:
+class Literal(NamedTuple):
     """A struct as written; texts are None where a field is missing."""
 
     type: str  # "" where it is not written

@@ -48,7 +48,7 @@ _COMPONENT = re.compile(
 _CALLED = re.compile(rf"[$A-Za-z_][\w$]*+{_B}*+\(", re.ASCII)
 _POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNORECASE)
 _MOST_TARGETS = 3  # a circle has two
-_MOST_USES = 64  # of one name that are told apart
+_MOST_USES = 1000  # of one name that are told apart; with more it is left
 _DEEPEST = 30  # branches inside each other
 _SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
 
@@ -79,7 +79,7 @@ class Program:
     found: Collected
     routines: list[Routine] = field(default_factory=lambda: [Routine(0)])
     rows: list[Used] = field(default_factory=list)  # of points written into moves
-    uses: dict[str, dict[Used, None]] = field(default_factory=dict)  # of named points
+    uses: dict[str, dict[tuple[int, Branches, str], Used]] = field(default_factory=dict)  # of named points
     branches: Branches = ()
     frame_data: str = ""  # the FDAT that BAS takes for the next move
     types: dict[str, str] = field(default_factory=dict)
@@ -90,6 +90,9 @@ class Program:
     def read(self, line: Line) -> None:
         """Take one line."""
         text = self.found.source.text
+        if line.start == line.end:
+            remark_comment(self.found, line)
+            return
         begun = _ROUTINE.match(text, line.start, line.end)
         if begun is not None:
             name = begun[1].upper()
@@ -124,7 +127,7 @@ class Program:
         helds = {
             self.held(used, joints=False)
             for one in {key, bare_of(key), f"{bare_of(key)}[]"}
-            for used in self.uses.get(one, ())
+            for used in self.uses.get(one, {}).values()
         }
         helds = {held for held in helds if held.why != COPIED} or helds
         if not helds or self.found.kinds[row] != CARTESIAN:
@@ -169,7 +172,7 @@ class Program:
             bare = bare_of(name)
             helds = {
                 self.held(used, joints=False)
-                for used in all_used
+                for used in all_used.values()
                 if bare not in self.routines[used.routine].declared
             }
             if helds:
@@ -276,10 +279,13 @@ class Program:
         if name[2] is not None:
             index = "".join(name[2].split())
             key += f"[{index}]" if index.replace(",", "").isdigit() else "[]"
-        used = Used(-1, len(self.routines) - 1, place, self.branches, why)
+        routine = len(self.routines) - 1
         said = self.uses.setdefault(key, {})
+        # The first move of a branch is the one that the least is set before.
         if len(said) < _MOST_USES:
-            said[used] = None
+            said.setdefault((routine, self.branches, why), Used(-1, routine, place, self.branches, why))
+        else:
+            said.setdefault((-1, (), ""), Used(-1, routine, place, (), BARRED["several"]))
 
     def _add(self, name: str, literal: Literal, *, known: bool) -> None:
         why = "" if known else BARRED["computed"]
@@ -296,22 +302,22 @@ class Program:
         if declared is not None:
             self._declared(declared[0], declared[1], line)
             return
-        bas = _BAS.search(code)
+        bas = _BAS.search(code) if "(" in code else None
         if bas is not None:
             self._bas(line.start + bas.start(), bas[1].upper(), bas[2].strip())
-        elif (frame := _FRAME_SET.search(code)) is not None:
+        elif "$" in code and (frame := _FRAME_SET.search(code)) is not None:
             if _WITH.search(code, 0, frame.start()) is None:
                 self._frame_set(frame, line)
             else:  # of a spline block, whose segments may have their own
                 self._take_both(line.start, UNKNOWN)
-        elif _COMPONENT.match(code):
+        elif "." in code and _COMPONENT.match(code):
             self.found.remark(line.start, "computed", _ASSIGNED.format(code.partition("=")[0].strip()))
         else:
             self._assignment(line)
 
     def _flow(self, code: str, line: Line) -> None:
         """Take calls, branches, and the frame data that the next move is done with."""
-        if (step := _STEP_INTO.match(code)) is not None:
+        if "(" in code and (step := _STEP_INTO.match(code)) is not None:
             self.routines[-1].calls.add(step[1].upper())
         elif (branch := _BRANCH.match(code)) is not None:
             self._branch(branch[1].upper(), line.start)

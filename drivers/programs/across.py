@@ -15,6 +15,7 @@ from drivers.programs.positions import CARTESIAN, Positions, Remark
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
 COPIED = "the program copies it, and only the copy is moved to"
+_MANY_USES = 64
 _DIFFERENT = "it is used with different tools or frames, in {}"
 _OTHERWISE = "it was taught with another tool or frame than {} moves there with"
 _CALLED = "{} in {}, which its program calls, sets another tool or frame"
@@ -104,9 +105,24 @@ class Across:
         """Return what counts for a file; None for one that said nothing."""
         if file not in self._said:
             return None
-        one, uses = self._said[file], self._uses.get(file, {})
+        one = self._said[file]
+        uses = {name: self._short(helds) for name, helds in self._uses.get(file, {}).items()}
         visible = frozenset(name for name, seen in one.declares.items() if seen or one.public)
         return Abroad(uses, self._doubtful, self._why_reached, file, visible)
+
+    def _short(self, helds: list[tuple[Held, str]]) -> list[tuple[Held, str]]:
+        """Return of very many uses those that decide: an array has thousands, for each of its elements."""
+        if len(helds) <= _MANY_USES:
+            return helds
+        whys: dict[bool, tuple[Held, str]] = {}
+        frames: dict[tuple[str, str], tuple[Held, str]] = {}
+        for held, file in helds:
+            why = held.why or self._why_reached(file, held.routine)
+            if why:
+                whys.setdefault(why == COPIED, (held._replace(why=why), file))
+            elif len(frames) < _MANY_USES:
+                frames.setdefault((_key(held.tool), _key(held.frame)), (held, file))
+        return [*whys.values(), *frames.values()]
 
     def _give_uses(self) -> None:
         """Find for every name that is used whose declaration it means."""

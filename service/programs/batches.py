@@ -8,7 +8,7 @@ from calibration.errors import CellError
 from drivers.program_registry import read_programs
 from drivers.programs.positions import ProgramFile
 from service.programs.files import Refused, Source, read_bytes
-from service.programs.siblings import with_siblings
+from service.programs.siblings import kept, read_siblings, with_siblings
 
 Found = TypeVar("Found")
 _POINTS_AT_ONCE = 20_000
@@ -66,8 +66,14 @@ def _read(
 ) -> Iterator[Read]:
     """Yield programs in the order of their sources, read some at once."""
     for some in _bytes_of(sources, check, refused):
-        programs = read_programs([(str(source.path), data) for source, data in some])
-        for (source, data), program in zip(some, programs, strict=True):
+        read_siblings([source for source, _ in some])
+        known = [kept(source, data) for source, data in some]
+        new = [
+            (str(source.path), data) for (source, data), one in zip(some, known, strict=True) if one is None
+        ]
+        rest = iter(read_programs(new))
+        for (source, data), one in zip(some, known, strict=True):
+            program = next(rest) if one is None else one
             if isinstance(program, CellError):
                 refused.append(Refused.because(source.path, program))
             else:

@@ -18,6 +18,7 @@ from typing import IO
 from calibration.errors import CellError
 from drivers.program_registry import SUFFIXES, brand_of
 from drivers.programs.across import Across
+from drivers.programs.brands import Telling
 from drivers.programs.errors import ProgramFileError
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
@@ -37,6 +38,7 @@ class Siblings:
 
     sources: tuple["Source", ...] = ()
     across: Across | None = None
+    read: dict[str, Telling] = field(default_factory=dict)  # of a small batch: programs not asked for yet
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,10 +20,9 @@ def forked(work: Callable[[Sequence[Source]], Part], sources: Sequence[Source]) 
     Processes are forked, because what they work with cannot be sent to them; where a system cannot fork, and for
     a few programs, there is one.
     """
-    sizes = [_size(source) for source in sources]
-    shares = list(_shares(sources, sizes))
+    shares = list(_shares(sources, [_size(source) for source in sources]))
     processors = min(_processors(), len(shares))
-    if processors < 2 or sum(sizes) < _WORTH_BYTES or "fork" not in multiprocessing.get_all_start_methods():
+    if processors < 2 or not pays(sources):
         yield from map(work, shares)
         return
     global _work  # noqa: PLW0603  forked processes inherit it; a closure cannot be sent
@@ -33,6 +32,12 @@ def forked(work: Callable[[Sequence[Source]], Part], sources: Sequence[Source]) 
             yield from pool.imap(_of_share, range(len(shares)))
     finally:
         _work = None
+
+
+def pays(sources: Sequence[Source]) -> bool:
+    """Tell whether sources are large enough, and the system able, to share them out."""
+    large = sum(map(_size, sources)) >= _WORTH_BYTES
+    return large and "fork" in multiprocessing.get_all_start_methods()
 
 
 def _of_share(number: int) -> object:

@@ -9,7 +9,7 @@ from drivers.programs.across import Across, Said
 from drivers.programs.brands import Telling
 from drivers.programs.positions import ProgramFile
 from service.programs.files import Source, read_bytes
-from service.programs.forks import forked
+from service.programs.forks import forked, pays
 
 
 def read_siblings(sources: Sequence[Source]) -> None:
@@ -17,8 +17,20 @@ def read_siblings(sources: Sequence[Source]) -> None:
     for siblings in {id(one.siblings): one.siblings for one in sources if one.siblings is not None}.values():
         if siblings.across is None:
             told = [one for one in siblings.sources if _may_tell(one)]
-            said = {file: said for some in forked(_said_of, told) for file, said in some}
+            if pays(told):
+                said = {file: said for some in forked(_said_of, told) for file, said in some}
+            else:
+                siblings.read = dict(_telling(told))
+                said = {file: program.said for file, program in siblings.read.items()}
             siblings.across = Across(said)
+
+
+def kept(source: Source, data: bytes) -> ProgramFile | None:
+    """Return a program that was read with its siblings, once; None where it was not, or the file changed since."""
+    if source.siblings is None:
+        return None
+    program = source.siblings.read.pop(str(source.path), None)
+    return program if program is not None and program.to_bytes() == data else None
 
 
 def with_siblings(source: Source, program: ProgramFile) -> ProgramFile:
@@ -40,10 +52,10 @@ def _may_tell(source: Source) -> bool:
 
 
 def _said_of(sources: Sequence[Source]) -> list[tuple[str, Said]]:
-    return list(_saying(sources))
+    return [(file, program.said) for file, program in _telling(sources)]
 
 
-def _saying(sources: Sequence[Source]) -> Iterator[tuple[str, Said]]:
+def _telling(sources: Sequence[Source]) -> Iterator[tuple[str, Telling]]:
     for source in sources:
         try:
             data = read_bytes(source.path)
@@ -51,4 +63,4 @@ def _saying(sources: Sequence[Source]) -> Iterator[tuple[str, Said]]:
             continue  # it is refused when its turn comes
         for program in read_programs([(str(source.path), data)]):
             if not isinstance(program, CellError) and brand_named(program.brand).tells:
-                yield str(source.path), cast(Telling, program).said
+                yield str(source.path), cast(Telling, program)

@@ -152,6 +152,16 @@ def test_a_kuka_point_with_frame_data_is_left_where_it_is_moved_to_otherwise(tmp
     assert (words in found) if words else (found == ("1", "2"))
 
 
+def test_the_last_of_very_many_moves_counts(tmp_path):
+    often = ["LIN P1"] * 1200
+    many = [f"DEF R{k} ( )\r\nBAS(#TOOL,1)\r\nBAS(#BASE,4)\r\nLIN P1\r\nEND" for k in range(1200)]
+    last = "DEF Z ( )\r\nBAS(#TOOL,1)\r\nBAS(#BASE,5)\r\nLIN P1\r\nEND"
+    for name, texts in (("often", [src("A", *USED[:2], *often)]), ("many", [src("A", *USED), *many])):
+        files = {"a.dat": OWN, "a.src": "\r\n".join([*texts, last])}
+        (tmp_path / name).mkdir()
+        assert isinstance(told(read(tmp_path / name, files)["a.dat"], "P1"), str)
+
+
 ABB = module("A", f"CONST robtarget p1:={TARGET};")
 AT_W2 = "MoveL p1,v100,fine,tool1\\WObj:=w2;"
 
