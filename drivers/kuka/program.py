@@ -2,16 +2,14 @@
 
 import re
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
-from calibration.geometry import Pose
 from drivers.kuka.collected import Collected
 from drivers.kuka.data_list import remark_comment, remark_hidden_positions
-from drivers.kuka.frame_uses import BARRED, UNKNOWN, Branches, Routine, reached_from
+from drivers.kuka.frame_uses import BARRED, UNKNOWN, Branches, Routine
 from drivers.kuka.lines import Item, Line, declaration, item, lines, without_strings
 from drivers.kuka.literals import Literal
-from drivers.programs.across import COPIED, Held, RoutineSaid, bare_of
-from drivers.programs.positions import CARTESIAN, Frames
+from drivers.kuka.point_uses import PointUses, Used
+from drivers.programs.across import COPIED
 from drivers.programs.spans import Source
 
 _B = r"[ \t\r]"
@@ -48,7 +46,6 @@ _COMPONENT = re.compile(
 _CALLED = re.compile(rf"[$A-Za-z_][\w$]*+{_B}*+\(", re.ASCII)
 _POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNORECASE)
 _MOST_TARGETS = 3  # a circle has two
-_MOST_USES = 1000  # of one name that are told apart; with more it is left
 _DEEPEST = 30  # branches inside each other
 _SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
 
@@ -62,30 +59,15 @@ _EXTERNAL_TEXT = (
 )
 
 
-class Used(NamedTuple):
-    """A move to a point, in a routine."""
-
-    row: int  # of one written into the move, else -1
-    routine: int
-    place: int
-    branches: Branches
-    why: str = ""  # why its tool and base are not the routine's
-
-
 @dataclass
 class Program:
     """A program while it is read."""
 
     found: Collected
-    routines: list[Routine] = field(default_factory=lambda: [Routine(0)])
-    rows: list[Used] = field(default_factory=list)  # of points written into moves
-    uses: dict[str, dict[tuple[int, Branches, str], Used]] = field(default_factory=dict)  # of named points
+    points: PointUses
     branches: Branches = ()
     frame_data: str = ""  # the FDAT that BAS takes for the next move
     types: dict[str, str] = field(default_factory=dict)
-    set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
-    external_tool: bool = False
-    known_held: dict[tuple[int, str, bool, bool, bool], Held] = field(default_factory=dict)
 
     def read(self, line: Line) -> None:
         """Take one line."""
@@ -96,8 +78,8 @@ class Program:
         begun = _ROUTINE.match(text, line.start, line.end)
         if begun is not None:
             name = begun[1].upper()
-            shown = len(self.routines) == 1 or "GLOBAL" in begun[0].upper()
-            self.routines.append(Routine(len(self.routines), name, shown))
+            shown = len(self.points.routines) == 1 or "GLOBAL" in begun[0].upper()
+            self.points.routines.append(Routine(len(self.points.routines), name, shown))
             self.branches, self.frame_data = (), ""
         motion = _MOTION.match(text, line.start, line.end)
         if motion is not None:
@@ -105,103 +87,6 @@ class Program:
         else:
             self._statement(line)
         remark_comment(self.found, line)
-
-    def finish(self) -> None:
-        """Give points their tool and base."""
-        reached_from(self.routines)
-        for used in self.rows:
-            if self.external_tool and self.found.kinds[used.row] == CARTESIAN:
-                self.found.forget(used.row, "the program works with an external tool ($IPO_MODE)")
-                continue
-            held = self.held(used, joints=self.found.kinds[used.row] != CARTESIAN)
-            self.found.tools[used.row], self.found.user_frames[used.row] = held.tool, held.frame
-            if held.why:
-                self.found.barred[used.row] = held.why
-        for row, name in enumerate(self.found.names):
-            if "@" not in name:
-                self._settle_named(row, name)
-
-    def _settle_named(self, row: int, name: str) -> None:
-        """Give a point that a statement sets the tool and base of the moves to it."""
-        key = name.upper()
-        helds = {
-            self.held(used, joints=False)
-            for one in {key, bare_of(key), f"{bare_of(key)}[]"}
-            for used in self.uses.get(one, {}).values()
-        }
-        helds = {held for held in helds if held.why != COPIED} or helds
-        if not helds or self.found.kinds[row] != CARTESIAN:
-            return
-        if self.external_tool:
-            self.found.forget(row, "the program works with an external tool ($IPO_MODE)")
-            return
-        why = next((held.why for held in sorted(helds, key=str) if held.why), "")
-        if len({held[:2] for held in helds}) > 1:
-            why = why or BARRED["several"]
-        if why:
-            self.found.barred[row] = why
-        else:
-            self.found.tools[row], self.found.user_frames[row] = next(iter(helds))[:2]
-
-    def held(self, used: Used, *, joints: bool) -> Held:
-        """Return the tool and base of a move as far as this file says."""
-        routine = self.routines[used.routine]
-        tool_said = routine.tool.surely_before(used.place, used.branches)
-        base_said = routine.base.surely_before(used.place, used.branches)
-        key = (used.routine, used.why, tool_said, base_said, joints)
-        if key not in self.known_held:
-            self.known_held[key] = self._held(
-                routine, used.why, tool_said=tool_said, base_said=base_said, joints=joints
-            )
-        return self.known_held[key]
-
-    def _held(self, routine: Routine, why: str, *, tool_said: bool, base_said: bool, joints: bool) -> Held:
-        why = why or routine.tool.barred(said_before=tool_said)
-        if not joints:
-            why = why or routine.base.barred(said_before=base_said)
-        if why:
-            return Held(None, None, why, routine.name)
-        tool = _resolved(routine.tool.value(said_before=tool_said), self._name_of_set("TOOL"))
-        base = _resolved(routine.base.value(said_before=base_said), self._name_of_set("BASE"))
-        return Held(tool, base, "", routine.name)
-
-    def uses_said(self) -> dict[str, frozenset[Held]]:
-        """Return the moves to points that other files declare."""
-        said = {}
-        for name, all_used in self.uses.items():
-            bare = bare_of(name)
-            helds = {
-                self.held(used, joints=False)
-                for used in all_used.values()
-                if bare not in self.routines[used.routine].declared
-            }
-            if helds:
-                said[name.removesuffix("[]")] = frozenset(helds)
-        return said
-
-    def routines_said(self) -> dict[str, RoutineSaid]:
-        """Return what routines set, for the files that call them."""
-        return {
-            routine.name: RoutineSaid(
-                frozenset(routine.tool.values),
-                frozenset(routine.base.values),
-                frozenset(routine.calls),
-                routine.shown,
-            )
-            for routine in self.routines
-        }
-
-    def frames(self) -> Frames:
-        """Return ``$BASE`` and ``$TOOL`` where the program writes them once, as numbers."""
-        poses = {which: {"0": Pose((0.0, 0.0, 0.0))} for which in ("TOOL", "BASE")}
-        for which, given in self.set_frames.items():
-            if len(given) == 1 and given[0] is not None:
-                poses[which][f"${which}"] = given[0]
-        return Frames(base_frame=poses["BASE"], flange_tip=poses["TOOL"])
-
-    def _name_of_set(self, which: str) -> str | None:
-        given = self.set_frames[which]
-        return f"${which}" if len(given) == 1 and given[0] is not None else None
 
     def _motion(self, motion: re.Match[str], line: Line) -> None:
         if motion[2]:
@@ -279,19 +164,15 @@ class Program:
         if name[2] is not None:
             index = "".join(name[2].split())
             key += f"[{index}]" if index.replace(",", "").isdigit() else "[]"
-        routine = len(self.routines) - 1
-        said = self.uses.setdefault(key, {})
-        # The first move of a branch is the one that the least is set before.
-        if len(said) < _MOST_USES:
-            said.setdefault((routine, self.branches, why), Used(-1, routine, place, self.branches, why))
-        else:
-            said.setdefault((-1, (), ""), Used(-1, routine, place, (), BARRED["several"]))
+        self.points.use(key, place, self.branches, why)
 
     def _add(self, name: str, literal: Literal, *, known: bool) -> None:
         why = "" if known else BARRED["computed"]
         if "@" in name:
             row = len(self.found.names)
-            self.rows.append(Used(row, len(self.routines) - 1, literal.start, self.branches, why))
+            self.points.rows.append(
+                Used(row, len(self.points.routines) - 1, literal.start, self.branches, why)
+            )
         self.found.add(name, literal)
 
     def _statement(self, line: Line) -> None:
@@ -318,7 +199,7 @@ class Program:
     def _flow(self, code: str, line: Line) -> None:
         """Take calls, branches, and the frame data that the next move is done with."""
         if "(" in code and (step := _STEP_INTO.match(code)) is not None:
-            self.routines[-1].calls.add(step[1].upper())
+            self.points.routines[-1].calls.add(step[1].upper())
         elif (branch := _BRANCH.match(code)) is not None:
             self._branch(branch[1].upper(), line.start)
         elif (data := _FRAME_DATA_SET.match(code)) is not None:
@@ -331,7 +212,7 @@ class Program:
             self.branches = (*self.branches[:_DEEPEST], place)
 
     def _take_both(self, place: int, value: str) -> None:
-        routine = self.routines[-1]
+        routine = self.points.routines[-1]
         routine.tool.take(place, value, self.branches)
         routine.base.take(place, value, self.branches)
 
@@ -339,7 +220,7 @@ class Program:
         name = item(self.found.source.text, place, line.end)
         while name is not None:
             self.types[name.name.upper()] = kind
-            self.routines[-1].declared.add(name.name.upper())
+            self.points.routines[-1].declared.add(name.name.upper())
             if name.value is not None or name.end >= line.end:
                 break
             name = item(self.found.source.text, name.end, line.end)
@@ -347,7 +228,7 @@ class Program:
             self._value(name, line)
 
     def _bas(self, place: int, command: str, argument: str) -> None:
-        routine = self.routines[-1]
+        routine = self.points.routines[-1]
         if command in _SET_BY_POINTS:  # taken from the point's own data, which is not in this file
             self._take_both(place, UNKNOWN)
         elif command != "INITMOV":
@@ -358,10 +239,10 @@ class Program:
         text, place = self.found.source.text, line.start + frame.end()
         which = frame[1].upper()
         if which == "IPO_MODE":
-            self.external_tool |= "#TCP" in text[place : line.end].upper()
+            self.points.external_tool |= "#TCP" in text[place : line.end].upper()
             self.found.remark(line.start, "foreign", _EXTERNAL_TEXT)
             return
-        routine = self.routines[-1]
+        routine = self.points.routines[-1]
         use = routine.tool if which == "TOOL" else routine.base
         use.take(place, self._frame_value(which, frame, line), self.branches)
         self.found.remark(line.start, "computed", _FRAME_SET_TEXT.format(which))
@@ -377,7 +258,7 @@ class Program:
         literal = self.found.literal(place, line.end) if text[place : line.end][:1] == "{" else None
         alone = literal is not None and not text[literal.end : line.end].strip()
         pose = self.found.pose(literal) if literal is not None and alone else None
-        self.set_frames[which].append(pose)
+        self.points.set_frames[which].append(pose)
         return "$" if pose is not None else UNKNOWN
 
     def _assignment(self, line: Line) -> None:
@@ -416,15 +297,12 @@ _POINT_STRUCT = re.compile(r"\{[^{}]*?(?:\b[XYZABC]|\bA[1-6])[ \t]+[-+.\d]", re.
 
 def read_program(source: Source) -> Program:
     """Read a program."""
-    program = Program(Collected(source))
+    found = Collected(source)
+    program = Program(found, PointUses(found))
     for line in lines(source.text):
         program.read(line)
-    program.finish()
+    program.points.finish()
     return program
-
-
-def _resolved(value: str | None, name_of_set: str | None) -> str | None:
-    return name_of_set if value == "$" else value
 
 
 def _skip_blanks(text: str, place: int, end: int) -> int:

@@ -200,10 +200,10 @@ def _read_data(source: Source) -> _Read:
 
 
 def _read_src(source: Source) -> _Read:
-    program = read_program(source)
-    said = Said("", uses=program.uses_said(), routines=program.routines_said())
-    routines = {used.row: program.routines[used.routine].name for used in program.rows}
-    return program.found, program.frames(), _ToOthers(said, routines=routines)
+    points = read_program(source).points
+    said = Said("", uses=points.uses_said(), routines=points.routines_said())
+    routines = {used.row: points.routines[used.routine].name for used in points.rows}
+    return points.found, points.frames(), _ToOthers(said, routines=routines)
 
 
 def _angles_deg(count: int, frame_tip: Array | None) -> Array:

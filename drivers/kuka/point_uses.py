@@ -1,0 +1,146 @@
+"""Moves to the points of a KUKA program, and the tool and base that each is done with."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from calibration.geometry import Pose
+from drivers.kuka.collected import Collected
+from drivers.kuka.frame_uses import BARRED, Branches, Routine, reached_from
+from drivers.programs.across import COPIED, Held, RoutineSaid, bare_of
+from drivers.programs.positions import CARTESIAN, Frames
+
+_MOST_USES = 1000  # of one name that are told apart; with more it is left
+
+
+class Used(NamedTuple):
+    """A move to a point, in a routine."""
+
+    row: int  # of one written into the move, else -1
+    routine: int
+    place: int
+    branches: Branches
+    why: str = ""  # why its tool and base are not the routine's
+
+
+@dataclass
+class PointUses:
+    """The moves of a program, by its routines."""
+
+    found: Collected
+    routines: list[Routine] = field(default_factory=lambda: [Routine(0)])
+    rows: list[Used] = field(default_factory=list)  # of points written into moves
+    uses: dict[str, dict[tuple[int, Branches, str], Used]] = field(default_factory=dict)  # of named points
+    set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
+    external_tool: bool = False
+    known_held: dict[tuple[int, str, bool, bool, bool], Held] = field(default_factory=dict)
+
+    def use(self, key: str, place: int, branches: Branches, why: str) -> None:
+        """Note a move to a named point, or why its tool and base are not the routine's."""
+        routine = len(self.routines) - 1
+        said = self.uses.setdefault(key, {})
+        # The first move of a branch is the one that the least is set before.
+        if len(said) < _MOST_USES:
+            said.setdefault((routine, branches, why), Used(-1, routine, place, branches, why))
+        else:
+            said.setdefault((-1, (), ""), Used(-1, routine, place, (), BARRED["several"]))
+
+    def finish(self) -> None:
+        """Give points their tool and base."""
+        reached_from(self.routines)
+        for used in self.rows:
+            if self.external_tool and self.found.kinds[used.row] == CARTESIAN:
+                self.found.forget(used.row, "the program works with an external tool ($IPO_MODE)")
+                continue
+            held = self.held(used, joints=self.found.kinds[used.row] != CARTESIAN)
+            self.found.tools[used.row], self.found.user_frames[used.row] = held.tool, held.frame
+            if held.why:
+                self.found.barred[used.row] = held.why
+        for row, name in enumerate(self.found.names):
+            if "@" not in name:
+                self._settle_named(row, name)
+
+    def _settle_named(self, row: int, name: str) -> None:
+        """Give a point that a statement sets the tool and base of the moves to it."""
+        key = name.upper()
+        helds = {
+            self.held(used, joints=False)
+            for one in {key, bare_of(key), f"{bare_of(key)}[]"}
+            for used in self.uses.get(one, {}).values()
+        }
+        helds = {held for held in helds if held.why != COPIED} or helds
+        if not helds or self.found.kinds[row] != CARTESIAN:
+            return
+        if self.external_tool:
+            self.found.forget(row, "the program works with an external tool ($IPO_MODE)")
+            return
+        why = next((held.why for held in sorted(helds, key=str) if held.why), "")
+        if len({held[:2] for held in helds}) > 1:
+            why = why or BARRED["several"]
+        if why:
+            self.found.barred[row] = why
+        else:
+            self.found.tools[row], self.found.user_frames[row] = next(iter(helds))[:2]
+
+    def held(self, used: Used, *, joints: bool) -> Held:
+        """Return the tool and base of a move as far as this file says."""
+        routine = self.routines[used.routine]
+        tool_said = routine.tool.surely_before(used.place, used.branches)
+        base_said = routine.base.surely_before(used.place, used.branches)
+        key = (used.routine, used.why, tool_said, base_said, joints)
+        if key not in self.known_held:
+            self.known_held[key] = self._held(
+                routine, used.why, tool_said=tool_said, base_said=base_said, joints=joints
+            )
+        return self.known_held[key]
+
+    def _held(self, routine: Routine, why: str, *, tool_said: bool, base_said: bool, joints: bool) -> Held:
+        why = why or routine.tool.barred(said_before=tool_said)
+        if not joints:
+            why = why or routine.base.barred(said_before=base_said)
+        if why:
+            return Held(None, None, why, routine.name)
+        tool = _resolved(routine.tool.value(said_before=tool_said), self._name_of_set("TOOL"))
+        base = _resolved(routine.base.value(said_before=base_said), self._name_of_set("BASE"))
+        return Held(tool, base, "", routine.name)
+
+    def uses_said(self) -> dict[str, frozenset[Held]]:
+        """Return the moves to points that other files declare."""
+        said = {}
+        for name, all_used in self.uses.items():
+            bare = bare_of(name)
+            helds = {
+                self.held(used, joints=False)
+                for used in all_used.values()
+                if bare not in self.routines[used.routine].declared
+            }
+            if helds:
+                said[name.removesuffix("[]")] = frozenset(helds)
+        return said
+
+    def routines_said(self) -> dict[str, RoutineSaid]:
+        """Return what routines set, for the files that call them."""
+        return {
+            routine.name: RoutineSaid(
+                frozenset(routine.tool.values),
+                frozenset(routine.base.values),
+                frozenset(routine.calls),
+                routine.shown,
+            )
+            for routine in self.routines
+        }
+
+    def frames(self) -> Frames:
+        """Return ``$BASE`` and ``$TOOL`` where the program writes them once, as numbers."""
+        poses = {which: {"0": Pose((0.0, 0.0, 0.0))} for which in ("TOOL", "BASE")}
+        for which, given in self.set_frames.items():
+            if len(given) == 1 and given[0] is not None:
+                poses[which][f"${which}"] = given[0]
+        return Frames(base_frame=poses["BASE"], flange_tip=poses["TOOL"])
+
+    def _name_of_set(self, which: str) -> str | None:
+        given = self.set_frames[which]
+        return f"${which}" if len(given) == 1 and given[0] is not None else None
+
+
+def _resolved(value: str | None, name_of_set: str | None) -> str | None:
+    return name_of_set if value == "$" else value
