@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from drivers.fanuc.ls_edit import edited
 from drivers.fanuc.ls_fixed import Body
+from drivers.fanuc.ls_frames import with_chosen_frames
 from drivers.fanuc.ls_positions import positions_of
 from drivers.fanuc.ls_records import Place
 from drivers.fanuc.ls_remarks import remarks_of
@@ -56,8 +57,10 @@ class LsProgram:
 
     @cached_property
     def positions(self) -> Positions:
-        found, track = self._read[0], self._track
-        return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED)) if track else found
+        found = self._read[0]
+        if self._track:
+            return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED))
+        return with_chosen_frames(found, self._place.data)
 
     @cached_property
     def remarks(self) -> tuple[Remark, ...]:

@@ -277,3 +277,50 @@ def test_a_remote_tool_is_told():
 def test_other_listings_with_the_suffix_are_no_programs():
     assert brand_of("PICK.LS", listing()) is BRAND
     assert brand_of("errall.ls", b"Robot Name ROBOT 01-JAN-26\n") is None
+
+
+def told_frame(*statements: str) -> str | tuple[str | None, str | None]:
+    text = "".join(f"  {k}:  {statement} ;\n" for k, statement in enumerate(statements, 1))
+    positions = read(P1.replace("UF : 1, UT : 2", "UF : F, UT : 2"), text).positions
+    return positions.barred.get(0) or (positions.user_frames[0], positions.tools[0])
+
+
+MOVE = "J P[1] 50% FINE"
+
+
+@pytest.mark.parametrize(
+    ("statements", "wanted"),
+    [
+        ((MOVE,), (None, "2")),  # as the project says
+        (("UFRAME_NUM=3", MOVE), ("3", "2")),
+        (("BENUTZER_NUM=3", MOVE), ("3", "2")),
+        (("UFRAME_NUM=3", "LBL[1]", MOVE, "JMP LBL[1]"), ("3", "2")),
+        (("//UFRAME_NUM=4", "UFRAME_NUM=3", MOVE), ("3", "2")),
+        (("UFRAME_NUM=R[5]", MOVE), "while the program runs"),
+        (("UFRAME_NUM=3", MOVE, "IF (DI[1]),UFRAME_NUM=(4)"), "while the program runs"),
+        (("UFRAME_NUM[GP1]=3", MOVE), "while the program runs"),
+        (("UFRAME_NUM=3", MOVE, "UFRAME_NUM=4"), "different places"),
+        ((MOVE, "UFRAME_NUM=3"), "below it"),
+        (("J P[R[1]] 50% FINE", "UFRAME_NUM=3", MOVE), "below it"),
+        (("JMP LBL[1]", "UFRAME_NUM=3", "LBL[1]", MOVE), "in a branch"),
+        (("UFRAME_NUM=3", "CALL GRIP", MOVE), "calls may choose"),
+    ],
+)
+def test_a_position_without_frame_has_the_one_that_its_program_surely_chooses(statements, wanted):
+    found = told_frame(*statements)
+    assert (wanted in found) if isinstance(wanted, str) else (found == wanted)
+
+
+def test_a_position_without_tool_has_the_chosen_one_and_is_written_back_without():
+    records = P1.replace("UF : 1, UT : 2", "UF : 1, UT : F")
+    program = read(records, "  1:  UTOOL_NUM=4 ;\n  2:  J P[1] 50% FINE ;\n")
+    assert (program.positions.user_frames[0], program.positions.tools[0]) == ("1", "4")
+    moved = program.changed(Change(rows=np.array([0]), frame_tip=program.positions.frame_tip[:1] @ shift_x()))
+    assert moved.positions.tools[0] == "4"
+    assert b"UT : F" in moved.to_bytes()
+
+
+def shift_x():
+    shift = np.eye(4)
+    shift[0, 3] = 0.01
+    return shift
