@@ -32,6 +32,7 @@ class PointUses:
     uses: dict[str, dict[tuple[int, Branches, str], Used]] = field(default_factory=dict)  # of named points
     set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
     external_tool: bool = False
+    deciding: dict[str, tuple[Held, ...]] = field(default_factory=dict)  # by name
     known_held: dict[tuple[int, str, bool, bool, bool], Held] = field(default_factory=dict)
 
     def use(self, key: str, place: int, branches: Branches, why: str) -> None:
@@ -62,11 +63,7 @@ class PointUses:
     def _settle_named(self, row: int, name: str) -> None:
         """Give a point that a statement sets the tool and base of the moves to it."""
         key = name.upper()
-        helds = {
-            self.held(used, joints=False)
-            for one in {key, bare_of(key), f"{bare_of(key)}[]"}
-            for used in self.uses.get(one, {}).values()
-        }
+        helds = {held for one in {key, bare_of(key), f"{bare_of(key)}[]"} for held in self._deciding(one)}
         helds = {held for held in helds if held.why != COPIED} or helds
         if not helds or self.found.kinds[row] != CARTESIAN:
             return
@@ -80,6 +77,18 @@ class PointUses:
             self.found.barred[row] = why
         else:
             self.found.tools[row], self.found.user_frames[row] = next(iter(helds))[:2]
+
+    def _deciding(self, name: str) -> tuple[Held, ...]:
+        """Return of all uses of a name those that decide: an array's thousands count for each of its elements."""
+        if name not in self.deciding:
+            some = {self.held(used, joints=False) for used in self.uses.get(name, {}).values()}
+            first: dict[object, Held] = {}
+            for held in sorted(some, key=str):
+                first.setdefault(held.why == COPIED if held.why else held[:2], held)
+            whys = [held for held in first.values() if held.why]
+            frames = [held for held in first.values() if not held.why]
+            self.deciding[name] = (*whys, *frames[:2])
+        return self.deciding[name]
 
     def held(self, used: Used, *, joints: bool) -> Held:
         """Return the tool and base of a move as far as this file says."""
