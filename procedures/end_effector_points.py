@@ -184,7 +184,7 @@ def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
         exits=(Place(at.anchor_in_base_m, at.sigma_anchor_m),),
         hooks=(Place(at.hook_in_flange_m, at.sigma_hook_m), *places),
         spots=tuple(Spot(0, k, False, _hang(k, points[k - 1])) for k in range(1, len(points) + 1)),
-        mouth_at_m=None,
+        mouth_at_m=state.gauge_setup.mouth_at_m,  # the housing stays where it is
         way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
         pools=pools,
         best=((),) * len(pools),

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.arm.joint_terms import gravity_terms, term_values
 from calibration.arm.kinematics import RobotModel
@@ -58,7 +59,7 @@ class WireBelief:
     sigma_sag_rad_m: float = 1e-3  # of a joint per metre of a link's lever
     sigma_flank_rad: float = 1e-4  # half the backlash of a joint whose tooth flank gravity chooses
     sigma_mouth_rad: float = 0.05  # of the mouth's direction, turned to a place by eye …
-    sigma_unseen_mouth_rad: float = 0.3  # … or nobody said where to: about the mean hook
+    sigma_unseen_mouth_rad: float = 0.5  # … or nobody said where to: about the mean of all hooks at that exit
 
     def wire_values(self) -> tuple[float, ...]:
         """Return what is believed of scale [1], lip and slow linearity [m]: they stay with the wire."""
@@ -200,6 +201,7 @@ class Network:
         joints = [np.array(m.joints_rad, dtype=float).reshape(-1, model.axes) for m in mountings]
         sigmas = [np.array(m.sigma_m, dtype=float) for m in mountings]
         self.rows = np.cumsum([0, *map(len, joints)])
+        self._mouths = self._looks()
         self.seen = WireSeen.of(np.concatenate(joints), np.concatenate(sigmas))
         loaded, flanks = flank_values(model, self.seen.joints_rad)
         moved = np.array([*(term.joint for term in self.sag), *loaded], dtype=np.intp)
@@ -230,6 +232,14 @@ class Network:
             ]
         )
 
+    def _looks(self) -> list[tuple[int, Triple | None, NDArray[np.intp]]]:
+        """Return every way a mouth looks: its exit, the place in front of it, and the rows of all its mountings."""
+        ways: dict[tuple[int, Triple | None], list[NDArray[np.intp]]] = {}
+        for m, mounting in enumerate(self.mountings):
+            rows = np.arange(self.rows[m], self.rows[m + 1], dtype=np.intp)
+            ways.setdefault((mounting.exit, mounting.mouth_at_m), []).append(rows)
+        return [(exit_, mouth, np.concatenate(rows)) for (exit_, mouth), rows in ways.items()]
+
     def terms(self, x: Array) -> WireTerms:
         """Return lengths (N,), and derivatives by joint (N, n) and by parameter (N, p)."""
         lengths, by_joint = np.empty(self.rows[-1]), np.empty((self.rows[-1], self.model.axes))
@@ -239,6 +249,11 @@ class Network:
         for m, mounting in enumerate(self.mountings):
             rows = slice(self.rows[m], self.rows[m + 1])
             lengths[rows], by_joint[rows] = self._mounted(x, geometry, mounting, rows, by_x)
+        for exit_, mouth, seen in self._mouths:
+            at = slice(3 * exit_, 3 * exit_ + 3)
+            bend = Leaving.of(-by_x[seen, at], lengths[seen], x[at], mouth).bend()
+            by_x[seen, self.first + 2] = bend
+            lengths[seen] += bend * x[self.first + 2]
         return WireTerms(self.seen, lengths, by_joint, by_x)
 
     def _mounted(
@@ -254,15 +269,13 @@ class Network:
         by_inner = terms.by_parameter
         by_x[rows, exit_at], by_x[rows, hook_at] = by_inner[:, :3], by_inner[:, 3:6]
         by_x[rows, first : first + 2] = by_inner[:, 6:8]
-        wire = Leaving.of(-by_inner[:, :3], terms.lengths, x[exit_at], mounting.mouth_at_m)
-        by_x[rows, first + 2] = wire.bend()
         turns = 2.0 * np.pi * terms.lengths / self.belief.range_m
         by_x[rows, first + 3 : first + _WIRE] = np.column_stack([np.sin(turns), np.cos(turns)])
         end = first + _WIRE + int(self.free.sum())
         by_x[rows, first + _WIRE : end] = by_inner[:, 8:][:, self.free]
         by_x[rows, end:] = np.einsum("nj,kj,kn->nk", terms.by_joint, self._sagging, self._sag_values[:, rows])
         bent = (
-            by_x[rows, first + 2 : first + _WIRE] @ x[first + 2 : first + _WIRE] + by_x[rows, end:] @ x[end:]
+            by_x[rows, first + 3 : first + _WIRE] @ x[first + 3 : first + _WIRE] + by_x[rows, end:] @ x[end:]
         )
         return terms.lengths + bent, terms.by_joint
 
@@ -277,16 +290,20 @@ class Network:
     def _noise(self, terms: WireTerms) -> Array:
         noise = np.diag(terms.noise(self.belief.wire))
         for m, mounting in enumerate(self.mountings):
-            rows, at = slice(self.rows[m], self.rows[m + 1]), 3 * mounting.exit
+            rows = slice(self.rows[m], self.rows[m + 1])
             if mounting.another_day:
                 hook = 3 * (len(self.belief.exits) + mounting.hook)
                 hung = terms.by_parameter[rows][:, [hook, hook + 1, hook + 2, self.first]]
                 noise[rows, rows] += hung @ hung.T * self.belief.wire.sigma_session_m**2
-            exit_m, mouth_m = np.array(self.belief.exits[mounting.exit].at_m), mounting.mouth_at_m
-            wire = Leaving.of(-terms.by_parameter[rows, at : at + 3], terms.lengths[rows], exit_m, mouth_m)
-            sigma = self.belief.sigma_unseen_mouth_rad if mouth_m is None else self.belief.sigma_mouth_rad
+        for exit_, mouth, seen in self._mouths:
+            exit_m, towards = (
+                np.array(self.belief.exits[exit_].at_m),
+                -terms.by_parameter[seen, 3 * exit_ :][:, :3],
+            )
+            wire = Leaving.of(towards, terms.lengths[seen], exit_m, mouth)
+            sigma = self.belief.sigma_unseen_mouth_rad if mouth is None else self.belief.sigma_mouth_rad
             turned = sigma * self.belief.exit_radius_m * wire.by_mouth()
-            noise[rows, rows] += turned @ turned.T
+            noise[np.ix_(seen, seen)] += turned @ turned.T
         return np.asarray(noise, dtype=np.float64)
 
 

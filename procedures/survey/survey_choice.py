@@ -44,9 +44,9 @@ class Choice:
 def choose_pose(survey: Survey, standing: Standing) -> Choice:
     """Choose the pose of the spot's pool that tells most and can be reached, unless all is known well enough."""
     origin_u_m, angle_u_rad = _expected(survey, standing)
-    goal, rules, spot = survey.plan.goal, survey.rules, standing.spot
+    rules, spot = survey.rules, standing.spot
     taken = standing.captures[spot]
-    reached = origin_u_m <= goal.origin_u_m and angle_u_rad <= goal.angle_u_rad
+    reached = survey.plan.goal.promised_by(origin_u_m, angle_u_rad)
     found = Choice((), reached and len(taken) >= rules.min_captures, origin_u_m, angle_u_rad)
     unseen = _unseen(survey.plan.pools[spot], taken)
     if len(unseen) and (len(taken) < rules.min_captures or not (reached or len(taken) >= rules.max_captures)):

@@ -1,12 +1,14 @@
 """What a survey with the draw-wire would need and reach, before a device is touched."""
 
 import math
+from dataclasses import replace
 
 from procedures.forecast import PERSON_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
 from procedures.limits import FRAME
 from procedures.survey.survey import Survey, SurveyState, recorded_wire
 from procedures.survey.survey_choice import expected_at_least
 
+_CAREFUL = 4  # times the readings, or a fourth of the scale's uncertainty: what more care is taken to be
 MEAN_TRAVEL_RAD = 1.5  # of the slowest joint, from one pose to the next
 
 
@@ -51,23 +53,21 @@ def survey_forecast(survey: Survey, what: str, known: Knowledge) -> Forecast:
     low, high = rules.min_captures, min(rules.max_captures, *(len(pool) for pool in plan.pools))
     while low < high:  # more captures never tell less
         middle = (low + high) // 2
-        origin_u_m, angle_u_rad = expected_at_least(survey, middle)
-        enough = origin_u_m <= goal.origin_u_m and angle_u_rad <= goal.angle_u_rad
+        enough = goal.promised_by(*expected_at_least(survey, middle))
         low, high = (low, middle) if enough else (middle + 1, high)
     origin_u_m, angle_u_rad = expected_at_least(survey, low)
     captures = low * len(plan.spots)
+    after = f"after {captures} captures"
     each_s = MEAN_TRAVEL_RAD / plan.speed_rad_s + known.limits.settle_s + rules.samples * SAMPLE_S
     predictions = [
         Prediction(
             f"{what} origin", origin_u_m, "m", {name: limits.origin_m for name, limits in FRAME.items()},
-            f"after {captures} captures",
+            f"{after}. {_goal_told(survey, low, (origin_u_m, angle_u_rad))}",
         )
     ]  # fmt: skip
     if len(goal.points_in_inner_m) > 1:
         angles = {name: limits.angle_rad for name, limits in FRAME.items()}
-        predictions.append(
-            Prediction(f"{what} angle", angle_u_rad, "rad", angles, f"after {captures} captures")
-        )
+        predictions.append(Prediction(f"{what} angle", angle_u_rad, "rad", angles, after))
     poses = tuple(
         PlannedPose(f"spot {spot + 1}, pose {k + 1}", plan.pools[spot][index])
         for spot in range(len(plan.spots))
@@ -82,4 +82,30 @@ def survey_forecast(survey: Survey, what: str, known: Knowledge) -> Forecast:
         if survey.state.recorded
         else ("no mastering record: the arm's errors are taken from the maker's",),
         not_checked=plan.not_checked,
+    )
+
+
+def _goal_told(survey: Survey, count: int, reached: tuple[float, float]) -> str:
+    """Return whether the limits of the settings will be met, and if not, by what they would be."""
+    goal, rules = survey.plan.goal, survey.rules
+    asked = f"{goal.origin_u_m * 1e3:.3f} mm"
+    if len(goal.points_in_inner_m) > 1:
+        asked += f" and {math.degrees(goal.angle_u_rad):.4f} deg"
+    if goal.promised_by(*reached):
+        return f"{asked} are asked for: in reach."
+    samples, scale = _CAREFUL * rules.samples, rules.scale_sigma / _CAREFUL
+    ways = (
+        (f"{samples} readings (samples) a capture", replace(rules, samples=samples)),
+        (f"a wire certified to {scale:.1e} (scale_sigma)", replace(rules, scale_sigma=scale)),
+        (
+            f"{samples} readings (samples) a capture and a wire certified to {scale:.1e} (scale_sigma)",
+            replace(rules, samples=samples, scale_sigma=scale),
+        ),
+    )
+    for words, careful in ways:
+        other = replace(survey, rules=careful)
+        if goal.promised_by(*expected_at_least(other, count)):
+            return f"{asked} are asked for: not in reach so. In reach by {words}; or by more points, further apart."
+    return (
+        f"{asked} are asked for: not in reach so. More points tell most, further apart and not in one plane."
     )

@@ -22,7 +22,8 @@ MODEL = load_model("fanuc_m6ib")
 ANCHOR, HOOK = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12)
 MOUTH = (0.75, 0.0, 0.55)
 PRIOR = WirePrior(ANCHOR, HOOK)
-SIGMA_M, SAMPLES = 2e-4, 5
+READING_SIGMA_M, SAMPLES = 1e-4, 5
+CAPTURE_SIGMA_M = READING_SIGMA_M / SAMPLES**0.5
 
 POINTS = ((-0.35, -0.45, 0.0), (0.35, -0.45, 0.0), (-0.35, 0.45, 0.0), (0.35, 0.45, 0.25))
 ROUGH = Pose((0.85, 0.0, -0.2))
@@ -77,7 +78,7 @@ def mounting(
     """Put captures into the form of the mathematics."""
     poses = tuple(tuple(float(q) for q in pose) for pose in joints)
     values = tuple(float(v) for v in lengths)
-    return Mounting(exit_, hook, poses, values, (8e-5,) * len(poses), mouth, **more)
+    return Mounting(exit_, hook, poses, values, (CAPTURE_SIGMA_M,) * len(poses), mouth, **more)
 
 
 @cache
@@ -154,7 +155,7 @@ def designed(hooks: bool, per_spot: int = 20) -> tuple[np.ndarray, ...]:
         drawn = candidates(belief.exits[exit_].at_m, belief.hooks[hook].at_m, 90, spot)
         pool = mounting(exit_, hook, drawn, np.ones(len(drawn)), None if hooks else MOUTH)
         chosen.append(drawn[list(best_order(MODEL, belief, known, pool, per_spot))])
-        known.append(with_poses(pool, chosen[-1], 8e-5))
+        known.append(with_poses(pool, chosen[-1], CAPTURE_SIGMA_M))
     return tuple(chosen)
 
 

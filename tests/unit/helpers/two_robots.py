@@ -15,7 +15,16 @@ from calibration.wires.design import best_order, with_poses
 from calibration.wires.network import Mounting, Place, WireBelief, fit_network
 from fake_devices.wire_gauge import WireGauge
 from fake_devices.world import World
-from tests.unit.helpers.fixture_world import ANCHOR, HOOK, MODEL, MOUTH, POINTS, PRIOR, candidates
+from tests.unit.helpers.fixture_world import (
+    ANCHOR,
+    HOOK,
+    MODEL,
+    MOUTH,
+    POINTS,
+    PRIOR,
+    READING_SIGMA_M,
+    candidates,
+)
 from tests.unit.helpers.recovery_cases import DRIVE
 
 TEN_POINTS = (
@@ -25,7 +34,7 @@ TEN_POINTS = (
 )
 ROUGH = {"left": Pose((0.85, 0.0, -0.2)), "right": Pose((0.85, 0.0, -0.2), (0.0, 0.0, 0.0, 1.0))}  # they face
 HOME_MOUTH = (0.75, 0.0, 0.55)  # where the wire looks at home, as the cell file says
-READING_SIGMA_M, SEAT_SIGMA_M = 1e-4, 2e-5
+SEAT_SIGMA_M = 2e-5
 
 
 @dataclass(frozen=True)
@@ -44,6 +53,7 @@ class Effort:
 
 
 DEFAULT = Effort()
+FOR_FIXTURES = Effort(TEN_POINTS[:6])  # two points more than a plane and one beside it
 FOR_BASES = Effort(TEN_POINTS, per_spot=40, record=30, samples=20)  # points tell more than captures do
 
 
