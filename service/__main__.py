@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from types import FrameType
 
 
 def main() -> None:
@@ -12,8 +13,17 @@ def main() -> None:
     from service.cli.app import run_command_line  # noqa: PLC0415 - `cellcal --help` must not wait for numpy
 
     # `kill` and a service manager end a command as Ctrl+C does: the robot is stopped, the end is journalled.
-    signal.signal(signal.SIGTERM, lambda *_: signal.raise_signal(signal.SIGINT))
+    signal.signal(signal.SIGTERM, _as_ctrl_c)
     sys.exit(run_command_line(sys.argv[1:]))
+
+
+def _as_ctrl_c(number: int, frame: FrameType | None) -> None:
+    del number, frame
+    if (
+        signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    ):  # as a script's shell starts what it puts behind `&`
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.raise_signal(signal.SIGINT)
 
 
 if __name__ == "__main__":

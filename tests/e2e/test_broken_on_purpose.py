@@ -3,6 +3,7 @@
 import asyncio
 import json
 import os
+import shlex
 import signal
 import sqlite3
 import sys
@@ -272,6 +273,24 @@ async def test_a_demo_that_is_cancelled_leaves_no_fake_behind() -> None:
     demo.process.send_signal(signal.SIGINT)
     code, words = await demo.end()
     assert (code, "Cancelled." in words) == (ExitCode.CANCELLED, True), words
+    for child in children:
+        with pytest.raises(ProcessLookupError):
+            os.kill(int(child), 0)
+
+
+async def test_fakes_behind_a_script_end_when_they_are_told_to(tmp_path: Path) -> None:
+    with free_address() as address:
+        path = write_cell_file(tmp_path, address, seed=1, time_factor=600.0)
+    ignoring = f"trap '' INT; exec {shlex.quote(sys.executable)} -m service fakes {shlex.quote(str(path))}"
+    process = await asyncio.create_subprocess_exec(
+        "sh", "-c", ignoring, cwd=ROOT, stdout=asyncio.subprocess.PIPE
+    )
+    assert process.stdout is not None
+    assert json.loads(await process.stdout.readline())["ready"]
+    children = children_of(process.pid)
+    assert children
+    process.terminate()
+    assert await asyncio.wait_for(process.wait(), 60.0) == ExitCode.PASS
     for child in children:
         with pytest.raises(ProcessLookupError):
             os.kill(int(child), 0)
