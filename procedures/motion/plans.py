@@ -63,6 +63,13 @@ class Room:
     box_high_m: Triple | None = None
     surroundings: Surroundings = NOTHING_KNOWN  # of the cell file
 
+    def __post_init__(self) -> None:
+        if self.wire_low >= self.wire_high:
+            raise ValueError("wire_low must be below wire_high: no pose has its wire between them")
+        low, high = self.box_m()
+        if low is not None and high is not None and any(a >= b for a, b in zip(low, high, strict=True)):
+            raise ValueError("box_low_m must be below box_high_m in x, y and z: no pose lies between them")
+
     @property
     def capped_tip_speed_m_s(self) -> float:
         """The cap that holds here: half of it while nobody knows what stands in the cell."""

@@ -30,7 +30,11 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[st
         healthy = LastHealthyCounts(config.cell.data_dir).load(robot)
         settings = settings | {"last_counts": None if healthy is None else healthy.counts}
     settings = chosen_by_cell(config, robot, procedure) | settings
-    return _in_the_cell(spec_of(procedure, settings), config.motion_of(robot).surroundings)
+    spec = spec_of(procedure, settings)
+    try:
+        return _in_the_cell(spec, config.motion_of(robot).surroundings)
+    except ValueError as error:  # a corner of the workspace from here, the other one from the cell file
+        raise _wrong(procedure, str(error)) from error
 
 
 def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
@@ -103,6 +107,8 @@ def _wrong(procedure: str, faults: str) -> CellError:
 
 
 def _said(fault: ErrorDetails) -> str:
+    if fault["type"] == "value_error":  # our own words, without the word that pydantic puts before them
+        return str(fault["ctx"]["error"])
     return "must be given" if fault["type"] == "missing" else fault["msg"]
 
 

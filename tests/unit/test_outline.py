@@ -75,6 +75,20 @@ def test_the_device_that_a_cell_has_is_the_one_that_measures(config: CellConfig)
     assert dry_run(config, "accuracy_check", {"method": "tracker"}).lacks  # who asks for one is told
 
 
+@pytest.mark.parametrize(
+    ("room", "words"),
+    [
+        ({"wire_low": 0.9, "wire_high": 0.2}, "room: wire_low must be below wire_high"),
+        ({"box_low_m": [0, 0, 1], "box_high_m": [1, 1, 0.5]}, "room: box_low_m must be below box_high_m"),
+    ],
+)
+def test_room_between_limits_that_cross_is_refused(
+    config: CellConfig, room: dict[str, object], words: str
+) -> None:
+    with pytest.raises(CellError, match=words):
+        dry_run(config, "mastering_record", {"room": room})
+
+
 def test_an_undo_needs_a_run_that_wrote(config: CellConfig) -> None:
     lacks = {entry.name: entry.lacks for entry in possible(config)}
     assert lacks["mastering_undo"] == ("a mastering that an earlier run wrote",)
