@@ -16,7 +16,8 @@ from pydantic_core import to_jsonable_python
 from calibration.errors import CalibrationError
 from calibration.geometry import Pose
 from calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points, u_of
-from calibration.wires.network import Place, WireNetwork
+from calibration.wires.network import Place
+from calibration.wires.network_fit import WireNetwork
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase

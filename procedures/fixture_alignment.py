@@ -22,7 +22,8 @@ from calibration.points.fixture import (
     place_points,
     refuse_bad_points,
 )
-from calibration.wires.network import Place, WireNetwork
+from calibration.wires.network import Place
+from calibration.wires.network_fit import WireNetwork
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase

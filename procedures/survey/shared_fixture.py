@@ -7,7 +7,7 @@ import numpy as np
 from calibration.points.alignment import Alignment, WirePoints
 from calibration.points.fixture import Covariance6, Triple, base_through_fixture
 from calibration.points.joint_bases import bases_together
-from calibration.wires.network import WireNetwork
+from calibration.wires.network_fit import WireNetwork
 from procedures.cell import Cell
 from procedures.steps.mastering import length_gauge
 from procedures.survey.survey import Survey

@@ -14,7 +14,8 @@ from calibration.mastering.counts import MasteringRecord
 from calibration.points.fixture import Triple, placing_covariance, u_of
 from calibration.wires.design import with_poses
 from calibration.wires.model import WirePrior
-from calibration.wires.network import Mounting, Place, WireBelief, WireNetwork, fit_network
+from calibration.wires.network import Mounting, Place, WireBelief
+from calibration.wires.network_fit import WireNetwork, fit_network
 from drivers.interfaces import Instruction, Joints
 from procedures.cell import GaugeSetup, MotionLimits
 from procedures.motion.plans import Room
@@ -27,7 +28,7 @@ Captures = tuple[tuple[LengthCapture, ...], ...]  # of every spot
 
 # Of a limit. How large the disturbances are shows fully at the last spot only, where the others cannot be mended any
 # more: surveys that stopped at the limit itself ended above it every second time.
-_PROMISE, _LAST_PROMISE = 0.78, 0.95
+_PROMISE = 0.78
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +105,9 @@ class Goal:
     angle_u_rad: float
     through: tuple[tuple[float, ...], ...] | None = None
 
-    def promised_by(self, origin_u_m: float, angle_u_rad: float, *, last: bool = False) -> bool:
-        """Tell whether what is expected at a spot, or at the last one, will hold when all is measured."""
-        share = _LAST_PROMISE if last else _PROMISE
-        return origin_u_m <= share * self.origin_u_m and angle_u_rad <= share * self.angle_u_rad
+    def promised_by(self, origin_u_m: float, angle_u_rad: float) -> bool:
+        """Tell whether what is expected at a spot will hold when all is measured."""
+        return origin_u_m <= _PROMISE * self.origin_u_m and angle_u_rad <= _PROMISE * self.angle_u_rad
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from calibration.wires.network import WireNetwork, misses
+from calibration.wires.network_fit import WireNetwork, misses
 from procedures.past import Finding
 from procedures.refit import (
     MEASURED_AGAIN,

@@ -4,7 +4,7 @@ Shared by the fixture alignment (the wire's exit moves) and the end-effector's p
 capture the survey knows how well the frame sought would be known; it goes on while that is not enough.
 """
 
-from calibration.wires.network import WireNetwork
+from calibration.wires.network_fit import WireNetwork
 from drivers.interfaces import Joints, Readiness
 from procedures.cell import Cell
 from procedures.run import NeedsUnmetError, RefusalError, Run

@@ -8,12 +8,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from calibration.geometry import log_transform
 from calibration.points.alignment import Alignment
 from calibration.points.fixture import BaseToBase, base_through_fixture, u_of
 from calibration.points.joint_bases import bases_together
 from tests.soak.figures import Figures
-from tests.unit.helpers.fixture_world import FixtureWorld, find_tool
+from tests.unit.helpers.fixture_world import FixtureWorld, error_of, find_tool, stated_u
 from tests.unit.helpers.two_robots import DEFAULT, FOR_BASES, FOR_FIXTURES, Effort, two_robots
 
 MOST_ORIGIN_M, MOST_ANGLE_RAD = 0.00015, np.radians(0.02)
@@ -64,8 +63,7 @@ def _seen_base(seed: int, effort: Effort) -> tuple[np.ndarray, np.ndarray, BaseT
     left, right = two_robots(seed, effort)
     (base,) = bases_together([left.align(), right.align()]).bases
     truth = left.truth() @ np.linalg.inv(right.truth())
-    error = log_transform(np.linalg.inv(base.other_base_base.matrix()) @ truth)
-    return error, 2.0 * np.sqrt(np.diag(np.array(base.covariance))), base
+    return error_of(base.other_base_base, truth), stated_u(base.covariance), base
 
 
 def tool(seeds: int) -> Figures:
@@ -87,7 +85,7 @@ class SeenFixture:
 
     @property
     def error(self) -> np.ndarray:
-        return log_transform(np.linalg.inv(self.found.base_fixture.matrix()) @ self.truth)
+        return error_of(self.found.base_fixture, self.truth)
 
     @property
     def covariance(self) -> np.ndarray:
@@ -95,7 +93,7 @@ class SeenFixture:
 
     @property
     def u(self) -> np.ndarray:
-        return 2.0 * np.sqrt(np.diag(self.covariance))
+        return stated_u(self.covariance)
 
     @property
     def origin_u_m(self) -> float:
@@ -118,8 +116,7 @@ def _bases(seen: list[SeenFixture]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
             one.found.base_fixture, one.covariance, other.found.base_fixture, other.covariance
         )
         truth = other.truth @ np.linalg.inv(one.truth)
-        error = log_transform(np.linalg.inv(chained.other_base_base.matrix()) @ truth)
-        yield error, 2.0 * np.sqrt(np.diag(np.array(chained.covariance)))
+        yield error_of(chained.other_base_base, truth), stated_u(chained.covariance)
 
 
 def _covered(runs: np.ndarray) -> float:

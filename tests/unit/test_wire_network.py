@@ -16,7 +16,7 @@ from calibration.points.fixture import (
     refuse_bad_points,
     telling_gaps,
 )
-from calibration.wires.network import fit_network
+from calibration.wires.network_fit import fit_network
 from tests.unit.helpers.fixture_world import (
     MODEL,
     MOUTH,

@@ -13,7 +13,8 @@ from calibration.motion.motion_check import MotionLimits, WirePath
 from calibration.points.fixture import PlacedPoints, place_points
 from calibration.wires.design import best_order, with_poses
 from calibration.wires.model import WirePrior
-from calibration.wires.network import Mounting, Place, WireBelief, WireNetwork, fit_network
+from calibration.wires.network import Mounting, Place, WireBelief
+from calibration.wires.network_fit import WireNetwork, fit_network
 from fake_devices.wire_gauge import WireGauge
 from fake_devices.world import World
 from tests.unit.helpers.recovery_cases import DRIVE
@@ -127,6 +128,16 @@ def _at(pose: Pose, point: tuple[float, float, float]) -> tuple[float, float, fl
     return (float(x), float(y), float(z))
 
 
+def error_of(found: Pose, truth: np.ndarray) -> np.ndarray:
+    """Return how far the truth is from a pose found, along and about its axes (x, y, z, rx, ry, rz)."""
+    return log_transform(np.linalg.inv(found.matrix()) @ truth)
+
+
+def stated_u(covariance: Any) -> np.ndarray:
+    """Return U (k = 2) of every axis."""
+    return 2.0 * np.sqrt(np.diag(np.array(covariance)))
+
+
 @dataclass
 class Aligned:
     """One alignment, the truth, and the error with the stated U of every axis (x, y, z, rx, ry, rz)."""
@@ -137,11 +148,11 @@ class Aligned:
 
     @property
     def error(self) -> np.ndarray:
-        return log_transform(np.linalg.inv(self.placed.outer_inner.matrix()) @ self.truth)
+        return error_of(self.placed.outer_inner, self.truth)
 
     @property
     def u(self) -> np.ndarray:
-        return 2.0 * np.sqrt(np.diag(np.array(self.placed.covariance)))
+        return stated_u(self.placed.covariance)
 
 
 @cache

@@ -12,7 +12,8 @@ from calibration.motion.motion_check import MotionLimits, WirePath
 from calibration.points.alignment import Alignment, WirePoints
 from calibration.points.fixture import place_points
 from calibration.wires.design import best_order, with_poses
-from calibration.wires.network import Mounting, Place, WireBelief, fit_network
+from calibration.wires.network import Mounting, Place, WireBelief
+from calibration.wires.network_fit import fit_network
 from fake_devices.wire_gauge import WireGauge
 from fake_devices.world import World
 from tests.unit.helpers.fixture_world import (
