@@ -19,9 +19,8 @@ def main() -> None:
 
 def _as_ctrl_c(number: int, frame: FrameType | None) -> None:
     del number, frame
-    if (
-        signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    ):  # as a script's shell starts what it puts behind `&`
+    # A script's shell lets what it puts behind `&` ignore Ctrl+C.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.raise_signal(signal.SIGINT)
 

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 from drivers.fanuc.ls_remarks import statements_of
+from drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from drivers.programs.positions import CARTESIAN, Positions
 
 _WORDS = {"frame": rb"(?:UFRAME_NUM|BENUTZER_NUM)", "tool": rb"(?:UTOOL_NUM|WKZ_NUM)"}
@@ -19,10 +20,7 @@ _INDIRECT = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
 
 _CALL = re.compile(rb"\b(?:CALL|AUFRUF)\b")
 
-_SEVERAL = "the program sets another tool or base for it at different places"
-_COMPUTED = "its tool or base is set while the program runs"
 _CALLED = "a program that its program calls may choose another frame or tool"
-_LATER = "its program sets the tool or base below it, or in a branch"
 
 
 def with_chosen_frames(positions: Positions, data: bytes) -> Positions:
@@ -52,7 +50,7 @@ def with_chosen_frames(positions: Positions, data: bytes) -> Positions:
             if column[row] is not None or not (number or why):
                 continue
             used = min(uses.get(positions.names[row], len(statements)), first_of_any)
-            its_why = why or ("" if used > place else _LATER)
+            its_why = why or ("" if used > place else LATER)
             if its_why:
                 barred.setdefault(row, its_why)
             else:
@@ -66,16 +64,16 @@ def _choice(which: str, statements: bytes) -> tuple[str, int, str]:
     """Return the one number that a program chooses, where for certain, and why there is no such."""
     alone = list(_ALONE[which].finditer(statements))
     if len(alone) < len(_CHOSEN[which].findall(statements)):
-        return "", 0, _COMPUTED
+        return "", 0, COMPUTED
     if not alone:
         return "", 0, ""
     if len({int(found[1]) for found in alone}) > 1:
-        return "", 0, _SEVERAL
+        return "", 0, SEVERAL
     if _CALL.search(statements):
         return "", 0, _CALLED
     branch = _BRANCHES.search(statements)
     if branch is not None and branch.start() < alone[0].start():
-        return "", 0, _LATER
+        return "", 0, LATER
     return str(int(alone[0][1])), alone[0].start(), ""
 
 

@@ -4,15 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+from drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from drivers.programs.call_graph import Marks, reached
 
 UNKNOWN = "?"
 BARRED = {
-    "several": "the program sets another tool or base for it at different places",
-    "computed": "its tool or base is set while the program runs",
+    "several": SEVERAL,
+    "computed": COMPUTED,
     "called": "a routine that its program calls sets another tool or base",
     "caller": "a routine that calls its program sets the tool or base",
-    "later": "its program sets the tool or base below it, or in a branch",
+    "later": LATER,
 }
 
 Branches: TypeAlias = tuple[int, ...]  # the ifs, cases and loops that a place is inside, by where they begin

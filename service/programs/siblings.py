@@ -48,7 +48,7 @@ def with_siblings(source: Source, program: ProgramFile) -> ProgramFile:
 
 def _may_tell(source: Source) -> bool:
     suffix = source.path.suffix.lower()
-    return any(suffix in SUFFIXES[brand] for brand in SUFFIXES if brand in ("abb", "kuka"))
+    return any(brand_named(brand).tells for brand, suffixes in SUFFIXES.items() if suffix in suffixes)
 
 
 def _said_of(sources: Sequence[Source]) -> list[tuple[str, Said]]:

@@ -65,10 +65,10 @@ def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
     except ValidationError as error:
         faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {_said(e)}" for e in error.errors())
         raise _wrong(procedure, faults) from error
-    endless = [key for key, value in asdict(spec).items() if not _is_finite(value)]
+    became = asdict(spec)
+    endless = [key for key, value in became.items() if not _is_finite(value)]
     if endless:
         raise _wrong(procedure, f"{', '.join(endless)}: not a finite number")
-    became = asdict(spec)
     yes_or_no = [key for key, value in settings.items() if _bool_became_number(value, became[key])]
     if yes_or_no:
         raise _wrong(procedure, f"{', '.join(yes_or_no)}: true and false are no numbers")

@@ -1,0 +1,5 @@
+"""Why nobody can tell the tool or frame of a position, where several brands' programs say it alike."""
+
+SEVERAL = "the program sets another tool or base for it at different places"
+COMPUTED = "its tool or base is set while the program runs"
+LATER = "its program sets the tool or base below it, or in a branch"
