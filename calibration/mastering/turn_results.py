@@ -30,9 +30,7 @@ class TurnRecovery:
     turns: tuple[int, ...]
     replaced_axes: tuple[int, ...]
     offset_turns: tuple[float, ...]
-    offset_u_rad: tuple[
-        float, ...
-    ]  # of the joints, k = 2; 0.0 where no motor that turns them is off by real amounts
+    offset_u_rad: tuple[float, ...]  # of the joints, k = 2; 0.0 where all motors that turn one are exact
     counts_at_zero: tuple[int, ...]
     gate: tuple[GateCheck, ...]
     poses_needed: int

@@ -36,9 +36,7 @@ class JointRecovery:
     name: str
     turns_restored: int
     offset_rad: float  # by which the joint would have been wrong
-    offset_u_rad: (
-        float  # of the restored zero, k = 2; 0.0 where it and all motors coupled to it lost whole turns
-    )
+    offset_u_rad: float  # of the restored zero, k = 2; 0.0 where all motors that turn it are exact
     exact: bool  # its own motor lost whole turns only
 
 

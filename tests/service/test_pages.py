@@ -8,6 +8,7 @@ import json
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -131,12 +132,19 @@ async def looking_at(app: FastAPI) -> AsyncIterator[Looking]:
             yield looks
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
+@asynccontextmanager
+async def looking_at_a_cell(folder: Path) -> AsyncIterator[Looking]:
+    """Serve a fake cell, and look at it in Chromium."""
     async with (
-        a_cell(tmp_path_factory.mktemp("cell")) as (path, _),
+        a_cell(folder) as (path, _),
         looking_at(create_app(Settings(path, open_access=True))) as looks,
     ):
+        yield looks
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
+    async with looking_at_a_cell(tmp_path_factory.mktemp("cell")) as looks:
         yield looks
 
 

@@ -8,10 +8,8 @@ import pytest_asyncio
 from playwright.async_api import Page, expect
 
 from procedures.catalogue import ENTRIES
-from service.web.app import Settings, create_app
 from tests.service.browsers import go, hold_to_rules, speaks
-from tests.service.desks import a_cell
-from tests.service.test_pages import Looking, looking_at
+from tests.service.test_pages import Looking, looking_at_a_cell
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
 ROOM = "setting-room"
@@ -25,10 +23,7 @@ NEGATIVE = {"de": "endliche", "es": "finit", "zh": "有限"}
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
-    async with (
-        a_cell(tmp_path_factory.mktemp("cell")) as (path, _),
-        looking_at(create_app(Settings(path, open_access=True))) as looks,
-    ):
+    async with looking_at_a_cell(tmp_path_factory.mktemp("cell")) as looks:
         yield looks
 
 
