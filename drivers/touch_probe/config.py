@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from drivers.touch_probe.dial import DialGauge
     from drivers.touch_probe.probe import TouchProbe
 
+_FEWEST_CLOSED = 6  # images; a contact open half of the time looks closed in all of them once in 64
 _TELEGRAM_SHARE = 0.3  # of the deadline: a failed telegram leaves time for saying so
 _MAC = re.compile(r"([0-9A-Fa-f]{2}[:-]?){5}[0-9A-Fa-f]{2}")
 
@@ -97,6 +98,7 @@ class TouchProbeConfig(_OnCoupler):
             self.poll_ms * 1e-3,
             self.bounce_ms * 1e-3,
             self.debounce_ms * 1e-3,
+            _FEWEST_CLOSED,
             self.silence_ms * 1e-3,
             self.normally_closed,
         )
@@ -108,7 +110,8 @@ class TouchProbeConfig(_OnCoupler):
             await probe.close()
 
     def _capabilities(self) -> ProbeCapabilities:
-        seeing_ms = self.silence_ms + self.bounce_ms + self.debounce_ms + 4 * self.poll_ms
+        settling_ms = max(self.debounce_ms, _FEWEST_CLOSED * self.poll_ms)
+        seeing_ms = self.silence_ms + self.bounce_ms + settling_ms + 4 * self.poll_ms
         reaction_ms = self.delay_ms + self.delay_tolerance_ms + seeing_ms
         return ProbeCapabilities(
             tip_radius_m=self.tip_radius_mm * 1e-3,

@@ -12,7 +12,6 @@ from drivers.wire.deadline import deadline
 
 _ECHO_EVERY_S = 0.05
 _WORDS_KEPT = 64
-_FEWEST_IMAGES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +22,7 @@ class ProbeOptions:
     poll_s: float
     bounce_s: float  # the longest bounce of a healthy probe
     debounce_s: float  # closed for that long is closed
+    fewest_closed: int  # and in that many images: a few could all fall between two bounces
     silence_s: float  # longest wait for an image while a touch is waited for
     normally_closed: bool = False
 
@@ -122,7 +122,7 @@ class TouchProbe:
         """Return the touch once its contact stays closed, or has sprung for longer than a healthy one."""
         sound = watch.sprung_s <= self._options.bounce_s
         stays = time.monotonic() - watch.closed_since_s >= self._options.debounce_s
-        if sound and not (stays and watch.images_closed >= _FEWEST_IMAGES):
+        if sound and not (stays and watch.images_closed >= self._options.fewest_closed):
             return None
         can = self._capabilities
         # an open image may have been taken between two bounces of a touch that was earlier still
