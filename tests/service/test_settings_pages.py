@@ -46,7 +46,7 @@ async def foretell(page: Page) -> dict[str, Any]:
     return asked
 
 
-async def test_no_procedure_wants_anything_typed_as_json(looking: Looking) -> None:
+async def test_all_settings_unfolded_are_fields_for_gloves_and_none_wants_json(looking: Looking) -> None:
     async with looking.page(size=(800, 1280)) as page:
         for entry in ENTRIES:
             await go(page, f"#/procedure/{entry.name}")
@@ -54,6 +54,7 @@ async def test_no_procedure_wants_anything_typed_as_json(looking: Looking) -> No
             await unfold(page)
             assert await page.locator("[data-kind=json]").count() == 0, entry.name
             assert await page.evaluate("document.documentElement.scrollWidth <= innerWidth"), entry.name
+            await hold_to_rules(page, entry.name)
 
 
 async def test_what_has_parts_is_filled_in_part_by_part(looking: Looking) -> None:
