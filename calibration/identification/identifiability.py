@@ -10,7 +10,7 @@ from calibration.geometry import Array
 from calibration.identification.estimator import Fit
 from calibration.identification.parameters import Parameter
 
-_LEARNED = 0.5  # of the prior deviation: above, the prior speaks rather than the data
+_LEARNED = 0.5  # of the prior deviation
 _PARTNER = 0.5  # of the variance
 _EXPLAINED = 0.9
 _MOST_PARTNERS = 3
@@ -57,6 +57,11 @@ class CorrelatedPair:
     correlation: float
 
 
+def is_learnt(sigma: float, prior: float) -> bool:
+    """Whether the data determined a parameter: below half its prior deviation they speak, above it the prior does."""
+    return sigma <= _LEARNED * prior
+
+
 def correlations(fit: Estimate) -> Array:
     """Return the correlation matrix of all parameters (p, p)."""
     sigma = np.sqrt(np.diag(fit.covariance))
@@ -72,11 +77,12 @@ def not_identified(fit: Fit) -> tuple[NotIdentified, ...]:
     """
     sigma = np.sqrt(np.diag(fit.covariance))
     parameters = fit.layout.parameters
-    learnt = sigma / fit.layout.prior
     weak = [
-        i for i, parameter in enumerate(parameters) if parameter.role in _ARM_ROLES and learnt[i] > _LEARNED
+        i
+        for i, parameter in enumerate(parameters)
+        if parameter.role in _ARM_ROLES and not is_learnt(sigma[i], fit.layout.prior[i])
     ]
-    return tuple(_describe(fit, i, float(learnt[i])) for i in weak)
+    return tuple(_describe(fit, i, float(sigma[i] / fit.layout.prior[i])) for i in weak)
 
 
 def _describe(fit: Fit, own: int, ratio: float) -> NotIdentified:

@@ -3,6 +3,8 @@
 import hashlib
 from dataclasses import dataclass, field
 
+from calibration.identification.identifiability import is_learnt
+
 
 @dataclass(frozen=True, slots=True)
 class FoundParameter:
@@ -18,7 +20,7 @@ class FoundParameter:
     @property
     def known(self) -> bool:
         """Whether the readings say more than the prior did."""
-        return self.sigma < 0.5 * self.prior
+        return is_learnt(self.sigma, self.prior)
 
 
 @dataclass(frozen=True, slots=True)

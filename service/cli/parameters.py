@@ -14,6 +14,7 @@ parameters = App(name="parameters", help="Keep, compare, restore and exchange id
 Folder = Annotated[Path, Parameter(name="--folder", help="Where the sets are kept.")]
 Json = Annotated[bool, Parameter(name="--json", help="Print one JSON object on standard output.")]
 _HERE = Path("parameter_sets")
+_ASSUMED = "assumed: not determined"
 _SCALES = {
     "rad": ("deg", 57.29577951308232),
     "m": ("mm", 1e3),
@@ -82,7 +83,13 @@ def show(
     item = _sets(folder).load(robot_serial, version)
     if as_json:
         values = [
-            {"name": v.name, "unit": v.unit, "value": v.value, "standard_uncertainty": v.standard_uncertainty}
+            {
+                "name": v.name,
+                "unit": v.unit,
+                "value": v.value,
+                "standard_uncertainty": v.standard_uncertainty,
+                "determined": v.determined,
+            }
             for v in item.values
         ]
         print_json({**_head(item), "parameters": values})
@@ -96,9 +103,8 @@ def show(
     )
     for value in item.values:
         unit, scale = _SCALES[value.unit]
-        table.add_row(
-            value.name, f"{value.value * scale:+.5f}", _or_dash(value.standard_uncertainty, scale), unit
-        )
+        u = _or_dash(value.standard_uncertainty, scale) if value.determined else _ASSUMED
+        table.add_row(value.name, f"{value.value * scale:+.5f}", u, unit)
     console = Console(highlight=False)
     console.print(table)
     console.print(f"Deviations from nominal {item.model}; {item.source}", markup=False)
@@ -147,6 +153,7 @@ def diff(
         unit, scale = _SCALES[change.unit]
         numbers = [_or_dash(v.value if v else None, scale) for v in (change.before, change.after)]
         size = "-" if change.deviations is None else f"{change.deviations:.1f}"
+        size = size if change.determined else _ASSUMED
         table.add_row(change.name, *numbers, f"{change.difference * scale:+.5f}", unit, size)
     Console(highlight=False).print(table)
     return 0
@@ -350,7 +357,7 @@ def _change(change: "Change") -> dict[str, Any]:
     }
     return {
         "name": change.name, "unit": change.unit, **values,
-        "difference": change.difference, "deviations": change.deviations,
+        "difference": change.difference, "deviations": change.deviations, "determined": change.determined,
     }  # fmt: skip
 
 

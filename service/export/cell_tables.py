@@ -18,7 +18,7 @@ _FIGURE = ("run_id", "started_utc", "procedure", "robot_serial", "figure", "unit
 _FIGURE_REST = ("standard_uncertainty", "coverage", "expanded_uncertainty", "limit", "decision")
 _READING = ("step", "at_utc", "used", "reason")
 _PARAMETER = ("robot_serial", "version", "made_at", "made_by", "source", "note", "rolls_back_to", "sha256")
-_PARAMETER_REST = ("name", "unit", "value", "standard_uncertainty")
+_PARAMETER_REST = ("name", "unit", "value", "standard_uncertainty", "determined")
 
 
 def runs_table(config: CellConfig) -> Table:

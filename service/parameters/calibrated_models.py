@@ -12,7 +12,7 @@ from calibration.arm.urdf import calibrated_urdf, read_urdf
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, homogeneous, inverse_transform
 from calibration.identification.estimator import Fit
-from calibration.identification.identifiability import correlations
+from calibration.identification.identifiability import correlations, is_learnt
 from calibration.identification.parameters import GEOMETRY, make_layout
 from calibration.orientation import elementary
 from service.parameters.parameter_sets import ParameterSet, ParameterSetError, Value
@@ -32,6 +32,8 @@ class Identified(Protocol):
     def value(self) -> float: ...
     @property
     def sigma(self) -> float: ...
+    @property
+    def prior(self) -> float: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +101,14 @@ def values_of_identification(parameters: Iterable[Identified], fit: Fit | None =
         rho[np.ix_(mine, mine)] = correlations(fit)[np.ix_(theirs, theirs)]
     told = np.clip(rho, -1.0, 1.0)
     return tuple(
-        Value(p.name, p.unit, float(p.value), float(p.sigma), tuple(told[i, :i].tolist()) if fit else ())
+        Value(
+            p.name,
+            p.unit,
+            float(p.value),
+            float(p.sigma),
+            tuple(told[i, :i].tolist()) if fit else (),
+            determined=is_learnt(p.sigma, p.prior),
+        )
         for i, p in enumerate(some)
     )
 

@@ -45,6 +45,7 @@ class Value:
     value: float
     standard_uncertainty: float | None = None
     correlations: tuple[float, ...] = ()  # with the values before it in the set, from the first on
+    determined: bool = True  # False: the measurement left it where it was assumed, and it is no result
 
     def __post_init__(self) -> None:
         spread = 0.0 if self.standard_uncertainty is None else self.standard_uncertainty
@@ -102,13 +103,20 @@ class Change:
     after: Value | None
 
     @property
+    def determined(self) -> bool:
+        """Whether a measurement speaks for what is in each of the two sets."""
+        return all(value.determined for value in (self.before, self.after) if value is not None)
+
+    @property
     def difference(self) -> float:
         """After minus before; a value that is not there is nominal."""
         return (self.after.value if self.after else 0.0) - (self.before.value if self.before else 0.0)
 
     @property
     def deviations(self) -> float | None:
-        """The difference in combined standard uncertainties; None where neither is known."""
+        """The difference in combined standard uncertainties; None where neither is known, or one is no result."""
+        if not self.determined:
+            return None
         spreads = [v.standard_uncertainty for v in (self.before, self.after) if v is not None]
         known = [spread for spread in spreads if spread]
         return abs(self.difference) / math.hypot(*known) if known else None
@@ -260,12 +268,14 @@ def _from_data(data: dict[str, Any], where: str) -> ParameterSet:
 def _value(table: dict[str, Any], where: str) -> Value:
     for unit, suffix in _SUFFIXES.items():
         key, spread = f"value{suffix}", f"standard_uncertainty{suffix}"
-        if {"name", key} <= table.keys() <= {"name", key, spread, "correlations"}:
+        if {"name", key} <= table.keys() <= {"name", key, spread, "correlations", "determined"}:
             rho = table.get("correlations", [])
             numbers = [table[key], table.get(spread, 0.0), *(rho if isinstance(rho, list) else [None])]
-            if isinstance(table["name"], str) and all(type(v) in (int, float) for v in numbers):
+            told = table.get("determined", True)
+            words = isinstance(table["name"], str) and isinstance(told, bool)
+            if words and all(type(v) in (int, float) for v in numbers):
                 uncertainty = float(table[spread]) if spread in table else None
-                return Value(table["name"], unit, float(table[key]), uncertainty, tuple(map(float, rho)))
+                return Value(table["name"], unit, float(table[key]), uncertainty, tuple(map(float, rho)), told)
     raise ParameterSetError(
         f"{where}: a parameter has a name, a value and a standard uncertainty of one unit"
     )
@@ -289,6 +299,8 @@ def _table(value: Value) -> str:
         lines.append(f"standard_uncertainty{suffix} = {float(value.standard_uncertainty)!r}")
     if value.correlations:
         lines.append(f"correlations = [{', '.join(f'{rho:.9g}' for rho in value.correlations)}]")
+    if not value.determined:
+        lines.append("determined = false")
     return "\n".join(lines) + "\n"
 
 

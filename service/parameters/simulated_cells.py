@@ -112,7 +112,11 @@ def save_robot(found: CalibratedPart, spec: SimulationCell, folder: Path, who: W
         if spec.description
         else load_model(robot.model)
     )
-    values = tuple(Value(v.name, v.unit, v.value, v.standard_uncertainty) for v in robot.values)
+    hidden = {one.name for one in robot.unknowable}
+    values = tuple(
+        Value(v.name, v.unit, v.value, v.standard_uncertainty, determined=v.name not in hidden)
+        for v in robot.values
+    )
     source = f"tags: {spec.simulated.source}, {spec.measured.source}"
     draft = ParameterSet(
         who.robot_serial,

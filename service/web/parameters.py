@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Request
 from pydantic import BaseModel, ConfigDict
 
 from service.configuration.cell_file import CellConfig
-from service.parameters.parameter_sets import Change, ParameterSet, ParameterSets, diff
+from service.parameters.parameter_sets import Change, ParameterSet, ParameterSets, Value, diff
 from service.web.door import Who, house_of
 from service.web.worker import open_journal, store_of
 
@@ -20,6 +20,7 @@ FOLDER = "parameter_sets"  # beside the cell file, where `cellcal parameters` ke
 
 Named = Annotated[str, Query(min_length=1, max_length=64)]
 Version = Annotated[int, Query(ge=1)]
+Side = Literal["before", "after"]
 
 
 class Told(BaseModel):
@@ -49,6 +50,7 @@ class Parameter(Told):
     unit: Literal["rad", "m", "rad/m", "1"]
     value: float
     standard_uncertainty: float | None
+    determined: bool  # False: assumed, and no result of the measurement
 
 
 class Whole(Head):
@@ -66,6 +68,7 @@ class Changed(Told):
     after: float | None
     difference: float
     deviations: float | None  # the difference in combined standard uncertainties
+    undetermined: list[Side]  # where the value is assumed, and no result
 
 
 class Difference(Told):
@@ -152,12 +155,13 @@ def _head(found: ParameterSet) -> Head:
 
 
 def _changed(change: Change) -> Changed:
-    before, after = (None if value is None else value.value for value in (change.before, change.after))
+    sides: tuple[tuple[Side, Value | None], ...] = (("before", change.before), ("after", change.after))
     return Changed(
         name=change.name,
         unit=change.unit,
-        before=before,
-        after=after,
+        before=change.before.value if change.before else None,
+        after=change.after.value if change.after else None,
+        undetermined=[side for side, value in sides if value and not value.determined],
         difference=change.difference,
         deviations=change.deviations,
     )

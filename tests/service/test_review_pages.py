@@ -284,6 +284,28 @@ async def test_trends_have_a_point_for_each_version_and_run(seen: Seen) -> None:
         await expect(plots.nth(1)).to_have_attribute("data-count", "2")
 
 
+@pytest.mark.parametrize(("locale", "words"), [("en", "not determined"), ("zh", "未能确定")])
+async def test_what_was_not_determined_is_said_in_words_and_not_drawn(
+    seen: Seen, locale: str, words: str
+) -> None:
+    looks, _ = seen
+    stored = (await looks.client.get(f"/api/parameters/{SERIAL}?version=1")).json()["parameters"]
+    unseen = next(value for value in stored if value["name"] == "J1 offset")
+    assert not unseen[
+        "determined"
+    ]  # the base stands where the readings put it, and turns with the first axis
+    async with looks.page(f"#/parameters/{SERIAL}", locale=locale) as page:
+        chosen = page.get_by_test_id("parameter")
+        section = page.locator("section", has=chosen)
+        await expect(section.get_by_test_id("trend")).to_have_count(1)  # the first that was determined
+        await expect(section.get_by_test_id("not-determined")).to_have_count(0)
+        await chosen.select_option("J1 offset")
+        await expect(section.get_by_test_id("not-determined")).to_contain_text(words)
+        await expect(section.get_by_test_id("trend")).to_have_count(0)
+        row = page.get_by_test_id("changes").locator("tr", has=page.locator("td.soft")).first
+        await expect(row).to_contain_text(words)
+
+
 def places_of(past: Past) -> tuple[str, ...]:
     return (
         f"#/history/{past.spoilt}",

@@ -85,6 +85,13 @@ def test_a_calibration_becomes_a_version_once(config: CellConfig, tmp_path: Path
         keep_calibration(config, None, sets, "anna", "2026-11-21T11:00:00+00:00")
 
 
+def test_a_kept_calibration_says_what_its_measurement_did_not_determine() -> None:
+    unseen = replace(FOUND[0], name="J1 offset", sigma=FOUND[0].prior)
+    arm = replace(ARM, parameters=(unseen, *FOUND))
+    values = draft_of(arm, Who(SERIAL, "anna", "2026-11-21")).values
+    assert [value.determined for value in values] == [False, True, True]
+
+
 def test_a_kept_calibration_keeps_its_correlations(config: CellConfig, tmp_path: Path) -> None:
     sets = ParameterSets(tmp_path / "sets")
     correlated = replace(ARM, correlations=((), (-0.4,)))

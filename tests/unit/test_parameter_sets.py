@@ -55,6 +55,7 @@ values = st.builds(
     st.sampled_from(["rad", "m", "rad/m", "1"]),
     finite,
     st.none() | st.floats(min_value=0, allow_nan=False, allow_infinity=False),
+    determined=st.booleans(),
 )
 
 
@@ -184,6 +185,25 @@ def test_a_difference_counts_in_standard_uncertainties():
     assert changes["J1 d"].difference == -1e-4
     assert changes["J4 a"].difference == 1e-5
     assert diff(before, before) == ()
+
+
+def test_what_a_measurement_left_where_it_was_assumed_is_no_result():
+    assumed, found = values_of_identification(
+        [
+            IdentifiedParameter("J1 offset", "rad", 0.0, 8.7e-3, 8.7e-3),
+            IdentifiedParameter("J2 offset", "rad", 1e-3, 1e-5, 8.7e-3),
+        ]
+    )
+    assert (assumed.determined, found.determined) == (False, True)
+    text = to_text(draft([assumed, found]))
+    assert text.count("determined = false") == 1
+    assert parse(text).values == (assumed, found)
+    with pytest.raises(ParameterSetError, match="hash"):
+        parse(text.replace("determined = false\n", ""))
+    with pytest.raises(ParameterSetError, match="one unit"):
+        parse(text.replace("determined = false", "determined = 0"))
+    (change,) = diff(draft([replace(assumed, value=1e-3), found]), draft([assumed, found]))
+    assert (change.determined, change.deviations) == (False, None)
 
 
 def test_an_empty_set_and_a_value_that_is_none_are_refused():

@@ -104,6 +104,7 @@ export interface SetsCompared {
     after: number | null;
     difference: number;
     deviations: number | null;
+    undetermined: ("before" | "after")[];
   }[];
 }
 
