@@ -275,7 +275,9 @@ def _value(table: dict[str, Any], where: str) -> Value:
             words = isinstance(table["name"], str) and isinstance(told, bool)
             if words and all(type(v) in (int, float) for v in numbers):
                 uncertainty = float(table[spread]) if spread in table else None
-                return Value(table["name"], unit, float(table[key]), uncertainty, tuple(map(float, rho)), told)
+                return Value(
+                    table["name"], unit, float(table[key]), uncertainty, tuple(map(float, rho)), told
+                )
     raise ParameterSetError(
         f"{where}: a parameter has a name, a value and a standard uncertainty of one unit"
     )
