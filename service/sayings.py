@@ -20,6 +20,7 @@ _COMMA = ("de", "es")
 _NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")
 _ONLY_A_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?")
 _SENTENCE = re.compile(r"(?<=[.?!])\s+")
+_NUMBERED = re.compile(r"(.*?),? (\d+)")
 _HOLE = re.compile(r"\{(\d+)\}")
 _NAMED = re.compile(r"([\w/-]+(?: [\w-]+){0,2}): (.+)", re.DOTALL)
 
@@ -41,6 +42,7 @@ class Sayings:
 
     locale: Locale
     table: dict[str, str]
+    commas: bool = False  # in numbers
     _patterns: list[_Pattern] = field(default_factory=list)
     _found: dict[str, _Pattern | None] = field(default_factory=dict)  # by sentences without their numbers
 
@@ -51,11 +53,16 @@ class Sayings:
         for file in (folder / kind / f"{locale}.json" for kind in _KINDS):
             if file.is_file():
                 table |= json.loads(file.read_text(encoding="utf-8"))
+        return cls.of(locale, table, commas=locale in _COMMA)
+
+    @classmethod
+    def of(cls, locale: Locale, table: dict[str, str], *, commas: bool) -> "Sayings":
+        """Make the sayings of a table."""
         holed = sorted(
             (english for english in table if _HOLE.search(english)),
             key=lambda english: -len(_HOLE.sub("", english)),  # what says more is tried first
         )
-        return cls(locale, table, [_Pattern.of(english, table[english]) for english in holed])
+        return cls(locale, table, commas, [_Pattern.of(english, table[english]) for english in holed])
 
     def say(self, text: str) -> str:
         """Return a text in this language, sentence by sentence."""
@@ -70,7 +77,20 @@ class Sayings:
 
     def number(self, written: str) -> str:
         """Return a number as people write it here."""
-        return written.replace(".", ",") if self.locale in _COMMA else written
+        return written.replace(".", ",") if self.commas else written
+
+    def step(self, given: str) -> str:
+        """Return the name of a step, whose number may be its own."""
+        if not self.table:
+            return given
+        name = given.removesuffix(",")  # of a phase whose steps are numbered after a comma
+        if (said := self._said(name)) is not None:
+            return said
+        phase, _, rest = name.partition(": ")
+        if phase and rest:
+            return f"{self.step(phase)}: {self.step(rest)}"
+        numbered = _NUMBERED.fullmatch(name)
+        return f"{self.step(numbered[1])} {numbered[2]}" if numbered else given
 
     def _said(self, text: str) -> str | None:
         text = text.strip()
@@ -86,7 +106,7 @@ class Sayings:
     def _filled(self, text: str) -> str | None:
         alike = _NUMBER.sub("0", text)  # a million reasons differ in their numbers alone
         if alike not in self._found:
-            self._found[alike] = next((p for p in self._patterns if p.matches.fullmatch(alike)), None)
+            self._found[alike] = next((p for p in self._patterns if p.matches.fullmatch(text)), None)
         pattern = self._found[alike]
         found = None if pattern is None else pattern.matches.fullmatch(text)
         if pattern is None or found is None:

@@ -6,6 +6,8 @@ Every figure in a block is text already, so that no two pages can round it diffe
 from dataclasses import dataclass
 from typing import Literal
 
+from service.sayings import Locale
+
 Tone = Literal["plain", "quiet", "strong"]
 
 
@@ -70,6 +72,7 @@ class Fields:
     """Lines for a person's name, date and signature, below what the person signs for."""
 
     statement: str
+    places: tuple[str, str, str]  # what to write on each line
     kind: Literal["fields"] = "fields"
 
 
@@ -88,14 +91,17 @@ class Section:
 class Page:
     """A whole certificate or refusal record."""
 
+    locale: Locale
     heading: str  # Calibration report, or Refusal record
     title: str
     status: str
+    short_status: str  # at the foot of every sheet
     word: str  # pass | fail | undecided | refused
     verdict: str  # as people read it
     rule: str
     run_id: str
     sha256: str
+    footer: tuple[str, str]  # of which run, and its hash
     ended_utc: str
     qr: Picture
     sections: tuple[Section, ...]

@@ -66,11 +66,10 @@ def as_html(page: Page) -> str:
         f'<div class="verdict {escape(page.word)}"><strong>{escape(page.verdict)}</strong>'
         f"<span>{escape(page.rule)}</span></div>"
         f"<main>{''.join(map(_section, page.sections))}</main>"
-        f"<footer>{escape(page.heading)}, run {escape(page.run_id)}, content SHA-256 {escape(page.sha256)}. "
-        f"{escape(page.status)}</footer>"
+        f"<footer>{escape(', '.join(page.footer))}. {escape(page.status)}</footer>"
     )
     return (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<!doctype html>\n<html lang="{page.locale}"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body>{body}</body></html>\n"
@@ -95,7 +94,7 @@ def _block(block: Block) -> str:
         case Picture():
             return f"<figure>{_drawn(block)}<figcaption>{escape(block.caption)}</figcaption></figure>"
         case Fields():
-            places = "".join(f"<span>{name}</span>" for name in ("Name", "Date", "Signature"))
+            places = "".join(f"<span>{name}</span>" for name in map(escape, block.places))
             return f'<div class="sign">{escape(block.statement)}<div>{places}</div></div>'
 
 

@@ -8,6 +8,7 @@ from service.certificates.pictures import pictures_of
 from service.certificates.qr import code_of
 from service.certificates.sign_offs import unsigned
 from service.certificates.words import (
+    ENGLISH,
     NO_TEMPERATURE,
     WHOLE_RESULT,
     WORDS,
@@ -26,6 +27,7 @@ from service.certificates.words import (
     sign_off_rows,
 )
 from service.quantities import quantity
+from service.sayings import Sayings
 
 MOST_READINGS = 1000  # rows on paper; the JSON file has all
 _RULES = {
@@ -43,7 +45,7 @@ _ISO_14253 = (
 _KNOWN_WITHIN = "Rule for what must be known well enough: PASS if U <= L, else UNDECIDED."
 
 
-def page_of(content: Mapping[str, Any], sha256: str, public_key: str) -> Page:
+def page_of(content: Mapping[str, Any], sha256: str, public_key: str, words: Sayings = ENGLISH) -> Page:
     """Return the page of a certificate or of a refusal record.
 
     Parameters
@@ -52,46 +54,52 @@ def page_of(content: Mapping[str, Any], sha256: str, public_key: str) -> Page:
         What was signed: ``content`` of the JSON document.
     sha256, public_key : str
         Hash of the content and the key that signed it, in hexadecimal.
+    words : Sayings
+        The reader's language. Names and what people typed stay as they are, numbers as in the signed file.
     """
     run, verdict, refused = content["run"], content["verdict"], "refusal" in content
-    stem = file_stem(content)
+    figures, points, say = verdict["characteristics"], content["points"], words.say
     sections = (
-        Section("What was examined", (Facts(tuple(head_rows(content))),)),
-        *_refusal(content),
-        *_figures(verdict["characteristics"]),
-        *_listed("Not verified", [*verdict.get("not_verified", []), *_unknown_air(content)]),
-        *_budget(verdict["characteristics"]),
-        *_changes(verdict.get("changes", [])),
-        *_result("Evidence" if refused else "Result", content["result"]),
-        *_listed("Remarks", verdict.get("remarks", [])),
-        *_drawings(content),
-        *_rejected(content["points"]),
-        *_environment(content["environment"]),
-        Section("Traceability", (Paragraph(content["traceability"]),)),
-        *_sign_off(content.get("sign_off", [])),
-        *_photos(content.get("pictures", [])),
-        *_people(content["people"], unsigned(content)),
-        Section("Safety", (Paragraph(content["safety"], "strong"),)),
-        *_settings(content["settings"]),
-        *_readings(content["points"]),
-        _made_with(content, sha256, public_key),
+        Section(say("What was examined"), (Facts(tuple(head_rows(content, words))),)),
+        *_refusal(content, words),
+        *_figures(figures, words),
+        *_listed(say("Not verified"), [*verdict.get("not_verified", []), *_unknown_air(content)], words),
+        *_budget(figures, words),
+        *_changes(verdict.get("changes", []), words),
+        *_result(say("Evidence" if refused else "Result"), content["result"], words),
+        *_listed(say("Remarks"), verdict.get("remarks", []), words),
+        *_drawings(content, words),
+        *_rejected(points, words),
+        *_environment(content["environment"], words),
+        Section(say("Traceability"), (Paragraph(say(content["traceability"])),)),
+        *_sign_off(content.get("sign_off", []), words),
+        *_photos(content.get("pictures", []), words),
+        *_people(content["people"], unsigned(content), words),
+        Section(say("Safety"), (Paragraph(say(content["safety"]), "strong"),)),
+        *_settings(content["settings"], words),
+        *_readings(points, words),
+        _made_with(content, sha256, public_key, words),
     )
+    heading = say("Refusal record" if refused else "Calibration report")
     return Page(
-        heading="Refusal record" if refused else "Calibration report",
-        title=run["title"],
-        status=content["status"],
+        locale=words.locale,
+        heading=heading,
+        title=say(run["title"]),
+        status=say(content["status"]),
+        short_status=say("not accredited"),
         word=verdict["word"],
-        verdict=WORDS[verdict["word"]],
-        rule=_rule(verdict),
+        verdict=say(WORDS[verdict["word"]]),
+        rule=_rule(verdict, words),
         run_id=run["run_id"],
         sha256=sha256,
+        footer=(f"{heading}, {say('run')} {run['run_id']}", f"{say('content SHA-256')} {sha256}"),
         ended_utc=run["ended_utc"],
-        qr=code_of(stem, sha256),
+        qr=code_of(file_stem(content), sha256),
         sections=sections,
     )
 
 
-def _rule(verdict: Mapping[str, Any]) -> str:
+def _rule(verdict: Mapping[str, Any], words: Sayings) -> str:
     """Return the verdict's rule in words, and whose limits they are."""
     parts = [_RULES[verdict["word"]]]
     if verdict.get("limits_from"):
@@ -100,23 +108,27 @@ def _rule(verdict: Mapping[str, Any]) -> str:
         parts.append(_KNOWN_WITHIN)
     if any("x + g <= L" in figure["rule"] for figure in verdict["characteristics"]):
         parts.append(_ISO_14253)
-    return " ".join(parts)
+    return words.join(map(words.say, parts))
 
 
-def _refusal(content: Mapping[str, Any]) -> tuple[Section, ...]:
+def _refusal(content: Mapping[str, Any], words: Sayings) -> tuple[Section, ...]:
     refusal = content.get("refusal")
     if not refusal:
         return ()
     told = (("Why it was refused", "reason"), ("What to do next", "remedy"))
-    return tuple(Section(title, (Paragraph(refusal[key]),)) for title, key in told if refusal[key])
+    return tuple(
+        Section(words.say(title), (Paragraph(words.say(refusal[key])),))
+        for title, key in told
+        if refusal[key]
+    )
 
 
-def _figures(characteristics: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
+def _figures(characteristics: Sequence[Mapping[str, Any]], words: Sayings) -> tuple[Section, ...]:
     if not characteristics:
         return ()
     rows = []
     for figure in characteristics:
-        told = figure_in_words(figure)
+        told = figure_in_words(figure, words)
         rows.append(
             (
                 Cell(told.name, told.rule),
@@ -127,74 +139,90 @@ def _figures(characteristics: Sequence[Mapping[str, Any]]) -> tuple[Section, ...
             )
         )
     head = (
-        Cell("Figure", "and the rule that judged it"),
-        Cell("Found", number=True),
+        Cell(words.say("Figure"), words.say("and the rule that judged it")),
+        Cell(words.say("Found"), number=True),
         Cell("U", number=True),
-        Cell("Limit", number=True),
-        Cell("Decision"),
+        Cell(words.say("Limit"), number=True),
+        Cell(words.say("Decision")),
     )
     caption = "Figures with expanded uncertainty U = k u, about 95 % coverage. Stated: nothing judges it."
-    return (Section("What was decided", (Table(head, tuple(rows), (48, 14, 13, 13, 12), caption),)),)
+    return (
+        Section(
+            words.say("What was decided"),
+            (Table(head, tuple(rows), (48, 14, 13, 13, 12), words.say(caption)),),
+        ),
+    )
 
 
-def _budget(characteristics: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
+def _budget(characteristics: Sequence[Mapping[str, Any]], words: Sayings) -> tuple[Section, ...]:
     rows = tuple(
         (Cell(told.name), Cell(name), Cell(u, number=True), Cell(source))
-        for told in map(figure_in_words, characteristics)
+        for told in (figure_in_words(figure, words) for figure in characteristics)
         for name, u, source in told.budget
     )
     if not rows:
         return ()
-    head = (Cell("Figure"), Cell("Contribution"), Cell("u", number=True), Cell("Known from"))
+    head = _head(words, "Figure", "Contribution", "u#", "Known from")
     caption = "Standard uncertainties (k = 1) that make up U."
-    return (Section("Uncertainty budget", (Table(head, rows, (32, 34, 14, 20), caption),)),)
+    return (
+        Section(words.say("Uncertainty budget"), (Table(head, rows, (32, 34, 14, 20), words.say(caption)),)),
+    )
 
 
-def _changes(changes: Iterable[Mapping[str, Any]]) -> tuple[Section, ...]:
+def _changes(changes: Iterable[Mapping[str, Any]], words: Sayings) -> tuple[Section, ...]:
     rows = tuple(
         (Cell(name), Cell(before, number=True), Cell(after, number=True))
-        for name, before, after in change_rows(changes)
+        for name, before, after in change_rows(changes, words)
     )
     if not rows:
         return ()
-    head = (Cell("Figure"), Cell("Before", number=True), Cell("After", number=True))
-    return (Section("Before and after", (Table(head, rows, (50, 25, 25), "What this run changed."),)),)
+    head = _head(words, "Figure", "Before#", "After#")
+    return (
+        Section(
+            words.say("Before and after"),
+            (Table(head, rows, (50, 25, 25), words.say("What this run changed.")),),
+        ),
+    )
 
 
-def _result(title: str, result: Any) -> tuple[Section, ...]:
+def _result(title: str, result: Any, words: Sayings) -> tuple[Section, ...]:
     if result is None:
         return ()
-    facts = tuple(short_facts(result))
+    facts = tuple(short_facts(result, words))
     shown: tuple[Block, ...] = (Facts(facts),) if facts else ()
-    return (Section(title, (*shown, Paragraph(WHOLE_RESULT, "quiet"))),)
+    return (Section(title, (*shown, Paragraph(words.say(WHOLE_RESULT), "quiet"))),)
 
 
-def _drawings(content: Mapping[str, Any]) -> tuple[Section, ...]:
-    drawn = pictures_of(content)
-    return (Section("Drawings", tuple(drawn)),) if drawn else ()
+def _drawings(content: Mapping[str, Any], words: Sayings) -> tuple[Section, ...]:
+    drawn = pictures_of(content, words)
+    return (Section(words.say("Drawings"), tuple(drawn)),) if drawn else ()
 
 
-def _rejected(points: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
+def _rejected(points: Sequence[Mapping[str, Any]], words: Sayings) -> tuple[Section, ...]:
     unused = [point for point in points if not point["used"]]
     used = len(points) - len(unused)
-    number = f"{len(points)} readings" if len(points) != 1 else "1 reading"
-    said = Paragraph(f"{number}, {used} used; each one is in the JSON file.")
-    if not unused:
-        return (Section("Readings that were not used", (said, Paragraph("None was set aside."))),)
-    head = (Cell("Reading"), Cell("At (UTC)"), Cell("Why it was not used"))
-    rows = tuple((Cell(p["step"]), Cell(at_time(p["at_utc"])), Cell(p["reason"])) for p in unused)
-    table = Table(head, rows, (26, 22, 52), "Nothing is removed: these stay in the JSON file.")
-    return (Section("Readings that were not used", (said, table)),)
-
-
-def _environment(airs: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
-    if not airs:
-        return (Section("Environment", (Paragraph(NO_TEMPERATURE),)),)
-    head = (
-        Cell("Temperature", number=True),
-        Cell("Pressure", number=True),
-        Cell("Relative humidity", number=True),
+    title = words.say("Readings that were not used")
+    number = (
+        f"{len(points)} readings, {used} used; each one is in the JSON file."
+        if len(points) != 1
+        else f"1 reading, {used} used; it is in the JSON file."
     )
+    said = Paragraph(words.say(number))
+    if not unused:
+        return (Section(title, (said, Paragraph(words.say("None was set aside.")))),)
+    head = _head(words, "Reading", "At (UTC)", "Why it was not used")
+    rows = tuple(
+        (Cell(words.step(p["step"])), Cell(at_time(p["at_utc"])), Cell(words.say(p["reason"])))
+        for p in unused
+    )
+    table = Table(head, rows, (26, 22, 52), words.say("Nothing is removed: these stay in the JSON file."))
+    return (Section(title, (said, table)),)
+
+
+def _environment(airs: Sequence[Mapping[str, Any]], words: Sayings) -> tuple[Section, ...]:
+    if not airs:
+        return (Section(words.say("Environment"), (Paragraph(words.say(NO_TEMPERATURE)),)),)
+    head = _head(words, "Temperature#", "Pressure#", "Relative humidity#")
     rows = tuple(
         (
             Cell(f"{air['temperature_c']:.1f} °C", number=True),
@@ -204,107 +232,115 @@ def _environment(airs: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
         for air in airs
     )
     caption = "The air as instruments reported it with their readings, each different state once."
-    return (Section("Environment", (Table(head, rows, (34, 33, 33), caption),)),)
+    return (Section(words.say("Environment"), (Table(head, rows, (34, 33, 33), words.say(caption)),)),)
 
 
 def _unknown_air(content: Mapping[str, Any]) -> list[str]:
     return [] if content["environment"] else [NO_TEMPERATURE]
 
 
-def _sign_off(given: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
+def _sign_off(given: Sequence[Mapping[str, Any]], words: Sayings) -> tuple[Section, ...]:
     rows = tuple(
         (Cell(what, shown), Cell(who), Cell(role), Cell(at))
-        for what, who, role, at, shown in sign_off_rows(given)
+        for what, who, role, at, shown in sign_off_rows(given, words)
     )
     if not rows:
         return ()
-    head = (Cell("What"), Cell("By"), Cell("In the role of"), Cell("At (UTC)"))
+    head = _head(words, "What", "By", "In the role of", "At (UTC)")
     caption = "As the journal has it: names as entered, roles as they were at that moment."
-    return (Section("Accepted, approved and signed", (Table(head, rows, (46, 20, 16, 18), caption),)),)
+    return (
+        Section(
+            words.say("Accepted, approved and signed"),
+            (Table(head, rows, (46, 20, 16, 18), words.say(caption)),),
+        ),
+    )
 
 
-def _photos(pictures: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
+def _photos(pictures: Sequence[Mapping[str, Any]], words: Sayings) -> tuple[Section, ...]:
     rows = tuple(
         (Cell(what, f"SHA-256 {sha256}"), Cell(who), Cell(at))
         for what, who, at, sha256 in picture_rows(pictures)
     )
     if not rows:
         return ()
-    head = (Cell("Photo"), Cell("By"), Cell("At (UTC)"))
+    head = _head(words, "Photo", "By", "At (UTC)")
     caption = "Kept beside the journal of the cell; whoever has a photo compares its SHA-256."
-    return (Section("Photos", (Table(head, rows, (62, 20, 18), caption),)),)
+    return (Section(words.say("Photos"), (Table(head, rows, (62, 20, 18), words.say(caption)),)),)
 
 
-def _people(people: Sequence[Mapping[str, str]], to_sign: Iterable[str]) -> tuple[Section, ...]:
+def _people(
+    people: Sequence[Mapping[str, str]], to_sign: Iterable[str], words: Sayings
+) -> tuple[Section, ...]:
     rows = tuple(
         (
             Cell(who),
             Cell(str(len(own)), number=True),
             Cell(at_time(own[0]["at_utc"])),
             Cell(at_time(own[-1]["at_utc"])),
-            Cell(accepted_by(own)),
+            Cell(accepted_by(own, words)),
         )
         for who, own in answers_by_person(people)
     )
-    head = (
-        Cell("Person"),
-        Cell("Answers", number=True),
-        Cell("From (UTC)"),
-        Cell("To (UTC)"),
-        Cell("Accepted"),
-    )
+    head = _head(words, "Person", "Answers#", "From (UTC)", "To (UTC)", "Accepted")
     caption = "Who answered the questions of this run."
-    told: tuple[Block, ...] = (Table(head, rows, (22, 10, 20, 20, 28), caption),) if rows else ()
-    fields = [*to_sign, "The measurement was carried out as described here.", "This report was reviewed."]
-    return (Section("People and signatures", (*told, *map(Fields, fields))),)
+    told: tuple[Block, ...] = (Table(head, rows, (22, 10, 20, 20, 28), words.say(caption)),) if rows else ()
+    lines = [*to_sign, "The measurement was carried out as described here.", "This report was reviewed."]
+    places = words.say("Name"), words.say("Date"), words.say("Signature")
+    fields = (Fields(words.say(line), places) for line in lines)
+    return (Section(words.say("People and signatures"), (*told, *fields)),)
 
 
-def _settings(settings: Any) -> tuple[Section, ...]:
-    facts = tuple(short_facts(settings))
-    return (Section("Settings", (Facts(facts),)),) if facts else ()
+def _settings(settings: Any, words: Sayings) -> tuple[Section, ...]:
+    facts = tuple(short_facts(settings, words))
+    return (Section(words.say("Settings"), (Facts(facts),)),) if facts else ()
 
 
-def _readings(points: Sequence[Mapping[str, Any]]) -> tuple[Section, ...]:
+def _readings(points: Sequence[Mapping[str, Any]], words: Sayings) -> tuple[Section, ...]:
     if not points:
         return ()
     rows = tuple(
         (
             Cell(str(number), number=True),
-            Cell(point["step"]),
+            Cell(words.step(point["step"])),
             Cell(at_time(point["at_utc"])),
-            Cell(_what_was_read(point)),
-            Cell("yes" if point["used"] else "no"),
+            Cell(_what_was_read(point, words)),
+            Cell(words.say("yes" if point["used"] else "no")),
         )
         for number, point in enumerate(points[:MOST_READINGS], 1)
     )
-    head = (Cell("No.", number=True), Cell("Reading"), Cell("At (UTC)"), Cell("Read"), Cell("Used"))
+    head = _head(words, "No.#", "Reading", "At (UTC)", "Read", "Used")
     left = len(points) - len(rows)
     caption = (
         f"The first {len(rows)} readings; {left} more are in the JSON file." if left else "Every reading."
     )
-    return (Section("Readings", (Table(head, rows, (7, 26, 20, 38, 9), caption),)),)
+    return (Section(words.say("Readings"), (Table(head, rows, (7, 26, 20, 38, 9), words.say(caption)),)),)
 
 
-def _what_was_read(point: Mapping[str, Any]) -> str:
+def _what_was_read(point: Mapping[str, Any], words: Sayings) -> str:
     """Return a reading in a line: a length, a place, a pose; whatever else is named and stands in the file."""
     value = point.get("value")
     if "value_sha256" in point:
-        return f"in the journal, SHA-256 {point['value_sha256'][:16]}…"
+        return words.say(f"in the journal, SHA-256 {point['value_sha256'][:16]}…")
     if not isinstance(value, dict):
-        return "in the JSON file" if point["used"] else "nothing"
+        return words.say("in the JSON file" if point["used"] else "nothing")
     lengths = value.get("readings_m")
     if isinstance(lengths, list) and lengths:
         mean = sum(lengths) / len(lengths)
-        return f"{quantity(mean, 'm')}, mean of {len(lengths)}" if len(lengths) > 1 else quantity(mean, "m")
+        shown = quantity(mean, "m")
+        return words.say(f"{shown}, mean of {len(lengths)}") if len(lengths) > 1 else shown
     if is_pose(value.get("base_flange")):
-        return f"flange at {place_in_words(value['base_flange']['position_m'])}"
+        return words.say(f"flange at {place_in_words(value['base_flange']['position_m'])}")
     place = value.get("position_m")
-    return place_in_words(place) if isinstance(place, list) and len(place) == 3 else "in the JSON file"
+    if isinstance(place, list) and len(place) == 3:
+        return place_in_words(place)
+    return words.say("in the JSON file")
 
 
-def _made_with(content: Mapping[str, Any], sha256: str, public_key: str) -> Section:
+def _made_with(content: Mapping[str, Any], sha256: str, public_key: str, words: Sayings) -> Section:
     run = content["run"]
-    rows = [row for made in made_with_rows(run) for row in (("software", made[0]), ("definition", made[1]))]
+    rows = [
+        row for made in made_with_rows(run, words) for row in (("software", made[0]), ("definition", made[1]))
+    ]
     rows += [
         ("cell file SHA-256", content["cell"]["config_sha256"]),
         ("raw data SHA-256", content["raw_data_sha256"]),
@@ -316,9 +352,15 @@ def _made_with(content: Mapping[str, Any], sha256: str, public_key: str) -> Sect
         f"This page is a rendering. What is signed is {file_stem(content)}.json; check it with `cellcal verify FILE "
         "--key PUBKEY`. A check tells that it is unchanged and which key signed it, not whose key that is."
     )
-    return Section("Made with, and signature", (Facts(tuple(rows)), Paragraph(said)))
+    named = tuple((words.say(name), value) for name, value in rows)
+    return Section(words.say("Made with, and signature"), (Facts(named), Paragraph(words.say(said))))
 
 
-def _listed(title: str, lines: Iterable[str]) -> tuple[Section, ...]:
-    told = tuple(lines)
+def _head(words: Sayings, *names: str) -> tuple[Cell, ...]:
+    """Return a table's head; "#" behind a name means a column of numbers."""
+    return tuple(Cell(words.say(name.removesuffix("#")), number=name.endswith("#")) for name in names)
+
+
+def _listed(title: str, lines: Iterable[str], words: Sayings) -> tuple[Section, ...]:
+    told = tuple(map(words.say, lines))
     return (Section(title, (Bullets(told),)),) if told else ()

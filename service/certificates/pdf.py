@@ -39,12 +39,16 @@ class PdfError(CellError):
     code = "certificate.pdf"
 
 
+class LettersError(PdfError):
+    """The text holds characters that no font of this computer has."""
+
+
 def as_pdf(page: Page) -> bytes:
     """Return the PDF; the same page gives the same bytes.
 
     Raises
     ------
-    PdfError
+    LettersError
         The text holds characters that no font of this computer has.
     """
     try:
@@ -87,15 +91,15 @@ def _fonts(*, of_computer: bool) -> typst.Fonts:
 
 def _as_data(page: Page) -> dict[str, Any]:
     day = datetime.fromisoformat(page.ended_utc)
-    return asdict(page) | {"day": [day.year, day.month, day.day], "short_status": "not accredited"}
+    return asdict(page) | {"day": [day.year, day.month, day.day]}
 
 
 def _lacks_letters(error: typst.TypstError) -> bool:
     return "could not be displayed" in error.diagnostic
 
 
-def _unknown_letters(error: typst.TypstError) -> PdfError:
-    return PdfError(
+def _unknown_letters(error: typst.TypstError) -> LettersError:
+    return LettersError(
         f"the certificate holds characters that no font of this computer has: {error.message}.",
         remedy="Install one that has them (Debian: `apt install fonts-noto-cjk`, or fonts-noto for other scripts), "
         "then ask for the PDF again. The JSON, text and HTML are complete without.",

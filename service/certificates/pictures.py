@@ -5,32 +5,36 @@ colours, so that a copy in grey tells the same.
 """
 
 import math
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
 from service.certificates.blocks import Picture
+from service.certificates.words import ENGLISH
 from service.quantities import quantity
+from service.sayings import Sayings
 
 # After M. Okabe, K. Ito, Color Universal Design, 2008.
 _AFTER, _BEFORE, _LIMIT, _INK, _GRID = "#0072b2", "#6b6b6b", "#c04a00", "#222222", "#d9d9d9"
 _WIDTH, _ROW, _LEFT, _RIGHT = 560.0, 22.0, 218.0, 22.0
-_LONGEST_NAME = 38  # characters beside a drawing
+_LETTER = 5.5  # mean width
+_LONGEST_NAME = 38  # letters beside a drawing
 _MOST_POINTS = 400  # dots of one drawing: more are one blot
 _MOST_LIMITS_SHOWN = 4.0  # beyond so many limits, a dot stands at the edge with its figure
 
 
-def pictures_of(content: Mapping[str, Any]) -> list[Picture]:
+def pictures_of(content: Mapping[str, Any], words: Sayings = ENGLISH) -> list[Picture]:
     """Return every drawing that the content has figures for."""
     result = content["result"]
-    found = [against_limits(content["verdict"]["characteristics"]), *before_and_after(content)]
-    found += [errors_by_point(each) for each in errors_in(result)]
-    found += [scatter_of(content["points"])]
+    found = [against_limits(content["verdict"]["characteristics"], words), *before_and_after(content, words)]
+    found += [errors_by_point(each, words) for each in errors_in(result)]
+    found += [scatter_of(content["points"], words)]
     return [picture for picture in found if picture is not None]
 
 
-def against_limits(characteristics: Sequence[Mapping[str, Any]]) -> Picture | None:
+def against_limits(characteristics: Sequence[Mapping[str, Any]], words: Sayings = ENGLISH) -> Picture | None:
     """Draw every judged figure with its U as a share of its limit, so that all fit on one axis."""
     judged = [figure for figure in characteristics if _has_share(figure)]
     if not judged:
@@ -44,39 +48,50 @@ def against_limits(characteristics: Sequence[Mapping[str, Any]]) -> Picture | No
     _grid(drawing, axis, (18.0, bottom), _Scale("%", 100.0, axis.high))
     x = axis.at(1.0)
     drawing.line((x, 18.0), (x, bottom), _LIMIT, 1.6, dashed=True)
-    drawing.text((x, 12.0), "limit", "middle", _LIMIT)
+    drawing.text((x, 12.0), words.say("limit"), "middle", _LIMIT)
     for row, (figure, share, spread) in enumerate(zip(judged, shares, spreads, strict=True)):
         y = 28.0 + _ROW * (row + 0.5)
-        drawing.text((_LEFT - 10.0, y + 3.5), _short(figure["name"]), "end")
+        drawing.text((_LEFT - 10.0, y + 3.5), _short(words.say(figure["name"])), "end")
         drawing.line((axis.at(share - spread), y), (axis.at(share + spread), y), _AFTER, 2.0)
         drawing.dot((axis.at(share), y), _AFTER)
-    drawing.text(((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), "share of the limit [%]", "middle")
-    told = "; ".join(f"{figure['name']}: {_percent(s)}" for figure, s in zip(judged, shares, strict=True))
-    return drawing.picture(
-        "Judged figures as shares of their limits. The line through a dot is U; without one, the dot is U itself.",
-        f"Dots on an axis from 0 to the limit. {told}.",
+    drawing.text(
+        ((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), words.say("share of the limit [%]"), "middle"
     )
+    told = "; ".join(
+        f"{words.say(figure['name'])}: {_percent(s)}" for figure, s in zip(judged, shares, strict=True)
+    )
+    caption = (
+        "Judged figures as shares of their limits. "
+        "The line through a dot is U; without one, the dot is U itself."
+    )
+    return drawing.picture(words.say(caption), f"{words.say('Dots on an axis from 0 to the limit.')} {told}.")
 
 
-def before_and_after(content: Mapping[str, Any]) -> Iterator[Picture]:
+def before_and_after(content: Mapping[str, Any], words: Sayings = ENGLISH) -> Iterator[Picture]:
     """Draw errors at poses that took no part in a fit; where there are none, what the run changed."""
     result = content["result"]
     identified = result.get("identified") if isinstance(result, dict) else None
     out = identified.get("hold_out") if isinstance(identified, dict) else None
     if isinstance(out, dict):
         rows = [
-            _Pair(f"{name} error at check poses", out[f"before_{key}"], out[f"after_{key}"])
-            for name, key in (("RMS", "rms_m"), ("largest", "max_m"))
+            _Pair(words.say(name), out[f"before_{key}"], out[f"after_{key}"])
+            for name, key in (
+                ("RMS error at check poses", "rms_m"),
+                ("largest error at check poses", "max_m"),
+            )
         ]
         caption = f"Before and after at {out['captures']} check poses that took no part in the fit."
-        yield _pairs(rows, "m", caption)
+        yield _pairs(rows, "m", words.say(caption), words)
         return
-    for unit, what in (("m", "lengths"), ("rad", "angles")):
+    for unit, caption in (
+        ("m", "What this run changed: lengths before and after."),
+        ("rad", "What this run changed: angles before and after."),
+    ):
         changes = [c for c in content["verdict"].get("changes", []) if c["unit"] == unit]
         known = [c for c in changes if c["before"] is not None and c["after"] is not None]
         if len(known) > 1:
-            rows = [_Pair(c["name"], c["before"], c["after"]) for c in known]
-            yield _pairs(rows, unit, f"What this run changed: {what} before and after.")
+            rows = [_Pair(words.say(c["name"]), c["before"], c["after"]) for c in known]
+            yield _pairs(rows, unit, words.say(caption), words)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +103,7 @@ class _Pair:
     after: float
 
 
-def _pairs(rows: Sequence[_Pair], unit: str, caption: str) -> Picture:
+def _pairs(rows: Sequence[_Pair], unit: str, caption: str, words: Sayings) -> Picture:
     """Draw two marks a row, joined, on an axis that has zero on it."""
     values = [value for row in rows for value in (row.before, row.after)]
     scale = _Scale.of(max(map(abs, values)), unit)
@@ -103,12 +118,13 @@ def _pairs(rows: Sequence[_Pair], unit: str, caption: str) -> Picture:
         drawing.line((axis.at(row.before), y), (axis.at(row.after), y), _GRID, 2.0)
         drawing.ring((axis.at(row.before), y), _BEFORE)
         drawing.dot((axis.at(row.after), y), _AFTER)
-    drawing.key((_LEFT, 12.0), "before", "after")
+    drawing.key((_LEFT, 12.0), words.say("before"), words.say("after"))
     drawing.text(((_LEFT + _WIDTH - _RIGHT) / 2, bottom + 32.0), f"[{scale.unit}]", "middle")
     told = "; ".join(
-        f"{row.name}: {quantity(row.before, unit)} before, {quantity(row.after, unit)} after" for row in rows
+        f"{row.name}: {words.say(f'{quantity(row.before, unit)} before, {quantity(row.after, unit)} after')}"
+        for row in rows
     )
-    return drawing.picture(caption, f"Two marks a row. {told}.")
+    return drawing.picture(caption, f"{words.say('Two marks a row.')} {told}.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,33 +146,36 @@ def errors_in(result: Any, where: str = "") -> Iterator[Errors]:
         about = "" if where in ("", "found", "placed") else f"{where.replace('_', ' ')}: "
         yield Errors(f"{about}what each point misses by", tuple(map(_length, residuals)), names)
     if isinstance(poses, list) and poses and all(isinstance(p, dict) and "ap_m" in p for p in poses):
-        for key, word in (("ap_m", "accuracy AP"), ("rp_m", "repeatability RP")):
+        for key, word in (
+            ("ap_m", "accuracy AP of each test pose"),
+            ("rp_m", "repeatability RP of each test pose"),
+        ):
             values = tuple(float(pose[key]) for pose in poses if pose.get(key) is not None)
             if values:
-                yield Errors(f"{where.replace('_', ' ')} model: {word} of each test pose".strip(), values)
+                yield Errors(f"{where.replace('_', ' ')} model: {word}".strip(), values)
     for key, value in result.items():
         yield from errors_in(value, key)
 
 
-def errors_by_point(errors: Errors) -> Picture | None:
+def errors_by_point(errors: Errors, words: Sayings = ENGLISH) -> Picture | None:
     """Draw one dot a point."""
     if not 0 < len(errors.values_m) <= _MOST_POINTS:
         return None
     scale = _Scale.of(max(errors.values_m))
     axis = _Axis(0.0, scale.top, 120.0, 16.0)
-    drawing, places = _upright(axis, scale, len(errors.values_m), errors.names)
+    drawing, places = _upright(axis, scale, len(errors.values_m), words.say("point"), errors.names)
     for x, value in zip(places, errors.values_m, strict=True):
         drawing.dot((x, axis.at(value)), _AFTER)
     worst = max(range(len(errors.values_m)), key=errors.values_m.__getitem__)
     name = errors.names[worst] if worst < len(errors.names) else str(worst + 1)
-    return drawing.picture(
-        f"{errors.what[:1].upper()}{errors.what[1:]}.",
+    alt = (
         f"One dot a point, {len(errors.values_m)} points; the largest is {quantity(errors.values_m[worst], 'm')} "
-        f"at {name}.",
+        f"at {name}."
     )
+    return drawing.picture(words.say(f"{errors.what[:1].upper()}{errors.what[1:]}."), words.say(alt))
 
 
-def scatter_of(points: Sequence[Mapping[str, Any]]) -> Picture | None:
+def scatter_of(points: Sequence[Mapping[str, Any]], words: Sayings = ENGLISH) -> Picture | None:
     """Draw what samples of one length differ from their mean, reading by reading."""
     taken = [(point["used"], samples) for point in points if len(samples := _samples(point)) > 1]
     spread = [[value - sum(samples) / len(samples) for value in samples] for _, samples in taken]
@@ -165,14 +184,14 @@ def scatter_of(points: Sequence[Mapping[str, Any]]) -> Picture | None:
         return None
     scale = _Scale.of(most)
     axis = _Axis(-scale.top, scale.top, 120.0, 16.0)
-    drawing, places = _upright(axis, scale, len(taken), what="length reading, in the order taken")
+    drawing, places = _upright(axis, scale, len(taken), words.say("length reading, in the order taken"))
     for x, (used, _), samples in zip(places, taken, spread, strict=True):
         for value in samples:
             (drawing.dot if used else drawing.ring)((x, axis.at(value)), _AFTER if used else _LIMIT)
-    drawing.key((130.0, 12.0), "not used", "used", _LIMIT)
+    drawing.key((130.0, 12.0), words.say("not used"), words.say("used"), _LIMIT)
     return drawing.picture(
-        "Samples of each reading: what they differ from their mean.",
-        f"{len(taken)} readings; the largest difference is {quantity(most, 'm')}.",
+        words.say("Samples of each reading: what they differ from their mean."),
+        words.say(f"{len(taken)} readings; the largest difference is {quantity(most, 'm')}."),
     )
 
 
@@ -252,8 +271,9 @@ class _Drawing:
         x, y = at
         self.ring((x, y - 3.5), colour)
         self.text((x + 8.0, y), ring, "start")
-        self.dot((x + 78.0, y - 3.5), _AFTER)
-        self.text((x + 86.0, y), dot, "start")
+        beside = x + 8.0 + max(70.0, _LETTER * _wide(ring) + 20.0)
+        self.dot((beside, y - 3.5), _AFTER)
+        self.text((beside + 8.0, y), dot, "start")
 
     def picture(self, caption: str, alt: str) -> Picture:
         size = f'width="{_WIDTH:.0f}" height="{self.height:.0f}" viewBox="0 0 {_WIDTH:.0f} {self.height:.0f}"'
@@ -263,7 +283,7 @@ class _Drawing:
 
 
 def _upright(
-    axis: _Axis, scale: _Scale, count: int, names: Sequence[str] = (), what: str = "point"
+    axis: _Axis, scale: _Scale, count: int, what: str, names: Sequence[str] = ()
 ) -> tuple[_Drawing, list[float]]:
     """Begin a drawing with values upwards and points from left to right; return it and the points' places."""
     left, right = 64.0, _WIDTH - _RIGHT
@@ -312,7 +332,16 @@ def _percent(share: float) -> str:
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1].rstrip()}…"
+    if _wide(name) <= _LONGEST_NAME:
+        return name
+    while _wide(name) >= _LONGEST_NAME:
+        name = name[:-1]
+    return f"{name.rstrip()}…"
+
+
+def _wide(words: str) -> int:
+    """Return the width of words in letters: a Chinese character is two wide."""
+    return sum(2 if unicodedata.east_asian_width(letter) in "WF" else 1 for letter in words)
 
 
 def _are_points(value: list[Any]) -> bool:

@@ -1,17 +1,22 @@
 """Paper of a certificate: the page and the PDF, made from the signed file after it was checked."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibration.errors import CellError
 from service.certificates.signing import check, read_document
 from service.files import replace_file
+from service.sayings import Locale
 
 if TYPE_CHECKING:
     from service.certificates.blocks import Page
 
+_IN_ENGLISH = (
+    "Set in English: this computer has no font for the language that was asked for "
+    "(Debian: apt install fonts-noto-cjk)."
+)
 _log = logging.getLogger(__name__)
 
 
@@ -30,15 +35,16 @@ class Printed:
     trouble: str = ""
 
 
-def page_from(json_path: Path) -> "Page":
-    """Return the page of a signed certificate on disk.
+def page_from(json_path: Path, locale: Locale = "en") -> "Page":
+    """Return the page of a signed certificate on disk, in a language.
 
     Raises
     ------
     PrintingError
         The file cannot be read, or is not what was signed: nothing is printed from it.
     """
-    from service.certificates.page import page_of  # noqa: PLC0415  drawings and codes only where they are wanted
+    from service.certificates.languages import words_in  # noqa: PLC0415  tables only where they are wanted
+    from service.certificates.page import page_of  # noqa: PLC0415  as above, with drawings and codes
 
     raw = read_document(json_path)
     checked = check(raw) if isinstance(raw, bytes) else raw
@@ -47,18 +53,18 @@ def page_from(json_path: Path) -> "Page":
             f"{json_path}: {checked.sentence} Nothing is printed from it.",
             remedy="Write the certificate again with `cellcal certificate`.",
         )
-    return page_of(checked.content, checked.sha256, checked.public_key)
+    return page_of(checked.content, checked.sha256, checked.public_key, words_in(locale))
 
 
-def html_from(json_path: Path) -> str:
+def html_from(json_path: Path, locale: Locale = "en") -> str:
     """Return a signed certificate as one HTML page."""
     from service.certificates.html import as_html  # noqa: PLC0415
 
-    return as_html(page_from(json_path))
+    return as_html(page_from(json_path, locale))
 
 
-def pdf_from(json_path: Path) -> bytes:
-    """Return a signed certificate as PDF/A.
+def pdf_from(json_path: Path, locale: Locale = "en") -> bytes:
+    """Return a signed certificate as PDF/A; in English, and saying so, where no font has the language's letters.
 
     Raises
     ------
@@ -67,9 +73,15 @@ def pdf_from(json_path: Path) -> bytes:
     PdfError
         No font of this computer has some of its characters.
     """
-    from service.certificates.pdf import as_pdf  # noqa: PLC0415  typst is a large library
+    from service.certificates.pdf import LettersError, as_pdf  # noqa: PLC0415  typst is a large library
 
-    return as_pdf(page_from(json_path))
+    try:
+        return as_pdf(page_from(json_path, locale))
+    except LettersError:
+        if locale == "en":
+            raise
+    english = page_from(json_path)
+    return as_pdf(replace(english, status=f"{english.status} {_IN_ENGLISH}"))
 
 
 def print_beside(json_path: Path) -> Printed:

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from service.quantities import quantity
+from service.sayings import Sayings
 
+ENGLISH = Sayings("en", {})  # as it is signed
 WORDS = {
     "pass": "PASS",
     "fail": "FAIL",
@@ -38,67 +40,77 @@ class Figure:
         return "; ".join(before + text for before, text in parts if text)
 
 
-def figure_in_words(figure: Mapping[str, Any]) -> Figure:
+def figure_in_words(figure: Mapping[str, Any], words: Sayings = ENGLISH) -> Figure:
     """Return a characteristic as people read it; a judged uncertainty is itself what was found."""
     unit, expanded, limit = figure["unit"], figure["expanded_uncertainty"], figure["limit"]
     bare = limit is None and (unit, figure["value"]) == ("1", 1.0)  # a fact, no figure
     shown = not bare and not figure["value"] == expanded > 0.0
     return Figure(
-        name=figure["name"],
-        word="stated" if figure["decision"] is None else figure["decision"].upper(),
-        found=quantity(figure["value"], unit) if shown else "",
-        expanded=quantity(expanded, unit) if expanded else "",
+        name=words.say(figure["name"]),
+        word=words.say("stated" if figure["decision"] is None else figure["decision"].upper()),
+        found=_said(figure["value"], unit, words) if shown else "",
+        expanded=_said(expanded, unit, words) if expanded else "",
         coverage=f"k = {figure['coverage']:.2f}" if expanded else "",
-        limit="" if limit is None else quantity(limit, unit),
-        rule=figure["rule"],
+        limit="" if limit is None else _said(limit, unit, words),
+        rule=words.say(figure["rule"]),
         budget=tuple(
-            (part["name"], quantity(part["standard_uncertainty"], unit), part["source"])
+            (
+                words.say(part["name"]),
+                _said(part["standard_uncertainty"], unit, words),
+                words.say(part["source"]),
+            )
             for part in figure["budget"]
         ),
     )
 
 
-def head_rows(content: Mapping[str, Any]) -> list[tuple[str, str]]:
+def head_rows(content: Mapping[str, Any], words: Sayings = ENGLISH) -> list[tuple[str, str]]:
     """Return what was calibrated, with what, and when."""
     run, devices = content["run"], content["devices"]
-    return [
-        ("procedure", f"{run['title']} ({run['procedure']}, version {run['procedure_version']})"),
-        ("robot", _who_is(devices[0]["identity"])),
-        *((device["role"], _who_is(device["identity"])) for device in devices[1:]),
+    version = words.say(f"version {run['procedure_version']}")
+    rows = [
+        ("procedure", f"{words.say(run['title'])} ({run['procedure']}, {version})"),
+        ("robot", _who_is(devices[0]["identity"], words)),
+        *((device["role"], _who_is(device["identity"], words)) for device in devices[1:]),
         ("cell", content["cell"]["name"]),
-        ("encoder epoch", f"{content['encoder_epoch_at_start']} at the start"),
+        ("encoder epoch", words.say(f"{content['encoder_epoch_at_start']} at the start")),
         ("run", run["run_id"]),
         ("from, to (UTC)", f"{at_time(run['started_utc'])}, {at_time(run['ended_utc'])}"),
     ]
+    return [(words.say(name), value) for name, value in rows]
 
 
-def change_rows(changes: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, str]]:
+def change_rows(changes: Iterable[Mapping[str, Any]], words: Sayings = ENGLISH) -> list[tuple[str, str, str]]:
     """Return name, before and after of what changed."""
 
     def shown(value: float | None, unit: str) -> str:
-        return "not read" if value is None else quantity(value, unit)
+        return words.say("not read") if value is None else _said(value, unit, words)
 
     return [
-        (change["name"], shown(change["before"], change["unit"]), shown(change["after"], change["unit"]))
+        (
+            words.say(change["name"]),
+            shown(change["before"], change["unit"]),
+            shown(change["after"], change["unit"]),
+        )
         for change in changes
     ]
 
 
-def short_facts(result: Any) -> Iterator[tuple[str, str]]:
+def short_facts(result: Any, words: Sayings = ENGLISH) -> Iterator[tuple[str, str]]:
     """Return what of a result, or of settings, fits on a line: single values and poses."""
     for key, value in result.items() if isinstance(result, dict) else ():
         if is_pose(value):
-            yield _name(key), pose_in_words(value)
+            yield _name(key), pose_in_words(value, words)
         elif isinstance(value, bool | int | float | str) and value != "":
-            yield _name(key), _scalar(key, value)
+            yield _name(key), _scalar(key, value, words)
         elif isinstance(value, dict):
-            yield from short_facts({k: v for k, v in value.items() if is_pose(v)})
+            yield from short_facts({k: v for k, v in value.items() if is_pose(v)}, words)
 
 
-def pose_in_words(pose: Mapping[str, Any]) -> str:
+def pose_in_words(pose: Mapping[str, Any], words: Sayings = ENGLISH) -> str:
     """Return a pose in millimetres, with its quaternion."""
     q = ", ".join(f"{v:+.7f}" for v in pose["quaternion"])
-    return f"{place_in_words(pose['position_m'])}; quaternion w x y z {q}"
+    return f"{place_in_words(pose['position_m'])}; {words.say('quaternion')} w x y z {q}"
 
 
 def place_in_words(position_m: Sequence[float]) -> str:
@@ -120,21 +132,23 @@ def answers_by_person(
         yield who, [answer for answer in people if answer["who"] == who]
 
 
-def accepted_by(answers: Iterable[Mapping[str, str]]) -> str:
+def accepted_by(answers: Iterable[Mapping[str, str]], words: Sayings = ENGLISH) -> str:
     """Return what a person accepted, separated by commas."""
     steps = (answer["step"] for answer in answers)
-    return ", ".join(step.removeprefix("accept ") for step in steps if step.startswith("accept"))
+    return ", ".join(words.step(step).removeprefix("accept ") for step in steps if step.startswith("accept"))
 
 
-def sign_off_rows(given: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, str, str, str]]:
+def sign_off_rows(
+    given: Iterable[Mapping[str, Any]], words: Sayings = ENGLISH
+) -> list[tuple[str, str, str, str, str]]:
     """Return what was accepted, approved or signed: what, by whom, in which role, when; and a hash."""
     return [
         (
-            f"{one['did']}: {one['what']}",
+            f"{words.say(one['did'])}: {words.step(one['what'])}",
             one["who"],
-            " and ".join(person["role"] for person in one["people"]) or "role not recorded",
+            words.say(" and ".join(person["role"] for person in one["people"]) or "role not recorded"),
             at_time(one["at_utc"]),
-            f"SHA-256 of what was shown {one['what_sha256'][:16]}…" if one["what_sha256"] else "",
+            words.say(f"SHA-256 of what was shown {one['what_sha256'][:16]}…") if one["what_sha256"] else "",
         )
         for one in given
     ]
@@ -153,12 +167,12 @@ def picture_rows(pictures: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, 
     ]
 
 
-def made_with_rows(run: Mapping[str, Any]) -> list[tuple[str, str]]:
+def made_with_rows(run: Mapping[str, Any], words: Sayings = ENGLISH) -> list[tuple[str, str]]:
     """Return software, solver and definition, once for every software that had a part in the run."""
     return [
         (
-            f"cellcal {made.get('software', '?')}, {made.get('solver', 'solver not recorded')}",
-            made.get("definition_sha256", "not recorded"),
+            f"cellcal {made.get('software', '?')}, {made.get('solver') or words.say('solver not recorded')}",
+            made.get("definition_sha256") or words.say("not recorded"),
         )
         for made in run["made_with"]
     ]
@@ -175,9 +189,14 @@ def file_stem(content: Mapping[str, Any]) -> str:
     return f"{run_id}-refused" if "refusal" in content else run_id
 
 
-def _scalar(key: str, value: bool | int | float | str) -> str:
+def _said(value: float, unit: str, words: Sayings) -> str:
+    shown = quantity(value, unit)
+    return words.say(shown) if unit == "turn" else shown  # other units are written alike everywhere
+
+
+def _scalar(key: str, value: bool | int | float | str, words: Sayings) -> str:
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return words.say("yes" if value else "no")
     if isinstance(value, float):
         unit = next((unit for unit in ("rad", "m") if key.endswith(f"_{unit}")), "")
         return quantity(value, unit) if unit else f"{value:.6g}"
@@ -191,5 +210,6 @@ def _name(key: str) -> str:
     return key.removesuffix("_rad_s").replace("_", " ") + speed
 
 
-def _who_is(identity: Mapping[str, str]) -> str:
-    return f"{identity['vendor']} {identity['model']}, serial {identity['serial']}, {identity['firmware']}"
+def _who_is(identity: Mapping[str, str], words: Sayings) -> str:
+    serial = words.say(f"serial {identity['serial']}")
+    return f"{identity['vendor']} {identity['model']}, {serial}, {identity['firmware']}"

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
+from service.sayings import Locale
+
 if TYPE_CHECKING:
     from service.certificates.certificate import Issued
     from service.certificates.signing import StationKey
@@ -18,7 +20,7 @@ Json = Annotated[
 
 
 @certificate.default
-def write(
+def write(  # noqa: PLR0913  a command's options are its arguments
     run_id: str,
     /,
     *,
@@ -26,6 +28,7 @@ def write(
     out: Path | None = None,
     pdf: Path | None = None,
     html: Path | None = None,
+    language: Locale = "en",
     as_json: Json = False,
 ) -> int:
     """Write the certificate of a finished run as JSON and as text, and print the text.
@@ -42,6 +45,8 @@ def write(
         Write it to this file as well, as PDF/A with drawings and a square code.
     html
         Write it to this file as well, as one page that needs no other file and no other host.
+    language
+        Of the PDF and the page; what is signed, and the text, are in English.
     """
     import sys
 
@@ -58,7 +63,7 @@ def write(
     tell_issued(issued)
     for path, sheet in ((html, html_from), (pdf, pdf_from)):
         if path is not None:
-            write_sheet(path, sheet(issued.json_path))
+            write_sheet(path, sheet(issued.json_path, language))
             EN_ROUTE.print(f"printed: {path}", markup=False, soft_wrap=True)
     return 0
 

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict
 
 from service.certificates.signing import Finding, check, read_document, station_key
 from service.configuration.cell_file import CellConfig
+from service.sayings import Locale
 from service.web.door import Who, house_of
 from service.web.worker import issue, open_journal, store_of
 
@@ -63,25 +64,25 @@ def _checked(config: CellConfig, run_id: str) -> Verified:
     response_class=Response,
     responses={200: {"content": {"application/pdf": {}}, "description": "PDF/A-2b"}},
 )
-async def certificate_pdf(run_id: str, request: Request, who: Who) -> Response:
+async def certificate_pdf(run_id: str, request: Request, who: Who, language: Locale = "en") -> Response:
     """Return the certificate of a run, or the record of its refusal, as PDF/A."""
     from service.certificates.printing import pdf_from  # noqa: PLC0415  not while the service starts
 
     del who
     path = await _signed(request, run_id)
-    content = await asyncio.to_thread(pdf_from, path)
+    content = await asyncio.to_thread(pdf_from, path, language)
     headers = {"content-disposition": f'inline; filename="{path.stem}.pdf"'}
     return Response(content, media_type="application/pdf", headers=headers)
 
 
 @router.get("/runs/{run_id}/certificate.html", response_class=HTMLResponse)
-async def certificate_html(run_id: str, request: Request, who: Who) -> HTMLResponse:
+async def certificate_html(run_id: str, request: Request, who: Who, language: Locale = "en") -> HTMLResponse:
     """Return the certificate of a run, or the record of its refusal, as one page that prints on A4."""
     from service.certificates.html import POLICY  # noqa: PLC0415  not while the service starts
     from service.certificates.printing import html_from  # noqa: PLC0415  as above
 
     del who
-    content = await asyncio.to_thread(html_from, await _signed(request, run_id))
+    content = await asyncio.to_thread(html_from, await _signed(request, run_id), language)
     policy = f"{POLICY}; frame-ancestors 'none'"
     return HTMLResponse(content, headers={"content-security-policy": policy})
 

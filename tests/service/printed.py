@@ -3,6 +3,7 @@
 It knows PDF as typst writes it (objects in the open, strings of two-byte glyphs with /ToUnicode) and no more.
 """
 
+import json
 import re
 import zlib
 from collections.abc import Iterator
@@ -11,9 +12,14 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 from service.certificates.blocks import Block, Bullets, Cell, Facts, Fields, Page, Paragraph, Picture, Table
+from service.certificates.languages import spoken
+from service.certificates.page import page_of
 from service.certificates.printing import html_from, page_from, pdf_from
+from service.certificates.signing import check
+from service.sayings import LOCALES, Locale, Sayings
+from tests.service.spoken import ROOT, SENTENCE
 
-FIGURE = re.compile(r"(?<![\w.])([-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?)\s{0,2}(mm|deg|turns|%|°C|hPa)")
+FIGURE = re.compile(r"(?<![\w.])([-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?)\s{0,2}(mm|deg\b|turns|%|°C|hPa)")
 _ESCAPES = {"n": "\n", "r": "\r", "t": "\t", "b": "\b", "f": "\f"}
 
 
@@ -35,6 +41,62 @@ def verify_paper(json_path: Path) -> None:
     assert page.run_id in said_pdf
     assert page.sha256 in said_pdf
     assert not html.asks_for
+    verify_spoken(json_path)
+
+
+def verify_spoken(json_path: Path) -> None:
+    """See that every sentence of a certificate has its words in every language, and the same figures."""
+    checked = check(json_path.read_bytes())
+    assert checked.content is not None
+    signed = figures_of(page_from(json_path))
+    for locale in LOCALES[1:]:
+        words = Heard.read_from_source(locale)
+        page = page_of(checked.content, checked.sha256, checked.public_key, words)
+        assert page.locale == locale
+        assert not words.unsaid - ALIKE, (locale, words.unsaid)
+        assert figures_of(page) == signed, locale
+
+
+def figures_of(page: Page) -> list[tuple[str, str]]:
+    """Return every figure with its unit; whole turns, whose unit is a word, without."""
+    said = FIGURE.findall(" ".join(words_of(page)))
+    return sorted((number, unit) for number, unit in said if unit != "turns")
+
+
+ALIKE = {"", "u", "U (k = 2)"}  # in every language
+
+
+class Heard(Sayings):
+    """A language's words that remember which sentences they lack."""
+
+    unsaid: set[str]
+
+    @classmethod
+    def read_from_source(cls, locale: Locale) -> "Heard":
+        """Read tables where they are written, not where the pages' build copies them."""
+        made = spoken(locale, source_table(locale))
+        heard = cls(locale, made.table, made.commas, made._patterns)
+        object.__setattr__(heard, "unsaid", set())
+        return heard
+
+    def say(self, text: str) -> str:
+        self.unsaid.update(part for part in SENTENCE.split(text) if self._said(part) is None)
+        return super().say(text)
+
+    def step(self, given: str) -> str:
+        said = super().step(given)
+        if said == given:
+            self.unsaid.add(given)
+        return said
+
+
+def source_table(locale: Locale) -> dict[str, str]:
+    """Return every sentence of a language: of procedures, refusals and certificates."""
+    kinds = ("web/src/locales/procedures", "web/src/locales/refusals", "service/certificates/translations")
+    table: dict[str, str] = {}
+    for kind in kinds:
+        table |= json.loads((ROOT / kind / f"{locale}.json").read_text(encoding="utf-8"))
+    return table
 
 
 def words_of(page: Page) -> list[str]:

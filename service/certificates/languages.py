@@ -1,0 +1,29 @@
+"""The languages in which a certificate can be read: its own words, and those of procedures and refusals.
+
+What is signed is English and stays as it is. Numbers keep the point that they have in the signed file, so that
+nobody has to ask whether two sheets say the same.
+"""
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+
+from service.sayings import Locale, Sayings, sayings
+
+_COMMA = re.compile(r"(?<=\d),(?=\d)")  # in a number
+_OWN = Path(__file__).with_name("translations")
+
+
+@cache
+def words_in(locale: Locale) -> Sayings:
+    """Return a language's words."""
+    file = _OWN / f"{locale}.json"
+    own = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    return spoken(locale, sayings(locale).table | own)
+
+
+def spoken(locale: Locale, table: dict[str, str]) -> Sayings:
+    """Return the words of a table, with numbers as they are signed."""
+    pointed = {english: _COMMA.sub(".", said) for english, said in table.items()}
+    return Sayings.of(locale, pointed, commas=False)

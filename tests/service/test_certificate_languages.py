@@ -1,0 +1,109 @@
+"""A certificate in the reader's language: its own words are whole, its figures those that are signed."""
+
+import ast
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import typst
+
+from service.certificates import languages, pdf
+from service.certificates.html import as_html
+from service.certificates.printing import page_from, pdf_from
+from service.cli.certificate import write
+from service.sayings import LOCALES, Locale
+from tests.service.printed import HtmlText, Pdf, source_table, squeezed
+from tests.service.spoken import ROOT, SENTENCE
+from tests.service.test_certificate_pages import framed
+
+FOREIGN: tuple[Locale, ...] = LOCALES[1:]
+HOLE = re.compile(r"\{\d+\}|#")
+PIECES = re.compile(r"\{\d+\}|#|: ")
+TITLES = {"de": "Kalibrierbericht", "es": "Informe de calibración", "zh": "标定报告"}
+SAFETY = {"de": "keine Sicherheitsfunktion", "es": "función de seguridad", "zh": "不承担任何安全功能"}
+
+
+@pytest.fixture(autouse=True)
+def _tables_of_the_source(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Speak from the tables as they are written: the pages need not be built."""
+    languages.words_in.cache_clear()
+    monkeypatch.setattr(
+        languages,
+        "sayings",
+        lambda locale: languages.spoken(locale, source_table(locale) if locale != "en" else {}),
+    )
+    yield
+    languages.words_in.cache_clear()
+
+
+def own(locale: str) -> dict[str, str]:
+    table = json.loads(
+        (ROOT / f"service/certificates/translations/{locale}.json").read_text(encoding="utf-8")
+    )
+    assert isinstance(table, dict)
+    return table
+
+
+@pytest.mark.parametrize("locale", FOREIGN)
+def test_every_word_is_translated_with_its_holes_and_is_one_sentence(locale: Locale) -> None:
+    assert own(locale).keys() == own("de").keys()
+    for english, said in own(locale).items():
+        assert said.strip(), english
+        assert sorted(HOLE.findall(said)) == sorted(HOLE.findall(english)), (english, said)
+        assert len(SENTENCE.split(english)) == 1, english
+
+
+def test_nothing_is_translated_that_no_certificate_says() -> None:
+    files = [file for room in ("service", "procedures") for file in (ROOT / room).rglob("*.py")]
+    written = "\n".join(
+        node.value.casefold()
+        for file in files
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    )
+    pieces = {
+        english: [part.casefold().strip(" .:") for part in PIECES.split(english)] for english in own("de")
+    }
+    unsaid = [english for english, parts in pieces.items() if not all(part in written for part in parts)]
+    assert not unsaid
+
+
+@pytest.mark.parametrize("locale", FOREIGN)
+async def test_page_and_paper_are_in_the_language_and_say_so(locale: Locale, tmp_path: Path) -> None:
+    _, issued = await framed(tmp_path)
+    html = as_html(page_from(issued.json_path, locale))
+    assert f'<html lang="{locale}">' in html
+    assert HtmlText.of(html).asks_for == []
+    assert TITLES[locale] in html
+    assert SAFETY[locale] in html
+    paper = squeezed(Pdf(pdf_from(issued.json_path, locale)).text())
+    assert (
+        squeezed(TITLES[locale]) in paper or squeezed("Set in English") in paper
+    )  # no font of this computer
+    assert issued.sha256 in paper
+
+
+async def test_without_a_font_the_paper_is_english_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, issued = await framed(tmp_path)
+    bare = typst.Fonts(include_system_fonts=False, include_embedded_fonts=True)
+    monkeypatch.setattr(pdf, "_fonts", lambda *, of_computer: bare)
+    text = " ".join(Pdf(pdf_from(issued.json_path, "zh")).text().split())
+    assert "Calibration report" in text
+    assert squeezed("Set in English: this computer has no font for the language") in squeezed(text)
+    assert "Kalibrierbericht" in Pdf(pdf_from(issued.json_path, "de")).text()  # its letters are always there
+
+
+async def test_the_command_writes_page_and_paper_in_a_language_and_signs_in_english(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, issued = await framed(tmp_path)
+    signed = issued.json_path.read_bytes()
+    html = tmp_path / "page.html"
+    assert write("last", cell=config.path, html=html, language="de") == 0
+    assert "Kalibrierbericht" in html.read_text()
+    assert "CALIBRATION REPORT" in capsys.readouterr().out
+    assert issued.json_path.read_bytes() == signed
