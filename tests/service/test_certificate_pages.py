@@ -353,6 +353,7 @@ async def test_parameter_sets_and_what_changed_between_them(tmp_path: Path) -> N
         "unit": "rad",
         "value": 0.002,
         "standard_uncertainty": None,
+        "determined": True,
     }
     assert [answer.status_code for answer in wrong] == [422] * 5
 

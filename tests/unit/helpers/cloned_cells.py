@@ -122,7 +122,7 @@ class FakeCell:
         state = fit.state
         base_tracker = inverse_transform(state.devices[0].device_base)
         values = [
-            _Identified(p.name, p.unit, float(v), float(s))
+            _Identified(p.name, p.unit, float(v), float(s), p.prior)
             for p, v, s in zip(
                 fit.layout.parameters,
                 values_of(fit.layout, state),
@@ -192,6 +192,7 @@ class _Identified:
     unit: str
     value: float
     sigma: float
+    prior: float
 
 
 def work_postures(cell: FakeCell, count: int, seed: int) -> np.ndarray:
