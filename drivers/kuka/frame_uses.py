@@ -8,11 +8,13 @@ from drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from drivers.programs.call_graph import Marks, reached
 
 UNKNOWN = "?"
+_CALLED = "a routine that its program calls sets another tool or base"
+_CALLER = "a routine that calls its program sets the tool or base"
 BARRED = {
     "several": SEVERAL,
     "computed": COMPUTED,
-    "called": "a routine that its program calls sets another tool or base",
-    "caller": "a routine that calls its program sets the tool or base",
+    "called": _CALLED,
+    "caller": _CALLER,
     "later": LATER,
 }
 

@@ -56,7 +56,7 @@ class Judge:
         self._limits(points, rows, found.joints_rad)
         sigma = smallest_sigma(self.project.controller, found.joints_rad, self.project.smallest_sigma)
         near = sigma < self.project.smallest_sigma
-        words = "near a singularity: {:.4f} m/rad, at least " + f"{self.project.smallest_sigma:g} is wanted"
+        words = f"near a singularity: {{:.4f}} m/rad, at least {self.project.smallest_sigma:g} is wanted"
         points.refuse(rows[near], _said(rows[near], sigma[near], words))
         self._flips(points, rows, before_rad, found.joints_rad)
         self._configurations(points, rows, found.joints_rad)

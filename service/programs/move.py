@@ -7,7 +7,7 @@ import numpy as np
 from calibration.compensation.pose_gap import Arm
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, inverse_transform, is_rigid
-from calibration.orientation import values_from
+from calibration.orientation import CONVENTIONS, values_from
 from calibration.points.alignment import Alignment
 from calibration.programs.transfer import Way
 from drivers.programs.brands import ConfigurationRule
@@ -115,15 +115,19 @@ def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[A
     if not is_rigid(base_change):
         raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
     moved: Array = base_change @ _known(project, frame)
-    x, y, z = moved[:3, 3] * 1e3
+    return moved, f"user frame {frame} at {_as_typed(project.nominal.name, moved)}"
+
+
+def _as_typed(model: str, pose: Array) -> str:
+    """Return a pose with the letters and units of the robot's maker."""
     names = {"fanuc_": "fanuc_wpr", "kuka_": "kuka_abc", "abb_": "abb_quaternion"}
-    name = next(
-        (c for start, c in names.items() if project.nominal.name.startswith(start)), "ur_rotation_vector"
-    )
-    values = values_from(name, moved[:3, :3])
-    shown = np.degrees(values) if name in ("fanuc_wpr", "kuka_abc") else values
-    told = ", ".join(f"{v:.6f}" if name.endswith(("quaternion", "vector")) else f"{v:.4f}" for v in shown)
-    return moved, f"user frame {frame}: x y z {x:.3f}, {y:.3f}, {z:.3f} mm, {name} {told}"
+    name = next((c for start, c in names.items() if model.startswith(start)), "ur_rotation_vector")
+    values = values_from(name, pose[:3, :3])
+    unit, digits = {"ur_rotation_vector": (" rad", 6), "abb_quaternion": ("", 6)}.get(name, (" deg", 4))
+    shown = np.degrees(values) if unit == " deg" else values
+    place = ", ".join(f"{axis} {v:.3f}" for axis, v in zip("XYZ", pose[:3, 3] * 1e3, strict=True))
+    turn = ", ".join(f"{key} {v:.{digits}f}" for key, v in zip(CONVENTIONS[name].fields, shown, strict=True))
+    return f"{place} mm, {turn}{unit}"
 
 
 def _known(project: Project, frame: str) -> Array:

@@ -16,14 +16,18 @@ _BY_NAME = """
     shortfall forecast limits_from not_verified not_checked remarks to_sign suspects_told re_verify
     no_exchange none_to_spare flaw state_flaw chain_flaw chain_flaws what_is_wrong add _cure
     turn_more seen scale unseen forms
+    several computed later copied different otherwise called caller unused unused_alone barred
+    barred_different barred_computed barred_set barred_moved seen_from_flange
+    unreachable other_configuration other_turns no_posture
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """
     __init__ Condition Judged SetAside Check Checked Figure Alarm Flaw Prediction Change Characteristic
-    judged known_within held stated enough name_flaw _unreadable
+    judged known_within held stated enough name_flaw _unreadable forget _said
 """
 SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
 _HOLE = re.compile(r"\{\d+\}")
+_OPEN = re.compile(r"\{(?:[a-z]\w*)?(?::[^{}]*)?\}")  # what `format` fills in later
 _CODE = re.compile(r"[a-z_]+(\.[a-z_{}0]+)+")  # of an error or alarm: told to programs
 
 
@@ -48,16 +52,17 @@ def numbered(part: str) -> str:
 def templates(node: ast.expr) -> Iterator[str]:
     """Return what an expression may say; nothing where that is not written here."""
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        yield node.value
+        yield _OPEN.sub("{0}", node.value)
     elif isinstance(node, ast.JoinedStr):
-        yield "".join(str(part.value) if isinstance(part, ast.Constant) else "{0}" for part in node.values)
+        parts = (str(part.value) if isinstance(part, ast.Constant) else "{0}" for part in node.values)
+        yield _OPEN.sub("{0}", "".join(parts))
     elif isinstance(node, ast.IfExp):
         yield from templates(node.body)
         yield from templates(node.orelse)
     elif isinstance(node, ast.Tuple | ast.List):
         for each in node.elts:
             yield from templates(each)
-    elif isinstance(node, ast.Starred):
+    elif isinstance(node, ast.Starred | ast.DictComp):
         yield from templates(node.value)
     elif isinstance(node, ast.GeneratorExp | ast.ListComp):
         yield from templates(node.elt)

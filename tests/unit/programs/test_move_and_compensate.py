@@ -10,6 +10,7 @@ from calibration.arm.kinematics import load_model
 from calibration.compensation.compensate import Direction
 from calibration.errors import CalibrationError
 from calibration.geometry import Pose, exp_twist, homogeneous, inverse_transform, log_rotation
+from calibration.orientation import values_from
 from drivers.abb.programs import BRAND as ABB_BRAND
 from drivers.fanuc.ls_program import read_ls
 from drivers.fanuc.programs import BRAND
@@ -79,7 +80,9 @@ def test_a_frame_may_be_entered_anew_instead(cells: Cells) -> None:
     pose, words = redefined_frame(cells.master_project, "1", change)
 
     assert np.abs(pose - cells.master.base_frame @ OFFSET).max() < 1e-9
-    assert words.startswith("user frame 1: x y z ")
+    x, y, z = pose[:3, 3] * 1e3
+    w, p, r = np.degrees(values_from("fanuc_wpr", pose[:3, :3]))
+    assert words == f"user frame 1 at X {x:.3f}, Y {y:.3f}, Z {z:.3f} mm, W {w:.4f}, P {p:.4f}, R {r:.4f} deg"
     with pytest.raises(ProjectError, match="no user frame 5"):
         redefined_frame(cells.master_project, "5", change)
     with pytest.raises(CalibrationError, match="rigid"):
