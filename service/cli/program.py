@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from service.programs.joint_points import JointPoints
 from service.sayings import Locale
 
 if TYPE_CHECKING:
@@ -61,12 +62,13 @@ Out = Annotated[Outputs, Parameter(name="*")]
 
 
 @program.command
-def move(
+def move(  # noqa: PLR0913  a command's options are its arguments
     *files: str,
     project: Annotated[Path, Parameter(name="--project", help="The project file (TOML) of the cell.")],
     outputs: Out,
     offset: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     frame: str | None = None,
+    joints: JointPoints | None = None,
     before: Annotated[Path | None, Parameter(name="--from")] = None,
     after: Annotated[Path | None, Parameter(name="--to")] = None,
 ) -> int:
@@ -86,6 +88,9 @@ def move(
         In the robot's base, or in the user frame of `--frame`.
     frame
         Move only the points of this user frame.
+    joints
+        What becomes of points in joint angles whose program names no frame, a home position or all of a pulse job:
+        `move` takes them along with the work, `keep` leaves them as they are. Not said, each is left and named.
     before
         Instead of an offset: the fixture's alignment file before the move, and with `--to` after it.
     after
@@ -97,7 +102,7 @@ def move(
 
     cell = read_project(project)
     change = base_change_of(cell, offset, frame, (before, after))
-    carry = _of_each_brand(lambda rule: moving(cell, change, rule, frame=frame).carry)
+    carry = _of_each_brand(lambda rule: moving(cell, change, rule, frame=frame, joints=joints).carry)
     report = _change(_found(files, cell, outputs), carry, outputs, f"Moved in {cell.name}")
     if frame is not None:
         tell_frame(cell, frame, change)
@@ -244,6 +249,7 @@ def registers(
     clone: Path | None = None,
     offset: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     frame: str | None = None,
+    joints: JointPoints | None = None,
     out: Path | None = None,
 ) -> int:
     """Show the position registers that FANUC programs use; move or clone those that are places.
@@ -262,6 +268,8 @@ def registers(
         How the work moved, as for `cellcal program move`.
     frame
         The user frame that the offset is in; only places in it are moved.
+    joints
+        Whether registers in joint angles `move` with the work or are to `keep`; not said, each is left and named.
     out
         A new folder for POSREG.VA with the new numbers, of the controller that gets them.
     """
@@ -276,7 +284,7 @@ def registers(
     target = cell if clone is None else read_project(clone)
     found = find_programs(files or named_by(cell), out=out)
     programs = [read_program(str(one.path), read_bytes(one.path)) for one in found.sources]
-    carrier = carrier_of(cell, None if clone is None else target, offset, frame)
+    carrier = carrier_of(cell, None if clone is None else target, offset, frame, joints)
     return tell_registers(Registers(programs, cell), carrier, target, out)
 
 

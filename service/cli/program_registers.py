@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from calibration.errors import CellError
 from service.exit_codes import ExitCode
+from service.programs.joint_points import JointPoints
 
 if TYPE_CHECKING:
     from service.programs.carry import Carrier
@@ -21,7 +22,11 @@ class RegistersError(CellError):
 
 
 def carrier_of(
-    cell: "Project", clone: "Project | None", offset: str | None, frame: str | None
+    cell: "Project",
+    clone: "Project | None",
+    offset: str | None,
+    frame: str | None,
+    joints: JointPoints | None,
 ) -> "Carrier | None":
     """Return what carries the registers to a clone or with the work; None where they are only looked at.
 
@@ -44,7 +49,7 @@ def carrier_of(
         return cloning(cell, clone, rule)
     if offset is None:
         return None
-    return moving(cell, base_change_of(cell, offset, frame, (None, None)), rule, frame=frame)
+    return moving(cell, base_change_of(cell, offset, frame, (None, None)), rule, frame=frame, joints=joints)
 
 
 def tell_registers(found: "Registers", carrier: "Carrier | None", target: "Project", out: Path | None) -> int:

@@ -5,7 +5,7 @@ and what fails is left as it was, with a reason.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -23,6 +23,7 @@ from service.programs.cell_of_program import (
     contradiction,
     frame_of,
     groups_of,
+    in_no_frame,
     missing,
     points_of,
     refuse_foreign,
@@ -58,8 +59,8 @@ class Route(Protocol):
     @property
     def target(self) -> Project: ...
 
-    def takes(self, frame: str | None) -> bool:
-        """Tell whether points of a user frame go this way at all."""
+    def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
+        """Tell whether points of a user frame, or joint angles without one, go this way; or why nobody knows."""
         ...
 
     def way(self, passage: Passage) -> Way:
@@ -109,10 +110,8 @@ class Carrier:
         return results_of(points, result, warnings, source=self._route.source)
 
     def _go(self, points: Points, group: Group, result: Outcome, warnings: list[str]) -> None:
-        if not self._route.takes(group.frame):
-            points.refuse(group.rows, "belongs to a user frame that is not moved")
-            return
-        passage = self._passage(points, group)
+        group = replace(group, rows=self._taken(points, group))
+        passage = self._passage(points, group) if len(group.rows) else None
         if passage is None:
             return
         rows = group.rows if passage.source_frame is not None else group.rows[~points.cartesian[group.rows]]
@@ -129,6 +128,22 @@ class Carrier:
         expectation = self._route.expectation(passage)
         result.expected_m[rows] = expectation.errors_m(ends)
         warnings += [word for word in expectation.unknown if word not in warnings]
+
+    def _taken(self, points: Points, group: Group) -> Rows:
+        """Return the points of a group that go this way; of the others it is said that they stay, or are left."""
+        goes = np.ones(len(group.rows), dtype=bool)
+        joints = ~points.cartesian[group.rows] & in_no_frame(
+            points.programs[points.of[group.rows[0]]], group.frame
+        )
+        for some, bare in ((~joints, False), (joints, True)):
+            taken = self._route.takes(group.frame, bare_joints=bare)
+            if taken is not True:
+                goes &= ~some
+            if taken is False:
+                points.stays[group.rows[some]] = True
+            elif isinstance(taken, str):
+                points.refuse(group.rows[some], taken)
+        return group.rows[goes]
 
     def _passage(self, points: Points, group: Group) -> Passage | None:
         """Return tools and frames of a group; what is missing is said of its points."""

@@ -43,6 +43,7 @@ class Points:
     texts: tuple[str, ...]  # configurations
     tools: tuple[str | None, ...]
     user_frames: tuple[str | None, ...]
+    stays: NDArray[np.bool_]  # (N,) not meant to change
     reasons: list[str]  # (N,) why a point is left, "" while nothing speaks against it
 
     def __len__(self) -> int:
@@ -100,6 +101,7 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
         texts=tuple(text for p in all_of for text in p.configurations),
         tools=tuple(name for p in all_of for name in p.tools),
         user_frames=tuple(name for p in all_of for name in p.user_frames),
+        stays=np.zeros(sum(count), dtype=bool),
         reasons=[_first_reason(kind, axes) for p in all_of for kind in p.kinds],
     )
     first = np.cumsum([0, *count]).tolist()
@@ -158,6 +160,11 @@ def frame_of(project: Project, program: ProgramFile, name: str | None) -> Array 
     if named in project.frames:
         return project.frames[named]
     return _own(program.frames.base_frame, named, _BASE.get(program.brand, ()))
+
+
+def in_no_frame(program: ProgramFile, name: str | None) -> bool:
+    """Tell whether a position names no user frame, or only the robot's base."""
+    return name is None or name in _BASE.get(program.brand, ())
 
 
 def contradiction(project: Project, program: ProgramFile, tool: str | None, frame: str | None) -> str:

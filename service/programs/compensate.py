@@ -31,7 +31,7 @@ class CompensationRoute:
         """Return the cell."""
         return self.project
 
-    def takes(self, frame: str | None) -> bool:
+    def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
         """Every point is corrected."""
         return True
 

@@ -13,6 +13,7 @@ from calibration.programs.transfer import Way
 from drivers.programs.brands import ConfigurationRule
 from service.programs.carry import Carrier, Passage
 from service.programs.expected import Expectation
+from service.programs.joint_points import UNDECIDED, JointPoints
 from service.programs.project import Project
 from service.programs.project_poses import ProjectError
 
@@ -24,6 +25,7 @@ class MoveRoute:
     project: Project
     base_change: Array  # (4, 4) in the base: new place = change @ old place
     frame: str | None = None  # only points of this user frame; None: all
+    joints: JointPoints | None = None  # points in joint angles whose program names no frame
 
     @property
     def source(self) -> Project:
@@ -35,10 +37,14 @@ class MoveRoute:
         """Return the cell."""
         return self.project
 
-    def takes(self, frame: str | None) -> bool:
-        """Points of one user frame, or all."""
+    def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
+        """Points of one user frame, or all; of joint angles without one somebody says whether they go along."""
         named = frame if frame is not None else self.project.unsaid_frame
-        return self.frame is None or named == self.frame
+        if self.frame is not None and named != self.frame:
+            return False
+        if not bare_joints:
+            return True
+        return UNDECIDED if self.joints is None else self.joints == "move"
 
     def way(self, passage: Passage) -> Way:
         """Carry the real tip along with the work; without parameters the controller's arm stands for the real one."""
@@ -84,7 +90,12 @@ def change_between(before: Alignment, after: Alignment) -> Array:
 
 
 def moving(
-    project: Project, base_change: Array, rule: ConfigurationRule | None, *, frame: str | None = None
+    project: Project,
+    base_change: Array,
+    rule: ConfigurationRule | None,
+    *,
+    frame: str | None = None,
+    joints: JointPoints | None = None,
 ) -> Carrier:
     """Return what moves the points of programs of one brand; programs then run with the frame as it was entered.
 
@@ -99,7 +110,7 @@ def moving(
         raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
     if frame is not None:
         _known(project, frame)
-    return Carrier(MoveRoute(project, base_change, frame), rule)
+    return Carrier(MoveRoute(project, base_change, frame, joints), rule)
 
 
 def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[Array, str]:

@@ -59,9 +59,10 @@ def results_of(
     for program, its in zip(points.programs, slices, strict=True):
         if not good[its].all():
             _refuse_foreign_points(program, points.reasons[its], source)
-    after = _changed(points, outcome, good, slices)
+    written = good & ~points.stays
+    after = _changed(points, outcome, written, slices)
     status = _status(points, after, good)
-    _check_written(points, after, outcome, good)
+    _check_written(points, after, outcome, written)
     for column in (
         outcome.shift_m,
         outcome.turn_rad,

@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from service.programs.joint_points import JointPoints
 from service.sayings import Locale
 
 MOST_FILES, MOST_FILE_BYTES = 200, 6 * 1024 * 1024  # of all files together, before they are packed into text
@@ -62,6 +63,7 @@ class Wanted(_Given):
     frame: Annotated[str, StringConstraints(max_length=40)] = (
         ""  # only points of it, and the offset seen from it
     )
+    joints: JointPoints | None = None  # what becomes of points in joint angles without a frame
     files: Annotated[list[Carried], Field(max_length=MOST_FILES)] = []
     own_files: bool = False  # the programs that the kept project names itself
     language: Locale = "en"  # of who asks: of the report's page and of what to know

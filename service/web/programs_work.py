@@ -80,7 +80,8 @@ class Task:
         if self.asked["do"] == "clone":
             return cloning(self.cell, self.target, rule).carry
         if self.asked["do"] == "move":
-            return moving(self.cell, self._change(), rule, frame=self.asked["frame"] or None).carry
+            frame, joints = self.asked["frame"] or None, self.asked["joints"]
+            return moving(self.cell, self._change(), rule, frame=frame, joints=joints).carry
         way = Direction.DOWNLOAD if self.asked["do"] == "download" else Direction.UPLOAD
         return compensating(self.cell, way, rule).carry
 

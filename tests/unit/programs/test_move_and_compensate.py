@@ -14,8 +14,10 @@ from calibration.orientation import values_from
 from drivers.abb.programs import BRAND as ABB_BRAND
 from drivers.fanuc.ls_program import read_ls
 from drivers.fanuc.programs import BRAND
+from drivers.programs.positions import CARTESIAN
 from drivers.universal_robots.script_program import read_script
 from service.programs.compensate import compensating
+from service.programs.joint_points import UNDECIDED, JointPoints
 from service.programs.move import change_of_frame, moving, redefined_frame
 from service.programs.project import read_project
 from service.programs.project_poses import ProjectError
@@ -70,8 +72,9 @@ def test_only_points_of_the_named_frame_move(cells: Cells) -> None:
 
     result = moving(project, change, RULE, frame="2").carry([read_ls("A.LS", text)])[0]
 
-    assert result.status == ("changed",) * 5 + ("left",) * 35
-    assert set(result.reason[5:]) == {"belongs to a user frame that is not moved"}
+    assert result.status == ("changed",) * 5 + ("unchanged",) * 35
+    assert result.ok
+    assert result.after.to_bytes().splitlines()[-200:] == text.splitlines()[-200:]
 
 
 def test_a_frame_may_be_entered_anew_instead(cells: Cells) -> None:
@@ -233,8 +236,46 @@ def test_a_pose_without_a_configuration_is_taken_near_the_posture_that_is_taught
     shift = homogeneous(np.eye(3), np.array([0.01, 0, 0]))
     program = read_script("a.script", text.encode())
 
-    result = moving(read_project(file), shift, None).carry([program])[0]
+    result = moving(read_project(file), shift, None, joints="move").carry([program])[0]
 
     assert result.status == ("changed",) * 4, result.reason
     moved = result.after.positions
     assert np.abs(moved.frame_tip[[1, 3]] - shift @ program.positions.frame_tip[[1, 3]]).max() < 2e-8
+
+
+WITH_A_HOME = """MODULE M
+PERS tooldata tGrip:=[TRUE,[[0,0,80],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];
+PERS wobjdata wTable:=[FALSE,TRUE,"",[[300,50,100],[1,0,0,0]],[[0,0,0],[1,0,0,0]]];
+CONST jointtarget jHome:=[[0,-20,20,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+CONST robtarget p1:=[[100,50,200],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];
+PROC main()
+MoveAbsJ jHome,v1000,fine,tGrip;
+MoveL p1,v100,fine,tGrip\\WObj:=wTable;
+ENDPROC
+ENDMODULE
+"""
+
+
+@pytest.mark.parametrize(
+    ("joints", "status"),
+    [(None, {"left", "changed"}), ("keep", {"unchanged", "changed"}), ("move", {"changed"})],
+)
+def test_joint_angles_without_a_frame_move_or_stay_as_somebody_says(
+    tmp_path: Path, joints: JointPoints | None, status: set[str]
+) -> None:
+    file = tmp_path / "project.toml"
+    file.write_text(PROJECT, encoding="utf-8")
+    program = ABB_BRAND.read("a.mod", WITH_A_HOME.encode())
+    shift = homogeneous(np.eye(3), np.array([0.01, 0, 0]))
+    at_home = [kind == CARTESIAN for kind in program.positions.kinds].index(False)
+
+    result = moving(read_project(file), shift, ABB_BRAND.configurations, joints=joints).carry([program])[0]
+
+    assert set(result.status) == status, result.reason
+    assert result.reason[at_home] == (UNDECIDED if joints is None else "")
+    line = "CONST jointtarget jHome:=[[0,-20,20,0,30,0],"
+    assert (line in result.after.to_bytes().decode()) == (joints != "move")
+    if joints == "move":
+        arm = load_model("abb_irb120")
+        before, after = (arm.base_flange(p.positions.joints[[at_home], :6]) for p in (program, result.after))
+        assert np.abs(shift @ before - after)[:, :3, 3].max() < 1e-5
