@@ -41,11 +41,36 @@ expect.set_options(timeout=PATIENCE_MS)
 AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
 RUN_AXE = """async () => (await axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21aa', 'wcag22aa']}))
     .violations.map(v => v.id + ': ' + v.nodes.map(n => n.html.slice(0, 120)).join(' | '))"""
-SMALL = """() => [...document.querySelectorAll('button, a.button, select, input, summary')]
-    .filter(e => e.checkVisibility()).map(e => [e.outerHTML.slice(0, 80), e.getBoundingClientRect()])
-    .filter(([, box]) => box.height < 44 || (box.width < 44)).map(([html]) => html)"""
-OVERFULL = """() => [...document.querySelectorAll('button, a.button')]
-    .filter(e => e.checkVisibility() && e.scrollWidth > e.clientWidth + 1).map(e => e.outerHTML.slice(0, 80))"""
+BUTTONS = "button, a.button, select, input:not([type=file]), summary"
+CRAMPED = """(buttons) => {
+    const shown = document.querySelector('dialog[open]') ?? document;
+    const boxes = [...shown.querySelectorAll(buttons)].filter(e => e.checkVisibility())
+        .map(e => [e.outerHTML.slice(0, 90), e.getBoundingClientRect(), e]);
+    const seen = boxes.map(([html, box, e]) => {  // of what is scrolled away nobody can hit anything
+        let {left, top, right, bottom} = box, above = null;  // and what stands above the page covers it
+        for (let p = e.parentElement; p; p = p.parentElement) {
+            const how = getComputedStyle(p), q = p.getBoundingClientRect();
+            if (how.position === 'sticky' || how.position === 'fixed') above = p;
+            if (how.overflow === 'visible') continue;
+            [left, top] = [Math.max(left, q.left), Math.max(top, q.top)];
+            [right, bottom] = [Math.min(right, q.right), Math.min(bottom, q.bottom)];
+        }
+        return [html, {left, top, right, bottom}, above]; }).filter(([, b]) => b.left < b.right && b.top < b.bottom);
+    const wrong = boxes.filter(([, b]) => b.height < 44 || b.width < 44).map(([html]) => 'small: ' + html);
+    for (const [html, b, e] of boxes) if (e.scrollWidth > e.clientWidth + 1 && e.tagName !== 'INPUT'
+        && e.tagName !== 'SELECT') wrong.push('overfull: ' + html);
+    for (let i = 0; i < seen.length; i++) for (let j = i + 1; j < seen.length; j++) {
+        const [p, q] = [seen[i][1], seen[j][1]];
+        const dx = Math.max(p.left - q.right, q.left - p.right), dy = Math.max(p.top - q.bottom, q.top - p.bottom);
+        if (seen[i][2] === seen[j][2] && Math.max(dx, dy) < 8 - 0.01)
+            wrong.push('close: ' + seen[i][0] + ' and ' + seen[j][0]);
+    }
+    for (const e of document.querySelectorAll('.main, [data-testid=hold], [data-testid=stop], [data-testid^=key-]'))
+        if (e.checkVisibility() && e.getBoundingClientRect().height < 64)
+            wrong.push('low: ' + e.outerHTML.slice(0, 90));
+    if (document.documentElement.scrollWidth > innerWidth + 1) wrong.push('wider than the screen');
+    return wrong;
+}"""
 # The page counts what it has asked for and not heard of; an answer counts as heard when its readers have run.
 COUNT_ASKED = """{ const ask = window.fetch; window.__asked = 0;
     window.fetch = async (...what) => { window.__asked += 1;
@@ -125,8 +150,13 @@ async def violations(page: Page) -> list[str]:
     return found
 
 
+async def cramped(page: Page) -> list[str]:
+    """Return what a glove would miss, what is longer than its place, and whether the page is too wide."""
+    found: list[str] = await page.evaluate(CRAMPED, BUTTONS)
+    return found
+
+
 async def hold_to_rules(page: Page, where: str) -> None:
-    """Hold a page at rest to its accessibility, to targets for gloves, and to texts that fit."""
-    assert await violations(page) == [], where
-    for rule in (SMALL, OVERFULL):
-        assert await page.evaluate(rule) == [], where
+    """Hold a page at rest to its accessibility, to targets for gloves and their gaps, and to texts that fit."""
+    wrong = [*await violations(page), *await cramped(page)]
+    assert not wrong, (where, wrong)

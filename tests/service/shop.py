@@ -20,32 +20,12 @@ from tests.service.browsers import (
     PATIENCE_S,
     chromium,
     served,
-    violations,
 )
 from tests.service.doors import PINS, ROLES, quick, with_people
 
 ANSWERED = (
     "() => !document.querySelector('[data-testid=secret]')?.value"  # keys pressed before are rubbed out
 )
-BUTTONS = "button, a.button, select, input:not([type=checkbox]), summary"
-CRAMPED = """(buttons) => {
-    const top = document.querySelector('dialog[open]') ?? document;
-    const boxes = [...top.querySelectorAll(buttons)].filter(e => e.checkVisibility())
-        .map(e => [e.outerHTML.slice(0, 90), e.getBoundingClientRect(), e]);
-    const wrong = boxes.filter(([, b]) => b.height < 44 || b.width < 44).map(([html]) => 'small: ' + html);
-    for (const [html, b, e] of boxes) if (e.scrollWidth > e.clientWidth + 1 && e.tagName !== 'INPUT'
-        && e.tagName !== 'SELECT') wrong.push('overfull: ' + html);
-    for (let i = 0; i < boxes.length; i++) for (let j = i + 1; j < boxes.length; j++) {
-        const [p, q] = [boxes[i][1], boxes[j][1]];
-        const dx = Math.max(p.left - q.right, q.left - p.right), dy = Math.max(p.top - q.bottom, q.top - p.bottom);
-        if (Math.max(dx, dy) < 8 - 0.01) wrong.push('close: ' + boxes[i][0] + ' and ' + boxes[j][0]);
-    }
-    for (const e of document.querySelectorAll('.main, [data-testid=hold], [data-testid=stop], [data-testid^=key-]'))
-        if (e.checkVisibility() && e.getBoundingClientRect().height < 64)
-            wrong.push('low: ' + e.outerHTML.slice(0, 90));
-    if (document.documentElement.scrollWidth > innerWidth + 1) wrong.push('wider than the screen');
-    return wrong;
-}"""
 
 
 @dataclass
@@ -131,12 +111,6 @@ async def give_pin(page: Page, secret: str) -> None:
         await page.get_by_test_id("secret").fill(secret)
     await page.get_by_test_id("secret-enter").click()
     await page.wait_for_function(ANSWERED)
-
-
-async def for_everybody(page: Page, where: str) -> None:
-    """Hold a page to its accessibility, to targets for gloves, and to texts that fit."""
-    wrong = [*await violations(page), *await page.evaluate(CRAMPED, BUTTONS)]
-    assert not wrong, (where, wrong)
 
 
 @asynccontextmanager

@@ -15,9 +15,9 @@ from playwright.async_api import Page, expect
 
 from service.demo.fake_cell import write_cell_file
 from service.people.sessions import FRESH_S, IDLE_S
-from tests.service.browsers import LOCALES, speaks
+from tests.service.browsers import LOCALES, hold_to_rules, speaks
 from tests.service.doors import PINS, Clock
-from tests.service.shop import Shop, a_shop, for_everybody, give_pin, sign_in
+from tests.service.shop import Shop, a_shop, give_pin, sign_in
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
 
@@ -281,4 +281,4 @@ async def in_every_language(page: Page, where: str) -> None:
     for locale in LOCALES:
         await page.get_by_test_id("language").select_option(locale)
         await speaks(page, locale)
-        await for_everybody(page, f"{where} in {locale}")
+        await hold_to_rules(page, f"{where} in {locale}")

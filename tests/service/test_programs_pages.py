@@ -14,9 +14,9 @@ from playwright.async_api import Page, expect
 
 from service.demo.fake_cell import write_cell_file
 from tests.example_projects import FOLDER
-from tests.service.browsers import LOCALES, speaks
+from tests.service.browsers import LOCALES, hold_to_rules, speaks
 from tests.service.doors import Clock
-from tests.service.shop import Shop, a_shop, for_everybody, sign_in
+from tests.service.shop import Shop, a_shop, sign_in
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
 PROGRAMS = FOLDER / "cell_1" / "programs"
@@ -76,7 +76,7 @@ async def test_an_engineer_moves_programs_looks_and_takes_them_away(
         for locale in LOCALES:
             await page.get_by_test_id("language").select_option(locale)
             await speaks(page, locale)
-            await for_everybody(page, f"the preview in {locale}")
+            await hold_to_rules(page, f"the preview in {locale}")
         await page.get_by_test_id("language").select_option("en")
         preview = await page.evaluate("location.hash")
         await expect(page.get_by_test_id("checked")).to_be_visible()
@@ -113,12 +113,12 @@ async def _ask_for_a_move(page: Page, files: list[Path]) -> None:
     for locale in LOCALES:
         await page.get_by_test_id("language").select_option(locale)
         await speaks(page, locale)
-        await for_everybody(page, f"the question in {locale}")
+        await hold_to_rules(page, f"the question in {locale}")
     await page.get_by_test_id("language").select_option("en")
     await page.get_by_test_id("cell").select_option("here:fanuc")
     await page.locator("summary").click()
     await page.get_by_test_id("add-tool").click()
-    await for_everybody(page, "tools that are entered")
+    await hold_to_rules(page, "tools that are entered")
     await page.get_by_test_id("cell").select_option("kept:door line, cell 1")
 
 
@@ -164,7 +164,7 @@ async def _a_viewer_looks(shop: Shop, preview: str) -> None:
         await expect(page.get_by_test_id("may-not-take")).to_be_visible()
         await expect(page.get_by_test_id("take")).to_have_count(0)
         await expect(page.get_by_test_id("points-table").locator("tbody tr")).to_have_count(16)
-        await for_everybody(page, "the preview on an upright tablet")
+        await hold_to_rules(page, "the preview on an upright tablet")
         await page.get_by_test_id("make-others").click()
         await expect(page.get_by_test_id("may-look")).to_be_visible()
         await expect(page.get_by_test_id("ask")).to_have_count(0)
@@ -172,4 +172,4 @@ async def _a_viewer_looks(shop: Shop, preview: str) -> None:
         await sign_in(page, "Ada")
         await page.locator("nav a[href='#/programs']").click()
         await expect(page.get_by_test_id("ask")).to_be_visible()
-        await for_everybody(page, "the question on an upright tablet")
+        await hold_to_rules(page, "the question on an upright tablet")

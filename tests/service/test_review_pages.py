@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 import pytest_asyncio
-from playwright.async_api import Page, Route, expect
+from playwright.async_api import Page, expect
 
 from service.parameters.parameter_sets import ParameterSets
 from service.web.parameters import FOLDER
-from tests.service.browsers import LOCALES, OVERFULL, ROOT, at_rest, comes, go, hold_to_rules, speaks
+from tests.service.browsers import LOCALES, at_rest, comes, cramped, go, hold_to_rules, speaks
+from tests.service.longer import lengthened
 from tests.service.lookers import looking_back
 from tests.service.reviewed import SERIAL, SPOILT_STEP, Past
 from tests.service.steps import let_go_early
@@ -335,47 +336,16 @@ async def test_pages_that_judge_are_for_everybody(seen: Seen, locale: str) -> No
             assert await page.locator("main [lang=en]").all_inner_texts() == [], f"{place} in {locale}"
 
 
-def longer(text: str) -> str:
-    """Return a text that is forty percent longer and looks translated; what is in braces stays."""
-    vowels = str.maketrans("aeiouAEIOU", "åéîöüÅÉÎÖÜ")
-    parts = text.split("{")
-    done = [parts[0].translate(vowels)]
-    for part in parts[1:]:
-        name, _, rest = part.partition("}")
-        done.append(f"{name}}}{rest.translate(vowels)}")
-    more = "~" * max(1, round(0.4 * len(text)))
-    return "{".join(done) + " ".join(more[at : at + 10] for at in range(0, len(more), 10))
-
-
 async def test_texts_that_are_forty_percent_longer_fit_everywhere(seen: Seen) -> None:
-    """The English texts of the built pages are replaced on their way to the browser by a generated language."""
     looks, past = seen
-    texts = json.loads((ROOT / "web/src/locales/en.json").read_text(encoding="utf-8"))
-    replaced: set[str] = set()
-
-    async def translate(route: Route) -> None:
-        answer = await route.fetch()
-        source = await answer.text()
-        for key, text in texts.items():
-            for quote in ('"', "`", "'"):
-                written = f"{key}:{quote}{text}{quote}"
-                if written in source:
-                    source = source.replace(written, f"{key}:{quote}{longer(text)}{quote}")
-                    replaced.add(key)
-        await route.fulfill(response=answer, body=source)
-
     async with looks.page(size=(800, 1280)) as page:
-        await page.route("**/assets/*.js", translate)
-        await page.reload()
+        history = await lengthened(page, "history")
         await page.get_by_test_id("device-robot").wait_for()
-        assert len(replaced) >= 0.9 * len(texts)
-        await expect(page.locator("nav")).to_contain_text(longer(texts["history"]))
+        await expect(page.locator("nav")).to_contain_text(history)
         for place in places_of(past):
             await unfolded(page, place)
             await at_rest(page)
-            assert await page.evaluate(OVERFULL) == [], place
-            wide = await page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
-            assert wide[0] <= wide[1], place
+            assert await cramped(page) == [], place
 
 
 async def test_the_pages_are_built_of_files_of_their_own(seen: Seen) -> None:
