@@ -8,6 +8,7 @@ its angle is negative.
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,9 +81,14 @@ def _status(
 
 def _numbers(texts: Sequence[str], name: str) -> NDArray[np.int64]:
     """Return (N,): S or T, -1 where a text does not state it."""
-    parts = [(parts_of(text) or {}).get(name) for text in texts]
-    values = [-1 if part is None else state_value(part) for part in parts]
-    return np.array([-1 if value is None else value for value in values], dtype=np.int64)
+    return np.array([_number(text, name) for text in texts], dtype=np.int64)
+
+
+@lru_cache(maxsize=4096)  # a line of programs spells few postures, over and over
+def _number(text: str, name: str) -> int:
+    part = (parts_of(text) or {}).get(name)
+    value = None if part is None else state_value(part)
+    return -1 if value is None else value
 
 
 def _spelled(old: str, flags: int, signs: int) -> str:
