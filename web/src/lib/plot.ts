@@ -48,14 +48,21 @@ export function mark(pen: CanvasRenderingContext2D, kind: Mark, x: number, y: nu
   pen.restore();
 }
 
-/** An axis as all plots have it; ``written`` turns values into text. */
-export function axis(label: string, written: (value: number) => string, size = 64): uPlot.Axis {
+/** How many decimals tell two neighbouring lines of an axis apart, and neither wrongly. */
+export function decimalsOf(apart: number): number {
+  let digits = 0;
+  while (digits < 9 && Math.abs(apart * 10 ** digits - Math.round(apart * 10 ** digits)) > 1e-6) digits += 1;
+  return digits;
+}
+
+/** An axis as all plots have it; ``written`` turns values into text, told how far apart they are. */
+export function axis(label: string, written: (value: number, apart: number) => string, size = 64): uPlot.Axis {
   return {
     label,
     size,
     stroke: COLOURS.ink,
     grid: { stroke: COLOURS.grid, width: 1 },
     ticks: { stroke: COLOURS.grid, width: 1 },
-    values: (_, values) => values.map((value) => (value === null ? "" : written(value))),
+    values: (_, values, _axis, _space, apart) => values.map((value) => (value === null ? "" : written(value, apart))),
   };
 }
