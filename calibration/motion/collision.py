@@ -176,7 +176,7 @@ class CollisionCheck:
         names = {capsule.link: capsule.name for capsule in self.shape.arm}
         pairs = [f"{names[i]} with {names[j]}" for i, j in sorted(self.touching)]
         if pairs:
-            words.append(f"touching by construction, so not checked: {', '.join(pairs)}")
+            words.append(f"touching by construction, so not checked: {'; '.join(pairs)}")
         words.append("links that share a joint are not checked against each other")
         if not self.shape.obstacles:
             words.append("no obstacles known: path not checked for collisions with the cell")

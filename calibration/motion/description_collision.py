@@ -134,7 +134,7 @@ class DescriptionCheck:
             shapes.removeCollisionPair(pair)
         if not names:
             return []
-        return [f"touching by construction, so not checked: {', '.join(f'{a} with {b}' for a, b in names)}"]
+        return [f"touching by construction, so not checked: {'; '.join(f'{a} with {b}' for a, b in names)}"]
 
 
 def _worth_checking(pin: ModuleType, model: Any, shapes: Any, own: int) -> list[Any]:
