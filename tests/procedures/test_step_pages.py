@@ -12,7 +12,7 @@ from drivers.interfaces import Answer, Instruction
 from procedures.catalogue import entry_named
 from procedures.cell import Cell
 from procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
-from procedures.run import Run
+from procedures.run import DeclinedError, Run
 from procedures.shown import StepKind, on_page, page_of
 from procedures.six_point_tcp import SixPointTcp
 from procedures.steps.ask import ask
@@ -28,7 +28,7 @@ from procedures.steps.pages import (
 )
 from procedures.teaching.tcp_touches import AGAIN_RAD, WORST_GAIN, judge_touches
 from service.desk.recording import Settle
-from tests.procedures.cells import scene_for
+from tests.procedures.cells import recovering, scene_for
 from tests.procedures.ideal import Hands, IdealArm
 from tests.procedures.ledgers import MemoryLedger
 
@@ -77,6 +77,25 @@ async def test_a_page_is_no_input_of_a_step_and_an_older_run_goes_on_with_it() -
     assert drawn.facts == plain.facts
     resumed = Run(cell, MemoryLedger(), plain.past())
     assert (await resumed.step("ask", ask, on_page(WORDS, "teach"))).value == "yes"
+
+
+async def test_a_recovery_first_asks_for_newer_counts_and_tells_what_a_mark_by_eye_is_worth() -> None:
+    made, heard = await recovering(), list[Instruction]()
+    made.hands.refuses = {"saved_counts"}
+    answered, moves = made.cell.operator.confirm, list(made.arm.moves)
+
+    async def noted(instruction: Instruction) -> Answer:
+        heard.append(instruction)
+        return await answered(instruction)
+
+    made.cell.operator.confirm = noted  # type: ignore[method-assign]
+    with pytest.raises(DeclinedError, match="newer counts"):
+        await entry_named("mastering_recovery").procedure(Run(made.cell, MemoryLedger()), made.spec)
+    assert [each.key for each in heard] == ["saved_counts"]
+    levers = page_of(heard[0]).data["axes"]
+    assert [lever["name"] for lever in levers] == [f"J{k}" for k in range(1, 7)]
+    assert max(lever["tenth_degree_m"] for lever in levers) > 1e-3
+    assert made.arm.moves == moves
 
 
 @pytest.mark.parametrize(

@@ -128,6 +128,11 @@ async def test_every_route_of_the_service_is_in_the_table(tmp_path: Path) -> Non
         assert own_routes(door.app) - set(ROUTES) == set(), "say in ROUTES who may use it"
 
 
+async def test_no_route_deletes_or_replaces_what_was_kept(tmp_path: Path) -> None:
+    async with a_door(tmp_path) as door:
+        assert {method for method, _ in own_routes(door.app)} == {"GET", "POST", "WS"}
+
+
 @pytest.mark.parametrize("who", sorted(ANYBODY))
 async def test_a_route_answers_whom_it_is_for(tmp_path: Path, who: str) -> None:
     async with a_door(tmp_path) as door:

@@ -29,6 +29,7 @@ from tests.service.steps import (
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
 TILT = 45.0
+STEPS = ("ask", "teach", "review", "approve", "capture")  # kinds that are shot here
 # what a browser answers where no camera is
 NO_CAMERA = """() => { navigator.mediaDevices.getUserMedia =
     () => Promise.reject(new DOMException("Requested device not found", "NotFoundError")); }"""
@@ -66,6 +67,19 @@ async def _shoot(page: Page, folder: Path, name: str) -> None:
         await page.screenshot(path=folder / f"{name}_{width}.png")
     await page.set_viewport_size({"width": 1280, "height": 800})
     await hold_to_rules(page, name)
+    if name in STEPS:
+        await _tells_one_thing(page)
+
+
+async def _tells_one_thing(page: Page) -> None:
+    """See that a step has one title, one instruction, and a picture that is there and said in words."""
+    step = page.get_by_test_id("prompt")
+    await expect(step.locator("h2")).to_have_count(1)
+    await expect(step.get_by_test_id("instruction")).to_have_count(1)
+    await expect(step.locator(".first")).to_have_text(re.compile(r"\w"))
+    picture = step.get_by_role("img").first
+    await expect(picture).to_have_attribute("alt", re.compile(r"\w"))
+    assert await picture.evaluate("seen => seen.complete && seen.naturalWidth > 0")
 
 
 async def test_a_tool_is_taught_and_nothing_is_recorded_that_tells_nothing(

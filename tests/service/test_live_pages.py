@@ -1,0 +1,101 @@
+"""What live values show: each as it comes, none that is old, and a device panel that says what is wrong."""
+
+import re
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import expect
+
+from tests.service.browsers import comes, go, hold_to_rules
+from tests.service.test_pages import Looking, looking_at_a_cell
+from tests.service.test_view3d import feed
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+CAPTURE = {
+    "id": "r:1", "kind": "confirm", "key": "move_by_hand", "text": "Bring the arm to pose 1.", "unit": "",
+    "step": "capture 1", "page": "capture", "data": {},
+}  # fmt: skip
+# Every text that the gauge shows from now on.
+WATCH = """() => { window.__lengths = [];
+    const shown = document.querySelector('[data-testid=prompt] [data-testid=gauge] output');
+    new MutationObserver(() => window.__lengths.push(shown.textContent))
+        .observe(shown, {subtree: true, childList: true, characterData: true}); }"""
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
+    async with looking_at_a_cell(tmp_path_factory.mktemp("cell")) as looks:
+        yield looks
+
+
+def gauge_of(live: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = next(device for device in live["devices"] if device["role"] == "gauge")
+    return found
+
+
+async def test_every_live_value_is_shown_and_none_that_is_old(looking: Looking) -> None:
+    """U2: the service tells ten values a second; the page shows each, and two dashes when no more come."""
+    told: list[str] = []
+    silent = False
+
+    def count(live: dict[str, Any]) -> None:
+        gauge = gauge_of(live)
+        if silent:
+            gauge["age_s"] = 60.0
+        else:
+            told.append(f"{1000.0 + len(told):.2f}")
+            gauge |= {"value": {"length_m": float(told[-1]) * 1e-3}, "age_s": 0.0}
+
+    await looking.order(op="start", procedure="mastering_record", settings={}, hold_to_move=False)
+    await looking.until(lambda session: session["prompt"])
+    async with looking.page() as page:
+        await feed(page, CAPTURE, count)
+        await page.reload()
+        gauge = page.get_by_test_id("prompt").get_by_test_id("gauge")
+        await expect(gauge).to_have_attribute("data-stale", "false")
+        await page.evaluate(WATCH)
+
+        async def lengths() -> list[str]:
+            shown: list[str] = await page.evaluate("window.__lengths")
+            return [text for text in shown if text != "--"]  # this computer may be late
+
+        shown = await comes(lengths, lambda shown: len(shown) >= 50)
+        first = told.index(shown[0])
+        missed = set(told[first : told.index(shown[-1])]) - set(shown)
+        assert len(missed) <= len(shown) // 5, missed  # two that come at once are drawn as one
+        silent = True
+        await expect(gauge).to_have_attribute("data-stale", "true")
+        await expect(gauge.locator("output")).to_have_text("--")
+        await expect(page.get_by_test_id("yes")).to_be_disabled()
+    await looking.order(op="stop")
+    await looking.until(lambda session: session["run"]["outcome"])
+    await looking.order(op="dismiss")
+
+
+async def test_the_panel_says_of_each_device_what_it_is_and_what_is_wrong(looking: Looking) -> None:
+    """U23: state, age, what it said last, and when its calibration is due, by a word where it was."""
+    changed: dict[str, Any] = {"due": "2999-12-31"}
+    async with looking.page() as page:
+        await feed(page, None, lambda live: gauge_of(live).update(changed))
+        await page.reload()
+        await go(page, "#/devices")
+        for role in ("robot", "gauge"):
+            panel = page.get_by_test_id(f"panel-{role}")
+            await expect(panel).to_have_attribute("data-state", "ready")
+            await expect(panel).to_contain_text(re.compile(r"\d+\.\d s"))
+        due = page.get_by_test_id("due-gauge")
+        await expect(due).to_contain_text("2999")
+        await expect(due).to_have_attribute("data-lapsed", "false")
+        changed |= {
+            "due": "2020-01-31", "state": "unreachable", "age_s": 60.0,
+            "message": "wire: nothing is heard of it.", "remedy": "Look at its cable.",
+        }  # fmt: skip
+        panel = page.get_by_test_id("panel-gauge")
+        await expect(due).to_have_attribute("data-lapsed", "true")
+        await expect(due).to_contain_text("✗")
+        await expect(panel).to_have_attribute("data-state", "unreachable")
+        for words in ("nothing is heard of it", "Look at its cable"):
+            await expect(panel).to_contain_text(words)
+        await hold_to_rules(page, "a device that is wrong")
