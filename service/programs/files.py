@@ -5,7 +5,6 @@ A source is never written. What cannot be used is refused by name with the cure;
 
 import errno
 import os
-import secrets
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +19,7 @@ from drivers.program_registry import SUFFIXES, brand_of
 from drivers.programs.across import Across
 from drivers.programs.brands import Telling
 from drivers.programs.errors import ProgramFileError
+from service.programs.drafts import draft_beside, remove_left_behind
 
 LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
 _WRITERS = 8
@@ -148,6 +148,7 @@ class NewPlace:
         self._made: set[Path] = set()  # folders that are there
         if folder.exists() and not folder.is_dir():
             raise FilesError(f"{folder} is a file.", remedy="Give --out a folder.")
+        remove_left_behind(folder)
 
     def path_of(self, source: Source) -> Path:
         """Return where a program goes.
@@ -221,9 +222,7 @@ def whole_file(path: Path, *, replace: bool) -> Iterator[IO[bytes]]:
     OSError
         It cannot be written, or (FileExistsError) is there already.
     """
-    draft = (
-        f"{path.parent}{os.sep}.cellcal-{secrets.token_hex(8)}"  # a line has thousands: no objects for paths
-    )
+    draft = draft_beside(path)
     try:
         with open(draft, "xb") as file:  # noqa: PTH123
             yield file
