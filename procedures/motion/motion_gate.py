@@ -266,6 +266,23 @@ async def _approved(
         f"{deltas} at up to {math.degrees(speed_rad_s):.1f} deg/s. Look at its way. May it move?"
     )
     await ask(cell, Instruction("approve_move", text))
+    await _as_asked(cell, here_rad)
+
+
+async def _as_asked(cell: Cell, here_rad: Joints | None) -> None:
+    """Look again: an answer may take minutes, and the way was checked from where the arm stood before."""
+    if here_rad is None:
+        await _ready(cell, Readiness.READY, Readiness.POSITION_LOST)
+        return
+    now = await _ready(cell, Readiness.READY)
+    if (
+        max(abs(a - b) for a, b in zip(now.joints_rad, here_rad, strict=True))
+        > cell.limits.joint_tolerance_rad
+    ):
+        raise MotionRefusedError(
+            "the robot was moved while a person was asked whether it may move",
+            remedy="Nothing was commanded. Resume: the way is then checked from where the robot stands.",
+        )
 
 
 def _turns(here_rad: Joints, there_rad: Joints) -> str:
