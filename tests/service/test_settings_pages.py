@@ -115,6 +115,18 @@ async def test_settings_that_are_refused_are_named_with_their_bounds(looking: Lo
         looking.complaints.clear()  # the browser tells of a refusal, too
 
 
+async def test_a_run_that_settings_did_not_let_begin_names_them_as_the_form_does(looking: Looking) -> None:
+    async with looking.page("#/procedure/six_point_tcp", locale="es") as page:
+        await page.get_by_test_id("start").click()
+        reason = page.get_by_test_id("reason")
+        await expect(reason).to_contain_text("número de herramienta")
+        outcome = page.get_by_test_id("outcome")
+        await expect(outcome).not_to_contain_text("tool_number")
+        await expect(outcome).not_to_contain_text("cellcal")  # nobody at a tablet has a command line
+        await page.get_by_test_id("dismiss").click()
+        await expect(outcome).to_have_count(0)
+
+
 async def test_a_procedure_that_is_not_there_is_no_dead_end(looking: Looking) -> None:
     async with looking.page("#/procedure/none") as page:
         await page.get_by_test_id("no-procedure").wait_for()
