@@ -50,12 +50,10 @@ def run(  # noqa: PLR0913  a command's options are its arguments
     from service.cli.outlook import tell_dry_run
     from service.configuration.cell_file import read_cell_file
     from service.runs.outline import refuse_class_out_of_reach
-    from service.runs.specs import build_spec
 
     config, settings = read_cell_file(cell), _settings(setting)
     if dry_run:
         return tell_dry_run(config, procedure, robot, settings, as_json=as_json)
-    build_spec(config, config.robot(robot).name, procedure, settings)  # what is misspelt reaches no device
     refuse_class_out_of_reach(config, procedure, settings, robot)
     outcome = asyncio.run(run_live(config, procedure, robot, settings, answers))
     return tell(outcome, config, as_json=as_json)
@@ -219,6 +217,8 @@ def _settings(pairs: tuple[str, ...]) -> dict[str, Any]:
             raise CellError(
                 f"--set {pair!r} is not KEY=VALUE", remedy="For example --set tool_number=2.", code="usage"
             )
+        if key in settings:
+            raise CellError(f"--set {key} is given twice", remedy="Give each setting once.", code="usage")
         try:
             settings[key] = json.loads(text, parse_constant=_refuse_constant)
         except json.JSONDecodeError:
@@ -286,15 +286,22 @@ def _operator(answers: Path | None) -> Any:
     return ScriptedOperator(_read_answers(answers))
 
 
+_MOST_ANSWERS = 1 << 20  # bytes
+
+
 def _read_answers(path: Path) -> dict[str, str]:
     import json
 
     from calibration.errors import CellError
 
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        with path.open("rb") as file:
+            raw = file.read(_MOST_ANSWERS + 1)
+        if len(raw) > _MOST_ANSWERS:
+            raise ValueError(f"it is larger than {_MOST_ANSWERS >> 20} MB, as no answers are")
+        found = json.loads(raw.decode("utf-8"))
     except ValueError as error:  # also what is no text
-        found, why = None, f"is not JSON: {error}"
+        found, why = None, f"holds no answers: {error}"
     else:
         why = 'is not one object of texts, {"instruction key": "yes"}'
     if isinstance(found, dict) and all(isinstance(answer, str) for answer in found.values()):

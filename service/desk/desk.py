@@ -54,6 +54,7 @@ from service.parameters.simulated_cells import refuse_paths
 from service.runs.cell import open_cell, open_journal
 from service.runs.conduct import Conditions, Outcome
 from service.runs.execute import go_on_with, start_on
+from service.runs.specs import build_spec
 from service.runs.store import Store
 
 _log = logging.getLogger(__name__)
@@ -326,7 +327,8 @@ class Desk:
 
     async def _outcome(self, cell: Cell, order: Start | Resume, how: Conditions) -> Outcome:
         if isinstance(order, Start):
-            outcome = await start_on(self._config, cell, order.procedure, order.settings, how)
+            spec = build_spec(self._config, cell.robot.name, order.procedure, order.settings)
+            outcome = await start_on(self._config, cell, order.procedure, spec, how)
         else:
             outcome = await go_on_with(self._config, cell, order.run_id, how, redo_from=order.redo_from)
         self._under_way.forget()

@@ -29,8 +29,10 @@ class Where:
 
 async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outcome:
     """Run a procedure from its beginning."""
+    # what is misspelt reaches no device
+    spec = build_spec(where.config, where.config.robot(where.robot).name, procedure, settings)
     async with open_cell(where.config, where.operator, where.robot) as cell:
-        return await start_on(where.config, cell, procedure, settings, Conditions(where.on_event))
+        return await start_on(where.config, cell, procedure, spec, Conditions(where.on_event))
 
 
 async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outcome:
@@ -45,12 +47,9 @@ async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outc
         return await go_on_with(where.config, cell, run_id, Conditions(where.on_event), redo_from=redo_from)
 
 
-async def start_on(
-    config: CellConfig, cell: Cell, procedure: str, settings: dict[str, Any], how: Conditions
-) -> Outcome:
-    """Run a procedure on a cell that is connected already."""
+async def start_on(config: CellConfig, cell: Cell, procedure: str, spec: Any, how: Conditions) -> Outcome:
+    """Run a procedure with its spec (`build_spec`) on a cell that is connected already."""
     with open_journal(config) as journal:
-        spec = build_spec(config, cell.robot.name, procedure, settings)
         lent = await lend_record(cell, journal)
         outcome = await run_procedure(lent, procedure, spec, journal, how=how)
         await _remember(config, cell, outcome)

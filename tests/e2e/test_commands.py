@@ -57,6 +57,12 @@ def test_the_version_is_the_packages() -> None:
         (("models", "ur99"), "ur"),
         (("run", "drift_chek", "--cell", _REAL_CELL), "Did you mean drift_check"),  # and reaches no device
         (("run", "drift_check", "--cell", _REAL_CELL, "--set", "nope=1"), "no setting nope"),
+        (
+            ("run", "drift_check", "--cell", _REAL_CELL, "-s", "poses=5", "-s", "poses=6"),
+            "poses is given twice",
+        ),
+        (("run", "drift_check", "--cell", _REAL_CELL, "--answers", "/dev/zero"), "larger than 1 MB"),
+        (("run", "drift_check", "--cell", _REAL_CELL, "--answers", "/no/answers.json"), "/no/answers.json"),
     ],
 )
 def test_a_wrong_word_is_a_sentence_and_no_trace(words: tuple[str, ...], says: str) -> None:
