@@ -1,12 +1,36 @@
 """What a browser is told when something was refused or not understood."""
 
+from typing import Any
+
 from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from pydantic import BaseModel
 
 from calibration.errors import CellError
 from service.people.errors import PeopleError
 from service.web.link import DeskGoneError
+
+
+class Refused(BaseModel):
+    """Why a request was refused or not understood, and what to do about it."""
+
+    code: str
+    message: str
+    remedy: str
+
+
+class RefusedOrder(Refused):
+    """The same of an order; where the page was behind, with the session as it is."""
+
+    session: dict[str, Any] | None = None
+
+
+# what every route may answer; those whose answer is no JSON name its kind in `responses`, or this would have it too
+REFUSALS: dict[int | str, dict[str, Any]] = {
+    422: {"model": Refused, "description": "not understood, or not possible, and what to do"},
+    "default": {"model": Refused, "description": "refused, and what to do"},
+}
 
 
 def told(_: Request, error: Exception) -> JSONResponse:

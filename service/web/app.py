@@ -30,7 +30,7 @@ from service.web import (
     screen,
     sign_in,
 )
-from service.web.answers import not_understood, told
+from service.web.answers import REFUSALS, not_understood, told
 from service.web.guard import Guard
 from service.web.link import DeskLink
 from service.web.pages import add_pages, page_paths
@@ -99,7 +99,7 @@ def create_app(settings: Settings) -> FastAPI:
             task.cancel()
         await asyncio.gather(*keeping, return_exceptions=True)
 
-    app = FastAPI(title="cellcal", lifespan=lifespan, docs_url=None, redoc_url=None)
+    app = FastAPI(title="cellcal", lifespan=lifespan, docs_url=None, redoc_url=None, responses=REFUSALS)
     app.state.house, app.state.meter = house, outlets.meter
     app.add_exception_handler(CellError, told)
     app.add_exception_handler(RequestValidationError, not_understood)

@@ -75,7 +75,11 @@ async def certificate_pdf(run_id: str, request: Request, who: Who, language: Loc
     return Response(content, media_type="application/pdf", headers=headers)
 
 
-@router.get("/runs/{run_id}/certificate.html", response_class=HTMLResponse)
+@router.get(
+    "/runs/{run_id}/certificate.html",
+    response_class=Response,
+    responses={200: {"content": {"text/html": {}}, "description": "one page that prints on A4"}},
+)
 async def certificate_html(run_id: str, request: Request, who: Who, language: Locale = "en") -> HTMLResponse:
     """Return the certificate of a run, or the record of its refusal, as one page that prints on A4."""
     from service.certificates.html import POLICY  # noqa: PLC0415  not while the service starts
@@ -87,7 +91,11 @@ async def certificate_html(run_id: str, request: Request, who: Who, language: Lo
     return HTMLResponse(content, headers={"content-security-policy": policy})
 
 
-@router.get("/runs/{run_id}/certificate.txt", response_class=FileResponse)
+@router.get(
+    "/runs/{run_id}/certificate.txt",
+    response_class=FileResponse,
+    responses={200: {"content": {"text/plain": {}}, "description": "the certificate in words"}},
+)
 async def certificate_text(run_id: str, request: Request, who: Who) -> FileResponse:
     """Return the certificate of a run, or the record of its refusal, as plain text."""
     del who

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, StringConstraints
 from service.desk.messages import Name, Order
 from service.people.naming import LONGEST_NAME, LONGEST_SECRET
 from service.people.permits import StaleViewError
+from service.web.answers import RefusedOrder
 from service.web.control import permitted, told
 from service.web.door import Who, house_of, token_of
 
@@ -49,7 +50,12 @@ class Seconded(BaseModel):
 @router.post(
     "/commands",
     response_model=Obeyed,
-    responses={409: {"description": "the page was out of date, or the order is not possible just now"}},
+    responses={
+        409: {
+            "model": RefusedOrder,
+            "description": "the page was out of date, or the order is not possible just now",
+        }
+    },
 )
 async def command(pressed: Pressed, request: Request, who: Who) -> Any:
     """Do what a person asks for; the same id sent again is done once. 409 carries the present session."""
@@ -64,7 +70,12 @@ async def command(pressed: Pressed, request: Request, who: Who) -> Any:
 @router.post(
     "/commands/second",
     response_model=Obeyed,
-    responses={409: {"description": "no first approval waits for this one, or the page was out of date"}},
+    responses={
+        409: {
+            "model": RefusedOrder,
+            "description": "no first approval waits for this one, or the page was out of date",
+        }
+    },
 )
 async def second(given: Seconded, request: Request, who: Who) -> Any:
     """Take the second approval of what writes, at the first person's screen: both names go to the desk."""

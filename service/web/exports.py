@@ -11,8 +11,9 @@ from service.web.door import Who, house_of
 router = APIRouter(prefix="/exports")
 Form = Literal["csv", "xlsx"]
 Named = Annotated[str, Path(min_length=1, max_length=128)]
+_XLSX = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
 _FILE: dict[int | str, dict[str, Any]] = {
-    200: {"content": {"text/csv": {}}, "description": "CSV (UTF-8 with a mark) or XLSX"}
+    200: {"content": {"text/csv": {}, _XLSX: {}}, "description": "CSV (UTF-8 with a mark) or XLSX"}
 }
 
 

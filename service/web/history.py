@@ -33,7 +33,13 @@ async def run(run_id: str, request: Request, who: Who) -> dict[str, Any]:
     return await asyncio.to_thread(_run, house_of(request).config, run_id)
 
 
-@router.get("/runs/{run_id}/certificate.json", response_class=FileResponse)
+@router.get(
+    "/runs/{run_id}/certificate.json",
+    response_class=FileResponse,
+    responses={
+        200: {"content": {"application/json": {}}, "description": "the signed document, as it was signed"}
+    },
+)
 async def certificate(run_id: str, request: Request, who: Who) -> FileResponse:
     """Return the signed certificate of a run, or the record of its refusal."""
     del who

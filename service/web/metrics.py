@@ -3,6 +3,7 @@
 import asyncio
 import hmac
 from pathlib import Path
+from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import PlainTextResponse, Response
@@ -14,9 +15,14 @@ from service.web.guard import is_loopback
 router = APIRouter()
 PATH = "/metrics"
 SHORTEST_TOKEN = 24
+_TEXTS: dict[int | str, dict[str, Any]] = {
+    200: {"content": {"text/plain": {}}, "description": "Prometheus' text format 0.0.4"},
+    401: {"content": {"text/plain": {}}, "description": "the token is missing or wrong"},
+    403: {"content": {"text/plain": {}}, "description": "only programs on this computer may read it"},
+}
 
 
-@router.get(PATH, response_class=PlainTextResponse)
+@router.get(PATH, response_class=Response, responses=_TEXTS)
 async def metrics(request: Request) -> Response:
     """Return the cell's figures in Prometheus' text format 0.0.4."""
     table = house_of(request).config.reports.metrics

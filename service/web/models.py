@@ -89,15 +89,16 @@ class CellSeen:
     remarks: tuple[str, ...]  # what of the shapes was assumed
 
 
-class _Description(Response):
-    media_type = "application/xml"
-
-
-@router.get("/models/{robot}.urdf", response_class=_Description)
-async def description(robot: RobotName, request: Request, who: Who) -> _Description:
+@router.get(
+    "/models/{robot}.urdf",
+    response_class=Response,
+    responses={200: {"content": {"application/xml": {}}, "description": "URDF"}},
+)
+async def description(robot: RobotName, request: Request, who: Who) -> Response:
     """Return a robot of this cell as a URDF of cylinders and balls; links ``base``, ``link_1`` …, ``flange``."""
     del who
-    return _Description(await asyncio.to_thread(primitive_urdf, house_of(request).config, robot))
+    told = await asyncio.to_thread(primitive_urdf, house_of(request).config, robot)
+    return Response(told, media_type="application/xml")
 
 
 @router.get("/models/{robot}.json")

@@ -11,6 +11,7 @@ from service.configuration.cell_file import CellConfig
 from service.measured.carried import content_of
 from service.people.errors import NotAllowedError, PinAgainError
 from service.people.roles import Right
+from service.web.answers import Refused
 from service.web.door import Who, house_of
 from service.web.worker import open_journal
 
@@ -48,7 +49,10 @@ async def pictures(run_id: str, request: Request, who: Who) -> list[Kept]:
     return await asyncio.to_thread(_pictures, house_of(request).config, run_id)
 
 
-@router.post("/runs/{run_id}/pictures", responses={403: {"description": "the role does not include it"}})
+@router.post(
+    "/runs/{run_id}/pictures",
+    responses={403: {"model": Refused, "description": "the role does not include it"}},
+)
 async def take(run_id: str, taken: Taken, request: Request, who: Who) -> Kept:
     """Keep a photo with a run that is under way."""
     from service.runs.pictures import keep_picture  # noqa: PLC0415  not while the service starts

@@ -18,6 +18,7 @@ from service.parameters.parameter_sets import ParameterSets
 from service.people.entrance import Person
 from service.people.errors import NotAllowedError, PinAgainError
 from service.people.roles import Right
+from service.web.answers import Refused
 from service.web.door import Who, house_of
 from service.web.overlays import frames_of
 from service.web.parameters import FOLDER
@@ -28,7 +29,7 @@ from service.web.programs_shapes import Bench, Here, KeptProject, MadeJob, Point
 JobId = Annotated[str, Path(max_length=32, pattern=r"^[0-9a-z]+$")]
 _ARCHIVE: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/zip": {}}, "description": "the new programs and their reports"},
-    403: {"description": "the role does not include it"},
+    403: {"model": Refused, "description": "the role does not include it"},
 }
 
 
@@ -60,7 +61,11 @@ async def bench(request: Request, who: Who) -> Bench:
     return Bench(robots=robots, projects=projects, jobs=jobs_of(request).newest_first())
 
 
-@router.post("/jobs", status_code=202, responses={403: {"description": "the role does not include it"}})
+@router.post(
+    "/jobs",
+    status_code=202,
+    responses={403: {"model": Refused, "description": "the role does not include it"}},
+)
 async def begin(wanted: Wanted, request: Request, who: Who) -> ProgramsJob:
     """Begin to make programs; `/jobs/{id}` tells how far it is, and shows what came of it."""
     _may_make(who)
@@ -76,7 +81,9 @@ async def job(job_id: JobId, request: Request, who: Who) -> MadeJob:
     return MadeJob(**work.told().model_dump(), preview=preview)
 
 
-@router.post("/jobs/{job_id}/stop", responses={403: {"description": "the role does not include it"}})
+@router.post(
+    "/jobs/{job_id}/stop", responses={403: {"model": Refused, "description": "the role does not include it"}}
+)
 async def stop(job_id: JobId, request: Request, who: Who) -> ProgramsJob:
     """Stop a job that is not done yet."""
     _may_make(who)

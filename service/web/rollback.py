@@ -17,6 +17,7 @@ from calibration.errors import CellError
 from service.desk.messages import AnswerIt, Name
 from service.parameters.parameter_sets import ParameterSets
 from service.people.errors import PeopleError
+from service.web.answers import Refused
 from service.web.control import permitted
 from service.web.door import Who, house_of
 from service.web.parameters import FOLDER, Head, Version
@@ -68,9 +69,9 @@ async def displaced(
 @router.post(
     "/parameters/{robot_serial}/rollback",
     responses={
-        401: {"description": "the PIN is wanted first"},
-        403: {"description": "the role does not include it"},
-        409: {"description": "a newer version, or the first of two approvals"},
+        401: {"model": Refused, "description": "the PIN is wanted first"},
+        403: {"model": Refused, "description": "the role does not include it"},
+        409: {"model": Refused, "description": "a newer version, or the first of two approvals"},
     },
 )
 async def go_back(robot_serial: str, wanted: GoBack, request: Request, who: Who) -> Head:

@@ -6,7 +6,7 @@ gives name and PIN. ``POST /api/sign-in/confirm`` is the PIN again: after idling
 """
 
 import asyncio
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, RedirectResponse, Response
@@ -54,7 +54,34 @@ class PinAgain(_Given):
     secret: Secret
 
 
-@router.get("/sign-in", response_model=dict[str, Any])
+class Somebody(BaseModel):
+    """Who is signed in; ``alone``: nobody was set up yet, the console is the technician."""
+
+    name: str
+    role: str
+    locked: bool
+    alone: bool
+    rights: list[str]
+
+
+class Standing(BaseModel):
+    """What is wanted next, and who asks."""
+
+    wanted: Literal["device", "person", "pin", "nothing"]
+    person: Somebody | None
+
+
+class Done(BaseModel):
+    """It is done."""
+
+    ok: Literal[True]
+
+
+class StandingNow(Done, Standing):
+    """It is done, and this is wanted next."""
+
+
+@router.get("/sign-in", response_model=Standing)
 async def state(request: Request) -> Any:
     """Return what is wanted next: a device's proof, a person, the PIN again, or nothing."""
     told_now = standing(request)
@@ -89,7 +116,7 @@ async def challenge(request: Request) -> dict[str, str]:
     return {"challenge": house_of(request).entrance.challenge()}
 
 
-@router.post("/sign-in/device")
+@router.post("/sign-in/device", response_model=StandingNow)
 async def device(given: Proof, request: Request) -> Response:
     """Open a session for an enrolled device, which may look on and ask for a stop; say what is wanted next."""
     origin = f"{request.url.scheme}://{request.headers['host']}"
@@ -97,7 +124,7 @@ async def device(given: Proof, request: Request) -> Response:
     return _with_session(JSONResponse({"ok": True, **standing_with(request, session)}), request, session)
 
 
-@router.post("/sign-in/person")
+@router.post("/sign-in/person", response_model=Done)
 async def person(given: NameAndPin, request: Request) -> Response:
     """Let a person in on this device."""
     entrance, old = house_of(request).entrance, token_of(request)
@@ -114,7 +141,7 @@ async def confirm(given: PinAgain, request: Request) -> dict[str, bool]:
     return {"ok": True}
 
 
-@router.post("/sign-in/leave")
+@router.post("/sign-in/leave", response_model=Done)
 async def leave(request: Request) -> Response:
     """Sign the person out; the device goes on looking on, and the run goes on."""
     seat = _seat(request)

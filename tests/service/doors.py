@@ -20,6 +20,7 @@ from service.people.entrance import Entrance
 from service.people.hashing import Hasher, pepper_of
 from service.people.roles import Role
 from service.web.app import Settings, create_app
+from tests.service.described import Described
 
 ORIGIN = "http://127.0.0.1"
 PINS = {
@@ -138,8 +139,10 @@ async def a_door(folder: Path, *, people: bool = True, **settings: Any) -> Async
 
 
 def another_browser(app: FastAPI, origin: str = ORIGIN, address: str = "127.0.0.1") -> httpx.AsyncClient:
+    """Return a client to whom every answer must be as the service describes it."""
     transport = httpx.ASGITransport(app, raise_app_exceptions=False, client=(address, 50_000))
-    return httpx.AsyncClient(transport=transport, base_url=origin)
+    hooks = {"response": [Described(app).check]}
+    return httpx.AsyncClient(transport=transport, base_url=origin, event_hooks=hooks)
 
 
 def url64(raw: bytes) -> str:

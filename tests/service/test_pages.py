@@ -35,6 +35,7 @@ from tests.service.browsers import (
     served,
     speaks,
 )
+from tests.service.described import Described
 from tests.service.desks import a_cell
 
 VIEWPORTS = ((1280, 800), (1024, 768), (800, 1280))
@@ -127,6 +128,7 @@ async def looking_at(app: FastAPI) -> AsyncIterator[Looking]:
     """Serve an app and open a browser at it, until its cell is connected."""
     async with served(app) as url, chromium() as browser:
         looks = Looking(browser, url)
+        looks.client.event_hooks = {"response": [Described(app).check]}
         async with looks.client:
             await looks.until(lambda session: session["connection"]["connected"])
             yield looks
