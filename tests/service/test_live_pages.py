@@ -4,6 +4,7 @@ import re
 from collections.abc import AsyncIterator
 from typing import Any
 
+import numpy as np
 import pytest
 import pytest_asyncio
 from playwright.async_api import expect
@@ -99,3 +100,20 @@ async def test_the_panel_says_of_each_device_what_it_is_and_what_is_wrong(lookin
         for words in ("nothing is heard of it", "Look at its cable"):
             await expect(panel).to_contain_text(words)
         await hold_to_rules(page, "a device that is wrong")
+
+
+async def test_the_picture_has_the_joints_that_the_service_tells(looking: Looking) -> None:
+    """U3: joint by joint, to a thousandth of a radian."""
+    told: list[list[float]] = []
+
+    def listen(live: dict[str, Any]) -> None:
+        told.extend(d["value"]["joints_rad"] for d in live["devices"] if d["role"] == "robot" and d["value"])
+
+    async with looking.page() as page:
+        await feed(page, None, listen)
+        await page.reload()
+        await comes(
+            lambda: page.evaluate("window.__robot?.joints_rad ?? null"),
+            lambda seen: seen and told and np.allclose(seen, told[-1], rtol=0.0, atol=1e-3),
+        )
+        assert np.abs(told[-1]).max() > 0.01  # not the posture in which every arm is drawn first
