@@ -112,6 +112,15 @@ class DriftResult:
     sigma_m: float
     recommended: str
 
+    @property
+    def saving(self) -> str:
+        """What stopping as soon as it was decided saved, in words."""
+        taken, every = len(self.measured), len(self.reference.poses_rad)
+        if taken >= every:
+            return f"no saving: all {every} poses of the reference were needed"
+        share = 1.0 - taken / every
+        return f"{taken} poses; a fixed plan goes to all {every} of the reference: {share:.0%} saved"
+
 
 async def drift_check(run: Run, spec: DriftCheck) -> DriftResult:
     """Compare the robot with its reference; where there is none, take it."""
@@ -296,7 +305,12 @@ def _verdict(spec: DriftCheck, result: DriftResult) -> Verdict:
     if result.look is None:
         repeats = held("both rounds agree", True, "no pose differs by more than six deviations of the device")
         sigma = stated("deviation of a reference reading", result.sigma_m, "m")
-        return Verdict((repeats, sigma), limits_from="fixed limits of the procedure", not_verified=told)
+        return Verdict(
+            (repeats, sigma),
+            limits_from="fixed limits of the procedure",
+            not_verified=told,
+            remarks=(result.saving,),
+        )
     finding, share = result.look.finding, spec.rules.probability
     change = judged(
         "largest change of a reading", finding.change_max_m, "m", u=result.sigma_m, limit=spec.limit_m
@@ -313,7 +327,7 @@ def _verdict(spec: DriftCheck, result: DriftResult) -> Verdict:
         tuple(figures),
         limits_from="limits of the settings",
         not_verified=told,
-        remarks=(f"Next: {result.recommended}.", _suspects_told(finding)),
+        remarks=(f"Next: {result.recommended}.", _suspects_told(finding), result.saving),
     )
 
 

@@ -101,7 +101,11 @@ async def test_a_robot_to_which_nothing_happened_passes_after_four_poses(method:
     assert len(result.measured) == 4
     assert result.recommended.startswith("nothing")
     assert ENTRY.verdict is not None
-    assert ENTRY.verdict(DriftCheck(method), result).word == "pass"
+    verdict = ENTRY.verdict(DriftCheck(method), result)
+    assert verdict.word == "pass"
+    every = len(result.reference.poses_rad)
+    assert every > 4
+    assert f"4 poses; a fixed plan goes to all {every} of the reference" in verdict.remarks[-1]
     assert ENTRY.keeps(DriftCheck(method), result) is None
 
 
@@ -115,7 +119,9 @@ async def test_a_cause_that_is_not_sure_gets_another_pose_and_else_is_left_open(
     assert {one.name for one in result.look.finding.suspects[:3]} >= {"J6", "tool"}
     assert "J6" in result.recommended
     assert ENTRY.verdict is not None
-    assert ENTRY.verdict(made.spec, result).word in ("fail", "undecided")
+    verdict = ENTRY.verdict(made.spec, result)
+    assert verdict.word in ("fail", "undecided")
+    assert verdict.remarks[-1] == "no saving: all 6 poses of the reference were needed"
 
 
 async def test_a_knocked_tool_fails_and_says_what_to_run_next() -> None:
