@@ -58,6 +58,7 @@ async def _obey(desk: Desk, line: bytes, write: Callable[[dict[str, Any]], None]
             "ok": False,
             "code": "desk.not_understood",
             "message": f"The order is not understood: {error}",
+            "remedy": "Load the page again.",
         }
     number = asked.get("number") if isinstance(asked, dict) else None
     write({"number": number, "reply": reply})

@@ -197,7 +197,7 @@ class Desk:
         if command.id not in self._replies:
             if command.rev != self.rev and not isinstance(command.order, UNGUARDED):
                 stale = {"ok": False, "code": "desk.stale", "message": "The page was out of date."}
-                return {**stale, "session": self.session()}
+                return {**stale, "remedy": "Look at the present step.", "session": self.session()}
             self._replies[command.id] = asyncio.create_task(self._obeyed(command))
             while len(self._replies) > _REPLIES_KEPT:
                 self._replies.popitem(last=False)
