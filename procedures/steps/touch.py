@@ -213,12 +213,13 @@ async def _feel(cell: Cell, label: str, line: ProbeLine, approach: Approach, spe
 async def _retreat(cell: Cell, label: str, line: ProbeLine, approach: Approach, found: Touch) -> None:
     """Move back along the line, and see the contact open."""
     probe, _ = probe_of(cell)
-    target = line.joints_at(max(line.distance_of(found.joints_rad) - approach.retreat_m, 0.0))
+    clear_m = approach.retreat_m + math.sqrt(3) * found.sigma_m  # where it touched is known no better
+    target = line.joints_at(max(line.distance_of(found.joints_rad) - clear_m, 0.0))
     speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
     await motion_gate.move_along(cell, [target], speed, care=Care.TOUCHING)
     if not await _becomes(probe, closed=False):
         raise StuckContactError(
-            f"{label}: the contact stays closed {approach.retreat_m * 1e3:.1f} mm away from the surface",
+            f"{label}: the contact stays closed {clear_m * 1e3:.1f} mm away from the surface",
             remedy="Move the tip clear by hand; clean the probe or check its cable. Then resume.",
         )
 

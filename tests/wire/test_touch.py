@@ -133,7 +133,7 @@ async def test_one_scene_after_the_other_each_fault_is_told_and_the_arm_stands(t
         assert setup is not None
         line = probe_line(made.model, setup.tip_in_flange_m, wide.start_rad, wide.end_rad)
         near = line.distance_of(found.joints_rad)
-        short = replace(wide, start_rad=line.joints_at(near - 0.001), end_rad=line.joints_at(near + 0.001))
+        short = replace(wide, start_rad=line.joints_at(near - 0.0015), end_rad=line.joints_at(near + 0.0015))
         await _never_touches(made, short)
         await _loses_contact(made, short)
         await _sticks(made, short)
