@@ -37,7 +37,7 @@ from procedures.recovery.recovery_result import (
     tooth_flanks,
 )
 from procedures.recovery.recovery_spec import MasteringRecoverySpec, refuse_other_gears, refuse_unknown_axes
-from procedures.recovery.recovery_verdict import verdict_on_recovery
+from procedures.recovery.recovery_verdict import saving, verdict_on_recovery
 from procedures.recovery.saved_counts import confirm_newest, saved_counts_page
 from procedures.recovery.waking import wake_encoders
 from procedures.run import Run
@@ -223,7 +223,8 @@ def _keeps(spec: MasteringRecoverySpec, result: RecoveryResult) -> Keepsake | No
 
 
 def _verdict(spec: MasteringRecoverySpec, result: RecoveryResult) -> Verdict:
-    return verdict_on_recovery(spec.accuracy_class, spec.limits, result)
+    verdict = verdict_on_recovery(spec.accuracy_class, spec.limits, result)
+    return replace(verdict, remarks=(*verdict.remarks, saving(spec, result)))
 
 
 def _forecast(spec: MasteringRecoverySpec, known: Knowledge) -> Forecast:

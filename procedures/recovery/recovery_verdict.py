@@ -3,6 +3,7 @@
 from calibration.mastering.flank_check import FlankCheck
 from procedures.limits import MASTERING, AccuracyClass, MasteringLimits, chosen, told
 from procedures.recovery.recovery_result import JointRecovery, RecoveryResult
+from procedures.recovery.recovery_spec import MasteringRecoverySpec
 from procedures.verdict import Change, Characteristic, SetAside, Verdict, enough, held, known_within, stated
 
 RE_VERIFY = (
@@ -43,6 +44,22 @@ def verdict_on_recovery(
             SetAside(step, "did not fit the others; measured again") for step in result.set_aside
         ),
         to_sign=(RE_VERIFY,),
+    )
+
+
+def saving(spec: MasteringRecoverySpec, result: RecoveryResult) -> str:
+    """Say what stopping at the gate saved; a plan fixed beforehand would have to be as long as is allowed."""
+    by_places = result.record is not None and result.record.wire is None
+    if spec.evidence == "places" or by_places:
+        return "no saving: every place of the kit was visited, to fit or to check"
+    taken, checked = result.captures, result.check_captures
+    most, most_checks = spec.max_captures, spec.max_check_captures
+    share = 1.0 - (taken + checked) / (most + most_checks)
+    if share <= 0.0:
+        return f"no saving: {taken} captures and {checked} checks, as many as the settings allow"
+    return (
+        f"{taken} captures and {checked} checks; a fixed plan takes the most that the settings allow, "
+        f"{most} and {most_checks}: {share:.0%} saved"
     )
 
 

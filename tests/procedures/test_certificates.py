@@ -14,7 +14,8 @@ from procedures.catalogue import CATALOGUE, ENTRIES
 from procedures.cell import HeldCertificate
 from procedures.forecast import Knowledge
 from procedures.limits import FrameLimits
-from procedures.recovery.recovery_verdict import verdict_on_recovery
+from procedures.recovery.recovery_spec import MasteringRecoverySpec
+from procedures.recovery.recovery_verdict import saving, verdict_on_recovery
 from service.certificates.certificate import NO_TRACEABILITY, SAFETY, CertificateError, content_of, issue
 from service.certificates.signing import Finding, check
 from service.configuration.cell_file import CellConfig, GaugeCertificate
@@ -137,6 +138,15 @@ async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_pa
     text = issue(config, "last").text_path.read_text()
     assert "Signature ____" in text
     assert "this is no calibration" in text
+    taken, checked = outcome.result.captures, outcome.result.check_captures
+    assert taken + checked < 38  # 30 and 8 are what the settings allow
+    (saved,) = [words for words in content["verdict"]["remarks"] if "saved" in words]
+    assert saved.startswith(f"{taken} captures and {checked} checks; a fixed plan takes")
+    no_less = MasteringRecoverySpec(max_captures=taken, max_check_captures=checked)
+    assert saving(no_less, outcome.result).startswith("no saving: ")
+    assert saving(MasteringRecoverySpec(evidence="places"), outcome.result).startswith(
+        "no saving: every place"
+    )
     before = {change["name"]: change["before"] for change in content["verdict"]["changes"]}
     assert before["J1: counts at zero"] == made.arm.true_zero[0] - 0  # as it was mastered
     large = [point for point in content["points"] if "value_sha256" in point]
