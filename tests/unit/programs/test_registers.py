@@ -69,7 +69,9 @@ def test_places_move_with_the_work_and_nothing_else_in_the_file_changes(tmp_path
     shift = homogeneous(np.eye(3), np.array([0.012, 0.0, -0.0035]))
     found = Registers(programs, cell)
 
-    assert found.carried(moving(cell, shift, BRAND.configurations), cell).result.left  # a register in joint angles
+    assert found.carried(
+        moving(cell, shift, BRAND.configurations), cell
+    ).result.left  # a register in joint angles
     carried = found.carried(moving(cell, shift, BRAND.configurations, joints="move"), cell)
 
     assert carried.result.ok, carried.result.left
