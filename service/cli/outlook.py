@@ -43,7 +43,10 @@ def procedures(
     rows = possible(None if cell is None else read_cell_file(cell), robot)
     if as_json:
         keys = ("name", "title", "version", "lacks")
-        print_json({"procedures": [{key: getattr(row, key) for key in keys} for row in rows]})
+        told = [{key: getattr(row, key) for key in keys} for row in rows]
+        for each, row in zip(told, rows, strict=True):
+            each["due"] = None if row.due is None else row.due.isoformat()
+        print_json({"procedures": told})
         return 0
     table = Table("procedure", "what it does", *(["this cell"] if cell else []))
     for row in rows:
@@ -51,7 +54,8 @@ def procedures(
         state = (
             [] if lacks is None else [f"lacks {escape('; '.join(lacks))}" if lacks else "[green]possible[/]"]
         )
-        table.add_row(row.name, row.title, *state)
+        due = [] if row.due is None else [f"due {row.due}"]
+        table.add_row(row.name, row.title, *(["; ".join([*state, *due])] if cell else []))
     Console().print(table)
     return 0
 

@@ -301,7 +301,7 @@ def _read_answers(path: Path) -> dict[str, str]:
             raise ValueError(f"it is larger than {_MOST_ANSWERS >> 20} MB, as no answers are")
         found = json.loads(raw.decode("utf-8"))
     except ValueError as error:  # also what is no text
-        found, why = None, f"holds no answers: {error}"
+        found, why = None, f"is not JSON that holds answers: {error}"
     else:
         why = 'is not one object of texts, {"instruction key": "yes"}'
     if isinstance(found, dict) and all(isinstance(answer, str) for answer in found.values()):

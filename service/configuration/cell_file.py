@@ -94,6 +94,7 @@ class WatchTable(_Table):
 
     period_s: float = Field(default=0.5, gt=0, le=60)
     recover_alone: bool = False  # only where an admin has decided so, and the robot's motion is "commanded"
+    drift_check_days: int | None = Field(default=None, ge=1, le=3650)  # from one drift check to the next
     cell_closed: bool = False  # an admin vouches that nobody can be in the cell while the watch runs
 
 

@@ -44,6 +44,7 @@ class Meter:
         self._counted = _Counted()
         self._ledger: Any = None
         self._reading = threading.Lock()
+        self._reminder: Any = None
 
     def heard(self, kind: str, content: dict[str, Any]) -> None:
         """Take what the desk said."""
@@ -148,11 +149,19 @@ class Meter:
 
     def _due(self) -> Iterator[Family]:
         due = Family(
-            "cellcal_due_timestamp_seconds", "gauge", "Until when a calibration holds: the end of that day."
+            "cellcal_due_timestamp_seconds",
+            "gauge",
+            "Until when a calibration holds, or when a drift check is due: the end of that day.",
         )
         for gauge in self._config.gauges:
             if gauge.setup.certificate is not None:
                 due.add(_end_of(gauge.setup.certificate.due), {"what": f"calibration of {gauge.device.name}"})
+        if self._reminder is None:
+            from service.site.drift_schedule import Reminder  # noqa: PLC0415  not while the service starts
+
+            self._reminder = Reminder(self._config)
+        for told in self._reminder.due(self._clock()):
+            due.add(_end_of(date.fromisoformat(told["due"])), {"what": told["what"]})
         yield due
 
     def _webhook(self) -> Iterator[Family]:

@@ -30,7 +30,7 @@ from service.configuration.report_tables import WebhookTable
 from service.export.webhook_outbox import OUTBOX_NAME, WebhookOutbox
 from service.export.webhook_target import Target, WebhookError, deliver, target_of
 from service.site.desk_tap import DeskTap
-from service.site.standing import due_dates
+from service.site.standing import DueDates
 from service.site.troubles import Troubles
 
 _LOG = logging.getLogger(__name__)
@@ -168,7 +168,7 @@ def webhook_of(config: CellConfig) -> WebhookTable:
 
 def _look(config: CellConfig, tap: DeskTap, outbox: WebhookOutbox, leave: threading.Event) -> None:
     now_s = time.monotonic()
-    troubles = Troubles(config, tap, due_dates(config), known=outbox.up(), now_s=now_s, awaits_desk=True)
+    troubles = Troubles(config, tap, DueDates(config), known=outbox.up(), now_s=now_s, awaits_desk=True)
     while not (leave.is_set() or tap.ended.is_set()):
         changes = troubles.look(time.monotonic())
         if changes:

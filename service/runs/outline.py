@@ -1,6 +1,7 @@
 """What a run would do and reach, from the cell file and the journal alone: no device is touched."""
 
 from dataclasses import dataclass
+from datetime import date
 from typing import Any
 
 from pydantic_core import to_jsonable_python
@@ -16,6 +17,7 @@ from service.quantities import quantity
 from service.runs.cell import journal_path, on_paper, open_journal
 from service.runs.specs import build_spec
 from service.runs.store import Store
+from service.site.drift_schedule import PROCEDURE, next_drift_checks
 from service.watching.watch import LastHealthyCounts
 
 
@@ -50,6 +52,7 @@ class Possible:
     title: str
     version: int
     lacks: tuple[str, ...] | None  # None where no cell was asked about
+    due: date | None = None  # when it should be run next
 
 
 def dry_run(config: CellConfig, procedure: str, settings: dict[str, Any], robot: str | None = None) -> DryRun:
@@ -81,9 +84,12 @@ def dry_run(config: CellConfig, procedure: str, settings: dict[str, Any], robot:
 
 def possible(config: CellConfig | None, robot: str | None = None) -> list[Possible]:
     """Return the whole catalogue, with what a cell lacks for each procedure."""
-    cell = None if config is None else remembered(config, robot)
+    if config is None:
+        return [Possible(entry.name, entry.title, entry.version, None) for entry in ENTRIES]
+    cell = remembered(config, robot)
+    due = {PROCEDURE: next_drift_checks(config).get(config.robot(robot).name)}
     return [
-        Possible(entry.name, entry.title, entry.version, None if cell is None else lacking(entry, cell))
+        Possible(entry.name, entry.title, entry.version, lacking(entry, cell), due.get(entry.name))
         for entry in ENTRIES
     ]
 

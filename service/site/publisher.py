@@ -32,7 +32,7 @@ from service.site.ledger import Ledger
 from service.site.link_files import CELL_FILE, read_link_folder, read_station
 from service.site.outbox import Outbox, Sent, ToSend
 from service.site.sealed import Sealer
-from service.site.standing import due_dates, state_of
+from service.site.standing import DueDates, state_of
 from service.site.station import Station
 from service.site.troubles import Troubles
 
@@ -53,7 +53,7 @@ class Parts:
     sealer: Sealer
     outbox: Outbox
     tap: DeskTap
-    due: list[dict[str, str]]
+    due: DueDates
 
 
 class Publisher:
@@ -132,7 +132,9 @@ class Publisher:
 
     def _tell_state(self, station: Station, now_s: float) -> None:
         parts = self._parts
-        body = state_of(parts.config, parts.tap.session(), self._ledger, self._troubles.up, parts.due)
+        body = state_of(
+            parts.config, parts.tap.session(), self._ledger, self._troubles.up, parts.due.at(now_s)
+        )
         if body == self._shown and now_s - self._state_at_s < STATE_EVERY_S:
             return
         self._shown, self._state_at_s = body, now_s
@@ -154,7 +156,7 @@ def publish(config: CellConfig, stream: BinaryIO | None, leave: threading.Event)
     with Outbox(config.cell.data_dir) as outbox:
         sealer = Sealer(station_key(config.cell.data_dir), who.cell, outbox.epoch)
         tap = DeskTap(stream)
-        parts = Parts(config, keys, sealer, outbox, tap, due_dates(config, link.certificate))
+        parts = Parts(config, keys, sealer, outbox, tap, DueDates(config, link.certificate))
         ledger = Ledger()
         publisher = Publisher(parts, ledger)
         answers = Answers(journal_path(config), outbox.path, config.cell.data_dir / CERTIFICATES, ledger)

@@ -8,6 +8,7 @@ from typing import Any
 from service.configuration.cell_file import CellConfig
 from service.site.alarms import Alarm
 from service.site.authority import valid_until
+from service.site.drift_schedule import Reminder
 from service.site.ledger import Ledger
 
 
@@ -22,6 +23,18 @@ def due_dates(config: CellConfig, link_certificate: Path | None = None) -> list[
         ends = valid_until(link_certificate).date()
         due.append({"what": "certificate on the bus", "due": ends.isoformat()})
     return sorted(due, key=lambda told: told["due"])
+
+
+class DueDates:
+    """What becomes due in a cell, drift checks too: these move on whenever one was run."""
+
+    def __init__(self, config: CellConfig, link_certificate: Path | None = None) -> None:
+        self._fixed = due_dates(config, link_certificate)
+        self._reminder = Reminder(config)
+
+    def at(self, now_s: float) -> list[dict[str, str]]:
+        """Return what and when, the first one first."""
+        return sorted([*self._fixed, *self._reminder.due(now_s)], key=lambda told: told["due"])
 
 
 def overdue(due: list[dict[str, str]], today: date) -> list[dict[str, str]]:

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from service.configuration.cell_file import CellConfig
 from service.site.alarms import Alarm, Alarms, wrong_in
 from service.site.desk_tap import DeskTap
-from service.site.standing import overdue
+from service.site.standing import DueDates, overdue
 
 DESK_COMES_S = 30.0
 _NOT_OF_DESK = ("due", "journal", "desk.silent")
@@ -16,7 +16,7 @@ class Troubles:
     """Looks again and again. ``known`` were up when somebody looked last; ``awaits_desk``: there must be one."""
 
     def __init__(
-        self, config: CellConfig, tap: DeskTap, due: list[dict[str, str]], *,
+        self, config: CellConfig, tap: DeskTap, due: DueDates, *,
         known: Iterable[Alarm] = (), now_s: float = 0.0, awaits_desk: bool = False,
     ) -> None:  # fmt: skip
         self._config, self._tap, self._due = config, tap, due
@@ -30,7 +30,7 @@ class Troubles:
 
     def look(self, now_s: float, journal_trouble: str = "") -> list[tuple[Alarm, bool]]:
         """Return what was raised (True) or cleared (False) since the last look."""
-        return self._alarms.look([*self._of_desk(now_s), *self._own(journal_trouble)], now_s)
+        return self._alarms.look([*self._of_desk(now_s), *self._own(now_s, journal_trouble)], now_s)
 
     def _of_desk(self, now_s: float) -> list[Alarm]:
         session = self._tap.session()
@@ -44,10 +44,10 @@ class Troubles:
         silent = Alarm("desk.silent", name, "nothing is heard of its desk", "Look at its service.")
         return [*told, silent]
 
-    def _own(self, journal_trouble: str) -> list[Alarm]:
+    def _own(self, now_s: float, journal_trouble: str) -> list[Alarm]:
         late = [
-            Alarm("due", told["what"], f"was due on {told['due']}", "Have it renewed.")
-            for told in overdue(self._due, datetime.now(UTC).date())
+            Alarm("due", told["what"], f"was due on {told['due']}", "Have it done.")
+            for told in overdue(self._due.at(now_s), datetime.now(UTC).date())
         ]
         broken = [Alarm("journal", self._config.cell.name, journal_trouble)] * bool(journal_trouble)
         return late + broken

@@ -54,14 +54,14 @@ RUN = {"id": "r", "procedure": "drift_check", "title": "", "state": "running", "
        "expected": 20, "verdict": None}  # fmt: skip
 # Alarm, its cure, whose calibration, a run, its step, a certificate, what is due, what is not believed.
 SAID = {
-    "de": ("von ihrem Dienst ist nichts zu hören", "Lassen Sie es erneuern.",
+    "de": ("von ihrem Dienst ist nichts zu hören", "Lassen Sie es durchführen.",
            "Kalibrierung von gauge_7: war fällig am", "Roboterkalibrierung", "Driftprüfung", "Messung 3",
            "Benutzerkoordinaten aus drei Punkten", "Zertifikat am Bus",
            "eine Nachricht hat nicht die Teile einer signierten"),
-    "es": ("no se sabe nada de su servicio", "Haga que lo renueven.", "calibración de gauge_7: venció el",
+    "es": ("no se sabe nada de su servicio", "Haga que se realice.", "calibración de gauge_7: venció el",
            "calibración del robot", "control de deriva", "medición 3", "sistema de usuario con tres puntos",
            "certificado en el bus", "un mensaje no tiene las partes de uno firmado"),
-    "zh": ("收不到其服务的消息", "请安排更新。", "gauge_7 的校准: 已于", "机器人标定", "漂移检查", "测量 3",
+    "zh": ("收不到其服务的消息", "请安排执行。", "gauge_7 的校准: 已于", "机器人标定", "漂移检查", "测量 3",
            "三点法用户坐标系", "总线证书", "消息缺少签名消息应有的部分"),
 }  # fmt: skip
 
@@ -204,7 +204,7 @@ async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
 async def test_what_cells_say_is_said_in_the_language_of_the_page(tmp_path: Path) -> None:
     hall = Hall(tmp_path, 2)
     silent = Alarm("desk.silent", "cell", "nothing is heard of its desk", "Look at its service.")
-    late = Alarm("due", "calibration of gauge_7", "was due on 2020-01-01", "Have it renewed.")
+    late = Alarm("due", "calibration of gauge_7", "was due on 2020-01-01", "Have it done.")
     broken = Alarm("run.broken", "robot_calibration", "Nothing was sent.")
     hall.say(
         "cell-000", alarms=[each.as_json() for each in (silent, late, broken)], run=RUN, certificate=CERTIFICATE,

@@ -304,3 +304,19 @@ def _texts(locale: str) -> dict[str, str]:
 
 def _blanks(text: str) -> list[str]:
     return sorted(re.findall(r"\{(\w+)\}", text))
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+async def test_the_first_page_says_when_a_drift_check_is_due_and_that_it_was(
+    looking: Looking, locale: str
+) -> None:
+    async with looking.page(locale=locale) as page:
+        due = page.get_by_test_id("due-drift_check")
+        await expect(due).to_have_attribute("data-late", "false")
+        found = (await looking.client.get("/api/procedures")).json()
+        late = [{**each, "due": "2020-01-31"} if each["due"] else each for each in found]
+        await page.route("**/api/procedures*", lambda route: route.fulfill(json=late))
+        await page.reload()
+        await expect(due).to_have_attribute("data-late", "true")
+        await expect(due).to_contain_text("2020")
+        await hold_to_rules(page, f"a check that was due, in {locale}")

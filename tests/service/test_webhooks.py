@@ -97,6 +97,11 @@ def waiting(cell: Path) -> int:
         return outbox.standing().waiting
 
 
+def last_error(cell: Path) -> str:
+    with WebhookOutbox(cell.parent / "data") as outbox:
+        return outbox.standing().last_error
+
+
 def test_down_and_up_again_and_killed_between_nothing_is_lost_and_nothing_doubled(tmp_path: Path) -> None:
     receiver = Receiver(free_port())
     cell = cell_with_webhook(tmp_path, f"http://127.0.0.1:{receiver.port}/alarms?of=cell-7")
@@ -189,7 +194,7 @@ def test_the_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     with sender(cell) as say:
         say("session", session_of("cell-7"))
         say("live", live_of(state="stopped"))
-        until(lambda: waiting(cell) == 1)
+        until(lambda: waiting(cell) == 1 and last_error(cell))
         with pytest.raises(WebhookError, match="another process already sends"):
             send(read_cell_file(cell), None, threading.Event())
     capsys.readouterr()

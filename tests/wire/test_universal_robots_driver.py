@@ -24,6 +24,7 @@ from drivers.universal_robots.config import UniversalRobotConfig
 from drivers.universal_robots.robot import UniversalRobot
 from drivers.universal_robots.state import StateClient
 from fake_devices.universal_robots.device import UniversalRobot as FakeRobot
+from tests.wire.cases import until_ready
 from tests.wire.fake_ur import fake_ur
 
 pytestmark = pytest.mark.timeout(60)
@@ -173,9 +174,8 @@ async def test_a_robot_that_is_not_ours_to_move_says_so_and_is_left_alone(
         await fake.fault("program_pause", {})
     else:
         await fake.fault(fault, {})
+    condition = await until_ready(robot, Readiness.NOT_READY)  # the slider comes with the next state
     before = fake.truth()
-    condition = await robot.condition()
-    assert condition.readiness is Readiness.NOT_READY
     assert says in condition.message
     failure = await failure_of(robot.move_joints(NEAR, speed_rad_s=FAST))
     assert isinstance(failure, RefusedError)
@@ -259,7 +259,7 @@ async def test_a_program_that_starts_too_late_is_not_left_running(
     assert isinstance(failure, DeviceTimeoutError)
     fake.clear()
     await robot.stop()
-    await until_ready(robot)
+    await until_ready(robot, Readiness.READY)
     await works_again(robot, fake)
 
 
@@ -349,7 +349,7 @@ async def test_a_cut_link_during_a_move_tells_where_to_look_and_is_found_again(
         assert failure.remedy.startswith("Look at the robot first")
     fake.clear()
     await until(lambda: fake.truth()["runtime"] == "STOPPED")
-    await until_ready(robot)
+    await until_ready(robot, Readiness.READY)
     await works_again(robot, fake)
 
 
@@ -366,15 +366,9 @@ async def test_a_cut_link_between_moves_ends_the_child_before_it_reconnects(
     await until(lambda: not session.usable)
     fake.clear()
     await until(lambda: fake.truth()["runtime"] == "STOPPED")
-    await until_ready(robot)
+    await until_ready(robot, Readiness.READY)
     await works_again(robot, fake)
     assert child_of(robot) != child
-
-
-async def until_ready(robot: UniversalRobot) -> None:
-    async with asyncio.timeout(15.0):
-        while (await robot.condition()).readiness is not Readiness.READY:
-            await asyncio.sleep(0.02)
 
 
 # people and other clients
@@ -401,7 +395,7 @@ async def test_whoever_stops_the_arm_the_move_ends_and_cannot_be_resumed(
     await fake.fault("unlock_protective_stop", {})
     await fake.fault("release_emergency_stop", {})
     fake.server.controller.resume_program()  # somebody presses play
-    await until_ready(robot)
+    await until_ready(robot, Readiness.READY)
     assert fake.truth()["program"] is None
     assert fake.truth()["controller_joints_rad"] == pytest.approx(stood_at, abs=1e-9)
     await works_again(robot, fake)

@@ -215,6 +215,7 @@ export interface Procedure {
   title: string;
   version: number;
   lacks: string[] | null;
+  due: string | null; // when it should be run next (ISO date)
   settings: Record<string, unknown>;
 }
 

@@ -1,0 +1,119 @@
+"""A drift check becomes due so many days after the last one that ended well; whoever looks is told, nothing moves."""
+
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from procedures.past import Kind
+from service.configuration.cell_file import CellConfig, ConfigError, read_cell_file
+from service.runs.cell import journal_path, open_journal
+from service.runs.journal import NewEvent
+from service.runs.outline import possible
+from service.site.desk_tap import DeskTap
+from service.site.drift_schedule import Reminder, next_drift_checks
+from service.site.standing import DueDates
+from service.site.troubles import Troubles
+from tests.procedures.cells import scene_for
+from tests.procedures.certified import cell_config, run_in
+
+TODAY = date(2026, 11, 23)
+
+
+def weekly(folder: Path, days: str = "7") -> CellConfig:
+    """Return a cell whose file wants a check every week."""
+    path = cell_config(folder).path
+    path.write_text(path.read_text().replace("drift_check_days = 14", f"drift_check_days = {days}"))
+    return read_cell_file(path)
+
+
+def ended(
+    config: CellConfig, number: int, verdict: str, serial: str = "F-1", procedure: str = "drift_check"
+) -> None:
+    """Put a run into the journal that began and ended now."""
+    run_id = f"{procedure}-{number:012x}"
+    cell = {"devices": [{"role": "robot", "identity": {"serial": serial}}]}
+    events = [
+        NewEvent(Kind.STARTED, {"procedure": procedure, "cell": cell}),
+        NewEvent(Kind.ENDED, {"verdict": verdict, "reason": ""}),
+    ]
+    with open_journal(config) as journal:
+        journal.append_all(run_id, events)
+
+
+def today() -> date:
+    return datetime.now(UTC).date()
+
+
+async def test_a_week_after_the_last_check_the_next_is_due_and_everybody_is_told(tmp_path: Path) -> None:
+    config = weekly(tmp_path)
+    robot, other = (each.name for each in config.robots)
+    assert next_drift_checks(config, TODAY) == {robot: TODAY, other: TODAY}  # never checked
+    await run_in(config, await scene_for("drift_check"), "drift_check")
+    due = today() + timedelta(7)
+    assert next_drift_checks(config, TODAY) == {robot: due, other: TODAY}
+    assert {row.name: row.due for row in possible(config) if row.due} == {"drift_check": due}
+    assert {"what": f"drift check of {robot}", "due": due.isoformat()} in DueDates(config).at(0.0)
+
+
+def test_where_the_cell_file_says_nothing_nothing_is_due(tmp_path: Path) -> None:
+    path = cell_config(tmp_path).path
+    path.write_text(path.read_text().replace("drift_check_days = 14\n", ""))
+    config = read_cell_file(path)
+    assert next_drift_checks(config, TODAY) == {}
+    assert not any(row.due for row in possible(config))
+    assert not any("drift" in told["what"] for told in DueDates(config).at(0.0))
+
+
+@pytest.mark.parametrize("days", ["0", "-7", "nan", "4000", '"weekly"'])
+def test_days_that_are_none_are_refused_by_name(tmp_path: Path, days: str) -> None:
+    with pytest.raises(ConfigError, match="drift_check_days"):
+        weekly(tmp_path, days)
+
+
+def test_only_a_check_of_this_robot_that_ended_well_counts(tmp_path: Path) -> None:
+    config = weekly(tmp_path)
+    robot = config.robots[0].name
+    ended(config, 1, "refused")
+    ended(config, 2, "passed", serial="another")
+    ended(config, 3, "passed", procedure="accuracy_check")
+    assert next_drift_checks(config, TODAY)[robot] == TODAY
+    ended(config, 4, "passed")
+    ended(config, 5, "cancelled")
+    assert next_drift_checks(config, TODAY)[robot] == today() + timedelta(7)
+
+
+def test_a_reminder_looks_again_after_a_while_and_keeps_what_it_knew(tmp_path: Path) -> None:
+    config = weekly(tmp_path)
+    reminder = Reminder(config)
+    first = reminder.due(0.0)
+    ended(config, 1, "passed")
+    assert reminder.due(Reminder.EVERY_S - 0.1) == first
+    later = reminder.due(Reminder.EVERY_S)
+    assert later != first
+    journal_path(config).write_bytes(b"this is no database")
+    for extra in journal_path(config).parent.glob("*-wal"):
+        extra.unlink()
+    assert reminder.due(2 * Reminder.EVERY_S) == later
+
+
+def test_an_overdue_check_is_an_alarm_until_it_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = weekly(tmp_path)
+    ended(config, 1, "passed")
+    late = today() + timedelta(30)
+
+    class Later(datetime):
+        @classmethod
+        def now(cls, tz: object = None) -> "Later":  # type: ignore[override]
+            return cls(late.year, late.month, late.day, tzinfo=UTC)
+
+    monkeypatch.setattr("service.site.troubles.datetime", Later)
+    troubles = Troubles(config, DeskTap(None), DueDates(config))
+    of_robot = f"drift check of {config.robots[0].name}"
+    raised = {alarm.source: up for _ in range(3) for alarm, up in troubles.look(100.0)}
+    assert raised[of_robot]
+    monkeypatch.undo()
+    cleared = {alarm.source: up for _ in range(3) for alarm, up in troubles.look(500.0)}
+    assert cleared[of_robot] is False
