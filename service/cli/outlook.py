@@ -30,6 +30,7 @@ def procedures(
     as_json
         Print one JSON object on standard output.
     """
+    from pydantic_core import to_jsonable_python
     from rich.console import Console
     from rich.markup import escape
     from rich.table import Table
@@ -42,11 +43,7 @@ def procedures(
         return _tell_settings(name, as_json=as_json)
     rows = possible(None if cell is None else read_cell_file(cell), robot)
     if as_json:
-        keys = ("name", "title", "version", "lacks")
-        told = [{key: getattr(row, key) for key in keys} for row in rows]
-        for each, row in zip(told, rows, strict=True):
-            each["due"] = None if row.due is None else row.due.isoformat()
-        print_json({"procedures": told})
+        print_json({"procedures": to_jsonable_python(rows)})
         return 0
     table = Table("procedure", "what it does", *(["this cell"] if cell else []))
     for row in rows:
@@ -54,8 +51,9 @@ def procedures(
         state = (
             [] if lacks is None else [f"lacks {escape('; '.join(lacks))}" if lacks else "[green]possible[/]"]
         )
-        due = [] if row.due is None else [f"due {row.due}"]
-        table.add_row(row.name, row.title, *(["; ".join([*state, *due])] if cell else []))
+        if row.due is not None:
+            state.append(f"due {row.due}")
+        table.add_row(row.name, row.title, *(["; ".join(state)] if state else []))
     Console().print(table)
     return 0
 

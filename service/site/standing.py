@@ -12,24 +12,21 @@ from service.site.drift_schedule import Reminder
 from service.site.ledger import Ledger
 
 
-def due_dates(config: CellConfig, link_certificate: Path | None = None) -> list[dict[str, str]]:
-    """Return what becomes due in this cell: the calibration of its gauges, its certificate where it is on a bus."""
-    due = [
-        {"what": f"calibration of {gauge.device.name}", "due": gauge.setup.certificate.due.isoformat()}
-        for gauge in config.gauges
-        if gauge.setup.certificate is not None
-    ]
-    if link_certificate is not None:
-        ends = valid_until(link_certificate).date()
-        due.append({"what": "certificate on the bus", "due": ends.isoformat()})
-    return sorted(due, key=lambda told: told["due"])
-
-
 class DueDates:
-    """What becomes due in a cell, drift checks too: these move on whenever one was run."""
+    """What becomes due in a cell: calibrations of gauges, its certificate where it is on a bus, and drift checks.
+
+    Drift checks move on whenever one was run; the rest stands as it was at the start.
+    """
 
     def __init__(self, config: CellConfig, link_certificate: Path | None = None) -> None:
-        self._fixed = due_dates(config, link_certificate)
+        self._fixed = [
+            {"what": f"calibration of {gauge.device.name}", "due": gauge.setup.certificate.due.isoformat()}
+            for gauge in config.gauges
+            if gauge.setup.certificate is not None
+        ]
+        if link_certificate is not None:
+            ends = valid_until(link_certificate).date()
+            self._fixed.append({"what": "certificate on the bus", "due": ends.isoformat()})
         self._reminder = Reminder(config)
 
     def at(self, now_s: float) -> list[dict[str, str]]:
