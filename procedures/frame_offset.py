@@ -43,11 +43,10 @@ from procedures.refit import (
 )
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
-from procedures.steps.meters import known_points_meter
+from procedures.steps.meters import known_points_meter, tip_in_base
 from procedures.steps.pages import point_states, points_page, with_changes
 from procedures.steps.teach import TaughtPose, teach
 from procedures.steps.write import read_user_frame, write_user_frame
-from procedures.three_point_frame import tip_in_base
 from procedures.verdict import Verdict, held, known_within, stated
 
 POINTER = Instruction(

@@ -89,25 +89,27 @@ def frame_from_three_points(
     return _taught(_three_point_matrix, points, sigma_m, opening, length)
 
 
+class PointsDisagreeError(CalibrationError):
+    """Points miss the line and the plane that they should lie on."""
+
+
 def frame_from_more_points(
-    origin_m: Sequence[float],
+    origins_m: Sequence[Sequence[float]],
     on_x_m: Sequence[Sequence[float]],
     in_plane_m: Sequence[Sequence[float]],
     *,
     above_m: Sequence[float] | None = None,
     sigma_m: float,
 ) -> TaughtFrame:
-    """Fit a frame to its origin, points on +x and points of its x-y plane by least squares.
+    """Fit a frame to touches of its origin, of points on +x and of its x-y plane by least squares.
 
-    The origin misses (0, 0, 0), a point on x misses y = z = 0, a point of the plane misses z = 0; the squares of all
-    misses are made least by Gauss-Newton from the frame of three of the points.
+    A touch of the origin misses (0, 0, 0), a point on x misses y = z = 0, a point of the plane misses
+    z = 0; the squares of all misses are made least by Gauss-Newton from the frame of three of the points.
 
     Parameters
     ----------
-    origin_m : point
-        In the base frame [m].
-    on_x_m, in_plane_m : points
-        One or more each; the first of them as for `frame_from_three_points` [m].
+    origins_m, on_x_m, in_plane_m : points
+        In the base frame, one or more each; the first of them as for `frame_from_three_points` [m].
     above_m : point, optional
         Any point known to lie on the +z side.
     sigma_m : float
@@ -117,28 +119,29 @@ def frame_from_more_points(
     ------
     DegenerateDataError
         The first three points fix no frame.
+    PointsDisagreeError
+        The points miss line and plane by more than ``sigma_m`` explains at 99.9 %.
     CalibrationError
-        The points miss line and plane by more than ``sigma_m`` explains at 99.9 %, or one on +x is behind the origin.
+        One on +x is behind the origin.
     """
-    first = frame_from_three_points(origin_m, on_x_m[0], in_plane_m[0], sigma_m=sigma_m)
-    points = _points(origin_m, *on_x_m, *in_plane_m)
+    first = frame_from_three_points(origins_m[0], on_x_m[0], in_plane_m[0], sigma_m=sigma_m)
+    points = _points(*origins_m, *on_x_m, *in_plane_m)
+    line = slice(len(origins_m), len(origins_m) + len(on_x_m))
     misses = np.zeros((len(points), 3), dtype=bool)
     misses[:, 2] = True
-    misses[: 1 + len(on_x_m), 1] = True
-    misses[0, 0] = True
+    misses[: line.stop, 1] = True
+    misses[: line.start, 0] = True
     matrix = first.base_frame.matrix()
     for _ in range(20):
         local = (points - matrix[:3, 3]) @ matrix[:3, :3]
-        jacobian = np.concatenate([-np.broadcast_to(np.eye(3), (len(points), 3, 3)), skew(local)], axis=2)[
-            misses
-        ]
+        jacobian = miss_rows(local)[misses]
         covariance = np.linalg.inv(jacobian.T @ jacobian)
         step = -covariance @ jacobian.T @ local[misses]
         matrix = matrix @ exp_twist(step)
         if np.abs(step).max() < 1e-13:
             break
     local = (points - matrix[:3, 3]) @ matrix[:3, :3]
-    _refuse_misses(local, misses, 1 + len(on_x_m), sigma_m)
+    _refuse_misses(local, misses, line, sigma_m)
     if above_m is not None:
         _refuse_below(matrix, above_m)
     sigma = [float(v) for v in np.sqrt(np.diag(covariance)) * sigma_m]
@@ -151,6 +154,12 @@ def frame_from_more_points(
         rms_m=float(np.sqrt(np.mean(local[misses] ** 2))),
         redundancy=int(misses.sum()) - 6,
     )
+
+
+def miss_rows(local_m: Array) -> Array:
+    """Return how points (..., 3) seen from a frame move by the frame's twist, its shift first (..., 3, 6)."""
+    shift = np.broadcast_to(-np.eye(3), (*local_m.shape, 3))
+    return np.concatenate([shift, skew(local_m)], axis=-1)
 
 
 def frame_from_six_points(
@@ -267,15 +276,15 @@ def _taught(
     )
 
 
-def _refuse_misses(local: Array, misses: NDArray[np.bool_], on_x: int, sigma_m: float) -> None:
-    if (local[1:on_x, 0] <= 0).any():
+def _refuse_misses(local: Array, misses: NDArray[np.bool_], line: slice, sigma_m: float) -> None:
+    if (local[line, 0] <= 0).any():
         raise CalibrationError(
             "a point on the +x axis lies behind the origin.", remedy="Touch points on one side of the origin."
         )
     spare = int(misses.sum()) - 6
     if spare and float((local[misses] ** 2).sum()) / sigma_m**2 > chi_square_limit(spare):
         worst = int(np.argmax(np.abs(local * misses).max(axis=1)))
-        raise CalibrationError(
+        raise PointsDisagreeError(
             f"point {worst + 1} misses its line or plane by {np.abs(local * misses).max() * 1e3:.2f} mm, more than "
             f"touches of {sigma_m * 1e3:.2f} mm explain.",
             remedy="Touch that point again; see that pointer and workpiece are whole.",

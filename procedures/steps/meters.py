@@ -154,9 +154,11 @@ def _read_frame(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
     role = meter["role"]
     points = {key: list(found) for key, found in meter["points_m"].items()}
     origin = points.get("origin", [])
-    if role == "origin" or not origin:
+    if not origin:
         return MeterReading()
     points.setdefault(role, []).append(tip)
+    if role == "origin":  # once more
+        return _read_whole_frame(meter, points, (), "")
     base = math.dist(origin[0], tip)
     distance = Gauged("from_origin", base, "m", least=MIN_DISTANCE_M)
     if base < MIN_DISTANCE_M:
@@ -164,23 +166,23 @@ def _read_frame(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
     short = "frame.short_base" if role == "on_x" and base < SHORT_BASE_M else ""
     if not points.get("on_x") or not points.get("in_plane"):
         return MeterReading(warning=short, figures=(distance,))
-    return _read_whole_frame(meter, points, distance, short)
+    return _read_whole_frame(meter, points, (distance,), short)
 
 
 def _read_whole_frame(
-    meter: Mapping[str, Any], points: Mapping[str, Sequence[Any]], distance: Gauged, short: str
+    meter: Mapping[str, Any], points: Mapping[str, Sequence[Any]], distance: tuple[Gauged, ...], short: str
 ) -> MeterReading:
-    on_x, in_plane, sigma = points["on_x"], points["in_plane"], meter["sigma_m"]
-    first = (points["origin"][0], on_x[0], in_plane[0])
+    origins, on_x, in_plane = points["origin"], points["on_x"], points["in_plane"]
+    first, sigma = (origins[0], on_x[0], in_plane[0]), meter["sigma_m"]
     try:
         taught = frame_from_three_points(*first, sigma_m=sigma)
     except DegenerateDataError as error:
-        return MeterReading("frame.collinear", error.remedy, figures=(distance,))
-    if len(on_x) + len(in_plane) > 2:
+        return MeterReading("frame.collinear", error.remedy, figures=distance)
+    if len(origins) + len(on_x) + len(in_plane) > 3:
         try:
-            taught = frame_from_more_points(points["origin"][0], on_x, in_plane, sigma_m=sigma)
+            taught = frame_from_more_points(origins, on_x, in_plane, sigma_m=sigma)
         except CalibrationError as error:  # what the points say of each other is judged afterwards
-            return MeterReading(warning="frame.points_disagree", words=error.message, figures=(distance,))
+            return MeterReading(warning="frame.points_disagree", words=error.message, figures=distance)
     opening = min(taught.opening_rad, math.pi - taught.opening_rad)
     origin_limit, turn_limit = meter["limits"]
     figures = [

@@ -161,14 +161,17 @@ def tool_pose() -> Pose:
 FRAME = Pose.from_matrix(homogeneous(_turned(2, 0.7) @ _turned(1, 0.1), np.array([0.6, -0.2, 0.1])))
 
 
-def pointing() -> Scene:
-    """Return a cell whose technician teaches a user frame with a known pointer."""
-    made = scene(ThreePointFrame(frame_number=2, tip_in_flange_m=TIP, check_above=True))
+def pointing(**more: Any) -> Scene:
+    """Return a cell whose technician teaches a user frame with a known pointer; with ``more`` settings."""
+    made = scene(ThreePointFrame(frame_number=2, tip_in_flange_m=TIP, check_above=True, **more))
     attitude = np.diag([1.0, -1.0, -1.0])
     points = {
         "touch_origin": (0.0, 0.0, 0.0),
         "touch_on_x": (0.4, 0.0, 0.0),
         "touch_on_xy": (0.1, 0.3, 0.0),
+        "touch_origin_again": (0.0, 0.0, 0.0),
+        "touch_more_on_x": (0.3, 0.0, 0.0),
+        "touch_more_on_xy": (0.1, -0.3, 0.0),
         "touch_above": (0.1, 0.1, 0.05),
     }
     for key, point in points.items():

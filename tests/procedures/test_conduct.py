@@ -43,7 +43,7 @@ async def test_a_passed_run_returns_its_result_and_keeps_it(journal: Journal) ->
     assert outcome.verdict is Verdict.PASSED
     assert isinstance(outcome.result, FrameSetup)
     view = Store(journal).run(outcome.run_id)
-    assert (view.state, view.procedure, view.version) == ("passed", NAME, 2)
+    assert (view.state, view.procedure, view.version) == ("passed", NAME, 3)
     kept = Store(journal).kept("user_frame", "F-1")
     assert [fact["subject"] for fact in kept] == ["2"]
     assert {event.actor for event in journal.events()} == {"anna"}

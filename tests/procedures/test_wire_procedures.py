@@ -335,10 +335,14 @@ async def test_more_points_make_a_taught_frame_surer_and_a_stray_one_is_named() 
     assert setup.taught.redundancy == 7
     assert max(setup.taught.rotation_sigma_rad) < max(three.taught.rotation_sigma_rad)
 
-    on_x[:], in_plane[:] = (
-        [(0.2, 0.0, 0.0), (0.3, 0.0, 0.0)],
-        [(0.3, -0.3, 0.02), (0.4, 0.2, 0.0), (0.0, 0.4, 0.0)],
-    )
+    stray, rest = (0.3, -0.3, 0.02), [(0.4, 0.2, 0.0), (0.0, 0.4, 0.0)]
+    on_x[:], in_plane[:] = [(0.2, 0.0, 0.0), (0.3, 0.0, 0.0)], [stray, (0.3, -0.3, 0.0), *rest]
+    mended = await three_point_frame(Run(made.cell, MemoryLedger()), made.spec)
+    assert same_pose(mended.taught.base_frame, FRAME)
+    assert [one.step for one in mended.set_aside] == ["touch another point of the plane 1"]
+
+    on_x[:] = [(0.2, 0.0, 0.0), (0.3, 0.0, 0.0)]
+    in_plane[:] = [stray, stray, *(one for one in rest for _ in range(2))]  # each is asked for anew: in vain
     made.arm.frames.clear()
     with pytest.raises(CalibrationError, match="misses its line or plane"):
         await three_point_frame(Run(made.cell, MemoryLedger()), made.spec)

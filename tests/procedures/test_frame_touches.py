@@ -1,0 +1,96 @@
+"""A user frame is touched until it is known; no further point is asked for where the limits are out of reach."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.geometry import Pose
+from calibration.points.frames import PointsDisagreeError
+from procedures.run import Run
+from procedures.steps.write import same_pose
+from procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame, three_point_frame
+from tests.procedures.cells import FRAME, Scene, pointing
+from tests.procedures.ledgers import MemoryLedger
+
+
+async def _taught(made: Scene) -> tuple[FrameSetup, list[str]]:
+    ledger = MemoryLedger()
+    setup = await three_point_frame(Run(made.cell, ledger), made.spec)
+    return setup, [finding.step for finding in ledger.past().findings if finding.step.startswith("touch")]
+
+
+async def test_touches_go_on_until_the_frame_is_known_within_its_limits() -> None:
+    made = pointing(accuracy_class="C", sigma_m=0.0007)
+    setup, steps = await _taught(made)
+    assert same_pose(setup.taught.base_frame, FRAME)
+    assert "touch the origin again 1" in steps
+    assert setup.effort is not None
+    assert setup.effort.touches == len(steps) - 1 < setup.effort.in_turn  # one was the point above
+    assert 2.0 * max(setup.taught.origin_sigma_m) <= 0.001
+    verdict = ENTRY.verdict(made.spec, setup)  # type: ignore[misc]
+    assert verdict.word.value == "pass"
+    assert verdict.remarks == (setup.effort.saving,)
+    assert f"would take {setup.effort.in_turn}" in verdict.remarks[0]
+
+
+async def test_three_points_stay_three_where_they_are_enough_or_the_limits_are_out_of_reach() -> None:
+    for made, says in (
+        (pointing(sigma_m=0.0001), "no saving: 3 touches"),
+        (
+            pointing(accuracy_class="A"),
+            "further ones were not asked for: 12 would leave the origin within 0.45 mm",
+        ),
+    ):
+        setup, steps = await _taught(replace(made, spec=replace(made.spec, write_anyway="a test")))
+        assert len(steps) == 4
+        assert setup.effort is not None
+        assert says in setup.effort.saving
+
+
+async def test_more_are_allowed_where_somebody_wants_the_limits() -> None:
+    few, many = pointing(sigma_m=0.0002, max_touches=10), pointing(sigma_m=0.0002, max_touches=11)
+    few.spec = replace(few.spec, write_anyway="a test")
+    assert len((await _taught(few))[1]) == 4
+    setup, steps = await _taught(many)
+    assert len(steps) > 9
+    assert 2.0 * max(setup.taught.origin_sigma_m) <= 0.0003
+
+
+async def test_a_contradicted_touch_is_made_anew_and_what_contradicts_again_is_refused() -> None:
+    made = pointing(accuracy_class="C", sigma_m=0.0007)
+    good = made.hands.does["touch_origin_again"]
+
+    def slip(times: list[int]) -> None:
+        good()
+        if times:
+            times.pop()
+            taught = made.arm.taught
+            assert taught is not None
+            made.arm.taught = Pose((taught.position_m[0] + 0.05, *taught.position_m[1:]), taught.quaternion)
+
+    once = [1]
+    made.hands.does["touch_origin_again"] = lambda: slip(once)
+    setup, steps = await _taught(made)
+    assert same_pose(setup.taught.base_frame, FRAME)
+    assert "touch anew 1" in steps
+    assert [one.step for one in setup.set_aside] == ["touch the origin again 1"]
+
+    twice = [1, 1]
+    made.hands.does["touch_origin_again"] = lambda: slip(twice)
+    made.arm.frames.clear()
+    with pytest.raises(PointsDisagreeError):
+        await _taught(made)
+    assert made.arm.frames == {}
+
+
+def test_the_dry_run_tells_how_many_touches_it_takes() -> None:
+    spec = ThreePointFrame(
+        frame_number=1, tip_in_flange_m=(0.0, 0.0, 0.1), accuracy_class="C", sigma_m=0.0007
+    )
+    told = ENTRY.forecast(spec, None)  # type: ignore[misc,arg-type]
+    steps = [step for phase in ENTRY.outline(spec) for step in phase.steps if step.startswith("touch")]
+    assert told.assumed[0].startswith(f"{len(steps)} points")
+    assert len(steps) > 3
+    assert all(np.isfinite(one.expanded) for one in told.predictions)
+    assert told.predictions[0].name == "origin of the frame, after 12 touches at most"
