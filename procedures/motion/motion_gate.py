@@ -15,9 +15,10 @@ from enum import Enum
 import numpy as np
 
 from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Array
 from calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
 from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
-from drivers.interfaces import Instruction, JointReading, Joints, Readiness
+from drivers.interfaces import Counts, Instruction, JointReading, Joints, Readiness
 from procedures.cell import Cell, MotionLevel
 from procedures.motion.active_frames import same_frames
 from procedures.motion.by_hand import jog_by_hand, move_by_hand
@@ -265,24 +266,39 @@ async def _approved(
         "No obstacles known: the path was not checked against what stands in the cell. The robot will turn"
         f"{deltas} at up to {math.degrees(speed_rad_s):.1f} deg/s. Look at its way. May it move?"
     )
+    stood = await _counts(cell) if here_rad is None else None
     await ask(cell, Instruction("approve_move", text))
-    await _as_asked(cell, here_rad)
+    await _as_asked(cell, here_rad, stood)
 
 
-async def _as_asked(cell: Cell, here_rad: Joints | None) -> None:
-    """Look again: an answer may take minutes, and the way was checked from where the arm stood before."""
-    if here_rad is None:
+async def _as_asked(cell: Cell, here_rad: Joints | None, stood: Counts | None) -> None:
+    """Look again: an answer may take minutes, and the way was checked from where the arm stood before.
+
+    A robot that does not know where it is shows by its motors' counts whether it was turned.
+    """
+    if here_rad is not None:
+        now = await _ready(cell, Readiness.READY)
+        turned_rad = np.array(now.joints_rad) - here_rad
+    else:
         await _ready(cell, Readiness.READY, Readiness.POSITION_LOST)
-        return
-    now = await _ready(cell, Readiness.READY)
-    if (
-        max(abs(a - b) for a, b in zip(now.joints_rad, here_rad, strict=True))
-        > cell.limits.joint_tolerance_rad
-    ):
+        turned_rad = await _turned_rad(cell, stood)
+    if np.abs(turned_rad).max() > cell.limits.joint_tolerance_rad:
         raise MotionRefusedError(
             "the robot was moved while a person was asked whether it may move",
             remedy="Nothing was commanded. Resume: the way is then checked from where the robot stands.",
         )
+
+
+async def _counts(cell: Cell) -> Counts | None:
+    return None if cell.mastering is None else await cell.mastering.encoder_counts()
+
+
+async def _turned_rad(cell: Cell, stood: Counts | None) -> Array:
+    """Return by how much the joints were turned since the counts; zero where the robot tells no counts."""
+    if cell.mastering is None or stood is None:
+        return np.zeros(1)
+    drive, now = await cell.mastering.drive_train(), await cell.mastering.encoder_counts()
+    return drive.joints(np.array(now), np.array(stood))
 
 
 def _turns(here_rad: Joints, there_rad: Joints) -> str:

@@ -151,6 +151,20 @@ async def test_an_arm_that_was_moved_while_a_person_was_asked_is_not_moved(scene
     assert (await scene.robot.joints()).joints_rad == pytest.approx(there, abs=2e-3)
 
 
+@pytest.mark.parametrize("robot_case", ["modbus_robot"], indirect=True)
+async def test_an_axis_that_was_turned_while_a_person_was_asked_is_not_jogged(scene: Scene) -> None:
+    """Only its motors' counts show it: where a lost robot says that it stands means nothing."""
+
+    async def turned_by_hand() -> None:
+        joints = [*scene.case.home_rad[:2], scene.case.home_rad[2] + 0.1, *scene.case.home_rad[3:]]
+        await scene.door.fault("hand_moves", device=scene.case.name, joints=joints)
+
+    await scene.refuses(turned_by_hand, scene.jog, MotionRefusedError, asked=True)
+    await scene.jog()
+    turned = (await scene.truth())["joints_rad"][0] - scene.stood_rad[0]
+    assert turned == pytest.approx(ASIDE_RAD, abs=5e-3)
+
+
 @pytest.fixture
 async def alone(fresh_fakes: tuple[Path, Door]) -> AsyncIterator[Scene]:
     """A robot whose place may be lost for good."""
