@@ -2,10 +2,11 @@
 
 import re
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 from calibration.geometry import Pose
 from drivers.kuka.collected import Collected
-from drivers.kuka.lines import Item, Line, declaration, item, lines, without_strings
+from drivers.kuka.lines import DECLARING, Item, Line, declaration, first_word, item, lines, without_strings
 from drivers.kuka.literals import AXIS_TYPES, Literal
 from drivers.programs.positions import Frames
 from drivers.programs.spans import Source
@@ -50,7 +51,7 @@ class DataList:
     def read(self, line: Line) -> None:
         """Take one line."""
         text = self.found.source.text
-        declared = declaration(text, line)
+        declared = declaration(text, line) if first_word(text, line) in DECLARING else None
         if declared is not None:
             self._declared(declared[0], declared[1], line)
         else:
@@ -165,10 +166,11 @@ class DataList:
 
     def _frame_data(self, name: Item, line: Line) -> None:
         source, place = self.found.source, name.value or line.start
-        code = without_strings(source.text[place : line.end])
-        if (known := self.known_data.get(code)) is not None:
+        written = source.text[place : line.end]
+        if (known := self.known_data.get(written)) is not None:
             self.frame_data[name.full.upper()] = known
             return
+        code = without_strings(written)
         if _FDAT.fullmatch(code) is None:
             raise source.error(
                 place, f"{name.full} is not understood.", remedy="It says tool and base of a point."
@@ -184,7 +186,7 @@ class DataList:
         if mode not in ("BASE", "TCP"):
             raise source.error(place, f"IPO_FRAME #{mode} is not known.", remedy="There are #BASE and #TCP.")
         data = FrameData(_numbered(numbers.get("TOOL")), _numbered(numbers.get("BASE")), mode == "TCP")
-        self.known_data[code] = self.frame_data[name.full.upper()] = data
+        self.known_data[written] = self.frame_data[name.full.upper()] = data
 
 
 def read_data_list(source: Source) -> DataList:
@@ -194,6 +196,25 @@ def read_data_list(source: Source) -> DataList:
         data.read(line)
     data.finish()
     return data
+
+
+def declared_names(text: str) -> dict[str, bool]:
+    """Return what a data list declares, and whether for all modules: all that other files need of it, quickly."""
+    declares: dict[str, bool] = {}
+    for line in lines(text):
+        declared = declaration(text, line) if first_word(text, line) in DECLARING else None
+        if declared is None:
+            continue
+        kind, place = declared
+        shown = _GLOBAL.search(text, line.start, place) is not None
+        while place < line.end and (name := item(text, place, line.end)) is not None:
+            declares[name.name.upper()] = shown
+            place = name.end
+            if name.value is not None:
+                close = -1 if kind == "FDAT" else text.find("}", name.value, line.end)
+                comma = -1 if close < 0 else text.find(",", close, line.end)
+                place = line.end if comma < 0 else comma + 1
+    return declares
 
 
 def name_of_data(point: str) -> str:
@@ -206,8 +227,13 @@ def remark_hidden_positions(found: Collected, line: Line, place: int) -> None:
     """Remark a struct with coordinates where none is expected."""
     text = found.source.text
     brace = text.find("{", place, line.end)
-    if brace >= 0 and _LOOKS_LIKE_A_POSITION.search(without_strings(text[brace : line.end])):
+    if brace >= 0 and _holds_a_position(text[brace : line.end]):
         found.remark(line.start, "computed", "A position stands inside this statement; it is not read.")
+
+
+@lru_cache(maxsize=64)  # the motion data of most points are the same
+def _holds_a_position(code: str) -> bool:
+    return _LOOKS_LIKE_A_POSITION.search(without_strings(code)) is not None
 
 
 def remark_comment(found: Collected, line: Line) -> None:

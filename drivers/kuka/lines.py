@@ -14,6 +14,10 @@ _DECLARATION = re.compile(
 _ITEM = re.compile(
     rf"{_B}*+([$A-Za-z_][\w$]*+)(?:{_B}*+\[([^\[\]\n]*+)\])?+{_B}*+(=(?!=)|,|\Z)?+{_B}*+", re.ASCII
 )
+_WORD = re.compile(rf"{_B}*+(\w*+)", re.ASCII)
+DECLARING = frozenset(
+    ("DECL", "GLOBAL", "PUBLIC", "CONST", "E6POS", "POS", "E6AXIS", "AXIS", "FRAME", "FDAT")
+)  # words that a declaration of a position begins with
 _STRING = re.compile(r'"[^"\n]*+"?+')
 
 
@@ -46,6 +50,12 @@ def lines(text: str) -> Iterator[Line]:
         start, end = found.span(1)
         if start < end or found[2]:
             yield Line(start, end, found[2] or "")
+
+
+def first_word(text: str, line: Line) -> str:
+    """Return the word that a line begins with, in capitals; "" where it begins with something else."""
+    found = _WORD.match(text, line.start, line.end)
+    return "" if found is None else found[1].upper()
 
 
 def declaration(text: str, line: Line) -> tuple[str, int] | None:

@@ -36,6 +36,8 @@ _CANONICAL_POSE = re.compile(
     re.ASCII | re.IGNORECASE,
 )
 
+_CANONICAL_FIELDS = (*POSE_FIELDS, *STATE_FIELDS, *EXTERNAL_FIELDS)
+
 
 class LiteralError(ValueError):
     """What stands there is no position that this program says; ``computed`` where only the controller knows it."""
@@ -96,10 +98,15 @@ def field_spans(text: str, start: int, end: int) -> dict[str, tuple[int, int]]:
     LiteralError
         It is not understood.
     """
+    fast = _CANONICAL_POSE.match(text, start, end)
+    if fast is not None:
+        spans = {name: at for name, at in zip(_CANONICAL_FIELDS, fast.regs[2:], strict=True) if at[0] >= 0}
+        spans["}"] = (fast.end() - 1, fast.end())
+        return spans
     opening = _OPEN.match(text, start, end)
     if opening is None:
         raise LiteralError(start, "a position opens with '{'.")
-    spans: dict[str, tuple[int, int]] = {}
+    spans = {}
     place, closing = opening.end(), ","
     while closing == ",":
         name = _NAME.match(text, place, end)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from drivers.kuka.collected import Collected
 from drivers.kuka.data_list import remark_comment, remark_hidden_positions
 from drivers.kuka.frame_uses import BARRED, UNKNOWN, Branches, Routine
-from drivers.kuka.lines import Item, Line, declaration, item, lines, without_strings
+from drivers.kuka.lines import DECLARING, Item, Line, declaration, first_word, item, lines, without_strings
 from drivers.kuka.literals import Literal
 from drivers.kuka.point_uses import PointUses, Used
 from drivers.programs.across import COPIED
@@ -24,11 +24,11 @@ _STEP_INTO = re.compile(
     rf"(?:{_B}*+|{_B}*+(?:GLOBAL{_B}++)?+INTERRUPT{_B}++DECL\b[^\n]*?\bDO{_B}++)([A-Za-z_]\w*+){_B}*+\(",
     re.ASCII | re.IGNORECASE,
 )
-_BRANCH = re.compile(
-    rf"{_B}*+(IF|SWITCH|WHILE|FOR|ELSE|CASE|DEFAULT|ENDIF|ENDSWITCH|ENDWHILE|ENDFOR)\b",
+_FRAME_DATA_SET = re.compile(rf"{_B}*+FDAT_ACT{_B}*+={_B}*+(\w++)", re.ASCII | re.IGNORECASE)
+_PREPARED = re.compile(  # what stands around every taught move
+    rf"{_B}*+(?:FDAT_ACT{_B}*+={_B}*+(\w++)|(?:LDAT_ACT|PDAT_ACT|\$BWDSTART){_B}*+={_B}*+\w++){_B}*+",
     re.ASCII | re.IGNORECASE,
 )
-_FRAME_DATA_SET = re.compile(rf"{_B}*+FDAT_ACT{_B}*+={_B}*+(\w++)", re.ASCII | re.IGNORECASE)
 _OWN_FRAME_DATA = re.compile(rf"\b(?:STOOL2?|SBASE){_B}*+\({_B}*+(\w++)", re.ASCII | re.IGNORECASE)
 _NAMES_POINT = re.compile(rf"{_B}*+([A-Za-z_]\w*+){_B}*+(?:\[([^\[\]]*+)\])?+", re.ASCII)
 _WORD = re.compile(r"(?<![\w.$#])([A-Za-z_]\w*+)(?:\[([^\[\]]*+)\])?+", re.ASCII)
@@ -38,6 +38,14 @@ _BAS = re.compile(
 )
 _FRAME_SET = re.compile(rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE)\b({_B}*+\.)?+{_B}*+=(?!=){_B}*+", re.IGNORECASE)
 _FROM_TABLE = re.compile(rf"(?:TOOL|BASE)_DATA{_B}*+\[{_B}*+(\d++){_B}*+\]{_B}*+", re.IGNORECASE)
+_BEGIN_ROUTINE = frozenset(("GLOBAL", "DEF", "DEFFCT"))
+_MOVE = frozenset(
+    name + more for name in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL") for more in ("", "_REL")
+)
+_BRANCHES = frozenset(
+    ("IF", "SWITCH", "WHILE", "FOR", "ELSE", "CASE", "DEFAULT", "ENDIF", "ENDSWITCH", "ENDWHILE", "ENDFOR")
+)
+_MOTION_DATA = frozenset(("FDAT_ACT", "LDAT_ACT", "PDAT_ACT"))  # of the controller's types: never positions
 _NULL = re.compile(rf"\$NULLFRAME{_B}*+", re.IGNORECASE)
 _COMPONENT = re.compile(
     rf"{_B}*+[$A-Za-z_][\w$]*+(?:{_B}*+\[[^\[\]\n]*+\])?+{_B}*+\.{_B}*+(?:[XYZABC]|A[1-6]|E[1-6]){_B}*+=(?!=)",
@@ -75,17 +83,23 @@ class Program:
         if line.start == line.end:
             remark_comment(self.found, line)
             return
-        begun = _ROUTINE.match(text, line.start, line.end)
+        prepared = _PREPARED.fullmatch(text, line.start, line.end)
+        if prepared is not None:
+            self.frame_data = prepared[1].upper() if prepared[1] else self.frame_data
+            remark_comment(self.found, line)
+            return
+        word = first_word(text, line)  # it rules most patterns out: a large program has a million lines
+        begun = _ROUTINE.match(text, line.start, line.end) if word in _BEGIN_ROUTINE else None
         if begun is not None:
             name = begun[1].upper()
             shown = len(self.points.routines) == 1 or "GLOBAL" in begun[0].upper()
             self.points.routines.append(Routine(len(self.points.routines), name, shown))
             self.branches, self.frame_data = (), ""
-        motion = _MOTION.match(text, line.start, line.end)
+        motion = _MOTION.match(text, line.start, line.end) if word in _MOVE else None
         if motion is not None:
             self._motion(motion, line)
         else:
-            self._statement(line)
+            self._statement(line, word)
         remark_comment(self.found, line)
 
     def _motion(self, motion: re.Match[str], line: Line) -> None:
@@ -175,11 +189,11 @@ class Program:
             )
         self.found.add(name, literal)
 
-    def _statement(self, line: Line) -> None:
+    def _statement(self, line: Line, word: str) -> None:
         text = self.found.source.text
         code = without_strings(text[line.start : line.end])
-        self._flow(code, line)
-        declared = declaration(text, line)
+        self._flow(code, line, word)
+        declared = declaration(text, line) if word in DECLARING else None
         if declared is not None:
             self._declared(declared[0], declared[1], line)
             return
@@ -196,13 +210,13 @@ class Program:
         else:
             self._assignment(line)
 
-    def _flow(self, code: str, line: Line) -> None:
+    def _flow(self, code: str, line: Line, word: str) -> None:
         """Take calls, branches, and the frame data that the next move is done with."""
         if "(" in code and (step := _STEP_INTO.match(code)) is not None:
             self.points.routines[-1].calls.add(step[1].upper())
-        elif (branch := _BRANCH.match(code)) is not None:
-            self._branch(branch[1].upper(), line.start)
-        elif (data := _FRAME_DATA_SET.match(code)) is not None:
+        elif word in _BRANCHES:
+            self._branch(word, line.start)
+        elif word == "FDAT_ACT" and (data := _FRAME_DATA_SET.match(code)) is not None:
             self.frame_data = data[1].upper()
 
     def _branch(self, word: str, place: int) -> None:
@@ -274,7 +288,8 @@ class Program:
         kind = self.types.get(name.name.upper(), "")
         value = without_strings(source.text[name.value : line.end])
         if not value.startswith("{"):
-            self._use_all(value, line.start, COPIED)
+            if name.name.upper() not in _MOTION_DATA:
+                self._use_all(value, line.start, COPIED)
             if kind or _POINT_VALUE.search(value):
                 self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
             else:

@@ -19,7 +19,7 @@ from drivers.kuka.collected import (
     refusal,
 )
 from drivers.kuka.configuration import KukaConfigurations, parts_of
-from drivers.kuka.data_list import read_data_list
+from drivers.kuka.data_list import declared_names, read_data_list
 from drivers.kuka.literals import AXIS_FIELDS, POSE_FIELDS, STATE_FIELDS, field_spans
 from drivers.kuka.program import read_program
 from drivers.programs.across import Abroad, Said, settled
@@ -104,9 +104,7 @@ class KukaFile:
         return cls(
             source=source,
             name=module,
-            said=replace(
-                said.said, module=PurePath(name).stem.upper(), public=PurePath(name).stem.upper() == "$CONFIG"
-            ),
+            said=_said_as(PurePath(name), said.said),
             keys=tuple(found.names[row].upper() for row in rows.tolist()),
             taught=frozenset(k for k, row in enumerate(rows.tolist()) if row in said.taught),
             routines={k: said.routines[row] for k, row in enumerate(rows.tolist()) if row in said.routines},
@@ -224,6 +222,19 @@ def writes_program(data: bytes) -> bool:
     return _DEFINED_BYTES.search(data, 0, _LOOKED_AT) is not None
 
 
+def _says(name: str, data: bytes) -> Said | None:
+    """Return what a data list says to other files without its coordinates; None for a program."""
+    path = PurePath(name)
+    if path.suffix.lower() != ".dat":
+        return None
+    return _said_as(path, Said("", declares=declared_names(Source(name, data).text)))
+
+
+def _said_as(path: PurePath, said: Said) -> Said:
+    module = path.stem.upper()
+    return replace(said, module=module, public=module == "$CONFIG")
+
+
 BRAND = ProgramBrand(
     brand="kuka",
     suffixes=(".src", ".dat"),
@@ -231,4 +242,5 @@ BRAND = ProgramBrand(
     configurations=KukaConfigurations(),
     writes_program=writes_program,
     tells=True,
+    says=_says,
 )

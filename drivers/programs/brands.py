@@ -52,6 +52,9 @@ class ProgramBrand:
         True
     )  # a suffix shared with other files: is it a program?
     tells: bool = False  # whether its programs are `Telling`
+    says: Callable[[str, bytes], Said | None] = lambda *_: (
+        None
+    )  # what a file says, where that is quicker than reading
     together: "Together | None" = None  # where many at once are quicker than one after another
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import cast
 
 from calibration.errors import CellError
-from drivers.program_registry import SUFFIXES, brand_named, read_programs
+from drivers.program_registry import SUFFIXES, brand_named, brand_of, read_programs
 from drivers.programs.across import Across, Said
 from drivers.programs.brands import Telling
 from drivers.programs.positions import ProgramFile
@@ -20,8 +20,12 @@ def read_siblings(sources: Sequence[Source]) -> None:
             if pays(told):
                 said = {file: said for some in forked(_said_of, told) for file, said in some}
             else:
-                siblings.read = dict(_telling(told))
-                said = {file: program.said for file, program in siblings.read.items()}
+                said = {}
+                for file, data in _bytes_of(told):
+                    if (program := _read(file, data)) is not None:
+                        siblings.read[file], said[file] = program, program.said
+                    elif (seen := _seen(file, data)) is not None:
+                        said[file] = seen
             siblings.across = Across(said)
 
 
@@ -52,15 +56,36 @@ def _may_tell(source: Source) -> bool:
 
 
 def _said_of(sources: Sequence[Source]) -> list[tuple[str, Said]]:
-    return [(file, program.said) for file, program in _telling(sources)]
+    """Return what files say without keeping them: read whole only where a look does not tell."""
+    return [
+        (file, said) for file, data in _bytes_of(sources) if (said := _seen(file, data) or _heard(file, data))
+    ]
 
 
-def _telling(sources: Sequence[Source]) -> Iterator[tuple[str, Telling]]:
+def _seen(file: str, data: bytes) -> Said | None:
+    brand = brand_of(file, data)
+    try:
+        return None if brand is None or not brand.tells else brand.says(file, data)
+    except CellError:
+        return None
+
+
+def _heard(file: str, data: bytes) -> Said | None:
+    program = _read(file, data)
+    return None if program is None else program.said
+
+
+def _read(file: str, data: bytes) -> Telling | None:
+    """Return a program; None for one that tells nothing, and for one that is refused when its turn comes."""
+    (program,) = read_programs([(file, data)])
+    if isinstance(program, CellError) or not brand_named(program.brand).tells:
+        return None
+    return cast(Telling, program)
+
+
+def _bytes_of(sources: Sequence[Source]) -> Iterator[tuple[str, bytes]]:
     for source in sources:
         try:
-            data = read_bytes(source.path)
+            yield str(source.path), read_bytes(source.path)
         except CellError:
             continue  # it is refused when its turn comes
-        for program in read_programs([(str(source.path), data)]):
-            if not isinstance(program, CellError) and brand_named(program.brand).tells:
-                yield str(source.path), cast(Telling, program)
