@@ -1,5 +1,7 @@
 """KUKA files: what is read, what is left alone, what is refused; conventions on a real controller's data."""
 
+from typing import cast
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,10 @@ from calibration.geometry import homogeneous
 from calibration.orientation import rotation_from
 from drivers.kuka.configuration import KukaConfigurations
 from drivers.kuka.programs import BRAND, writes_program
+from drivers.programs.brands import Telling
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Change
+from tests.programs import generate_kuka
 
 DAT = b"""&ACCESS RVP\r
 DEFDAT  SCHWEISSEN PUBLIC\r
@@ -245,3 +249,18 @@ def test_other_makers_dat_files_are_not_taken():
     assert not writes_program(b"time,value\n0,1\n")
     assert writes_program(DAT)
     assert writes_program(b"  global def foo()\n")
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_data_list_says_the_same_at_a_glance_as_read_whole(seed: int) -> None:
+    data = generate_kuka.generate(seed)
+    assert BRAND.says("cell/A.dat", data) == cast(Telling, BRAND.read("cell/A.dat", data)).said
+    assert BRAND.says("cell/A.src", data) is None
+
+
+def test_motion_data_of_a_taught_move_is_no_use_of_a_position() -> None:
+    text = (
+        "DEF A( )\r\nLDAT_ACT=LCPDAT1\r\nFDAT_ACT=FP1\r\n$BWDSTART=FALSE\r\nOTHER=XP9\r\nLIN XP1\r\nEND\r\n"
+    )
+    said = cast(Telling, BRAND.read("A.src", text.encode())).said
+    assert set(said.uses) == {"XP9"}  # XP1 is moved to with its own frame data
