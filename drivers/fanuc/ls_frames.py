@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 
 from drivers.fanuc.ls_remarks import statements_of
+from drivers.programs.across import Abroad, RoutineSaid
 from drivers.programs.barred import COMPUTED, LATER, SEVERAL
 from drivers.programs.positions import CARTESIAN, Positions
 
@@ -13,32 +14,40 @@ _ALONE = {
     which: re.compile(rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+" + word + rb" *+= *+(\d{1,3}+) *+;", re.MULTILINE)
     for which, word in _WORDS.items()
 }
+_UNKNOWN = "*"  # a number that only the running program knows
 _USED = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
 # Above the first of these, every statement is run, once and in order.
 _BRANCHES = re.compile(rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|SKIP|ABORT|END|ENDE)\b")
 _INDIRECT = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
 
-_CALL = re.compile(rb"\b(?:CALL|AUFRUF)\b")
+# A register that names the program is a name that no program has.
+_CALL = re.compile(rb"\b(?:CALL|AUFRUF|RUN|MONITOR)[ \t]++(?!END\b)([^\s;(,]{1,80}+)")
+# Words alone are a macro, whose program only the controller's table names; these are not.
+_WORDS_ALONE = re.compile(
+    rb"^[ \t]*+\d++[ \t]*+:[ \t]*+([A-Za-z]\w*+(?:[ \t]++\w++)*+)[ \t]*+;", re.MULTILINE
+)
+_STATEMENT = re.compile(
+    rb"(?:END|ENDE|ABORT|PAUSE|ELSE|ENDIF|ENDFOR|CONTINUE|COL|SOFTFLOAT|LOCK|UNLOCK|MONITOR|CALL|AUFRUF|RUN"
+    rb"|Weave|Track|Arc|WAIT|WARTEN)\b"
+)
 
-_CALLED = "a program that its program calls may choose another frame or tool"
+
+def chosen_and_called(data: bytes) -> RoutineSaid:
+    """Return which frames and tools a program chooses anywhere, and what it calls."""
+    statements = statements_of(data)[1]
+    return RoutineSaid(
+        tools=frozenset(_numbers("tool", statements)),
+        frames=frozenset(_numbers("frame", statements)),
+        calls=frozenset(_calls(statements)),
+    )
 
 
-def with_chosen_frames(positions: Positions, data: bytes) -> Positions:
+def with_chosen_frames(positions: Positions, data: bytes, name: str, abroad: Abroad) -> Positions:
     """Return positions with the numbers that their program chooses for certain before it moves to them.
 
     Where it chooses none, positions stay without; where it is not certain which, they are left, with the reason.
     """
-    if None not in positions.user_frames and None not in positions.tools:  # as in nearly all
-        return positions
-    open_ = [
-        row
-        for row, kind in enumerate(positions.kinds)
-        if kind == CARTESIAN
-        and positions.groups[row] == 1
-        and (positions.user_frames[row] is None or positions.tools[row] is None)
-    ]
-    if not open_:
-        return positions
+    open_ = open_rows(positions)
     statements = statements_of(data)[1]
     uses, indirect = _first_uses(statements), _INDIRECT.search(statements)
     first_of_any = indirect.start() if indirect else len(statements)
@@ -46,6 +55,7 @@ def with_chosen_frames(positions: Positions, data: bytes) -> Positions:
     barred = dict(positions.barred)
     for which, column in columns.items():
         number, place, why = _choice(which, statements)
+        why = why or abroad.reached(abroad.file, name, tool=which == "tool", frame=which == "frame")
         for row in open_:
             if column[row] is not None or not (number or why):
                 continue
@@ -60,21 +70,45 @@ def with_chosen_frames(positions: Positions, data: bytes) -> Positions:
     )
 
 
+def open_rows(positions: Positions) -> list[int]:
+    """Return the rows whose frame or tool is not written beside them."""
+    if None not in positions.user_frames and None not in positions.tools:  # as in nearly all
+        return []
+    return [
+        row
+        for row, kind in enumerate(positions.kinds)
+        if kind == CARTESIAN
+        and positions.groups[row] == 1
+        and (positions.user_frames[row] is None or positions.tools[row] is None)
+    ]
+
+
 def _choice(which: str, statements: bytes) -> tuple[str, int, str]:
     """Return the one number that a program chooses, where for certain, and why there is no such."""
-    alone = list(_ALONE[which].finditer(statements))
-    if len(alone) < len(_CHOSEN[which].findall(statements)):
+    numbers = _numbers(which, statements)
+    if _UNKNOWN in numbers:
         return "", 0, COMPUTED
-    if not alone:
+    if not numbers:
         return "", 0, ""
-    if len({int(found[1]) for found in alone}) > 1:
+    if len(numbers) > 1:
         return "", 0, SEVERAL
-    if _CALL.search(statements):
-        return "", 0, _CALLED
+    first = _ALONE[which].search(statements)
     branch = _BRANCHES.search(statements)
-    if branch is not None and branch.start() < alone[0].start():
+    place = first.start() if first else 0
+    if branch is not None and branch.start() < place:
         return "", 0, LATER
-    return str(int(alone[0][1])), alone[0].start(), ""
+    return next(iter(numbers)), place, ""
+
+
+def _numbers(which: str, statements: bytes) -> set[str]:
+    alone = [str(int(number)) for number in _ALONE[which].findall(statements)]
+    return {*alone, *([_UNKNOWN] if len(alone) < len(_CHOSEN[which].findall(statements)) else ())}
+
+
+def _calls(statements: bytes) -> set[str]:
+    named = {name.decode("cp437").upper() for name in _CALL.findall(statements)}
+    macros = {words for words in _WORDS_ALONE.findall(statements) if _STATEMENT.match(words) is None}
+    return named | {f"macro {words.decode()}" for words in macros}
 
 
 def _first_uses(statements: bytes) -> dict[str, int]:

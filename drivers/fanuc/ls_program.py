@@ -8,17 +8,19 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.fanuc.ls_edit import edited
 from drivers.fanuc.ls_fixed import Body
-from drivers.fanuc.ls_frames import with_chosen_frames
+from drivers.fanuc.ls_frames import chosen_and_called, open_rows, with_chosen_frames
 from drivers.fanuc.ls_positions import positions_of
 from drivers.fanuc.ls_records import Place
 from drivers.fanuc.ls_remarks import remarks_of
 from drivers.fanuc.ls_together import FixedRead, Rewriting, read_fixed, rewriting, rewritten
+from drivers.programs.across import Abroad, Across, Said
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import Change, Frames, Positions, ProgramFile, Remark
 
@@ -44,6 +46,9 @@ class LsProgram:
         self._place = Place(file, data)
         self._sections = _sections(self._place)
         self._fixed: FixedRead | None = None
+        self.abroad: Abroad | None = (
+            None  # what the controller's other programs choose; None: they are not known
+        )
 
     @property
     def name(self) -> str:
@@ -60,7 +65,11 @@ class LsProgram:
         found = self._read[0]
         if self._track:
             return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED))
-        return with_chosen_frames(found, self._place.data)
+        if not open_rows(found):  # as nearly always
+            return found
+        abroad = self.abroad or Across({self.file: self.said}).of(self.file)
+        assert abroad is not None
+        return with_chosen_frames(found, self._place.data, self.name.upper(), abroad)
 
     @cached_property
     def remarks(self) -> tuple[Remark, ...]:
@@ -74,6 +83,19 @@ class LsProgram:
     def frames(self) -> Frames:
         """Return nothing: a listing names its frames by number, the controller keeps them."""
         return Frames()
+
+    @property
+    def said(self) -> Said:
+        """Return what counts for other programs of the controller."""
+        return said_by(self.file, self._place.data)
+
+    def with_abroad(self, abroad: Abroad | None) -> "LsProgram":
+        """Return the listing with what the controller's other programs choose."""
+        if abroad is self.abroad or not open_rows(self._read[0]):
+            return self
+        other = LsProgram(self.file, self._place.data)
+        other._fixed, other.abroad = self._fixed, abroad
+        return other
 
     def to_bytes(self) -> bytes:
         return self._place.data
@@ -112,6 +134,13 @@ class LsProgram:
     @cached_property
     def _read(self) -> tuple[Positions, NDArray[np.int64]]:
         return positions_of(self._place, *self._body) if self._fixed is None else self._fixed[:2]
+
+
+def said_by(file: str, data: bytes) -> Said:
+    """Return what a listing says that counts for others; it need not be a sound one."""
+    found = _PROGRAM.search(data)
+    name = found[1].decode("cp437").upper() if found else ""
+    return Said(PurePath(file).stem, routines={name: chosen_and_called(data)}, flat=True)
 
 
 def read_listings(files: Sequence[tuple[str, bytes]]) -> list[LsProgram | ProgramFileError]:
@@ -157,7 +186,8 @@ def _changed(programs: Sequence[LsProgram], changes: Sequence[Change]) -> list[L
         (program.file, program.edited(change) if text is None else text)
         for program, change, text in zip(programs, changes, new, strict=True)
     ]
-    return [_or_raise(one) for one in read_listings(files)]
+    changed = [_or_raise(one) for one in read_listings(files)]
+    return [new.with_abroad(old.abroad) for new, old in zip(changed, programs, strict=True)]
 
 
 def _opened(file: str, data: bytes) -> LsProgram | ProgramFileError:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from drivers.fanuc.configuration import FanucConfigurations
-from drivers.fanuc.ls_program import change_listings, read_listings, read_ls
+from drivers.fanuc.ls_program import change_listings, read_listings, read_ls, said_by
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import Change, ProgramFile
@@ -33,5 +33,7 @@ BRAND = ProgramBrand(
     read=read_ls,
     configurations=FanucConfigurations(),
     writes_program=_is_program,
+    tells=True,
+    says=said_by,
     together=_Listings(),
 )

@@ -5,10 +5,10 @@ together (`Across`) tell of each file how the others use its positions.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 from drivers.programs.call_graph import Marks, reached
 from drivers.programs.positions import CARTESIAN, Positions, Remark
@@ -20,6 +20,8 @@ _DIFFERENT = "it is used with different tools or frames, in {}"
 _OTHERWISE = "it was taught with another tool or frame than {} moves there with"
 _CALLED = "{} in {}, which its program calls, sets another tool or frame"
 _CALLER = "{} in {} sets the tool or frame before its program is called, or may"
+_UNGIVEN = "{} in {} calls a program that was not given, which may set another tool or frame"
+_NOT_GIVEN = "~"  # what a program sets that was not given; behind all numbers and names
 _UNUSED = "{} and {} more may be used by programs that were not given, with another tool or frame than is taken here."
 _UNUSED_ALONE = (
     "{} may be used by a program that was not given, with another tool or frame than is taken here."
@@ -57,6 +59,15 @@ class Said:
         default_factory=dict
     )  # tools and frames no point may be carried in, and why
     public: bool = False  # all that is declared here is seen everywhere
+    flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
+
+
+class Reached(Protocol):
+    """Of a file's routine: why its callers or called routines leave its tool or frame open, or ""."""
+
+    def __call__(self, file: str, name: str, /, *, tool: bool = True, frame: bool = True) -> str:
+        """Return the reason, of the tool or frame only where the other is not asked for."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +76,7 @@ class Abroad:
 
     uses: Mapping[str, Sequence[tuple[Held, str]]]  # by declared name; the file that uses it
     doubtful: Mapping[str, str]
-    reached: Callable[
-        [str, str], str
-    ]  # of a file's routine: why its callers or called routines leave a frame open
+    reached: Reached
     file: str
     visible: frozenset[str]  # names that programs not given may use, too
 
@@ -142,7 +151,7 @@ class Across:
                 for owner in owners or self._nearest(file, seen.get(bare, ())):
                     self._uses[owner][name] += [(held, file) for held in helds]
 
-    def _why_reached(self, file: str, name: str) -> str:
+    def _why_reached(self, file: str, name: str, /, *, tool: bool = True, frame: bool = True) -> str:
         """Return why what a routine sets itself is not all: one that it calls, or a caller, sets more; or ""."""
         number = self._numbers.get((file, name)) if name else None
         if number is None:
@@ -151,13 +160,15 @@ class Across:
         if self._marks is None:
             self._marks = self._reached()
         tools, frames = self._marks
-        others = [who for which, has in ((tools, own.tools), (frames, own.frames))
-                  for value, who in which[0][number] if value not in has]  # fmt: skip
-        if others:
-            return self._named(_CALLED, others[0])
-        above = [which[1][number] for which, has in ((tools, own.tools), (frames, own.frames)) if not has]
-        others = [who for marks in above for _, who in marks]
-        return self._named(_CALLER, others[0]) if others else ""
+        asked = [*([(tools, own.tools)] if tool else ()), *([(frames, own.frames)] if frame else ())]
+        below = [(value, who) for (marks, _), has in asked for value, who in marks[number]
+                 if value not in has and (has or value != _NOT_GIVEN)]  # fmt: skip
+        if below:
+            value, who = below[0]
+            return self._named(_UNGIVEN if value == _NOT_GIVEN else _CALLED, who)
+        above = [who for (_, marks), has in asked if not has for value, who in marks[number]
+                 if value != _NOT_GIVEN]  # fmt: skip
+        return self._named(_CALLER, above[0]) if above else ""
 
     def _reached(self) -> "tuple[_Around, _Around]":
         routines = [self._said[file].routines[name] for file, name in self._numbers]
@@ -165,14 +176,25 @@ class Across:
             [self._numbers[called] for name in sorted(one.calls) for called in self._called(file, name)]
             for (file, _), one in zip(self._numbers, routines, strict=True)
         ]
-        return reached(calls, [one.tools for one in routines]), reached(
-            calls, [one.frames for one in routines]
+        more = [
+            frozenset([_NOT_GIVEN]) if self._lacks_some(file, one) else frozenset[str]()
+            for (file, _), one in zip(self._numbers, routines, strict=True)
+        ]
+        return (
+            reached(calls, [one.tools | its for one, its in zip(routines, more, strict=True)]),
+            reached(calls, [one.frames | its for one, its in zip(routines, more, strict=True)]),
         )
+
+    def _lacks_some(self, file: str, routine: RoutineSaid) -> bool:
+        return self._said[file].flat and not all(self._called(file, name) for name in routine.calls)
 
     def _called(self, file: str, name: str) -> list[Routine]:
         if name in self._said[file].routines:
             return [(file, name)]
-        return [(other, name) for other in self._nearest(file, self._shown.get(name, ()))]
+        others = self._shown.get(name, ())
+        if self._said[file].flat:
+            return [(other, name) for other in others if self._folders[other] == self._folders[file]]
+        return [(other, name) for other in self._nearest(file, others)]
 
     def _named(self, text: str, number: int) -> str:
         file, name = self._names[number]

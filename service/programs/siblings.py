@@ -22,10 +22,10 @@ def read_siblings(sources: Sequence[Source]) -> None:
             else:
                 said = {}
                 for file, data in _bytes_of(told):
-                    if (program := _read(file, data)) is not None:
-                        siblings.read[file], said[file] = program, program.said
-                    elif (seen := _seen(file, data)) is not None:
+                    if (seen := _seen(file, data)) is not None:
                         said[file] = seen
+                    elif (program := _read(file, data)) is not None:
+                        siblings.read[file], said[file] = program, program.said
             siblings.across = Across(said)
 
 

@@ -1,4 +1,7 @@
-"""Positions that one file declares and others move to: KUKA's data lists and ABB's modules, given together."""
+"""What programs given together say of each other's positions.
+
+KUKA's data lists and ABB's modules declare what others move to; FANUC's programs choose frames for those they call.
+"""
 
 from pathlib import Path
 
@@ -30,7 +33,7 @@ def moves(*lines):
     return "\r\n".join(["PROC r()", *lines, "ENDPROC"])
 
 
-def read(folder: Path, files):
+def read(folder: Path, files, damaged=""):
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, newline="")
@@ -40,7 +43,7 @@ def read(folder: Path, files):
         for some in batches(find_programs([str(folder)]).sources, lambda _: None, refused)
         for one in some
     }
-    assert not refused
+    assert {Path(one.file).name for one in refused} <= {damaged}
     return found
 
 
@@ -220,3 +223,62 @@ def test_an_array_of_another_module_is_used_as_a_whole_where_its_index_is_comput
 def test_a_position_that_programs_not_given_may_use_is_told(tmp_path, name, text):
     program = read(tmp_path, {name: text})[name]
     assert any("not given" in remark.text for remark in program.remarks)
+
+
+OPEN = """P[1]{
+   GP1:
+\tUF : F, UT : 2,\t\tCONFIG : 'N U T, 0, 0, 0',
+\tX = 1.0 mm,\tY = 2.0 mm,\tZ = 3.0 mm,
+\tW = 0.0 deg,\tP = 0.0 deg,\tR = 0.0 deg
+};
+"""
+MOVE = "J P[1] 50% FINE"
+
+
+def listing(name, *statements, positions=""):
+    lines = [f"{k:4}:  {statement} ;" for k, statement in enumerate(statements, 1)]
+    return "\n".join([f"/PROG  {name}", "/MN", *lines, "/POS", f"{positions}/END", ""])
+
+
+def pick(*statements):
+    return listing("PICK", *statements, positions=OPEN)
+
+
+IN_3 = pick("UFRAME_NUM=3", "CALL GRIP", MOVE)
+
+
+@pytest.mark.parametrize(
+    ("files", "wanted"),
+    [
+        ({"pick.ls": pick(MOVE), "main.ls": listing("MAIN", "CALL PICK")}, ("2", None)),  # as the project says
+        ({"pick.ls": pick(MOVE), "main.ls": listing("MAIN", "UFRAME_NUM=3", "CALL PICK")}, "MAIN in main.ls sets"),
+        ({"pick.ls": pick(MOVE), "main.ls": listing("MAIN", "UTOOL_NUM=3", "CALL PICK")}, ("2", None)),
+        (
+            {
+                "pick.ls": pick(MOVE),
+                "main.ls": listing("MAIN", "CALL FRAMES", "IF DI[1]=ON,CALL PICK"),
+                "frames.ls": listing("FRAMES", "UFRAME_NUM=R[1]"),
+            },
+            "FRAMES in frames.ls sets",
+        ),
+        ({"pick.ls": pick("CALL FRAMES", MOVE), "f.ls": listing("FRAMES", "UFRAME_NUM=3")}, "FRAMES in f.ls, which"),
+        ({"pick.ls": pick("UFRAME_NUM=3", MOVE), "m.ls": listing("M", "UFRAME_NUM=4", "CALL PICK")}, ("2", "3")),
+        ({"pick.ls": IN_3}, "PICK in pick.ls calls a program that was not given"),
+        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "DO[1]=ON")}, ("2", "3")),
+        ({"pick.ls": IN_3, "grip.ls": listing("grip", "UFRAME_NUM=3")}, ("2", "3")),
+        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "UFRAME_NUM=4")}, "GRIP in grip.ls, which its program calls"),
+        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "UTOOL_NUM=4")}, ("2", "3")),
+        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "CALL DEEP")}, "GRIP in grip.ls calls a program that was not"),
+        ({"pick.ls": IN_3, "robot2/grip.ls": listing("GRIP", "DO[1]=ON")}, "not given"),
+        ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "UFRAME_NUM=4").replace("/POS", "")}, "GRIP in grip.ls, which"),
+    ],
+)  # fmt: skip
+def test_a_fanuc_position_without_frame_is_taken_in_one_only_where_no_other_program_chooses_another(
+    tmp_path, files, wanted
+):
+    found = told(read(tmp_path, files, damaged="grip.ls")["pick.ls"], "P[1]")
+    if isinstance(wanted, str):
+        assert isinstance(found, str)
+        assert wanted in found
+    else:
+        assert found == wanted

@@ -303,7 +303,12 @@ MOVE = "J P[1] 50% FINE"
         ((MOVE, "UFRAME_NUM=3"), "below it"),
         (("J P[R[1]] 50% FINE", "UFRAME_NUM=3", MOVE), "below it"),
         (("JMP LBL[1]", "UFRAME_NUM=3", "LBL[1]", MOVE), "in a branch"),
-        (("UFRAME_NUM=3", "CALL GRIP", MOVE), "calls may choose"),
+        (("UFRAME_NUM=3", "CALL GRIP", MOVE), "was not given"),
+        (("UFRAME_NUM=3", "RUN GRIP", MOVE), "was not given"),
+        (("UFRAME_NUM=3", "CALL SR[1]", MOVE), "was not given"),
+        (("UFRAME_NUM=3", "Open hand", MOVE), "was not given"),  # a macro
+        (("UFRAME_NUM=3", "Weave End", "COL DETECT ON", "WAIT .30(sec)", "PAUSE", MOVE), ("3", "2")),
+        (("CALL GRIP", MOVE), (None, "2")),
     ],
 )
 def test_a_position_without_frame_has_the_one_that_its_program_surely_chooses(statements, wanted):

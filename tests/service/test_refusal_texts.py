@@ -20,7 +20,6 @@ WHOLE = (
     "drivers/abb/uses.py",
     "drivers/draw_wire/ends.py",
     "drivers/draw_wire/gauge.py",
-    "drivers/fanuc/ls_frames.py",
     "drivers/kuka/frame_uses.py",
     "drivers/kuka/point_uses.py",
     "drivers/modbus_robot/condition.py",
