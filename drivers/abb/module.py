@@ -1,7 +1,7 @@
 """RAPID modules: targets, tools and work objects that are declared, targets inside moves, and what changes them."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from calibration.geometry import Pose
@@ -71,6 +71,7 @@ class Module:
     declared_local: bool = False
     local: bool = False  # the declaration that follows is its module's only
     frames_declared: set[str] = field(default_factory=set)  # tools and work objects, in small letters
+    frames_shown: set[str] = field(default_factory=set)  # those of them that other modules see
     set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
     looked_at: int = 0  # up to where the text was searched for positions inside other data
 
@@ -122,6 +123,11 @@ class Module:
         """Return the tools and fixed work objects that stand here, and the two of the language itself."""
         return Frames(base_frame=self.bases, flange_tip=self.tools)
 
+    def shown(self, poses: Mapping[str, Pose]) -> dict[str, Pose | None]:
+        """Return what other modules see, by names in small letters; None for one without a fixed pose."""
+        of = {name.lower(): pose for name, pose in poses.items()}
+        return {name: of.get(name) for name in self.frames_shown}
+
     def _word(self, word: str, start: int, end: int) -> int:
         """Take a word at statement level; return where to go on."""
         handler = _HANDLERS.get(word)
@@ -145,6 +151,8 @@ class Module:
         self.declared_local = local
         if kind in ("tooldata", "wobjdata"):
             self.frames_declared.add(name.lower())
+            if not local and self.uses.scope.endswith("/"):
+                self.frames_shown.add(name.lower())
         if kind not in AGGREGATES:
             return declared.end()
         if sizes is not None:

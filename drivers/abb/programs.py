@@ -21,6 +21,7 @@ from drivers.abb.literals import AGGREGATES
 from drivers.abb.module import read_module
 from drivers.programs.across import Abroad, Said, settled
 from drivers.programs.brands import ProgramBrand
+from drivers.programs.declared_poses import with_declared
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
 from drivers.programs.spans import Edit, Source, Wanted, checked_rows, finest, written
@@ -43,6 +44,7 @@ class AbbFile:
     said: Said  # what counts for other files
     keys: tuple[str, ...]  # (N,) the targets' names as other modules write them
     used: frozenset[int]  # rows that moves of this file go to
+    declared: frozenset[str]  # its own tools and work objects, in small letters
     brand: str = "abb"
 
     def to_bytes(self) -> bytes:
@@ -98,9 +100,12 @@ class AbbFile:
                 declares=uses.shown,
                 uses={name: frozenset(held) for name, held in uses.abroad.items()},
                 doubtful=uses.doubtful(),
+                tools=module.shown(module.tools),
+                bases=module.shown(module.bases),
             ),
             keys=tuple(found.names[row].lower() for row in order.tolist()),
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
+            declared=frozenset(module.frames_declared),
             name=module.name or PurePath(name).stem,
             positions=found.positions(order, user_frames, tools, module.uses.barred),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
@@ -114,7 +119,8 @@ class AbbFile:
         positions, remarks = settled(
             self.positions, abroad, self.keys, used=self.used, taught=frozenset(), routines={}
         )
-        return replace(self, positions=positions, remarks=(*self.remarks, *remarks))
+        frames = with_declared(self.frames, positions, abroad.tools, abroad.bases, own=self.declared)
+        return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, frame: str | None) -> None:
         kind = self.positions.kinds[row]

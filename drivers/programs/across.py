@@ -11,6 +11,7 @@ from pathlib import PurePath
 from typing import NamedTuple, Protocol, TypeAlias
 
 from drivers.programs.call_graph import Marks, reached
+from drivers.programs.declared_poses import DeclaredPoses, Poses
 from drivers.programs.positions import CARTESIAN, Positions, Remark
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
@@ -59,6 +60,8 @@ class Said:
         default_factory=dict
     )  # tools and frames no point may be carried in, and why
     public: bool = False  # all that is declared here is seen everywhere
+    tools: Poses = field(default_factory=dict)  # declared here for all
+    bases: Poses = field(default_factory=dict)
     flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
 
 
@@ -79,6 +82,8 @@ class Abroad:
     reached: Reached
     file: str
     visible: frozenset[str]  # names that programs not given may use, too
+    tools: Poses  # what files declare for all; the nearest one's for each name
+    bases: Poses
 
     def doubt(self, tool: str | None, frame: str | None) -> str:
         """Return why nothing is carried in a tool or frame, or ""."""
@@ -103,6 +108,8 @@ class Across:
         self._names = [(file, name) for file, one in said.items() for name in one.routines]
         self._numbers = {routine: number for number, routine in enumerate(self._names)}
         self._marks: tuple[_Around, _Around] | None = None
+        self._tools = DeclaredPoses({file: one.tools for file, one in said.items() if one.tools})
+        self._bases = DeclaredPoses({file: one.bases for file, one in said.items() if one.bases})
         for file, one in said.items():
             self._doubtful |= one.doubtful
             for name, routine in one.routines.items():
@@ -117,7 +124,8 @@ class Across:
         one = self._said[file]
         uses = {name: self._short(helds) for name, helds in self._uses.get(file, {}).items()}
         visible = frozenset(name for name, seen in one.declares.items() if seen or one.public)
-        return Abroad(uses, self._doubtful, self._why_reached, file, visible)
+        tools, bases = (every.seen_from(self._folders[file]) for every in (self._tools, self._bases))
+        return Abroad(uses, self._doubtful, self._why_reached, file, visible, tools, bases)
 
     def _short(self, helds: list[tuple[Held, str]]) -> list[tuple[Held, str]]:
         """Return of very many uses those that decide: an array has thousands, for each of its elements."""

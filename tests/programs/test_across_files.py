@@ -212,6 +212,39 @@ def test_an_abb_target_has_the_tool_and_work_object_that_all_modules_agree_on(tm
         assert found == wanted
 
 
+TOOL = "PERS tooldata tool1:=[TRUE,[[0,0,{}],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];"
+BASE = 'PERS wobjdata W2:=[FALSE,TRUE,"",[[{},0,0],[1,0,0,0]],[[0,7,0],[1,0,0,0]]];'
+
+
+@pytest.mark.parametrize(
+    ("files", "wanted"),
+    [
+        ({"c.sys": module("C", TOOL.format(5), BASE.format(40))}, ([0, 0, 5], [40, 7, 0])),
+        ({"c.sys": module("C", "LOCAL " + TOOL.format(5), BASE.format(40))}, (None, [40, 7, 0])),
+        (
+            {"c.sys": module("C", moves(TOOL.format(5)), BASE.format(40))},
+            (None, [40, 7, 0]),
+        ),  # a routine's own
+        ({"c.sys": module("C", TOOL.format(5)), "d.sys": module("D", TOOL.format(5))}, ([0, 0, 5], None)),
+        ({"c.sys": module("C", TOOL.format(5)), "d.sys": module("D", TOOL.format(6))}, (None, None)),
+        (
+            {"c.sys": module("C", TOOL.format(5)), "other/d.sys": module("D", TOOL.format(6))},
+            ([0, 0, 5], None),
+        ),
+        ({"c.sys": module("C", BASE.format("GetX()"), TOOL.format(5))}, ([0, 0, 5], None)),
+    ],
+)
+def test_an_abb_module_has_the_tools_and_work_objects_that_others_declare(tmp_path, files, wanted):
+    used = {"cell/a.mod": module("A", f"CONST robtarget p1:={TARGET};", moves(AT_W2))}
+    frames = read(tmp_path, used | {f"cell/{name}": text for name, text in files.items()})[
+        "cell/a.mod"
+    ].frames
+    poses = frames.flange_tip.get("tool1"), frames.base_frame.get("w2")
+    assert [None if pose is None else [round(1e3 * x, 6) for x in pose.position_m] for pose in poses] == list(
+        wanted
+    )
+
+
 def test_an_array_of_another_module_is_used_as_a_whole_where_its_index_is_computed(tmp_path):
     array = module("A", f"CONST robtarget p{{2}}:=[{TARGET},{TARGET}];")
     move = moves("MoveL p{i},v100,fine,tool1\\WObj:=w2;")

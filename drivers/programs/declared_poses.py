@@ -1,0 +1,71 @@
+"""Tools and frames that files of a batch declare for all others."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Set
+from dataclasses import replace
+from itertools import takewhile
+from pathlib import PurePath
+from typing import TypeAlias
+
+from calibration.geometry import Pose
+from drivers.programs.positions import Frames, Positions
+
+Poses: TypeAlias = Mapping[str, Pose | None]  # by name, in the language's one case; None: no fixed pose
+
+
+class DeclaredPoses:
+    """Poses by the files that declare them, of several with one name the nearest file's for each.
+
+    Robots' backups lie in folders side by side, and each has its own tool 1.
+    """
+
+    def __init__(self, declared: Mapping[str, Poses]) -> None:
+        self._declared = [(PurePath(file).parent, poses) for file, poses in declared.items()]
+        self._seen: dict[str, Poses] = {}
+
+    def seen_from(self, folder: str) -> Poses:
+        """Return what a folder's files see; equally near ones that differ are nobody's: None."""
+        if folder not in self._seen:
+            found: dict[str, dict[tuple[int, int], set[Pose | None]]] = defaultdict(lambda: defaultdict(set))
+            for place, poses in self._declared:
+                near = _nearness(PurePath(folder), place)
+                for name, pose in poses.items():
+                    found[name][near].add(pose)
+            nearest = {name: by_near[max(by_near)] for name, by_near in found.items()}
+            self._seen[folder] = {
+                name: next(iter(poses)) if len(poses) == 1 else None for name, poses in nearest.items()
+            }
+        return self._seen[folder]
+
+
+def with_declared(
+    frames: Frames, positions: Positions, tools: Poses, bases: Poses, *, own: Set[str]
+) -> Frames:
+    """Return a file's tools and frames with those that its positions name and other files declare.
+
+    ``own`` are names that the file itself declares, in the language's one case.
+    """
+    more_tools = _asked({*positions.tools} - frames.flange_tip.keys(), tools, own)
+    more_bases = _asked({*positions.user_frames} - frames.base_frame.keys(), bases, own)
+    if not (more_tools or more_bases):
+        return frames
+    return replace(
+        frames,
+        flange_tip={**frames.flange_tip, **more_tools},
+        base_frame={**frames.base_frame, **more_bases},
+    )
+
+
+def _asked(names: Set[str | None], declared: Poses, own: Set[str]) -> dict[str, Pose]:
+    found = {
+        name: declared.get(name.lower()) for name in names if name is not None and name.lower() not in own
+    }
+    return {name: pose for name, pose in found.items() if pose is not None}
+
+
+def _nearness(folder: PurePath, other: PurePath) -> tuple[int, int]:
+    """Return how many folders two of them share from the top, and how many the other is below these."""
+    common = sum(
+        1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(folder.parts, other.parts, strict=False))
+    )
+    return common, common - len(other.parts)
