@@ -1,5 +1,6 @@
 """Positions of a KRL file while it is read, row by row, and the columns that come of them."""
 
+import re
 from array import array
 from dataclasses import dataclass, field
 from typing import TypeVar
@@ -9,16 +10,21 @@ from numpy.typing import NDArray
 
 from calibration.geometry import Array, Pose, homogeneous
 from calibration.orientation import rotation_from
-from drivers.kuka.literals import Literal, LiteralError, field_spans, read_literal
+from drivers.kuka.literals import POSE_FIELDS, Literal, LiteralError, field_spans, read_literal
+from drivers.kuka.written import (
+    LEAST_ANGLE_DECIMALS,
+    LEAST_LENGTH_DECIMALS,
+    Written,
+    widths_and_decimals,
+)
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, Remark
 from drivers.programs.spans import Source, finest, unique_names
 
-LEAST_LENGTH_DECIMALS = 3  # of a millimetre: what a changed coordinate is written with at least
-LEAST_ANGLE_DECIMALS = 4  # of a degree
 NO_VALUE = "it has no coordinates"
 _NOTHING = (np.nan,) * 6
 _NO_EXTERNAL = (None,) * 6
+_LEAST_DECIMALS = (LEAST_LENGTH_DECIMALS, LEAST_ANGLE_DECIMALS)
 _T = TypeVar("_T")
 
 _PARTIAL = "{} leaves coordinates to what the robot has at that moment; it is not changed."
@@ -46,9 +52,9 @@ class Collected:
     barred: dict[int, str] = field(default_factory=dict)  # rows whose tool or base nobody can tell, and why
     remarks: list[Remark] = field(default_factory=list)
     external_seen: bool = False
-    known_axes: dict[tuple[str | None, ...], list[float]] = field(
-        default_factory=dict
-    )  # most points have the same
+    usual_rows: "array[int]" = field(default_factory=lambda: array("q"))  # written as the controller does
+    usual_texts: list[str] = field(default_factory=list)  # six for each
+    known_axes: dict[str, "array[float]"] = field(default_factory=dict)  # most points have the same
 
     def literal(self, start: int, end: int) -> Literal | None:
         """Read the struct at a place; None where it is computed, which is remarked.
@@ -90,6 +96,28 @@ class Collected:
             self.decimals[-1] = finest(main[3:], LEAST_ANGLE_DECIMALS)
         self._add_external(name, literal)
 
+    def add_usual(self, point: re.Match[str]) -> None:
+        """Take a position as `drivers.kuka.usual` finds it."""
+        texts = point.group(*POSE_FIELDS)
+        self.usual_rows.append(len(self.names))
+        self.usual_texts += texts
+        self.names.append(point["name"])
+        self.kinds.append(CARTESIAN)
+        self.starts.append(point.start("brace"))
+        self.main.extend(map(float, texts))
+        self.states.append(point["state"][1:])
+        self.decimals.extend(_LEAST_DECIMALS)
+        self.user_frames.append(None)
+        self.tools.append(None)
+        if (axes := self.known_axes.get(point["external"])) is not None:
+            self.external.extend(axes)
+            return
+        self.external.extend(_NOTHING)
+        literal = self.literal(point.start("brace"), point.end())
+        assert literal is not None  # numbers
+        self._add_external(point["name"], literal)
+        self.known_axes[point["external"]] = self.external[-6:]
+
     def add_untaught(self, name: str, place: int) -> None:
         """Take a position that holds no coordinates."""
         self.fix(len(self.names), NO_VALUE)
@@ -128,11 +156,24 @@ class Collected:
         starts = np.array(self.starts, dtype=np.int64)[keep]
         return np.array(keep, dtype=np.int64)[np.argsort(starts, kind="stable")]
 
-    def positions(self, keep: NDArray[np.int64]) -> Positions:
+    def written(self, keep: NDArray[np.int64]) -> Written:
+        """Return how some rows are written; a position written otherwise shares no column."""
+        widths = np.zeros((len(self.names), 6), dtype=np.int64)
+        decimals = np.array(self.decimals).reshape(-1, 2)
+        widths[self.usual_rows], decimals[self.usual_rows] = widths_and_decimals(self.usual_texts)
+        widths[list(self.fixed)] = 0
+        return Written(
+            np.array(self.starts, dtype=np.int64)[keep],
+            widths[keep],
+            np.array(self.main).reshape(-1, 6)[keep],
+            decimals[keep],
+        )
+
+    def positions(self, keep: NDArray[np.int64], written: Written) -> Positions:
         """Return the columns of some rows."""
-        lines = self.source.lines_of(np.array(self.starts, dtype=np.int64)[keep])
+        lines = self.source.lines_of(written.starts)
         kinds = tuple(np.array(self.kinds, dtype=object)[keep])
-        main = np.array(self.main).reshape(-1, 6)[keep]
+        main = written.values
         external = np.array(self.external).reshape(-1, 6)[keep] * 1e-3
         cartesian = np.array([kind == CARTESIAN for kind in kinds], dtype=bool)
         taught_joints = np.array([kind == JOINTS for kind in kinds], dtype=bool)
@@ -141,7 +182,7 @@ class Collected:
         joints = np.full((len(kinds), 6 if taught_joints.any() else 0), np.nan)
         if joints.size:
             joints[taught_joints] = np.deg2rad(main[taught_joints])
-        steps = 10.0 ** -np.array(self.decimals, dtype=float).reshape(-1, 2)[keep]
+        steps = 10.0 ** -written.decimals.astype(float)
         used = np.flatnonzero(~np.isnan(external).all(axis=0))
         return Positions(
             names=unique_names(_kept(self.names, keep), lines),
@@ -166,7 +207,7 @@ class Collected:
         self.main.extend(_NOTHING)
         self.external.extend(_NOTHING)
         self.states.append(state)
-        self.decimals.extend((LEAST_LENGTH_DECIMALS, LEAST_ANGLE_DECIMALS))
+        self.decimals.extend(_LEAST_DECIMALS)
         self.user_frames.append(None)
         self.tools.append(None)
 
@@ -184,11 +225,8 @@ class Collected:
     def _add_external(self, name: str, literal: Literal) -> None:
         if literal.external == _NO_EXTERNAL:
             return
-        values = self.known_axes.get(literal.external)
-        if values is None:
-            self._values([text for text in literal.external if text is not None], literal)
-            values = [np.nan if text is None else float(text) for text in literal.external]
-            self.known_axes[literal.external] = values
+        self._values([text for text in literal.external if text is not None], literal)
+        values = [np.nan if text is None else float(text) for text in literal.external]
         self.external[-6:] = array("d", values)
         if not self.external_seen and any(value for value in values if value == value):  # noqa: PLR0124  # not NaN
             self.external_seen = True

@@ -6,8 +6,9 @@ from functools import lru_cache
 
 from calibration.geometry import Pose
 from drivers.kuka.collected import Collected
-from drivers.kuka.lines import DECLARING, Item, Line, declaration, first_word, item, lines, without_strings
+from drivers.kuka.lines import DECLARING, Item, Line, declaration, first_word, item, line_at, without_strings
 from drivers.kuka.literals import AXIS_TYPES, Literal
+from drivers.kuka.usual import DATA_LINE, DECLARATION
 from drivers.programs.positions import Frames
 from drivers.programs.spans import Source
 
@@ -47,6 +48,21 @@ class DataList:
     undecided: list[tuple[str, Literal]] = field(default_factory=list)  # FRAMEs, which may have an FDAT below
     bases: dict[str, Pose] = field(default_factory=lambda: {"0": _NULL_FRAME})
     tools: dict[str, Pose] = field(default_factory=lambda: {"0": _NULL_FRAME})
+
+    def read_usual(self, found: re.Match[str]) -> bool:
+        """Take a line if it is one as the controller itself writes it; tell whether it is."""
+        if found.lastgroup == "a_point":
+            upper = found["name"].upper()
+            self.types[upper], self.shown[upper] = found["kind"], False
+            self.found.add_usual(found)
+            return True
+        if found.lastgroup == "a_frame_data":
+            upper, known = found["data_name"].upper(), self.known_data.get(found["data"])
+            if known is None:
+                return False
+            self.types[upper], self.shown[upper], self.frame_data[upper] = "FDAT", False, known
+            return True
+        return found.lastgroup == "a_motion_data" and not _holds_a_position(found["motion_data"])
 
     def read(self, line: Line) -> None:
         """Take one line."""
@@ -192,8 +208,9 @@ class DataList:
 def read_data_list(source: Source) -> DataList:
     """Read a data list."""
     data = DataList(Collected(source))
-    for line in lines(source.text):
-        data.read(line)
+    for found in DATA_LINE.finditer(source.text):
+        if not data.read_usual(found) and (line := line_at(source.text, found.start())):
+            data.read(line)
     data.finish()
     return data
 
@@ -201,19 +218,28 @@ def read_data_list(source: Source) -> DataList:
 def declared_names(text: str) -> dict[str, bool]:
     """Return what a data list declares, and whether for all modules: all that other files need of it, quickly."""
     declares: dict[str, bool] = {}
-    for line in lines(text):
-        declared = declaration(text, line) if first_word(text, line) in DECLARING else None
-        if declared is None:
-            continue
-        kind, place = declared
-        shown = _GLOBAL.search(text, line.start, place) is not None
-        while place < line.end and (name := item(text, place, line.end)) is not None:
-            declares[name.name.upper()] = shown
-            place = name.end
-            if name.value is not None:
-                close = -1 if kind == "FDAT" else text.find("}", name.value, line.end)
-                comma = -1 if close < 0 else text.find(",", close, line.end)
-                place = line.end if comma < 0 else comma + 1
+    for found in DECLARATION.finditer(text):
+        if name := found["point"] or found["data"]:
+            declares[name.upper()] = False
+        elif found["code"] and (line := line_at(text, found.start())):
+            declares |= _declared_names(text, line)
+    return declares
+
+
+def _declared_names(text: str, line: Line) -> dict[str, bool]:
+    declares: dict[str, bool] = {}
+    declared = declaration(text, line) if first_word(text, line) in DECLARING else None
+    if declared is None:
+        return declares
+    kind, place = declared
+    shown = _GLOBAL.search(text, line.start, place) is not None
+    while place < line.end and (name := item(text, place, line.end)) is not None:
+        declares[name.name.upper()] = shown
+        place = name.end
+        if name.value is not None:
+            close = -1 if kind == "FDAT" else text.find("}", name.value, line.end)
+            comma = -1 if close < 0 else text.find(",", close, line.end)
+            place = line.end if comma < 0 else comma + 1
     return declares
 
 

@@ -1,12 +1,12 @@
 """Lines of KRL: what is code and what is comment, and the words that name things."""
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
 _B = r"[ \t\r]"
-_LINE = re.compile(r'((?:[^;"\n]++|"[^"\n]*+"?+)*+)(;[^\n]*+)?+(?:\n|\Z)')
+LINE = r'(?P<code>(?:[^;"\n]++|"[^"\n]*+"?+)*+)(?P<comment>;[^\n]*+)?+(?:\n|\Z)'
+_LINE = re.compile(LINE)
 _DECLARATION = re.compile(
     rf"{_B}*+(?:(?:DECL|GLOBAL|PUBLIC|CONST){_B}++)*+(E6POS|POS|E6AXIS|AXIS|FRAME|FDAT){_B}++(?=[$A-Za-z_])",
     re.ASCII | re.IGNORECASE,
@@ -44,12 +44,12 @@ class Item:
         return self.name if self.index is None else f"{self.name}[{''.join(self.index.split())}]"
 
 
-def lines(text: str) -> Iterator[Line]:
-    """Yield the lines that hold anything."""
-    for found in _LINE.finditer(text):
-        start, end = found.span(1)
-        if start < end or found[2]:
-            yield Line(start, end, found[2] or "")
+def line_at(text: str, place: int) -> Line | None:
+    """Return the line that begins at a place; None for one that holds nothing."""
+    found = _LINE.match(text, place)
+    assert found is not None  # any line is one
+    start, end = found.span(1)
+    return Line(start, end, found[2] or "") if start < end or found[2] else None
 
 
 def first_word(text: str, line: Line) -> str:

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from drivers.kuka.collected import Collected
 from drivers.kuka.data_list import remark_comment, remark_hidden_positions
 from drivers.kuka.frame_uses import BARRED, UNKNOWN, Branches, Routine
-from drivers.kuka.lines import DECLARING, Item, Line, declaration, first_word, item, lines, without_strings
+from drivers.kuka.lines import DECLARING, Item, Line, declaration, first_word, item, line_at, without_strings
 from drivers.kuka.literals import Literal
 from drivers.kuka.point_uses import PointUses, Used
+from drivers.kuka.usual import TAUGHT_MOVE
 from drivers.programs.across import COPIED
 from drivers.programs.spans import Source
 
@@ -101,6 +102,12 @@ class Program:
         else:
             self._statement(line, word)
         remark_comment(self.found, line)
+
+    def read_taught_move(self, found: re.Match[str]) -> None:
+        """Take a move as the inline forms write it, with all that stands around it."""
+        self.points.routines[-1].calls.add("BAS")
+        self._take_both(found.start("bas"), UNKNOWN)
+        self.frame_data = f"F{found['point']}".upper()
 
     def _motion(self, motion: re.Match[str], line: Line) -> None:
         if motion[2]:
@@ -314,8 +321,11 @@ def read_program(source: Source) -> Program:
     """Read a program."""
     found = Collected(source)
     program = Program(found, PointUses(found))
-    for line in lines(source.text):
-        program.read(line)
+    for part in TAUGHT_MOVE.finditer(source.text):
+        if part["point"] is not None:
+            program.read_taught_move(part)
+        elif line := line_at(source.text, part.start()):
+            program.read(line)
     program.points.finish()
     return program
 

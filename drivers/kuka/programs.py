@@ -12,16 +12,12 @@ from numpy.typing import NDArray
 
 from calibration.geometry import Array
 from calibration.orientation import values_from
-from drivers.kuka.collected import (
-    LEAST_ANGLE_DECIMALS,
-    LEAST_LENGTH_DECIMALS,
-    Collected,
-    refusal,
-)
+from drivers.kuka.collected import Collected, refusal
 from drivers.kuka.configuration import KukaConfigurations, parts_of
 from drivers.kuka.data_list import declared_names, read_data_list
 from drivers.kuka.literals import AXIS_FIELDS, POSE_FIELDS, STATE_FIELDS, field_spans
 from drivers.kuka.program import read_program
+from drivers.kuka.written import BEYOND, LEAST_ANGLE_DECIMALS, LEAST_LENGTH_DECIMALS, LEAST_TURN, Written
 from drivers.programs.across import Abroad, Said, settled
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
@@ -35,7 +31,6 @@ _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
 Spans = dict[str, tuple[int, int]]
-_LEAST_TURN = 0.2  # of the last digit of an angle; half of it is what rounding hides
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
 
 
@@ -48,7 +43,7 @@ class KukaFile:
     positions: Positions
     remarks: tuple[Remark, ...]
     frames: Frames
-    starts: NDArray[np.int64]  # (N,) where each position's struct opens
+    written: Written
     fixed: dict[int, str]  # positions that take no change, and why
     said: Said  # what counts for other files
     keys: tuple[str, ...]  # (N,) the positions' names as other files write them
@@ -63,9 +58,32 @@ class KukaFile:
     def changed(self, change: Change) -> Self:
         """Return the file with new coordinates; see `drivers.programs.positions.ProgramFile`."""
         rows = checked_rows(self.source.name, self.positions, change)
+        alone = np.ones(len(rows), dtype=bool)
+        edits: list[Edit] = []
+        if change.frame_tip is not None:
+            in_columns = self._in_columns(rows, change, change.frame_tip)
+            some, alone = rows[in_columns], ~in_columns
+            edits += self.written.edits(some, self.positions.frame_tip[some], change.frame_tip[in_columns])
+        if alone.any():
+            edits += self._edits(rows[alone], _part(change, alone))
+        return type(self).read(self.source.name, self.source.edited(edits))
+
+    def _in_columns(self, rows: NDArray[np.int64], change: Change, frame_tip: Array) -> NDArray[np.bool_]:
+        """Return (K,): whether a position written as the controller does gets a new pose, and nothing else."""
+        takes = self.written.takes(rows, frame_tip)
+        if change.joints is not None:
+            takes &= ~np.isfinite(change.joints).any(axis=1)
+        for texts, old in (
+            (change.configurations, self.positions.configurations),
+            (change.user_frames, self.positions.user_frames),
+        ):
+            if texts is not None:
+                takes &= [text == (old[row] or "") for text, row in zip(texts, rows.tolist(), strict=True)]
+        return takes
+
+    def _edits(self, rows: NDArray[np.int64], change: Change) -> Iterator[Edit]:
         wanted = Wanted.of(self.positions, rows, change)
         angles = _angles_deg(len(rows), change.frame_tip).tolist()
-        edits: list[Edit] = []
         for k, row in enumerate(rows.tolist()):
             configuration = _new_text(change.configurations, k, self.positions.configurations[row])
             base = _new_text(change.user_frames, k, self.positions.user_frames[row] or "")
@@ -74,14 +92,13 @@ class KukaFile:
             ):
                 continue
             self._refuse_unfit(row, pose=wanted.has_pose[k], joints=wanted.has_joints[k], base=base)
-            spans = field_spans(self.source.text, int(self.starts[row]), len(self.source.text))
+            spans = field_spans(self.source.text, int(self.written.starts[row]), len(self.source.text))
             if wanted.has_pose[k]:
-                edits += self._pose_edits(row, spans, wanted, k, angles[k])
+                yield from self._pose_edits(row, spans, wanted, k, angles[k])
             if wanted.has_joints[k]:
-                edits += self._joint_edits(row, spans, wanted.joints_deg[k])
+                yield from self._joint_edits(row, spans, wanted.joints_deg[k])
             if configuration is not None:
-                edits += self._state_edits(row, spans, configuration)
-        return type(self).read(self.source.name, self.source.edited(edits))
+                yield from self._state_edits(row, spans, configuration)
 
     @classmethod
     def read(cls, name: str, data: bytes) -> Self:
@@ -101,6 +118,7 @@ class KukaFile:
         rows = found.rows()
         own = _DEFINED.search(source.text, 0, _LOOKED_AT)
         module = own[1] if own else PurePath(name).stem
+        written = found.written(rows)
         return cls(
             source=source,
             name=module,
@@ -108,10 +126,10 @@ class KukaFile:
             keys=tuple(found.names[row].upper() for row in rows.tolist()),
             taught=frozenset(k for k, row in enumerate(rows.tolist()) if row in said.taught),
             routines={k: said.routines[row] for k, row in enumerate(rows.tolist()) if row in said.routines},
-            positions=found.positions(rows),
+            positions=found.positions(rows, written),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=frames,
-            starts=np.array(found.starts, dtype=np.int64)[rows],
+            written=written,
             fixed={k: found.fixed[row] for k, row in enumerate(rows.tolist()) if row in found.fixed},
         )
 
@@ -150,7 +168,7 @@ class KukaFile:
         length, angle = finest(texts[:3], LEAST_LENGTH_DECIMALS), finest(texts[3:], LEAST_ANGLE_DECIMALS)
         if wanted.moved_mm[k] > 0.5 * 10.0**-length * (1 - 1e-9):
             yield from self._number_edits(row, spans, POSE_FIELDS[:3], wanted.place_mm[k], length)
-        if wanted.turned[k] > _LEAST_TURN * radians(10.0**-angle):
+        if wanted.turned[k] > LEAST_TURN * radians(10.0**-angle):
             # A, B and C have a second spelling, which must not come of an unchanged orientation.
             yield from self._number_edits(row, spans, POSE_FIELDS[3:], angles, angle)
 
@@ -167,7 +185,7 @@ class KukaFile:
     ) -> Iterator[Edit]:
         for name, value in zip(names, values, strict=True):
             start, end = spans[name]
-            if not abs(value) < 1e7:
+            if not abs(value) < BEYOND:
                 raise self._refusal(row, f"no robot has the coordinate {name} {value:.0f}")
             yield start, end, written(self.source.text[start:end], value, decimals)
 
@@ -179,7 +197,7 @@ class KukaFile:
             yield *spans[name], value
 
     def _refusal(self, row: int, why: str) -> ProgramFileError:
-        return refusal(self.source, int(self.starts[row]), self.positions.names[row], why)
+        return refusal(self.source, int(self.written.starts[row]), self.positions.names[row], why)
 
 
 @dataclass(frozen=True)
@@ -211,6 +229,23 @@ def _angles_deg(count: int, frame_tip: Array | None) -> Array:
         given = ~np.isnan(frame_tip).any(axis=(1, 2))
         angles[given] = np.rad2deg(values_from("kuka_abc", frame_tip[given, :3, :3])) if given.any() else 0.0
     return angles
+
+
+def _part(change: Change, some: NDArray[np.bool_]) -> Change:
+    """Return what a change says of some of its rows."""
+    return Change(
+        rows=np.asarray(change.rows)[some],
+        frame_tip=None if change.frame_tip is None else change.frame_tip[some],
+        joints=None if change.joints is None else change.joints[some],
+        configurations=_texts_of(change.configurations, some),
+        user_frames=_texts_of(change.user_frames, some),
+    )
+
+
+def _texts_of(texts: Sequence[str] | None, some: NDArray[np.bool_]) -> Sequence[str] | None:
+    return (
+        None if texts is None else [text for text, taken in zip(texts, some.tolist(), strict=True) if taken]
+    )
 
 
 def _new_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:

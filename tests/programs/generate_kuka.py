@@ -85,6 +85,11 @@ def _point(rng: np.random.Generator, number: int) -> list[str]:
         lines = [f"DECL E6POS X{name}={{X 1.0,Y 2.0,Z 3.0}}"]
     elif kind == 7:
         lines = [f"DECL E6POS X{name}", f"X{name}={pose(rng)}"]
+    elif kind in (8, 9):
+        lines = [
+            f"DECL E6POS X{name}={pose_as_printed(rng)}",
+            f"DECL LDAT LC{name}={{VEL 2.0,ACC 100.0,ORI_TYP #VAR}}",
+        ]
     else:
         lines = [f"DECL E6POS X{name}={pose(rng)}"]
     if rng.random() < 0.75:
@@ -120,6 +125,16 @@ def pose(rng: np.random.Generator, *, state: bool = True, external: bool = True)
         names += [f"E{i + 1}" for i in range(count)]
         texts += ["0.0" if rng.random() < 0.7 else _number(rng, rng.uniform(-900, 900)) for _ in range(count)]
     return _struct(rng, kind, names, texts)
+
+
+def pose_as_printed(rng: np.random.Generator) -> str:
+    """Return a pose as controllers print it, with this one's number of decimals."""
+    decimals = int(rng.integers(1, 8))
+    values = [*rng.uniform(-2500, 2500, 3), *rng.uniform(-180, 180, 3)]
+    texts = ["0.0" if rng.random() < 0.1 else f"{value:.{decimals}f}" for value in values]
+    struct = ",".join(f"{name} {text}" for name, text in zip("XYZABC", texts, strict=True))
+    axes = "".join(f",E{i + 1} {0.0 if i else rng.choice([0.0, 812.5])}" for i in range(6))
+    return f"{{{struct},S {rng.integers(8)},T {rng.integers(64)}{axes}}}"
 
 
 def axes(rng: np.random.Generator, *, external: bool = True) -> str:

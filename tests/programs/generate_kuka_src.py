@@ -59,11 +59,26 @@ def generate(seed: int) -> bytes:
     lines += _frames(rng)
     for _ in range(int(rng.integers(3, 30))):
         lines.append(_move(rng) if rng.random() < 0.55 else _FIXED[int(rng.integers(len(_FIXED)))])
+        lines += _taught_move(rng) if rng.random() < 0.1 else []
     if rng.random() < 0.3:
         lines += ["END", "", "GLOBAL DEF UP()", *_frames(rng), _move(rng)]
     lines.append("END")
     end = "\n" if rng.random() < 0.2 else "\r\n"
     return (end.join(lines) + end).encode("latin-1")
+
+
+def _taught_move(rng: np.random.Generator) -> list[str]:
+    """Return a move as an inline form writes it; the frame data is that of its point, nearly always."""
+    point = int(rng.integers(1, 90))
+    return [
+        f";FOLD LIN P{point} Vel=0.2 m/s CPDAT{point} Tool[1]:t Base[1]:b;%{{PE}}%R 8.3.38,%MKUKATPBASIS,%CMOVE",
+        "$BWDSTART=FALSE",
+        f"LDAT_ACT=LCPDAT{point}",
+        f"FDAT_ACT=FP{point + int(rng.random() < 0.1)}",
+        "BAS(#CP_PARAMS,0.2)",
+        f"LIN XP{point}{rng.choice(['', ' C_DIS', ' '])}",
+        ";ENDFOLD",
+    ]
 
 
 def _frames(rng: np.random.Generator) -> list[str]:

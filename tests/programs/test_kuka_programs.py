@@ -1,5 +1,6 @@
 """KUKA files: what is read, what is left alone, what is refused; conventions on a real controller's data."""
 
+from dataclasses import fields
 from typing import cast
 
 import numpy as np
@@ -14,6 +15,7 @@ from drivers.programs.brands import Telling
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Change
 from tests.programs import generate_kuka
+from tests.programs.fuzz import some_change
 
 DAT = b"""&ACCESS RVP\r
 DEFDAT  SCHWEISSEN PUBLIC\r
@@ -264,3 +266,57 @@ def test_motion_data_of_a_taught_move_is_no_use_of_a_position() -> None:
     )
     said = cast(Telling, BRAND.read("A.src", text.encode())).said
     assert set(said.uses) == {"XP9"}  # XP1 is moved to with its own frame data
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_point_as_the_controller_writes_it_is_read_and_changed_as_any_other(seed: int) -> None:
+    rng = np.random.default_rng([seed, 5])
+    text = "DEFDAT A\r\n"
+    for number in range(12):
+        frame_data = (
+            f"{{TOOL_NO {rng.integers(3)},BASE_NO 1,IPO_FRAME #{rng.choice(['BASE', 'BASE', 'TCP'])}}}"
+        )
+        text += f"DECL E6POS XP{number}={generate_kuka.pose_as_printed(rng)}\r\n"
+        text += f"DECL FDAT FP{number}={frame_data}\r\n" if rng.random() < 0.8 else ""
+        text += f"DECL LDAT L{number}={{VEL 1,{rng.choice(['ACC', 'X', 'A1'])} 1}}\r\n"
+    text += "ENDDAT\r\n"
+    usual = read(text.encode())
+    other = read(text.replace("DECL ", "DECL\t").encode())
+    assert usual.remarks == other.remarks
+    assert (usual.fixed, usual.taught, usual.keys, usual.said) == (
+        other.fixed,
+        other.taught,
+        other.keys,
+        other.said,
+    )
+    for name in (field.name for field in fields(usual.positions)):
+        np.testing.assert_array_equal(getattr(usual.positions, name), getattr(other.positions, name))
+    change = some_change(usual.positions, rng)
+    if change is not None:
+        new, old = (file.changed(change).to_bytes().decode() for file in (usual, other))
+        assert new != text
+        assert new == old.replace("DECL\t", "DECL ")
+
+
+def test_a_zero_has_no_sign() -> None:
+    text = "DEFDAT A\r\nDECL E6POS XP1={X 0.4,Y 1.0,Z 2.0,A 0.0,B 0.0,C 0.0,S 2,T 2}\r\nENDDAT\r\n"
+    file = read(text.encode())
+    assert shifted(file, 0, (-0.0004001, 0, 0)) == text.replace("X 0.4,", "X 0.000,")
+
+
+def test_a_taught_move_says_the_same_whole_as_line_by_line() -> None:
+    fold = (
+        ";FOLD LIN P1 Tool[1] Base[1];%{PE}%R 8.3.38\r\n$BWDSTART=FALSE\r\nLDAT_ACT=LCPDAT1\r\nFDAT_ACT=FP1\r\n"
+        "BAS(#CP_PARAMS,0.2)\r\nLIN XP1 C_DIS\r\n;ENDFOLD\r\n"
+    )
+    for before, after in (
+        ("", "LIN XP2\r\n"),
+        ("BAS(#TOOL,1)\r\n", "LIN {X 1,Y 2,Z 3,A 0,B 0,C 0}\r\n"),
+        ("IF $IN[1] THEN\r\n", "ENDIF\r\nLIN XP1\r\n"),
+    ):
+        text = f"DEF A( )\r\n{before}{fold}{after}END\r\n"
+        whole = read(text.encode(), "a.src")
+        alone = read(text.replace("BAS(#CP", "BAS (#CP").encode(), "a.src")
+        assert whole.said == alone.said
+        assert whole.remarks == alone.remarks
+        assert whole.positions.barred == alone.positions.barred
