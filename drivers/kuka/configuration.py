@@ -32,12 +32,12 @@ class KukaConfigurations:
     ) -> NDArray[np.bool_]:
         """Return (N,): whether postures are what the texts say; with ``turns=False``, T is not asked."""
         shapes = _status(model, joints)
-        signs = either(joints, NEAR_RAD)
-        status, turn = (_numbers(texts, name) for name in "ST")
+        status = _numbers(texts, "S")
         agreeing = np.ones(len(joints), dtype=bool)
         for bit, (clear, is_set) in enumerate(shapes):
             agreeing &= np.where(status >> bit & 1, is_set, clear) | (status < 0)
         if turns:
+            signs, turn = either(joints, NEAR_RAD), _numbers(texts, "T")
             for axis in range(joints.shape[1]):
                 agreeing &= np.where(turn >> axis & 1, signs[1][:, axis], signs[0][:, axis]) | (turn < 0)
         return agreeing

@@ -76,7 +76,8 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
 def main() -> int:
     """Run the campaigns that are named, or all."""
     words = [word.partition("=") for word in sys.argv[1:] or CAMPAIGNS]
-    known = CAMPAIGNS | programs.of_one_generator()  # parts, which run when they are named
+    parts = programs.of_one_generator() | program_speed.of_one_brand()  # which run when they are named
+    known = CAMPAIGNS | parts
     unknown = [name for name, _, _ in words if name not in known]
     if unknown:
         sys.stderr.write(f"no campaign {', '.join(unknown)}; there are {', '.join(known)}\n")

@@ -6,11 +6,14 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from tests.soak.figures import Figures
 from tests.soak.program_lines import line_of_programs
+from tests.soak.program_lines_by_model import MAKERS, line_by_model
 
 MOST_S, MOST_SMALL_S, MOST_MB = 60.0, 2.0, 1000.0
 _LOOK_S = 0.25
@@ -32,22 +35,45 @@ class Took:
         return self.parent_s + (self.all_s - self.parent_s) / 2
 
 
-def programs_speed(points: int) -> Figures:
-    """Clone, compensate and move ``points`` points, in programs of 1000 and of 40; and 30 programs of 40."""
+def of_one_brand() -> dict[str, tuple[Callable[[int], Figures], int]]:
+    """Return the campaign for the programs of one brand, as ``programs_speed.kuka_src``."""
+    return {
+        f"programs_speed.{brand}": (partial(programs_speed, only=brand), 1_000_000)
+        for brand in ("fanuc", *MAKERS)
+    }
+
+
+def programs_speed(points: int, only: str = "") -> Figures:
+    """Clone, compensate and move ``points`` points of FANUC in programs of 1000 and of 40, and 30 programs of 40.
+
+    Of other brands, programs of 1000 points are moved.
+    """
     words, reached = [], True
     with tempfile.TemporaryDirectory() as folder:
-        for each in (1000, 40):
-            place = Path(folder) / f"of_{each}"
-            projects = line_of_programs(place, max(points // each, 1), each)
-            for name, command in _commands(*projects).items():
-                took = _run([*command, "--out", str(place / name)])
-                reached &= took.two_cores_s < MOST_S and took.peak_mb < MOST_MB
-                words.append(f"{name} {points} in programs of {each}: {_told(took)}")
-                _say(words[-1])
-        small = _run_small(Path(folder) / "small")
-    words.append(f"clone 30 programs of 40: {_told(small)}")
-    reached &= small.all_s < MOST_SMALL_S
+        for what, command in _lines(Path(folder), points, only):
+            took = _run(command)
+            reached &= took.two_cores_s < MOST_S and took.peak_mb < MOST_MB
+            words.append(f"{what}: {_told(took)}")
+            _say(words[-1])
+        if only in ("", "fanuc"):
+            small = _run_small(Path(folder) / "small")
+            words.append(f"clone 30 programs of 40: {_told(small)}")
+            reached &= small.all_s < MOST_SMALL_S
     return Figures("programs_speed: " + "; ".join(words), bool(reached))
+
+
+def _lines(folder: Path, points: int, only: str) -> Iterator[tuple[str, list[str]]]:
+    """Write a line of programs after the other, and yield what is done with it and by which command."""
+    for each in (1000, 40) if only in ("", "fanuc") else ():
+        place = folder / f"of_{each}"
+        projects = line_of_programs(place, max(points // each, 1), each)
+        for name, command in _commands(*projects).items():
+            yield f"{name} {points} in programs of {each}", [*command, "--out", str(place / name)]
+    for name, maker in MAKERS.items():
+        if only in ("", name):
+            project = line_by_model(maker, folder / name, max(points // 1000, 1), 1000)
+            out = ["--out", str(folder / name / "moved")]
+            yield f"{name}: move {points} in programs of 1000", [*_move(project, maker.frame), *out]
 
 
 def _run_small(place: Path) -> Took:
@@ -63,8 +89,13 @@ def _commands(master: Path, clone: Path) -> dict[str, list[str]]:
     return {
         "clone": [*base, "clone", str(master), str(clone)],
         "compensate": [*base, "compensate", *one],
-        "move": [*base, "move", *one, "--frame", "2", "--offset", "12,0,-3.5,0,0,1.5"],
+        "move": _move(master, "2"),
     }
+
+
+def _move(project: Path, frame: str) -> list[str]:
+    base = [sys.executable, "-m", "service", "program", "move"]
+    return [*base, "--project", str(project), "--frame", frame, "--offset", "12,0,-3.5,0,0,1.5"]
 
 
 def _told(took: Took) -> str:

@@ -1,0 +1,131 @@
+"""Programs of a whole line of KUKA or ABB robots: postures drawn at random, points written as the controllers do."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration.arm.kinematics import load_model
+from calibration.geometry import Array
+from calibration.orientation import values_from
+from drivers.program_registry import brand_named
+
+_SPREAD_RAD = 0.2
+_TOOL_MM, _FRAME_MM = 80.0, (300.0, 50.0, 100.0)
+_ROWS = tuple[
+    Array, Array, Sequence[str]
+]  # X Y Z [mm], the orientation as the maker writes it, configurations
+
+
+@dataclass(frozen=True)
+class Maker:
+    """How one maker's robot stands and how its programs look."""
+
+    brand: str
+    model: str
+    middle_rad: tuple[float, ...]  # postures are drawn around it
+    convention: str
+    unit: str  # of the orientation in the project's keys
+    unturned: tuple[int, ...]
+    like: str  # a configuration, as a spelling
+    tool: str
+    frame: str
+    files: Callable[[str, _ROWS], dict[str, list[str]]]  # lines by suffix
+
+
+def line_by_model(maker: Maker, folder: Path, programs: int, points: int, seed: int = 1) -> Path:
+    """Write ``programs`` programs of ``points`` points each, and the project, whose path is returned."""
+    place = folder / "programs"
+    place.mkdir(parents=True)
+    key = f"{maker.convention}{maker.unit} = {list(maker.unturned)}"
+    project = folder / "project.toml"
+    project.write_text(
+        f'format = 1\nname = "line"\nprograms = ["programs/*"]\n[robot]\nserial = "1"\nmodel = "{maker.model}"\n'
+        f"[tools.{maker.tool}.entered]\nposition_mm = [0, 0, {_TOOL_MM}]\n{key}\n"
+        f"[frames.{maker.frame}]\nposition_mm = {list(_FRAME_MM)}\n{key}\n"
+    )
+    dice = np.random.default_rng(seed)
+    for number in range(programs):
+        name = f"LINE{number:05d}"
+        for suffix, lines in maker.files(name, _rows(maker, points, dice)).items():
+            (place / f"{name}{suffix}").write_bytes("\r\n".join([*lines, ""]).encode())
+    return project
+
+
+def _rows(maker: Maker, count: int, dice: np.random.Generator) -> _ROWS:
+    model = load_model(maker.model)
+    joints = np.array(maker.middle_rad) + dice.uniform(-_SPREAD_RAD, _SPREAD_RAD, (count, model.axes))
+    base_tip = model.base_flange(joints)
+    places = base_tip[:, :3, 3] * 1e3 + base_tip[:, :3, 2] * _TOOL_MM - np.array(_FRAME_MM)
+    turned = values_from(maker.convention, base_tip[:, :3, :3])
+    rule = brand_named(maker.brand).configurations
+    assert rule is not None
+    return (
+        places,
+        np.rad2deg(turned) if maker.unit == "_deg" else turned,
+        rule.spelled(model, joints, [maker.like] * count),
+    )
+
+
+def _kuka(name: str, rows: _ROWS) -> dict[str, list[str]]:
+    program, data = [f"DEF {name}( )"], [f"DEFDAT {name}"]
+    for i, (place, turned, state) in enumerate(zip(*rows, strict=True), start=1):
+        program += [
+            f";FOLD LIN P{i} Vel=0.2 m/s CPDAT{i} Tool[1]:grip Base[1]:table;%{{PE}}%R 8.3.38,%MKUKATPBASIS,%CMOVE,"
+            f"%VLIN,%P 1:LIN, 2:P{i}, 3:, 5:0.2, 7:CPDAT{i}",
+            "$BWDSTART=FALSE",
+            f"LDAT_ACT=LCPDAT{i}",
+            f"FDAT_ACT=FP{i}",
+            "BAS(#CP_PARAMS,0.2)",
+            f"LIN XP{i}",
+            ";ENDFOLD",
+        ]
+        pose = ",".join(f"{axis} {v:.6f}" for axis, v in zip("XYZABC", (*place, *turned), strict=True))
+        axes = ",".join(f"E{axis} 0.0" for axis in range(1, 7))
+        data += [
+            f"DECL E6POS XP{i}={{{pose},{state},{axes}}}",
+            f'DECL FDAT FP{i}={{TOOL_NO 1,BASE_NO 1,IPO_FRAME #BASE,POINT2[] " "}}',
+            f"DECL LDAT LCPDAT{i}={{VEL 0.2,ACC 100.0,APO_DIST 100.0,APO_FAC 50.0,ORI_TYP #VAR}}",
+        ]
+    return {".src": [*program, "END"], ".dat": [*data, "ENDDAT"]}
+
+
+def _abb(name: str, rows: _ROWS) -> dict[str, list[str]]:
+    targets, moves = [], []
+    for i, (place, turned, state) in enumerate(zip(*rows, strict=True), start=1):
+        trans, rot = (",".join(f"{v:.{digits}f}" for v in part) for part, digits in ((place, 3), (turned, 9)))
+        targets.append(
+            f"  CONST robtarget p{i}:=[[{trans}],[{rot}],{state},[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];"
+        )
+        moves.append(f"    MoveL p{i},v200,z10,grip\\WObj:=table;")
+    module = [f"MODULE {name}", *targets, f"  PROC r{name}()", *moves, "  ENDPROC", "ENDMODULE"]
+    return {".mod": module}
+
+
+MAKERS = {
+    "kuka_src": Maker(
+        "kuka",
+        "kuka_kr6_r900",
+        (0, -1.4, 1.6, 0, 0.8, 0),
+        "kuka_abc",
+        "_deg",
+        (0, 0, 0),
+        "S 2,T 2",
+        "1",
+        "1",
+        _kuka,
+    ),
+    "abb": Maker(
+        "abb",
+        "abb_irb120",
+        (0, 0.2, 0.1, 0, 0.8, 0),
+        "abb_quaternion",
+        "",
+        (1, 0, 0, 0),
+        "[0,0,0,0]",
+        "grip",
+        "table",
+        _abb,
+    ),
+}
