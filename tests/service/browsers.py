@@ -5,6 +5,7 @@ asserts: by Playwright's `expect`, to which importing this module gives patience
 """
 
 import asyncio
+import os
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -102,12 +103,14 @@ async def served(app: FastAPI, **how: Any) -> AsyncIterator[str]:
 
 
 @asynccontextmanager
-async def chromium() -> AsyncIterator[Browser]:
-    """Open a browser for the built pages."""
+async def chromium(**environment: str) -> AsyncIterator[Browser]:
+    """Open a browser for the built pages, with more in its environment."""
     assert CHROMIUM, "The pages are looked at in Chromium, which is not installed: apt-get install chromium"
     assert (DIST / "index.html").is_file(), "The pages are not built: run `make pages`."
     async with async_playwright() as playwright:
-        browser = await playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        browser = await playwright.chromium.launch(
+            executable_path=CHROMIUM, args=FLAGS, env={**os.environ, **environment}
+        )
         try:
             yield browser
         finally:

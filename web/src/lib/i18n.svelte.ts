@@ -21,7 +21,7 @@ class Language {
   choose(locale: Locale) {
     this.locale = locale;
     localStorage.setItem("locale", locale);
-    document.documentElement.lang = locale === "zh" ? "zh-Hans" : locale;
+    speak(locale);
   }
 
   /** The text of a key, with {names} filled in. */
@@ -42,8 +42,27 @@ class Language {
 function remembered(): Locale {
   const asked = localStorage.getItem("locale") ?? navigator.language.slice(0, 2);
   const locale = (asked in TEXTS ? asked : "en") as Locale;
-  document.documentElement.lang = locale === "zh" ? "zh-Hans" : locale;
+  speak(locale);
   return locale;
+}
+
+/** Tell the browser the language, and bring a device that has no Chinese characters ours. */
+function speak(locale: Locale): void {
+  document.documentElement.lang = locale === "zh" ? "zh-Hans" : locale;
+  if (locale === "zh" && pictureOf("中") === pictureOf("\u{10FFFD}")) {
+    void import("@fontsource-variable/noto-sans-sc/index.css").then(() => document.documentElement.classList.add("brought-font"));
+  }
+}
+
+/** How a character is drawn; one that no font has is drawn as a box. */
+function pictureOf(character: string): string {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = 32;
+  const pen = canvas.getContext("2d");
+  if (!pen) return character;
+  pen.font = "24px system-ui, sans-serif";
+  pen.fillText(character, 4, 26);
+  return pen.getImageData(0, 0, 32, 32).data.join();
 }
 
 export const language = new Language();
