@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry import Array
+from calibration.geometry import Array, Pose
 from calibration.orientation import values_from
 from drivers.kuka.collected import Collected, refusal
 from drivers.kuka.configuration import KukaConfigurations, parts_of
@@ -20,6 +20,7 @@ from drivers.kuka.program import read_program
 from drivers.kuka.written import BEYOND, LEAST_ANGLE_DECIMALS, LEAST_LENGTH_DECIMALS, LEAST_TURN, Written
 from drivers.programs.across import Abroad, Said, settled
 from drivers.programs.brands import ProgramBrand
+from drivers.programs.declared_poses import Poses, with_declared
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
 from drivers.programs.spans import Edit, Source, Wanted, checked_rows, finest, written
@@ -30,6 +31,7 @@ _DEFINED = re.compile(
 _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
+_TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[", re.IGNORECASE)
 Spans = dict[str, tuple[int, int]]
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
 
@@ -150,7 +152,8 @@ class KukaFile:
             taught=self.taught,
             routines=self.routines,
         )
-        return replace(self, positions=positions, remarks=(*self.remarks, *remarks))
+        frames = with_declared(self.frames, positions, abroad.tools, abroad.bases, own=frozenset())
+        return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
     def _refuse_unfit(self, row: int, *, pose: bool, joints: bool, base: str | None) -> None:
         kind = self.positions.kinds[row]
@@ -212,7 +215,13 @@ _Read = tuple[Collected, Frames, _ToOthers]
 
 def _read_data(source: Source) -> _Read:
     data = read_data_list(source)
-    return data.found, data.frames(), _ToOthers(Said("", declares=data.shown), data.taught)
+    said = Said("", declares=data.shown, tools=_of_tables(data.tools), bases=_of_tables(data.bases))
+    return data.found, data.frames(), _ToOthers(said, data.taught)
+
+
+def _of_tables(poses: Mapping[str, Pose]) -> Poses:
+    """Return what stands in TOOL_DATA or BASE_DATA, which every program sees; number 0 is the language's."""
+    return {number: pose for number, pose in poses.items() if number != "0"}
 
 
 def _read_src(source: Source) -> _Read:
@@ -262,6 +271,11 @@ def _says(name: str, data: bytes) -> Said | None:
     path = PurePath(name)
     if path.suffix.lower() != ".dat":
         return None
+    if _TABLES.search(data) is not None:
+        try:
+            return KukaFile.read(name, data).said
+        except ProgramFileError:
+            pass  # it is refused when its turn comes, and declares its names all the same
     return _said_as(path, Said("", declares=declared_names(Source(name, data).text)))
 
 

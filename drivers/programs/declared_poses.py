@@ -41,18 +41,14 @@ class DeclaredPoses:
 def with_declared(
     frames: Frames, positions: Positions, tools: Poses, bases: Poses, *, own: Set[str]
 ) -> Frames:
-    """Return a file's tools and frames with those that its positions name and other files declare.
+    """Return a file's frames with those that its positions name and other files of its cell declare.
 
     ``own`` are names that the file itself declares, in the language's one case.
     """
-    more_tools = _asked({*positions.tools} - frames.flange_tip.keys(), tools, own)
-    more_bases = _asked({*positions.user_frames} - frames.base_frame.keys(), bases, own)
-    if not (more_tools or more_bases):
-        return frames
     return replace(
         frames,
-        flange_tip={**frames.flange_tip, **more_tools},
-        base_frame={**frames.base_frame, **more_bases},
+        cell_flange_tip=_asked({*positions.tools} - frames.flange_tip.keys(), tools, own),
+        cell_base_frame=_asked({*positions.user_frames} - frames.base_frame.keys(), bases, own),
     )
 
 

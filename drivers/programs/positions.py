@@ -121,3 +121,6 @@ class Frames:
     base_frame: Mapping[str, Pose] = field(default_factory=dict)
     flange_tip: Mapping[str, Pose] = field(default_factory=dict)
     kinematics: RobotModel | None = None  # of the robot this file was taught on, where it says so (UR)
+    # What other files of its cell declare: true there, and not where the program is taken to.
+    cell_base_frame: Mapping[str, Pose] = field(default_factory=dict)
+    cell_flange_tip: Mapping[str, Pose] = field(default_factory=dict)

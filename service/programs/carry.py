@@ -149,12 +149,17 @@ class Carrier:
         """Return tools and frames of a group; what is missing is said of its points."""
         program, route = points.programs[points.of[group.rows[0]]], self._route
         ends = (route.source, route.target)
-        for project in ends:
-            if why := contradiction(project, program, group.tool, group.frame):
+        homes = [project is route.source for project in ends]
+        for project, at_home in zip(ends, homes, strict=True):
+            if why := contradiction(project, program, group.tool, group.frame, at_home=at_home):
                 points.refuse(group.rows, why)
                 return None
-        tools = [tool_of(project, program, group.tool) for project in ends]
-        frames = [frame_of(project, program, group.frame) for project in ends]
+        tools = [
+            tool_of(one, program, group.tool, at_home=home) for one, home in zip(ends, homes, strict=True)
+        ]
+        frames = [
+            frame_of(one, program, group.frame, at_home=home) for one, home in zip(ends, homes, strict=True)
+        ]
         cartesian = group.rows[points.cartesian[group.rows]]
         for project, tool, frame in zip(ends, tools, frames, strict=True):
             if tool is None:

@@ -138,28 +138,41 @@ def groups_of(points: Points, programs_apart: bool) -> tuple[Group, ...]:
 
 def bring_their_own(programs: Sequence[ProgramFile]) -> bool:
     """Tell whether any program holds tools or frames itself."""
-    return any(p.frames.flange_tip or p.frames.base_frame for p in programs)
+    return any(tools or bases for p in programs for tools, bases in [_brought(p, at_home=True)])
 
 
-def tool_of(project: Project, program: ProgramFile, name: str | None) -> Tool | None:
-    """Return the tool that a position names: of the project, of the file, or what every controller has."""
+def _brought(program: ProgramFile, *, at_home: bool) -> tuple[Mapping[str, Pose], Mapping[str, Pose]]:
+    """Return tools and frames that a program brings; ``at_home`` those of its cell's other files, too."""
+    frames = program.frames
+    if not at_home or not (frames.cell_flange_tip or frames.cell_base_frame):
+        return frames.flange_tip, frames.base_frame
+    return {**frames.cell_flange_tip, **frames.flange_tip}, {**frames.cell_base_frame, **frames.base_frame}
+
+
+def tool_of(project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True) -> Tool | None:
+    """Return the tool that a position names: of the project, of the program, or what every controller has.
+
+    ``at_home`` says that the project is the cell where the program is from.
+    """
     named = name if name is not None else project.unsaid_tool
     if named is None:
         return None
     if named in project.tools:
         return project.tools[named]
-    pose = _own(program.frames.flange_tip, named, _FLANGE.get(program.brand, ()))
+    pose = _own(_brought(program, at_home=at_home)[0], named, _FLANGE.get(program.brand, ()))
     return None if pose is None else Tool(pose, pose)
 
 
-def frame_of(project: Project, program: ProgramFile, name: str | None) -> Array | None:
-    """Return the user frame (4, 4) that a position names."""
+def frame_of(
+    project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True
+) -> Array | None:
+    """Return the user frame (4, 4) that a position names; ``at_home`` as for `tool_of`."""
     named = name if name is not None else project.unsaid_frame
     if named is None:
         return None
     if named in project.frames:
         return project.frames[named]
-    return _own(program.frames.base_frame, named, _BASE.get(program.brand, ()))
+    return _own(_brought(program, at_home=at_home)[1], named, _BASE.get(program.brand, ()))
 
 
 def in_no_frame(program: ProgramFile, name: str | None) -> bool:
@@ -167,14 +180,17 @@ def in_no_frame(program: ProgramFile, name: str | None) -> bool:
     return name is None or name in _BASE.get(program.brand, ())
 
 
-def contradiction(project: Project, program: ProgramFile, tool: str | None, frame: str | None) -> str:
-    """Return why points are left whose tool or frame the file brings along, and the cell has another; or ""."""
+def contradiction(
+    project: Project, program: ProgramFile, tool: str | None, frame: str | None, *, at_home: bool = True
+) -> str:
+    """Return why points are left whose tool or frame the program brings along, and the cell has another; or ""."""
+    tools, frames = _brought(program, at_home=at_home)
     tool = tool if tool is not None else project.unsaid_tool
     frame = frame if frame is not None else project.unsaid_frame
     entered = project.tools[tool].entered if tool is not None and tool in project.tools else None
     pairs = (
-        ("tool", tool, entered, program.frames.flange_tip, _FLANGE),
-        ("user frame", frame, project.frames.get(frame or ""), program.frames.base_frame, _ALWAYS),
+        ("tool", tool, entered, tools, _FLANGE),
+        ("user frame", frame, project.frames.get(frame or ""), frames, _ALWAYS),
     )
     for what, name, cells, files, always in pairs:
         if name is None or cells is None or name not in files or name in always.get(program.brand, ()):

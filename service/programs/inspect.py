@@ -188,13 +188,17 @@ def _inspected(read: Read, reach: Reach | None, cell: Project | None, place: New
 
 def _knows_tool(cell: Project | None, program: ProgramFile, name: str | None) -> bool:
     if cell is None:
-        return name is not None and name in program.frames.flange_tip
+        return name is not None and (
+            name in program.frames.flange_tip or name in program.frames.cell_flange_tip
+        )
     return tool_of(cell, program, name) is not None
 
 
 def _knows_frame(cell: Project | None, program: ProgramFile, name: str | None) -> bool:
     if cell is None:
-        return name is not None and name in program.frames.base_frame
+        return name is not None and (
+            name in program.frames.base_frame or name in program.frames.cell_base_frame
+        )
     return frame_of(cell, program, name) is not None
 
 

@@ -239,10 +239,37 @@ def test_an_abb_module_has_the_tools_and_work_objects_that_others_declare(tmp_pa
     frames = read(tmp_path, used | {f"cell/{name}": text for name, text in files.items()})[
         "cell/a.mod"
     ].frames
-    poses = frames.flange_tip.get("tool1"), frames.base_frame.get("w2")
+    poses = frames.cell_flange_tip.get("tool1"), frames.cell_base_frame.get("w2")
     assert [None if pose is None else [round(1e3 * x, 6) for x in pose.position_m] for pose in poses] == list(
         wanted
     )
+
+
+def config(base_x, *lines):
+    tables = (
+        "TOOL_DATA[1]={X 0,Y 0,Z 150,A 0,B 0,C 0}",
+        f"BASE_DATA[4]={{X {base_x},Y 0,Z 0,A 0,B 0,C 0}}",
+        *lines,
+    )
+    return dat("$CONFIG", *tables)
+
+
+@pytest.mark.parametrize(
+    ("files", "wanted"),
+    [
+        ({"r1/System/$config.dat": config(700)}, 700),
+        ({"r1/System/$config.dat": config(700), "r2/System/$config.dat": config(800)}, 700),
+        ({"System/$config.dat": config(700), "Mada/$config.dat": config(800)}, None),
+        ({"$config.dat": config(900, "DECL E6POS XP1={X 1.0,Y}")}, None),  # refused, and not believed
+        ({}, None),
+    ],
+)
+def test_a_kuka_program_stands_in_the_bases_of_its_own_controllers_configuration(tmp_path, files, wanted):
+    used = {"r1/Program/a.dat": OWN, "r1/Program/a.src": src("A", *USED)}
+    frames = read(tmp_path, used | files, damaged="$config.dat")["r1/Program/a.dat"].frames
+    base = frames.cell_base_frame.get("4")
+    assert (base and round(1e3 * base.position_m[0], 6)) == wanted
+    assert ("1" in frames.cell_flange_tip) == ("$config.dat" not in files and bool(files))
 
 
 def test_an_array_of_another_module_is_used_as_a_whole_where_its_index_is_computed(tmp_path):

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.geometry import Pose, inverse_transform
+from calibration.geometry import Pose, homogeneous, inverse_transform
 from calibration.motion.collision import CellShape, Plane, arm_shape
-from drivers.fanuc.ls_program import read_ls
+from drivers.fanuc.ls_program import LsProgram, read_ls
 from drivers.fanuc.programs import BRAND
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import Frames
@@ -257,3 +257,27 @@ def test_a_file_that_holds_another_arms_kinematics_is_refused(cells: Cells) -> N
     known = replace(cells.master_project, factory_known=True)
     with pytest.raises(ProgramFileError, match="it was taught on"):
         clone_programs([program], known, cells.clone_project, RULE)
+
+
+@pytest.mark.parametrize(("away_m", "carried"), [(0.0, True), (1e-3, False)])
+def test_what_other_files_of_the_masters_cell_declare_counts_there_and_not_in_the_clone(
+    cells: Cells, away_m: float, carried: bool
+) -> None:
+    """A backup holds the master's frames: they must be the master project's, and are never the clone's."""
+    (name, base_frame), *_ = cells.master_project.frames.items()
+    shift = homogeneous(np.eye(3), np.array([5e-3, 0.0, 0.0]))
+    clone = replace(cells.clone_project, frames={name: shift @ cells.clone_project.frames[name]})
+    seen = Pose.from_matrix(base_frame)
+    seen = replace(seen, position_m=(seen.position_m[0] + away_m, *seen.position_m[1:]))
+
+    class OfABackup(LsProgram):
+        frames = Frames(cell_base_frame={name: seen})
+
+    program = OfABackup("A.LS", cells.program.to_bytes())
+    result = clone_programs([program], cells.master_project, clone, RULE)[0]
+
+    assert set(result.status) == ({"changed"} if carried else {LEFT})
+    assert carried or all("brings its own user frame" in why for why in result.reason)
+    without = replace(clone, frames={})
+    left = clone_programs([program], cells.master_project, without, RULE)[0] if carried else result
+    assert set(left.status) == {LEFT}
