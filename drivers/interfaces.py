@@ -48,6 +48,17 @@ class Readiness(StrEnum):
     UNREACHABLE = "unreachable"
 
 
+class AlarmKind(StrEnum):
+    """What an alarm says about the position; every driver tells it of its maker's codes."""
+
+    TURNS = "turns"  # the turns of a motor are lost, or its count is not the one from before
+    ENCODER = "encoder"  # an encoder or its cable fails; whether the position is lost shows when it is mended
+    COLLISION = "collision"
+    BATTERY_LOW = "battery_low"  # of the encoders; the position is still there
+    OTHER = "other"  # known, and nothing of these
+    UNKNOWN = "unknown"
+
+
 @dataclass(frozen=True, slots=True)
 class Alarm:
     """One active alarm in the maker's words."""
@@ -55,6 +66,7 @@ class Alarm:
     code: str  # "SRVO-062"
     text: str  # "BZAL alarm (Group:1 Axis:3)"
     axis: int | None = None  # 0-based, where the alarm names one
+    kind: AlarmKind = AlarmKind.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)

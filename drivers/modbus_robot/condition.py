@@ -2,7 +2,7 @@
 
 import re
 
-from drivers.interfaces import Alarm, Condition, Readiness
+from drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from drivers.modbus_robot.panel import Block, Panel
 from drivers.modbus_robot.program import Mode, ProgramState
 from drivers.wire.tables import CodeEntry, code_table
@@ -13,11 +13,12 @@ _AXIS = re.compile(r"Axis:(\d+)")
 _ALARM_MEMBERS = ("alarm_id", "alarm_number", "alarm_text")
 _POWER_CYCLE = "Switch the controller off and on: the acknowledgement takes effect at power-on."
 _BY_KIND = {
-    "lost": Readiness.POSITION_LOST,
-    "index": Readiness.POSITION_LOST,
-    "stopped": Readiness.STOPPED,
-    "not_ready": Readiness.NOT_READY,
-    "warning": Readiness.READY,
+    "turns": (Readiness.POSITION_LOST, AlarmKind.TURNS),
+    "encoder": (Readiness.NOT_READY, AlarmKind.ENCODER),
+    "collision": (Readiness.NOT_READY, AlarmKind.COLLISION),
+    "battery_low": (Readiness.READY, AlarmKind.BATTERY_LOW),
+    "stopped": (Readiness.STOPPED, AlarmKind.OTHER),
+    "unknown": (Readiness.NOT_READY, AlarmKind.UNKNOWN),
 }
 
 
@@ -32,16 +33,16 @@ async def read_alarms(panel: Panel) -> Findings:
         code = f"{panel.profile.alarms.get(family, f'ID{family}')}-{index:03d}"
         text = block.text("alarm_text")
         axis = _AXIS.search(text)
-        alarm = Alarm(code, text, int(axis[1]) - 1 if axis else None)
-        meaning = code_table("drivers.modbus_robot", "alarms.tsv").get(family * 1000 + index)
-        unknown = CodeEntry(index, "not_ready", text, "Read the alarm on the pendant and reset it.")
-        found.append((alarm, meaning or unknown))
+        unknown = CodeEntry(index, "unknown", text, "Read the alarm on the pendant and reset it.")
+        meaning = code_table("drivers.modbus_robot", "alarms.tsv").get(family * 1000 + index, unknown)
+        alarm = Alarm(code, text, int(axis[1]) - 1 if axis else None, _BY_KIND[meaning.kind][1])
+        found.append((alarm, meaning))
     return tuple(found)
 
 
 def judge(position: Block, program: ProgramState, alarms: Findings) -> Condition:
     """Say whether the robot can be used, and who must act. A lost position comes before everything else."""
-    findings = [(_BY_KIND[entry.kind], _sentence(alarm, alarms), entry.remedy) for alarm, entry in alarms]
+    findings = [(_BY_KIND[entry.kind][0], _sentence(alarm, alarms), entry.remedy) for alarm, entry in alarms]
     findings += _switches(position, program)
     order = (Readiness.POSITION_LOST, Readiness.STOPPED, Readiness.NOT_READY, Readiness.READY)
     findings.sort(key=lambda finding: order.index(finding[0]))

@@ -25,6 +25,7 @@ from fake_devices.modbus_robot.alarms import CODES, ActiveAlarm
 from fake_devices.modbus_robot.program import Program, Reason, RefusedError
 
 AUTO, T1, T2 = 1, 2, 3
+_UNTIL_POWER_CYCLE = frozenset({"SRVO-062", "SRVO-038", "SRVO-068", "SRVO-069", "SRVO-070"})
 TOOLS, FRAMES = 10, 9
 FIRST_TOOL = (12.5, -3.0, 118.0, 0.0, -15.0, 30.0)
 
@@ -143,7 +144,7 @@ class Controller:
         self.update()
         unestablished = not self.coders.established.all()
         self.alarms = [alarm for alarm in self.alarms if self._stays(alarm, unestablished)]
-        if any(alarm.code in ("SRVO-062", "SRVO-038") for alarm in self.alarms):
+        if any(alarm.code in _UNTIL_POWER_CYCLE for alarm in self.alarms):
             raise RefusedError(Reason.POWER_CYCLE_NEEDED if self.reset_pending else Reason.ALARM_ACTIVE)
         if any(alarm.code == "SRVO-001" for alarm in self.alarms):
             raise RefusedError(Reason.EMERGENCY_STOP)
@@ -153,12 +154,10 @@ class Controller:
     def _stays(self, alarm: ActiveAlarm, unestablished: bool) -> bool:
         stays = {
             "SRVO-001": self.emergency_stop,
-            "SRVO-062": True,
-            "SRVO-038": True,
             "SRVO-065": bool(self.battery_dead_axes),
             "SRVO-075": unestablished,
         }
-        return stays.get(alarm.code, False)
+        return alarm.code in _UNTIL_POWER_CYCLE or stays.get(alarm.code, False)
 
     # motion permission
 

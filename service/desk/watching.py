@@ -46,6 +46,7 @@ class DeskWatch:
         return [
             {
                 "robot": loss.robot,
+                "what": loss.suspicion.what.value,
                 "detected_by": loss.detected_by,
                 "mode": loss.suspicion.mode.value,
                 "words": loss.suspicion.words,

@@ -66,7 +66,7 @@ def wrong_in(session: dict[str, Any] | None, live: dict[str, Any] | None) -> lis
             Alarm("cell.unreachable", session["cell"], connection["message"], connection.get("remedy", ""))
         )
     found += [
-        Alarm("position.lost", loss["robot"], f"{loss['detected_by']}; {loss['words']}")
+        Alarm(f"position.{loss['what']}", loss["robot"], f"{loss['detected_by']}; {loss['words']}")
         for loss in session.get("losses", [])
     ]
     outcome = (session.get("run") or {}).get("outcome") or {}

@@ -60,20 +60,18 @@ def journal_detection(config: CellConfig, loss: PositionLoss) -> str:
 
 def _hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
     """Say what keeps the recovery from being started without a person."""
-    motion, watch = config.motion_of(loss.robot), config.watch
-    found = []
-    if loss.suspicion.record_differs:
-        found.append("somebody may have mastered the robot on purpose")
-    elif not loss.suspicion.may_run_alone:
-        found.append(f"{loss.suspicion.mode.value} needs a person's judgement")
-    if loss.last_healthy is None:
-        found.append("nobody saw the robot healthy before")
-    if not watch.recover_alone:
-        found.append("[watch] recover_alone is not set")
-    if not watch.cell_closed:
-        found.append("[watch] cell_closed is not confirmed")
-    if motion.level is not MotionLevel.COMMANDED:
-        found.append(f'the robot\'s motion is "{motion.level}", not "commanded"')
-    if not motion.surroundings.known:
-        found.append("nobody said what stands in the cell ([robot.space])")
-    return found
+    motion, watch, seen = config.motion_of(loss.robot), config.watch, loss.suspicion
+    hindrances = (
+        (seen.record_differs, "somebody may have mastered the robot on purpose"),
+        (not (seen.record_differs or seen.may_run_alone), f"{seen.mode.value} needs a person's judgement"),
+        (seen.not_known, f"nobody here knows the alarm {', '.join(seen.not_known)}"),
+        (loss.last_healthy is None, "nobody saw the robot healthy before"),
+        (not watch.recover_alone, "[watch] recover_alone is not set"),
+        (not watch.cell_closed, "[watch] cell_closed is not confirmed"),
+        (
+            motion.level is not MotionLevel.COMMANDED,
+            f'the robot\'s motion is "{motion.level}", not "commanded"',
+        ),
+        (not motion.surroundings.known, "nobody said what stands in the cell ([robot.space])"),
+    )
+    return [why for stands, why in hindrances if stands]

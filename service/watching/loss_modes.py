@@ -7,7 +7,7 @@ was lost, M1 turns, M2 a motor or encoder, M3 every reference, M4 the geometry, 
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.interfaces import Alarm, Condition, Readiness
+from drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 
 
 class LossMode(StrEnum):
@@ -21,24 +21,26 @@ class LossMode(StrEnum):
     WRONG_ROBOT = "M5"
 
 
-# FANUC, alarm code manual of the R-30iB: numbers of servo alarms.
+class What(StrEnum):
+    """What happened to a robot's position."""
+
+    LOST = "lost"
+    HELD = "held"  # it is there; whether it is true has to be checked
+    DIFFERS = "differs"  # the controller holds another mastering than the record
+
+
 _MODES = {
-    "SRVO-062": LossMode.TURNS,  # BZAL: battery of the pulse coders empty
-    "SRVO-075": LossMode.TURNS,  # pulse not established: the motor has not passed its index since
-    "SRVO-038": LossMode.TURNS,  # pulse mismatch: the count at power-on is another one
-    "SRVO-064": LossMode.MOTOR,  # PHAL, and those that follow: the pulse coder or its cable
-    "SRVO-066": LossMode.MOTOR,
-    "SRVO-067": LossMode.MOTOR,
-    "SRVO-068": LossMode.MOTOR,
-    "SRVO-069": LossMode.MOTOR,
-    "SRVO-070": LossMode.MOTOR,
-    "SRVO-071": LossMode.MOTOR,
-    "SRVO-072": LossMode.MOTOR,
-    "SRVO-050": LossMode.GEOMETRY,  # CLALM: a collision was detected
+    AlarmKind.TURNS: LossMode.TURNS,
+    AlarmKind.ENCODER: LossMode.MOTOR,
+    AlarmKind.COLLISION: LossMode.GEOMETRY,
 }
-BATTERY_LOW = frozenset({"SRVO-065"})  # BLAL
 _GRAVEST = (LossMode.GEOMETRY, LossMode.MOTOR, LossMode.TURNS)
 
+_HEADLINES = {
+    What.LOST: "lost its position",
+    What.HELD: "still knows its position, but something happened to it",
+    What.DIFFERS: "does not hold the mastering of its record",
+}
 _TOLD = {
     LossMode.MEMORY: "the controller forgot its mastering; no alarm says that the encoders lost anything",
     LossMode.TURNS: "turns of the motors are lost; the zero comes back exactly if nothing was exchanged",
@@ -47,6 +49,9 @@ _TOLD = {
     LossMode.GEOMETRY: "the robot hit something: its geometry may have changed, and re-mastering would hide it",
     LossMode.WRONG_ROBOT: "another robot answers than the cell file names: its record must not be used",
 }
+_NOT_LOST = (
+    "a pulse coder or its cable fails, the position is still there: mend it, then check that the zero held"
+)
 _OLD_BACKUP = (
     "an old backup was loaded; or the robot was mastered on purpose since: take a new mastering record then"
 )
@@ -62,11 +67,19 @@ class Suspicion:
     words: str
     position_lost: bool = True
     record_differs: bool = False  # from what the controller holds, and no alarm tells of it
+    not_known: tuple[str, ...] = ()  # codes of alarms that nobody here knows
+
+    @property
+    def what(self) -> What:
+        """Return what happened to the robot's position."""
+        if self.record_differs:
+            return What.DIFFERS
+        return What.LOST if self.position_lost else What.HELD
 
     @property
     def headline(self) -> str:
-        """Return what happened to the robot, in a few words."""
-        return "does not hold the mastering of its record" if self.record_differs else "lost its position"
+        """Return it in a few words."""
+        return _HEADLINES[self.what]
 
     @property
     def procedure(self) -> str | None:
@@ -82,17 +95,24 @@ class Suspicion:
 
     def settings(self) -> dict[str, tuple[int, ...]]:
         """Return what the alarms add to the settings of the procedure."""
-        if self.mode is LossMode.MOTOR and self.axes:
+        if self.mode is LossMode.MOTOR and self.axes and self.position_lost:
             return {"exchanged_axes": self.axes}
         return {}
 
 
 def suspect(alarms: tuple[Alarm, ...], *, position_lost: bool = True) -> Suspicion:
     """Return the gravest mode that a robot's alarms suggest."""
-    modes = {mode: [alarm for alarm in alarms if _MODES.get(alarm.code) is mode] for mode in _GRAVEST}
+    modes = {mode: [alarm for alarm in alarms if _MODES.get(alarm.kind) is mode] for mode in _GRAVEST}
     mode = next((mode for mode in _GRAVEST if modes[mode]), LossMode.MEMORY)
     named = sorted({alarm.axis + 1 for alarm in modes.get(mode, []) if alarm.axis is not None})
-    return Suspicion(mode, tuple(named), _TOLD[mode], position_lost)
+    not_known = sorted({alarm.code for alarm in alarms if alarm.kind is AlarmKind.UNKNOWN})
+    told = _NOT_LOST if mode is LossMode.MOTOR and not position_lost else _TOLD[mode]
+    return Suspicion(mode, tuple(named), told, position_lost, not_known=tuple(not_known))
+
+
+def turns_lost() -> Suspicion:
+    """Return what is suspected where counts changed while nobody looked, whatever the alarms say."""
+    return Suspicion(LossMode.TURNS, (), _TOLD[LossMode.TURNS])
 
 
 def wrong_robot() -> Suspicion:
@@ -108,16 +128,16 @@ def old_backup() -> Suspicion:
     return Suspicion(LossMode.WRONG_ROBOT, (), _OLD_BACKUP, record_differs=True)
 
 
-def crashed(condition: Condition) -> bool:
-    """Tell whether a robot that is not lost reports a collision."""
+def in_doubt(condition: Condition) -> bool:
+    """Tell whether a robot that is not lost reports a collision or a failing encoder."""
     return condition.readiness is not Readiness.POSITION_LOST and any(
-        _MODES.get(alarm.code) is LossMode.GEOMETRY for alarm in condition.alarms
+        alarm.kind in (AlarmKind.COLLISION, AlarmKind.ENCODER) for alarm in condition.alarms
     )
 
 
 def battery_warning(condition: Condition) -> str:
     """Return what to do about encoder batteries that still hold; empty where none is low."""
-    low = [alarm for alarm in condition.alarms if alarm.code in BATTERY_LOW]
+    low = [alarm for alarm in condition.alarms if alarm.kind is AlarmKind.BATTERY_LOW]
     if not low or condition.readiness is Readiness.POSITION_LOST:
         return ""
     axes = ", ".join(f"J{alarm.axis + 1}" for alarm in low if alarm.axis is not None)

@@ -24,7 +24,14 @@ from calibration.mastering.counts import DriveTrain
 from drivers.errors import DeviceError
 from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
 from service.watching.held_mastering import HeldMastering
-from service.watching.loss_modes import Suspicion, battery_warning, crashed, old_backup, suspect
+from service.watching.loss_modes import (
+    Suspicion,
+    battery_warning,
+    in_doubt,
+    old_backup,
+    suspect,
+    turns_lost,
+)
 
 _LOG = logging.getLogger(__name__)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion
@@ -137,7 +144,7 @@ class Watch:
             return None
         self._warn_once(battery_warning(condition))
         found = None
-        if condition.readiness is Readiness.POSITION_LOST or crashed(condition):
+        if condition.readiness is Readiness.POSITION_LOST or in_doubt(condition):
             found = f"the controller reports: {condition.message}"
         else:
             found = await self._compare()
@@ -212,6 +219,6 @@ def _suspected(condition: Condition) -> Suspicion:
     """Return what the alarms suggest; a jump or a new epoch without any is a loss of turns."""
     if condition.readiness is Readiness.POSITION_LOST:
         return suspect(condition.alarms)
-    if crashed(condition):
+    if in_doubt(condition):
         return suspect(condition.alarms, position_lost=False)
-    return suspect((Alarm("SRVO-038", "a count changed while nobody looked"),))
+    return turns_lost()

@@ -18,6 +18,7 @@ from drivers.errors import RefusedError
 from drivers.interfaces import (
     ActiveFrames,
     Alarm,
+    AlarmKind,
     Answer,
     Condition,
     Counts,
@@ -114,10 +115,15 @@ class IdealArm:
     async def condition(self) -> Condition:
         await asyncio.sleep(0)
         if self.battery_flat:
-            alarms = tuple(Alarm("SRVO-062", f"BZAL alarm (Group:1 Axis:{k + 1})", k) for k in range(6))
+            alarms = tuple(
+                Alarm("SRVO-062", f"BZAL alarm (Group:1 Axis:{k + 1})", k, AlarmKind.TURNS) for k in range(6)
+            )
             return Condition(Readiness.POSITION_LOST, "encoder battery", "exchange it", alarms)
         if self.unestablished:
-            alarms = tuple(Alarm("SRVO-075", "Pulse not established", k) for k in sorted(self.unestablished))
+            alarms = tuple(
+                Alarm("SRVO-075", "Pulse not established", k, AlarmKind.TURNS)
+                for k in sorted(self.unestablished)
+            )
             return Condition(Readiness.POSITION_LOST, "pulse not established", "jog", alarms)
         if not self.data.mastered:
             return Condition(Readiness.POSITION_LOST, "not mastered", "master it")

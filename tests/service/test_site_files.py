@@ -332,7 +332,7 @@ def test_a_device_that_flaps_is_one_alarm() -> None:
 
 def test_what_is_wrong_is_read_from_the_desks_own_words() -> None:
     assert wrong_in(session_of("c"), live_of()) == []
-    loss = {"robot": "fanuc", "detected_by": "epoch", "words": "battery"}
+    loss = {"robot": "fanuc", "what": "lost", "detected_by": "epoch", "words": "battery"}
     found = wrong_in(
         session_of("c", losses=[loss], connection={"connected": False, "message": "no cable", "remedy": "x"}),
         live_of(state="stopped"),

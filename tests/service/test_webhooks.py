@@ -107,7 +107,12 @@ def test_down_and_up_again_and_killed_between_nothing_is_lost_and_nothing_double
     cell = cell_with_webhook(tmp_path, f"http://127.0.0.1:{receiver.port}/alarms?of=cell-7")
     killed_while_it_waits(cell)
     with sender(cell) as say:  # it finds the alarm up as it was, and does not say it again
-        say("session", session_of("cell-7", losses=[{"robot": "fanuc", "detected_by": "x", "words": "lost"}]))
+        say(
+            "session",
+            session_of(
+                "cell-7", losses=[{"robot": "fanuc", "what": "lost", "detected_by": "x", "words": "lost"}]
+            ),
+        )
         say("live", live_of(state="stopped"))
         until(lambda: waiting(cell) == 2)
         receiver.answers = [500, 503]  # it takes an event in, and its answer gets lost

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.interfaces import Alarm, Condition, Readiness
+from drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from procedures.cell import MotionLevel
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.configuration.motion_config import RobotMotion
@@ -17,9 +17,10 @@ from service.watching.answers_to_loss import DETECTION, journal_detection, prepa
 from service.watching.loss_modes import LossMode, battery_warning, old_backup, suspect, wrong_robot
 from service.watching.watch import HealthyCounts, PositionLoss
 
-BATTERY = Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:3)", 2)
-ENCODER = Alarm("SRVO-068", "DTERR alarm (Group:1 Axis:4)", 3)
-CRASH = Alarm("SRVO-050", "CLALM alarm (Group:1 Axis:2)", 1)
+BATTERY = Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:3)", 2, AlarmKind.TURNS)
+ENCODER = Alarm("SRVO-068", "DTERR alarm (Group:1 Axis:4)", 3, AlarmKind.ENCODER)
+CRASH = Alarm("SRVO-050", "CLALM alarm (Group:1 Axis:2)", 1, AlarmKind.COLLISION)
+STRANGE = Alarm("SYST-001", "something else")
 HEALTHY = HealthyCounts("fanuc", (1, 2, 3, 4, 5, 6), 4, "2026-01-01T00:00:00+00:00")
 
 
@@ -38,13 +39,13 @@ def loss(*alarms: Alarm, healthy: HealthyCounts | None = HEALTHY) -> PositionLos
         ((), LossMode.MEMORY, ()),
         ((BATTERY,), LossMode.TURNS, (3,)),
         (
-            (Alarm("SRVO-075", "Pulse not established", 0), Alarm("SRVO-038", "mismatch", 5)),
+            (replace(BATTERY, code="SRVO-075", axis=0), replace(BATTERY, code="SRVO-038", axis=5)),
             LossMode.TURNS,
             (1, 6),
         ),
         ((BATTERY, ENCODER), LossMode.MOTOR, (4,)),
         ((BATTERY, ENCODER, CRASH), LossMode.GEOMETRY, (2,)),
-        ((Alarm("SYST-001", "something else"),), LossMode.MEMORY, ()),
+        ((STRANGE,), LossMode.MEMORY, ()),
     ],
 )
 def test_the_gravest_alarm_speaks(alarms: tuple[Alarm, ...], mode: LossMode, axes: tuple[int, ...]) -> None:
@@ -88,6 +89,16 @@ def test_each_missing_permission_is_named(config: CellConfig) -> None:
     assert len(answer.reasons) == 5
 
 
+@pytest.mark.parametrize("known", [(), (BATTERY,)])
+def test_an_alarm_that_nobody_knows_leaves_the_recovery_to_a_person(
+    config: CellConfig, known: tuple[Alarm, ...]
+) -> None:
+    answer = prepare_answer(config, loss(*known, STRANGE))
+    assert answer.procedure == "mastering_recovery"
+    assert not answer.starts_alone
+    assert answer.reasons == ("nobody here knows the alarm SYST-001",)
+
+
 def test_another_robot_is_no_business_of_a_recovery(config: CellConfig) -> None:
     answer = prepare_answer(config, PositionLoss("fanuc", "serial", (), None, wrong_robot()))
     assert answer.procedure is None
@@ -95,7 +106,17 @@ def test_another_robot_is_no_business_of_a_recovery(config: CellConfig) -> None:
 
 
 def test_a_collision_of_a_robot_that_still_knows_its_place_asks_for_a_drift_check() -> None:
-    assert suspect((CRASH,), position_lost=False).procedure == "drift_check"
+    found = suspect((CRASH,), position_lost=False)
+    assert found.procedure == "drift_check"
+    assert "still knows its position" in found.headline
+
+
+def test_a_failing_encoder_of_a_robot_that_still_knows_its_place_is_no_loss_yet() -> None:
+    found = suspect((ENCODER,), position_lost=False)
+    assert (found.mode, found.axes, found.procedure) == (LossMode.MOTOR, (4,), "drift_check")
+    assert not found.may_run_alone
+    assert found.settings() == {}
+    assert "mend it" in found.words
 
 
 def test_what_was_seen_is_in_the_journal_and_is_no_run(config: CellConfig) -> None:
@@ -111,7 +132,7 @@ def test_what_was_seen_is_in_the_journal_and_is_no_run(config: CellConfig) -> No
 
 
 def test_a_low_battery_is_told_while_the_position_is_there() -> None:
-    low = Alarm("SRVO-065", "BLAL alarm (Group:1 Axis:2)", 1)
+    low = Alarm("SRVO-065", "BLAL alarm (Group:1 Axis:2)", 1, AlarmKind.BATTERY_LOW)
     words = battery_warning(Condition(Readiness.READY, alarms=(low,)))
     assert "switched ON" in words
     assert "J2" in words

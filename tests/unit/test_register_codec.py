@@ -194,7 +194,11 @@ async def test_what_cannot_be_written_never_reaches_the_link() -> None:
     ("package", "table", "codes"),
     [
         ("drivers.modbus_robot", "reasons.tsv", range(1, 13)),
-        ("drivers.modbus_robot", "alarms.tsv", (11001, 11038, 11050, 11062, 11065, 11075)),
+        (
+            "drivers.modbus_robot",
+            "alarms.tsv",
+            (11001, 11038, 11050, 11062, 11065, 11068, 11069, 11070, 11075),
+        ),
         ("drivers.wire", "modbus_exceptions.tsv", (1, 2, 3, 4, 5, 6, 8, 10, 11)),
         ("drivers.draw_wire", "emergencies.tsv", (0x1000, 0x5000, 0x8130, 0xFF00)),
     ],

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.mastering.counts import DriveTrain, MasteringRecord
 from drivers.errors import UnreachableError
-from drivers.interfaces import Alarm, Condition, MasteringData, Readiness
+from drivers.interfaces import Alarm, AlarmKind, Condition, MasteringData, Readiness
 from service.watching.held_mastering import HeldMastering
 from service.watching.loss_modes import LossMode
 from service.watching.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch
@@ -64,7 +64,7 @@ def watch(arm: Controller, tmp_path: Path) -> Watch:
 async def test_an_alarm_is_seen_once_with_the_counts_from_before(arm: Controller, watch: Watch) -> None:
     assert await watch.look() is None
     arm.counts, arm.readiness = (17, 23), Readiness.POSITION_LOST
-    arm.alarms = (Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:1)", 0),)
+    arm.alarms = (Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:1)", 0, AlarmKind.TURNS),)
     assert await watch.look() is not None
     assert await watch.look() is None
     (loss,) = arm.losses

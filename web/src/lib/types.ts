@@ -155,6 +155,7 @@ export interface Recording {
 
 export interface Loss {
   robot: string;
+  what: "lost" | "held" | "differs";
   detected_by: string;
   mode: string;
   words: string;

@@ -1,0 +1,86 @@
+"""From the alarm on the controller's page, over the wire, to what the watch offers: each that the driver knows."""
+
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from drivers.interfaces import AlarmKind
+from service.configuration.cell_file import CellConfig
+from service.demo.door import Door
+from service.watching.answers_to_loss import PreparedAnswer, prepare_answer
+from service.watching.watch import LastHealthyCounts, PositionLoss, Watch, remember_healthy
+
+NOTHING = None
+DRIFT, RECOVERY = "drift_check", "mastering_recovery"
+
+
+@pytest.fixture
+async def spoilt(door: Door) -> AsyncIterator[Door]:
+    """The control door; the controller is switched off and on after the test, which ends every alarm raised here."""
+    yield door
+    await door.fault("power_off", device="fanuc")
+    await door.fault("power_on", device="fanuc")
+
+
+async def seen_of(
+    fanuc: Any, config: CellConfig, folder: Path
+) -> tuple[PositionLoss | None, PreparedAnswer | None, list[str]]:
+    """Return what a watch that knew the robot healthy sees, what is prepared for it, and what it warns of."""
+    warned: list[str] = []
+
+    async def on_loss(_: PositionLoss) -> None: ...
+
+    watch = Watch(fanuc, LastHealthyCounts(folder), on_loss, period_s=0.01, warn=warned.append)
+    loss = await watch.look()
+    return loss, None if loss is None else prepare_answer(config, loss), warned
+
+
+@pytest.mark.parametrize(
+    ("alarm", "offered"),
+    [
+        (("SRVO-001", AlarmKind.OTHER), NOTHING),
+        (("SRVO-038", AlarmKind.TURNS), ("lost", "M1", RECOVERY)),
+        (("SRVO-050", AlarmKind.COLLISION), ("held", "M4", DRIFT)),
+        (("SRVO-062", AlarmKind.TURNS), ("lost", "M1", RECOVERY)),
+        (("SRVO-065", AlarmKind.BATTERY_LOW), NOTHING),
+        (("SRVO-068", AlarmKind.ENCODER), ("held", "M2", DRIFT)),
+        (("SRVO-069", AlarmKind.ENCODER), ("held", "M2", DRIFT)),
+        (("SRVO-070", AlarmKind.ENCODER), ("held", "M2", DRIFT)),
+        (("SRVO-075", AlarmKind.TURNS), ("lost", "M1", RECOVERY)),
+        (("MOTN-017", AlarmKind.UNKNOWN), NOTHING),
+    ],
+)
+async def test_an_alarm_of_the_controller_is_answered_by_its_procedure(
+    fanuc: Any, spoilt: Door, cell: CellConfig, tmp_path: Path, alarm: tuple[str, AlarmKind], offered: Any
+) -> None:
+    code, kind = alarm
+    await remember_healthy("fanuc", fanuc, LastHealthyCounts(tmp_path))
+    await spoilt.fault("alarm", device="fanuc", code=code, axis="J3")
+    assert [(one.code, one.kind) for one in (await fanuc.condition()).alarms] == [alarm]
+    loss, answer, warned = await seen_of(fanuc, cell, tmp_path)
+    assert bool(warned) == (kind is AlarmKind.BATTERY_LOW)
+    if offered is None:
+        assert loss is None
+        return
+    assert loss is not None
+    assert answer is not None
+    assert (loss.suspicion.what, loss.suspicion.mode, answer.procedure) == offered
+    assert loss.suspicion.axes == (3,)
+    assert not answer.starts_alone
+    judged = [reason for reason in answer.reasons if "judgement" in reason]
+    assert bool(judged) == (loss.suspicion.mode != "M1")
+
+
+async def test_beside_an_alarm_that_the_driver_does_not_know_nothing_starts_alone(
+    fanuc: Any, spoilt: Door, cell: CellConfig, tmp_path: Path
+) -> None:
+    await remember_healthy("fanuc", fanuc, LastHealthyCounts(tmp_path))
+    await spoilt.fault("alarm", device="fanuc", code="SRVO-062", axis="J3")
+    _, known, _ = await seen_of(fanuc, cell, tmp_path)
+    await spoilt.fault("alarm", device="fanuc", code="MOTN-017", axis="J1")
+    _, strange, _ = await seen_of(fanuc, cell, tmp_path)
+    assert known is not None
+    assert strange is not None
+    assert set(strange.reasons) - set(known.reasons) == {"nobody here knows the alarm MOTN-017"}
