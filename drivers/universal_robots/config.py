@@ -2,7 +2,7 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import ClassVar, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
@@ -21,7 +21,6 @@ class UniversalRobotConfig(BaseModel):
     """How to reach a UR controller, and how its arm may move. Its ports are the maker's and fixed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-    keeps_mastering: ClassVar[bool] = False  # absolute encoders: nothing to master
 
     driver: Literal["universal_robots"]
     name: str = Field(min_length=1, max_length=64)

@@ -38,12 +38,15 @@ def procedures(
     from service.cli.printing import print_json
     from service.configuration.cell_file import read_cell_file
     from service.runs.outline import possible
+    from service.watching.watched import watched
 
     if name is not None:
         return _tell_settings(name, as_json=as_json)
-    rows = possible(None if cell is None else read_cell_file(cell), robot)
+    config = None if cell is None else read_cell_file(cell)
+    rows = possible(config, robot)
+    seen = {entry.name: watched(entry.capabilities) for entry in (config.robots if config else ())}
     if as_json:
-        print_json({"procedures": to_jsonable_python(rows)})
+        print_json({"procedures": to_jsonable_python(rows), "watched": seen})
         return 0
     table = Table("procedure", "what it does", *(["this cell"] if cell else []))
     for row in rows:
@@ -55,6 +58,8 @@ def procedures(
             state.append(f"due {row.due}")
         table.add_row(row.name, row.title, *(["; ".join(state)] if state else []))
     Console().print(table)
+    for each, words in seen.items():
+        Console().print(f"`cellcal watch` sees of {each}: {words}.", markup=False)
     return 0
 
 

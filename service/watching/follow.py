@@ -1,4 +1,4 @@
-"""The watch over a whole cell: every robot that keeps mastering data, until somebody ends it."""
+"""The watch over a whole cell until somebody ends it: encoders where a robot tells them, else stops and faults."""
 
 import asyncio
 from collections.abc import Awaitable, Callable
@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.errors import DeviceError, WrongDeviceError
+from drivers.interfaces import Readiness, Robot
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import leases
 from service.runs.lease import DEVICES, is_held
 from service.watching.held_mastering import HeldMastering, newest_record
 from service.watching.loss_modes import wrong_robot
 from service.watching.watch import LastHealthyCounts, PositionLoss, Watch
+from service.watching.watched import watched
 
 _RETRY_S = 5.0
 
@@ -39,12 +41,13 @@ async def _follow_robot(config: CellConfig, entry: Any, listener: Listener) -> N
             continue
         try:
             async with entry.open() as robot:
-                if not robot.capabilities.writes_mastering:
-                    listener.say(f"{robot.name} keeps its position without a battery: it is not watched.")
-                    return
-                listener.say(f"{robot.name}: watched every {config.watch.period_s:g} s.")
+                seen = watched(robot.capabilities)
+                listener.say(f"{robot.name}: watched every {config.watch.period_s:g} s: {seen}.")
                 told = ""
-                await _look_again_and_again(config, entry, robot, listener)
+                if robot.capabilities.writes_mastering:
+                    await _look_again_and_again(config, entry, robot, listener)
+                else:
+                    await _tell_stops(config, entry, robot, listener)
         except WrongDeviceError as error:
             if error.message != told:
                 told = error.message
@@ -54,6 +57,20 @@ async def _follow_robot(config: CellConfig, entry: Any, listener: Listener) -> N
                 listener.say(f"{error}")
                 told = error.message
         await asyncio.sleep(_RETRY_S)
+
+
+async def _tell_stops(config: CellConfig, entry: Any, robot: Robot, listener: Listener) -> None:
+    """Say each time that a robot stops, cannot be reached, or has neither any more."""
+    told = ""
+    while True:
+        if not is_held(leases(config), entry.serial, DEVICES):  # a run tells of its own stops
+            condition = await robot.condition()
+            wrong = condition.readiness in (Readiness.STOPPED, Readiness.UNREACHABLE)
+            words = f"{robot.name}: {condition.message} {condition.remedy}" if wrong else ""
+            if words != told:
+                listener.say(words or f"{robot.name}: neither stopped nor out of reach any more.")
+            told = words
+        await asyncio.sleep(config.watch.period_s)
 
 
 async def _look_again_and_again(config: CellConfig, entry: Any, robot: Any, listener: Listener) -> None:

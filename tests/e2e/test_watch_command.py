@@ -57,3 +57,26 @@ async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> Non
         finally:
             process.terminate()
             await process.communicate()
+
+
+async def test_of_a_robot_without_counts_its_stops_are_told_and_what_is_not_seen_is_said(
+    tmp_path: Path,
+) -> None:
+    with free_address() as address:
+        path = write_cell_file(tmp_path, address, seed=8, time_factor=500.0)
+    async with running_fakes(path) as door:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "service", "watch", str(path),
+            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
+        )  # fmt: skip
+        try:
+            heard: list[str] = []
+            await until_said(process, "ur: watched every 0.2 s: its stops and faults only", heard)
+            await until_said(process, "a lost position is NOT seen", heard)
+            await door.fault("protective_stop", device="ur")
+            await until_said(process, "ur: protective stop. Find out what the arm met", heard)
+            await door.fault("unlock_protective_stop", device="ur")
+            await until_said(process, "ur: neither stopped nor out of reach any more", heard)
+        finally:
+            process.terminate()
+            await process.communicate()

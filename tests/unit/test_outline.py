@@ -135,9 +135,16 @@ def test_the_commands_print_it(config: CellConfig, capsys: pytest.CaptureFixture
     assert run_command_line(["run", "mastering_recovery", "--cell", cell, "--dry-run"]) == ExitCode.REFUSED
     assert "lacks: a mastering record" in capsys.readouterr().out
     assert run_command_line(["procedures", "--cell", cell, "--json"]) == ExitCode.PASS
-    listed = {row["name"]: row["lacks"] for row in json.loads(capsys.readouterr().out)["procedures"]}
+    document = json.loads(capsys.readouterr().out)
+    listed = {row["name"]: row["lacks"] for row in document["procedures"]}
     assert listed["mastering_record"] == []
     assert listed["mastering_recovery"]
+    assert "encoder counts and mastering: a lost position is seen" in document["watched"]["fanuc"]
+    assert "a lost position is NOT seen" in document["watched"]["ur"]
+    assert run_command_line(["procedures", "--cell", cell, "--robot", "ur"]) == ExitCode.PASS
+    assert "`cellcal watch` sees of ur: its stops and faults only." in " ".join(
+        capsys.readouterr().out.split()
+    )
     assert run_command_line([*words, "--set", "tip_in_flange_m=[0,0,1e999]", "--dry-run"]) == ExitCode.USAGE
 
 
