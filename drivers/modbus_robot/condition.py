@@ -13,7 +13,8 @@ _AXIS = re.compile(r"Axis:(\d+)")
 _ALARM_MEMBERS = ("alarm_id", "alarm_number", "alarm_text")
 _POWER_CYCLE = "Switch the controller off and on: the acknowledgement takes effect at power-on."
 _BY_KIND = {
-    "turns": (Readiness.POSITION_LOST, AlarmKind.TURNS),
+    "lost": (Readiness.POSITION_LOST, AlarmKind.TURNS),  # the controller must take note of it (acknowledge)
+    "index": (Readiness.POSITION_LOST, AlarmKind.TURNS),  # a motor has to be turned past its index
     "encoder": (Readiness.NOT_READY, AlarmKind.ENCODER),
     "collision": (Readiness.NOT_READY, AlarmKind.COLLISION),
     "battery_low": (Readiness.READY, AlarmKind.BATTERY_LOW),
