@@ -1,9 +1,11 @@
 """A run on a cell from its file: journal, devices, spec, and what the service must remember afterwards."""
 
+import logging
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.interfaces import Operator
+from drivers.errors import DeviceError
+from drivers.interfaces import Operator, Readiness
 from procedures.cell import Cell
 from procedures.progress import ignore
 from service.configuration.cell_file import CellConfig
@@ -14,6 +16,7 @@ from service.runs.specs import build_spec
 from service.runs.store import Store
 from service.watching.watch import LastHealthyCounts, remember_healthy
 
+_LOG = logging.getLogger(__name__)
 _LEAVES_HEALTHY = ("mastering_record", "mastering_recovery")
 
 
@@ -65,15 +68,25 @@ async def go_on_with(
         run_id = Store(journal).newest(run_id)
         if redo_from is not None:
             await discard_from(cell.operator, journal, run_id, redo_from)
+        ended_before = Store(journal).run(run_id).state == Verdict.PASSED
         outcome = await resume(lent, run_id, journal, how=how)
-        await _remember(config, cell, outcome)
+        if not ended_before:  # what the motors count today tells nothing of the day when it passed
+            await _remember(config, cell, outcome)
         return outcome
 
 
 async def _remember(config: CellConfig, cell: Cell, outcome: Outcome) -> None:
-    if (
-        outcome.verdict is Verdict.PASSED
-        and outcome.procedure in _LEAVES_HEALTHY
-        and cell.mastering is not None
-    ):
+    """Keep the counts that a run has left healthy. The run is over: what goes wrong here takes nothing from it."""
+    passed = outcome.verdict is Verdict.PASSED and outcome.procedure in _LEAVES_HEALTHY
+    if not passed or cell.mastering is None:
+        return
+    try:
+        if (await cell.robot.condition()).readiness is Readiness.POSITION_LOST:
+            return
         await remember_healthy(cell.robot.name, cell.mastering, LastHealthyCounts(config.cell.data_dir))
+    except (DeviceError, OSError) as error:
+        _LOG.warning(
+            "the counts of %s were not kept as healthy: %s. The watch keeps them at its next look.",
+            cell.robot.name,
+            error,
+        )

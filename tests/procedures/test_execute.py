@@ -1,0 +1,46 @@
+"""What is remembered after a run: the counts that it left healthy, and never later ones."""
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.demo.fake_cell import write_cell_file
+from service.runs.conduct import Conditions, Verdict
+from service.runs.execute import go_on_with, start_on
+from service.watching.watch import LastHealthyCounts
+from tests.procedures.cells import LOST, recording
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> CellConfig:
+    return read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=60.0))
+
+
+async def test_resuming_a_run_that_has_passed_forgets_nothing_after_a_loss(config: CellConfig) -> None:
+    made, memory = recording(), LastHealthyCounts(config.cell.data_dir)
+    first = await start_on(config, made.cell, "mastering_record", made.spec, Conditions())
+    healthy = memory.load(made.arm.name)
+    assert healthy is not None
+    assert healthy.counts == await made.arm.encoder_counts()
+    made.arm.lose_encoders(LOST)
+    made.arm.battery_flat, made.arm.unestablished = False, set()  # and nothing tells of it any more
+
+    again = await go_on_with(config, made.cell, "last", Conditions())
+
+    assert (again.run_id, again.verdict) == (first.run_id, Verdict.PASSED)
+    assert await made.arm.encoder_counts() != healthy.counts
+    assert memory.load(made.arm.name) == healthy
+
+
+async def test_a_full_disk_takes_nothing_from_a_run_that_has_passed(
+    config: CellConfig, caplog: pytest.LogCaptureFixture
+) -> None:
+    made = recording()
+    config.cell.data_dir.mkdir(parents=True, exist_ok=True)
+    (config.cell.data_dir / f"last_healthy_{made.arm.name}.draft").symlink_to("/dev/full")
+    with caplog.at_level(logging.WARNING):
+        outcome = await start_on(config, made.cell, "mastering_record", made.spec, Conditions())
+    assert outcome.verdict is Verdict.PASSED
+    assert "were not kept as healthy" in caplog.text
