@@ -39,10 +39,12 @@ async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:
     from service.cli.printing import EN_ROUTE
     from service.cli.runs import run_live, tell
     from service.watching.answers_to_loss import journal_detection, prepare_answer
+    from service.watching.loss_modes import LossMode
 
     entry = journal_detection(config, loss)
     answer = prepare_answer(config, loss)
-    EN_ROUTE.print(f"Most likely {loss.suspicion.mode}: {loss.suspicion.words}. Journalled as {entry}.")
+    likely = "Most likely " * (loss.suspicion.mode is not LossMode.UNKNOWN) + loss.suspicion.mode
+    EN_ROUTE.print(f"{likely}: {loss.suspicion.words}. Journalled as {entry}.")
     if answer.procedure is None:
         EN_ROUTE.print("[bold]What to do:[/] compare the serial numbers; nothing is started for this robot.")
     elif not answer.starts_alone:

@@ -2,10 +2,14 @@
 
 import multiprocessing
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar, cast
 
-from service.programs.files import Source
+from service.programs.files import FilesError, Source
 
 Part = TypeVar("Part")
 _WORTH_BYTES = 8 << 20  # below, starting processes costs more than they bring
@@ -27,11 +31,34 @@ def forked(work: Callable[[Sequence[Source]], Part], sources: Sequence[Source]) 
         return
     global _work  # noqa: PLW0603  forked processes inherit it; a closure cannot be sent
     _work = lambda number: work(shares[number])  # noqa: E731  a share's number is sent, its sources are there
+    context = multiprocessing.get_context("fork")
     try:
-        with multiprocessing.get_context("fork").Pool(processors) as pool:
-            yield from pool.imap(_of_share, range(len(shares)))
+        with ProcessPoolExecutor(processors, context, _begin) as pool:
+            yield from cast(Iterator[Part], pool.map(_of_share, range(len(shares))))
+    except BrokenProcessPool:
+        raise FilesError(
+            "A process that worked on the programs was ended from outside.",
+            remedy="Memory was full, perhaps: give fewer programs at once.",
+        ) from None
     finally:
         _work = None
+
+
+def _begin() -> None:
+    """Prepare a process: what ends the command ends it at its next share, `kill` at once.
+
+    The handlers that it inherits run in Python, which a process that waits for a lock may never come to.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_end_with_the_command, daemon=True).start()
+
+
+def _end_with_the_command() -> None:
+    command = multiprocessing.parent_process()
+    assert command is not None
+    command.join()
+    os._exit(1)
 
 
 def pays(sources: Sequence[Source]) -> bool:

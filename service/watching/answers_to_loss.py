@@ -64,6 +64,7 @@ def _hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
     hindrances = (
         (seen.record_differs, "somebody may have mastered the robot on purpose"),
         (not (seen.record_differs or seen.may_run_alone), f"{seen.mode.value} needs a person's judgement"),
+        (loss.follows_another, "what was reported before it has not been cleared by anybody"),
         (seen.not_known, f"nobody here knows the alarm {', '.join(seen.not_known)}"),
         (loss.last_healthy is None, "nobody saw the robot healthy before"),
         (not watch.recover_alone, "[watch] recover_alone is not set"),

@@ -19,13 +19,14 @@ class LossMode(StrEnum):
     REFERENCES = "M3"
     GEOMETRY = "M4"
     WRONG_ROBOT = "M5"
+    UNKNOWN = "unknown"  # beside an alarm that nobody here knows
 
 
 class What(StrEnum):
     """What happened to a robot's position."""
 
     LOST = "lost"
-    HELD = "held"  # it is there; whether it is true has to be checked
+    HELD = "held"  # nothing says that it is lost; whether it is true has to be checked
     DIFFERS = "differs"  # the controller holds another mastering than the record
 
 
@@ -38,7 +39,7 @@ _GRAVEST = (LossMode.GEOMETRY, LossMode.MOTOR, LossMode.TURNS)
 
 _HEADLINES = {
     What.LOST: "lost its position",
-    What.HELD: "still knows its position, but something happened to it",
+    What.HELD: "may no longer stand where it thinks",
     What.DIFFERS: "does not hold the mastering of its record",
 }
 _TOLD = {
@@ -48,10 +49,9 @@ _TOLD = {
     LossMode.REFERENCES: "every reference is lost",
     LossMode.GEOMETRY: "the robot hit something: its geometry may have changed, and re-mastering would hide it",
     LossMode.WRONG_ROBOT: "another robot answers than the cell file names: its record must not be used",
+    LossMode.UNKNOWN: "the position is lost, and why is unknown: read the alarm on the pendant before anything moves",
 }
-_NOT_LOST = (
-    "a pulse coder or its cable fails, the position is still there: mend it, then check that the zero held"
-)
+_NOT_LOST = "a pulse coder or its cable fails: mend it, and it shows if the position is lost; then check the zero"
 _OLD_BACKUP = (
     "an old backup was loaded; or the robot was mastered on purpose since: take a new mastering record then"
 )
@@ -103,16 +103,21 @@ class Suspicion:
 def suspect(alarms: tuple[Alarm, ...], *, position_lost: bool = True) -> Suspicion:
     """Return the gravest mode that a robot's alarms suggest."""
     modes = {mode: [alarm for alarm in alarms if _MODES.get(alarm.kind) is mode] for mode in _GRAVEST}
-    mode = next((mode for mode in _GRAVEST if modes[mode]), LossMode.MEMORY)
+    strange = _not_known(alarms)
+    otherwise = LossMode.UNKNOWN if strange else LossMode.MEMORY
+    mode = next((mode for mode in _GRAVEST if modes[mode]), otherwise)
     named = sorted({alarm.axis + 1 for alarm in modes.get(mode, []) if alarm.axis is not None})
-    not_known = sorted({alarm.code for alarm in alarms if alarm.kind is AlarmKind.UNKNOWN})
     told = _NOT_LOST if mode is LossMode.MOTOR and not position_lost else _TOLD[mode]
-    return Suspicion(mode, tuple(named), told, position_lost, not_known=tuple(not_known))
+    return Suspicion(mode, tuple(named), told, position_lost, not_known=strange)
 
 
-def turns_lost() -> Suspicion:
-    """Return what is suspected where counts changed while nobody looked, whatever the alarms say."""
-    return Suspicion(LossMode.TURNS, (), _TOLD[LossMode.TURNS])
+def turns_lost(alarms: tuple[Alarm, ...]) -> Suspicion:
+    """Return what is suspected where counts changed while nobody looked, and no alarm says why."""
+    return Suspicion(LossMode.TURNS, (), _TOLD[LossMode.TURNS], not_known=_not_known(alarms))
+
+
+def _not_known(alarms: tuple[Alarm, ...]) -> tuple[str, ...]:
+    return tuple(sorted({alarm.code for alarm in alarms if alarm.kind is AlarmKind.UNKNOWN}))
 
 
 def wrong_robot() -> Suspicion:

@@ -25,7 +25,9 @@ from drivers.errors import DeviceError
 from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
 from service.watching.held_mastering import HeldMastering
 from service.watching.loss_modes import (
+    LossMode,
     Suspicion,
+    What,
     battery_warning,
     in_doubt,
     old_backup,
@@ -60,6 +62,7 @@ class PositionLoss:
     alarms: tuple[Alarm, ...]
     last_healthy: HealthyCounts | None
     suspicion: Suspicion = field(default_factory=lambda: suspect(()))
+    follows_another: bool = False  # something was reported before it, and nobody has cleared that yet
 
 
 class LastHealthyCounts:
@@ -123,7 +126,8 @@ class Watch:
         self._seen: tuple[float, Counts] | None = None
         self._saved: HealthyCounts | None = memory.load(robot.name)
         self._drive: DriveTrain | None = None
-        self._reported = False
+        self._disk = ""  # what was wrong when the counts were to be kept
+        self._reported: PositionLoss | None = None
 
     async def run(self) -> None:
         """Watch until cancelled. An unreachable robot is no loss: it is looked for again."""
@@ -152,12 +156,17 @@ class Watch:
         if found is None and self._held is not None:
             found, suspicion = await self._held.difference(self._robot), old_backup()
         if found is None:
-            self._reported = False
+            self._reported = None
             return None
-        if self._reported:
-            return None
-        self._reported = True
-        loss = PositionLoss(self._robot.name, found, condition.alarms, self._saved, suspicion)
+        alarms, before = condition.alarms, self._reported
+        if before is not None:
+            if suspicion.what is not What.LOST or before.suspicion.what is What.LOST:
+                return None
+            alarms = (*before.alarms, *alarms)  # an encoder that failed first may have been exchanged since
+            graver = suspect(alarms)
+            suspicion = suspicion if graver.mode is LossMode.MEMORY else graver
+        loss = PositionLoss(self._robot.name, found, alarms, self._saved, suspicion, before is not None)
+        self._reported = loss
         await self._on_loss(loss)
         return loss
 
@@ -166,15 +175,10 @@ class Watch:
             self._warn(f"{self._robot.name}: {words}")
         self._warned = words
 
-    async def acknowledge(self) -> None:
-        """Take the present counts for healthy."""
-        self._saved = await remember_healthy(self._robot.name, self._robot, self._memory)
-        self._seen, self._reported = None, False
-
     @property
     def standing(self) -> bool:
         """Whether what was reported last was still so at the last look."""
-        return self._reported
+        return self._reported is not None
 
     def forget_motion(self) -> None:
         """Do not compare the next look with the last: the robot may have been moved on command meanwhile."""
@@ -205,9 +209,18 @@ class Watch:
 
     def _remember(self, counts: Counts, epoch: int) -> None:
         moved = self._saved is None or self._saved.counts != counts or self._saved.epoch != epoch
-        if moved:
-            self._saved = HealthyCounts(self._robot.name, counts, epoch, datetime.now(UTC).isoformat())
+        if not moved:
+            return
+        self._saved = HealthyCounts(self._robot.name, counts, epoch, datetime.now(UTC).isoformat())
+        try:
             self._memory.save(self._saved)
+            self._disk = ""
+        except OSError as error:  # the eyes on the encoders matter more than the disk
+            if self._disk != str(error):
+                self._warn(
+                    f"{self._robot.name}: its healthy counts cannot be kept: {error}. Make room on the disk."
+                )
+            self._disk = str(error)
 
     async def _drive_train(self) -> DriveTrain:
         if self._drive is None:
@@ -221,4 +234,4 @@ def _suspected(condition: Condition) -> Suspicion:
         return suspect(condition.alarms)
     if in_doubt(condition):
         return suspect(condition.alarms, position_lost=False)
-    return turns_lost()
+    return turns_lost(condition.alarms)

@@ -9,8 +9,8 @@ from calibration.mastering.counts import DriveTrain, MasteringRecord
 from drivers.errors import UnreachableError
 from drivers.interfaces import Alarm, AlarmKind, Condition, MasteringData, Readiness
 from service.watching.held_mastering import HeldMastering
-from service.watching.loss_modes import LossMode
-from service.watching.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch
+from service.watching.loss_modes import LossMode, What
+from service.watching.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch, remember_healthy
 
 PER_COUNT = 2 * 3.141592653589793 / (524288 * 100)
 
@@ -73,6 +73,50 @@ async def test_an_alarm_is_seen_once_with_the_counts_from_before(arm: Controller
     assert loss.last_healthy.counts == (1000, 2000)
 
 
+FAILS = Alarm("SRVO-068", "DTERR alarm (Group:1 Axis:2)", 1, AlarmKind.ENCODER)
+EMPTY = Alarm("SRVO-062", "BZAL alarm (Group:1 Axis:1)", 0, AlarmKind.TURNS)
+
+
+async def test_a_loss_after_a_failing_encoder_is_told_too_and_may_mean_an_exchanged_one(
+    arm: Controller, watch: Watch
+) -> None:
+    await watch.look()
+    arm.readiness, arm.alarms = Readiness.NOT_READY, (FAILS,)
+    failing = await watch.look()
+    arm.link_is_up = False  # switched off and mended
+    assert await watch.look() is None
+    arm.link_is_up, arm.readiness, arm.alarms = True, Readiness.POSITION_LOST, (EMPTY,)
+    lost = await watch.look()
+    assert await watch.look() is None
+    assert failing is not None
+    assert lost is not None
+    assert (failing.suspicion.what, failing.follows_another) == (What.HELD, False)
+    assert (lost.suspicion.what, lost.follows_another) == (What.LOST, True)
+    assert (lost.suspicion.mode, lost.suspicion.axes) == (LossMode.MOTOR, (2,))
+
+
+async def test_a_loss_of_a_robot_that_did_not_hold_its_record_is_told_as_what_follows(
+    arm: Controller, tmp_path: Path
+) -> None:
+    watch = watching(arm, tmp_path, [record_of((1, 1))])
+    differs = await watch.look()
+    arm.readiness, arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
+    lost = await watch.look()
+    assert differs is not None
+    assert lost is not None
+    assert (differs.suspicion.what, lost.suspicion.mode) == (What.DIFFERS, LossMode.TURNS)
+    assert lost.follows_another
+
+
+async def test_a_jump_beside_an_alarm_that_nobody_knows_names_it(arm: Controller, watch: Watch) -> None:
+    await watch.look()
+    arm.counts = (1000 + 60 * 524288, 2000)
+    arm.readiness, arm.alarms = Readiness.NOT_READY, (Alarm("SYST-001", "something else"),)
+    found = await watch.look()
+    assert found is not None
+    assert (found.suspicion.mode, found.suspicion.not_known) == (LossMode.TURNS, ("SYST-001",))
+
+
 async def test_a_jump_without_motion_is_a_loss_even_without_an_alarm(arm: Controller, watch: Watch) -> None:
     await watch.look()
     arm.counts = (1000 + 60 * 524288, 2000)  # 216 degrees between two looks
@@ -87,12 +131,27 @@ async def test_ordinary_motion_is_no_loss(arm: Controller, watch: Watch) -> None
         assert await watch.look() is None
 
 
-async def test_a_new_epoch_is_a_loss_until_it_is_acknowledged(arm: Controller, watch: Watch) -> None:
+async def test_a_new_epoch_is_a_loss_until_a_run_has_left_the_robot_healthy(
+    arm: Controller, watch: Watch, tmp_path: Path
+) -> None:
     await watch.look()
     arm.epoch = 5
     assert await watch.look() is not None
-    await watch.acknowledge()
+    await remember_healthy("arm", arm, LastHealthyCounts(tmp_path))  # type: ignore[arg-type]
     assert await watch.look() is None
+
+
+async def test_a_full_disk_is_told_once_and_the_watch_goes_on(arm: Controller, tmp_path: Path) -> None:
+    told: list[str] = []
+    watch = Watch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01, warn=told.append)  # type: ignore[arg-type]
+    (tmp_path / "last_healthy_arm.draft").symlink_to("/dev/full")
+    for step in range(3):
+        arm.counts = (1000 + step, 2000)
+        assert await watch.look() is None
+    assert len(told) == 1
+    assert "arm: its healthy counts cannot be kept" in told[0]
+    arm.readiness = Readiness.POSITION_LOST
+    assert await watch.look() is not None
 
 
 async def test_a_lost_link_is_no_loss_and_the_next_look_does_not_compare(

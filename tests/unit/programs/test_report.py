@@ -4,8 +4,12 @@ import csv
 import gzip
 import io
 import json
+import multiprocessing
 import os
 import re
+import select
+import signal
+import time
 from collections.abc import Sequence
 from html import unescape
 from pathlib import Path
@@ -269,6 +273,50 @@ def test_a_large_line_is_shared_out_and_comes_back_in_order(tmp_path: Path, monk
     assert os.getpid() not in {part[0] for part in many}
     with pytest.raises(ZeroDivisionError):
         list(shares.shared_out(lambda some: 1 // (len(some) - len(some)), sources))
+
+
+def test_a_process_that_is_ended_from_outside_ends_the_work_with_a_sentence(
+    tmp_path: Path, monkeypatch
+) -> None:
+    path = tmp_path / "a.ls"
+    path.write_bytes(b"x" * 300)
+    sources = [Source(path, Path(path.name))] * 4
+    monkeypatch.setattr(forks, "_WORTH_BYTES", 1000)
+    monkeypatch.setattr(forks, "_AT_ONCE_BYTES", 300)
+    monkeypatch.setattr(forks, "_processors", lambda: 2)
+    theirs = list(forks.forked(lambda _: (signal.getsignal(signal.SIGTERM), os.getpid()), sources))
+    assert {handler for handler, _ in theirs} == {signal.SIG_DFL}
+    assert os.getpid() not in {pid for _, pid in theirs}
+    with pytest.raises(FilesError, match="ended from outside"):
+        list(forks.forked(lambda _: os.kill(os.getpid(), signal.SIGKILL), sources))
+
+
+def test_no_process_outlives_a_command_that_was_killed(tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / "a.ls"
+    path.write_bytes(b"x" * 300)
+    monkeypatch.setattr(forks, "_WORTH_BYTES", 1000)
+    monkeypatch.setattr(forks, "_AT_ONCE_BYTES", 300)
+    monkeypatch.setattr(forks, "_processors", lambda: 2)
+    alive, held = os.pipe()  # ends when nobody is left that holds it
+
+    def work(_: Sequence[Source]) -> None:
+        os.write(held, b"x")
+        time.sleep(30)
+        os._exit(1)  # where this test fails
+
+    command = multiprocessing.get_context("fork").Process(
+        target=lambda: list(forks.forked(work, [Source(path, Path(path.name))] * 4))
+    )
+    command.start()
+    os.close(held)
+    assert os.read(alive, 1) == b"x"
+    assert os.read(alive, 1) == b"x"  # two are at work
+    command.kill()
+    ended, _, _ = select.select([alive], [], [], 20)
+    assert ended
+    assert os.read(alive, 1) == b""
+    command.join()
+    os.close(alive)
 
 
 def _named(sources: Sequence[Source]) -> tuple[int, list[str]]:
