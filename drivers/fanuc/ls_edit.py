@@ -104,8 +104,13 @@ class _Blocks:
 
     def error(self, row: int, message: str, remedy: str = "") -> ProgramFileError:
         where = self.positions
-        text = f"{where.names[row]} of group {where.groups[row]} {message}"
-        return ProgramFileError(self.place.file, text, line=int(where.lines[row]), column=1, remedy=remedy)
+        return ProgramFileError(
+            self.place.file,
+            f"{where.names[row]} of group {where.groups[row]} {message}",
+            line=int(where.lines[row]),
+            column=1,
+            remedy=remedy,
+        )
 
     def number(self, row: int, old: bytes, value: float) -> bytes:
         """Return a new number in the file's style."""

@@ -135,11 +135,11 @@ def _numbered(file: VaFile, name: str) -> dict[tuple[int, int], VaPosition]:
     """Return the positions of a two-dimensional array by (group, number)."""
     found, variable = {}, file.variable(name)
     if not variable.positions:
-        raise damaged(file.name, variable.line, f"{name} holds no positions")
+        raise damaged(file.name, variable.line, f"{name} holds no positions.")
     for path, position in variable.positions.items():
         index = path[len(name) + 1 : -1].split(",")
         if len(index) != 2:
-            raise damaged(file.name, position.line, f"{name} is not numbered by group and number")
+            raise damaged(file.name, position.line, f"{name} is not numbered by group and number.")
         found[int(index[0]), int(index[1])] = position
     return found
 

@@ -117,7 +117,7 @@ def read_mastering(master: VaFile, motion: VaFile | None) -> dict[int, GroupMast
 def _groups(data: VaVariable) -> range:
     numbers = {int(found[1]) for path in data.values if (found := re.match(r"\$DMR_GRP\[(\d+)\]\.", path))}
     if not numbers or numbers != set(range(1, len(numbers) + 1)):
-        raise damaged(data.file, data.line, "$DMR_GRP holds no groups, or some are missing")
+        raise damaged(data.file, data.line, "$DMR_GRP holds no groups, or some are missing.")
     return range(1, len(numbers) + 1)
 
 
@@ -136,7 +136,9 @@ def _group(data: VaVariable, group: int, axes: int, drives: Drives | None) -> Gr
     def spots(name: str) -> tuple[Spot, ...]:
         found = tuple(data.value(f"{head}{name}[{axis}]") for axis in numbers)
         if not all(spot.initialised for spot in found):
-            raise damaged(file, found[0].line, f"{head}{name} is not initialised on an axis that has a motor")
+            raise damaged(
+                file, found[0].line, f"{head}{name} is not initialised on an axis that has a motor."
+            )
         return found
 
     counts = spots("MASTER_COUN")
@@ -165,7 +167,7 @@ def _drives(data: VaVariable, group: int) -> tuple[int, Drives | None, str]:
     scales = [number(f"ENCSCALES[{axis}]") for axis in range(1, 10)]
     axes = len(list(takewhile(lambda scale: scale != 0, scales)))
     if any(scales[axes:]):
-        raise damaged(file, data.line, f"{head}ENCSCALES has a gap: axis {axes + 1} has no scale")
+        raise damaged(file, data.line, f"{head}ENCSCALES has a gap: axis {axes + 1} has no scale.")
     if axes == 0:
         return 0, None, ""
     signs = tuple(not truth(file, data.value(f"{head}MOSIGN[{axis}]")) for axis in range(1, axes + 1))

@@ -126,10 +126,10 @@ class PositionLines:
         joints = [f"J{i}" for i in range(1, len(names) + 1)]
         if (self.numbers or self.group is not None) and names not in (list(CARTESIAN), joints):
             raise damaged(
-                self.file, self.line, f"{path} is not whole: it holds {', '.join(names) or 'no number'}"
+                self.file, self.line, f"{path} is not whole: it holds {', '.join(names) or 'no number'}."
             )
         if not (self.empty or self.numbers):
-            raise damaged(self.file, self.line, f"{path} holds no position and does not say Uninitialized")
+            raise damaged(self.file, self.line, f"{path} holds no position and does not say Uninitialized.")
         return VaPosition(
             self.file, path, self.line, self.comment, self.group, self.configuration, self.numbers, self.units
         )

@@ -28,7 +28,7 @@ class Spot:
 
 def damaged(file: str, line: int, what: str) -> ProgramFileError:
     """Return the refusal of a file that is not as a controller writes it."""
-    return ProgramFileError(file, f"{what}.", line=line, remedy=AGAIN)
+    return ProgramFileError(file, what, line=line, remedy=AGAIN)
 
 
 def integer(file: str, spot: Spot) -> int:
@@ -40,7 +40,7 @@ def integer(file: str, spot: Spot) -> int:
         It is none.
     """
     if not _INTEGER.match(spot.text) or not -(2**31) <= int(spot.text) < 2**31:
-        raise damaged(file, spot.line, f"{spot.text[:40]!r} is no whole number of 32 bits")
+        raise damaged(file, spot.line, f"{spot.text[:40]!r} is no whole number of 32 bits.")
     return int(spot.text)
 
 
@@ -53,7 +53,7 @@ def real(file: str, spot: Spot) -> float:
         It is none.
     """
     if not _REAL.match(spot.text) or not isfinite(float(spot.text)):
-        raise damaged(file, spot.line, f"{spot.text[:40]!r} is no number")
+        raise damaged(file, spot.line, f"{spot.text[:40]!r} is no number.")
     return float(spot.text)
 
 
@@ -66,5 +66,5 @@ def truth(file: str, spot: Spot) -> bool:
         It is neither.
     """
     if spot.text not in ("TRUE", "FALSE"):
-        raise damaged(file, spot.line, f"{spot.text[:40]!r} is neither TRUE nor FALSE")
+        raise damaged(file, spot.line, f"{spot.text[:40]!r} is neither TRUE nor FALSE.")
     return spot.text == "TRUE"

@@ -118,7 +118,7 @@ class VaFile:
             raise ProgramFileError(self.name, f"{name} is not in this file.", remedy="Save it again, whole.")
         if len(places) > 1:
             line = self._line(self._headings[places[1]][1])
-            raise damaged(self.name, line, f"{name} is there a second time")
+            raise damaged(self.name, line, f"{name} is there a second time.")
         _, start, kind = self._headings[places[0]]
         end = self._headings[places[0] + 1][1] if places[0] + 1 < len(self._headings) else len(self._text)
         return _Reader(self.name, name, kind, self._line(start)).read(self._lines(start, end))
@@ -143,7 +143,7 @@ class VaFile:
             parts = _HEADING.match(heading[0].rstrip("\r"))
             if parts is None:
                 raise damaged(
-                    self.name, self._line(heading.start()), "this heading of a variable is not whole"
+                    self.name, self._line(heading.start()), "this heading of a variable is not whole."
                 )
             found.append((parts[2], heading.start(), parts[5]))
         return tuple(found)
@@ -163,10 +163,10 @@ class VaFile:
     def _refuse_damage(self) -> None:
         odd = re.search(r"[\x00-\x08\x0e-\x1f]", self._text)
         if odd is not None:
-            raise damaged(self.name, self._line(odd.start()), f"byte {ord(odd[0]):#04x} is no text")
+            raise damaged(self.name, self._line(odd.start()), f"byte {ord(odd[0]):#04x} is no text.")
         for number, line in enumerate(self._text.split("\n"), 1):
             if len(line) > MAX_LINE_BYTES:
-                raise damaged(self.name, number, f"the line has {len(line)} characters")
+                raise damaged(self.name, number, f"the line has {len(line)} characters.")
         if not self._headings:
             raise ProgramFileError(
                 self.name,
@@ -175,7 +175,7 @@ class VaFile:
             )
         for number, line in enumerate(self._text[: self._headings[0][1]].split("\n"), 1):
             if not _UNTOUCHED.match(line.rstrip("\r")):
-                raise damaged(self.name, number, "the beginning of the first variable is missing")
+                raise damaged(self.name, number, "the beginning of the first variable is missing.")
 
 
 class _Reader:
@@ -214,19 +214,19 @@ class _Reader:
             self._element(element, offset, line)
         elif self.open is None or not self.open[1].take(offset, text, line):
             raise damaged(
-                self.file, line, f"this line of {self.name} is not understood: {text.strip()[:60]!r}"
+                self.file, line, f"this line of {self.name} is not understood: {text.strip()[:60]!r}."
             )
 
     def _field(self, found: re.Match[str], offset: int, line: int) -> None:
         path, rest = found[1], found[2]
         if not path.startswith((f"{self.name}.", f"{self.name}[")):
-            raise damaged(self.file, line, f"{path[:60]} stands among the fields of {self.name}")
+            raise damaged(self.file, line, f"{path[:60]} stands among the fields of {self.name}.")
         scalar = _SCALAR.match(rest)
         self.array = None
         if scalar is None:
             self._declare(path, rest.strip(), line)
             if self.array is None:
-                raise damaged(self.file, line, f"the field {path[:60]} is not understood")
+                raise damaged(self.file, line, f"the field {path[:60]} is not understood.")
         elif scalar[1] in _POSITIONS and not scalar[2].strip():
             self.open = path, PositionLines(self.file, line)
         else:
@@ -236,7 +236,7 @@ class _Reader:
     def _declare(self, path: str, kind: str, line: int) -> None:
         found = _ARRAY.match(kind)
         if found is None and kind.startswith("ARRAY"):
-            raise damaged(self.file, line, f"the heading of {path[:60]} is not understood: {kind[:60]!r}")
+            raise damaged(self.file, line, f"the heading of {path[:60]} is not understood: {kind[:60]!r}.")
         if found is None:
             return
         self.array = _Array(path, tuple(int(n) for n in found[1].split(",")), found[2].strip(), line)
@@ -248,18 +248,18 @@ class _Reader:
         index = tuple(int(n) for n in found[1].split(","))
         fits = len(index) == len(array.shape)
         if not fits or any(not 1 <= i <= n for i, n in zip(index, array.shape, strict=True)):
-            raise damaged(self.file, line, f"element [{found[1]}] is outside of {array.path}")
+            raise damaged(self.file, line, f"element [{found[1]}] is outside of {array.path}.")
         path = f"{array.path}[{','.join(map(str, index))}]"
         if array.kind in _POSITIONS:
             self.open = path, PositionLines(self.file, line)
             if found[2] and not self.open[1].head(found[2]):
-                raise damaged(self.file, line, f"{path} is not understood: {found[2][:60]!r}")
+                raise damaged(self.file, line, f"{path} is not understood: {found[2][:60]!r}.")
         else:
             self._keep(path, Spot(found[2], offset + found.start(2), line))
 
     def _keep(self, path: str, spot: Spot) -> None:
         if path in self.values or path in self.positions:
-            raise damaged(self.file, spot.line, f"{path} is there a second time")
+            raise damaged(self.file, spot.line, f"{path} is there a second time.")
         self.values[path] = spot
 
     def _close(self) -> None:
@@ -267,7 +267,7 @@ class _Reader:
             return
         path, lines = self.open
         if path in self.positions or path in self.values:
-            raise damaged(self.file, lines.line, f"{path} is there a second time")
+            raise damaged(self.file, lines.line, f"{path} is there a second time.")
         self.positions[path] = lines.position(path)
         self.open = None
 
@@ -280,5 +280,5 @@ class _Reader:
             whole, got = prod(array.shape), held.get(array.path, 0)
             if got not in (0, whole) or (got == 0 and not array.kind.endswith("_T")):
                 raise damaged(
-                    self.file, min(array.line + got, last), f"{array.path} has {got} of {whole} elements"
+                    self.file, min(array.line + got, last), f"{array.path} has {got} of {whole} elements."
                 )

@@ -7,7 +7,7 @@ a place of its own, the pose is a step from there, and is reported.
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -120,13 +120,15 @@ class Finder:
         yield from self._grouped(
             "computed", unknown, "a move goes to a variable that holds no recorded pose, or more than that"
         )
-        for code, functions, text in (
-            ("relative", _RELATIVE, "poses are computed from others"),
-            ("computed", _FREE, "the arm moves without a recorded position"),
-            ("foreign", _WIRES, "values come from elsewhere while the program runs, and may be positions"),
-        ):
-            for function in functions:
-                yield from self._grouped(code, self.found.calls.get(function, []), f"{function}: {text}")
+        yield from self._of_functions("relative", _RELATIVE, "poses are computed from others")
+        yield from self._of_functions("computed", _FREE, "the arm moves without a recorded position")
+        yield from self._of_functions(
+            "foreign", _WIRES, "values come from elsewhere while the program runs, and may be positions"
+        )
+
+    def _of_functions(self, code: str, functions: Iterable[str], text: str) -> Iterator[Remark]:
+        for function in functions:
+            yield from self._grouped(code, self.found.calls.get(function, []), f"{function}: {text}")
 
     def _grouped(self, code: str, offsets: list[int], text: str) -> Iterator[Remark]:
         if offsets:

@@ -107,10 +107,14 @@ class ScriptProgram:
         place = self.places[row]
         has_pose, has_joints = place.pose is not None, place.joints is not None
         if (pose and not has_pose) or (joints and not has_joints):
-            holds = "joints only" if pose and not has_pose else "a pose only"
-            what, cure = f"{place.name} holds {holds}, and was given more.", f"Give {holds}."
+            what = f"{place.name} holds a pose only, and was given more."
+            cure = "Give a pose only."
+            if pose and not has_pose:
+                what = f"{place.name} holds joints only, and was given more."
+                cure = "Give joints only."
         elif pose != joints and has_pose and has_joints:
-            what, cure = f"{place.name} holds a pose and its joints, and was given one of them.", _BOTH
+            what = f"{place.name} holds a pose and its joints, and was given one of them."
+            cure = _BOTH
         else:
             return
         raise ProgramFileError(self.file, what, line=int(self.positions.lines[row]), remedy=cure)

@@ -149,16 +149,17 @@ class ScriptText:
         left = _LEFT.match(text, at)
         if left is not None:
             at = left.start("rest")
-            raise self.wrong(at, self._unknown(at), "It is no URScript, or damaged; correct this line.")
+            raise self.wrong(at, self._what_is_wrong(at), "It is no URScript, or damaged; correct this line.")
         yield Token("line", "", end, end)
 
-    def _unknown(self, at: int) -> str:
+    def _what_is_wrong(self, at: int) -> str:
         piece = re.compile(r"[\w.]{1,24}|.", re.ASCII | re.DOTALL).match(self.text, at)
         shown = piece[0] if piece else ""
         if shown == '"':
             return "a text has no closing quotation mark."
-        kind = "number" if shown[:1].isdigit() or shown[:1] == "." else "part of a statement"
-        return f"{shown!r} is no {kind}."
+        if shown[:1].isdigit() or shown[:1] == ".":
+            return f"{shown!r} is no number."
+        return f"{shown!r} is no part of a statement."
 
     def block(self, word: str, offset: int) -> None:
         """Count a block's beginning or end."""

@@ -131,10 +131,11 @@ class Reader:
 
     def _of_kinematics(self, waypoints: list[Waypoint]) -> Iterator[Remark]:
         unknown = [w.offset for w in waypoints if w.kinematics is None or w.kinematics.chain is None]
-        text = (
-            "waypoints whose kinematics are not stated, or nominal or another arm's: their poses are unknown"
+        yield from self._lines(
+            "foreign",
+            unknown,
+            "waypoints whose kinematics are not stated, or nominal or another arm's: their poses are unknown",
         )
-        yield from self._lines("foreign", unknown, text)
         own = self.own.chain if self.own else None
         other = [
             w.offset for w in waypoints

@@ -12,10 +12,13 @@ _VARIABLE = re.compile(r"\bL?P(X?)(\d{3,5})\b")
 _INDIRECT = re.compile(r"\bL?(?:P|BP|EX)X?\[")
 _CONVEYED = ("SYSTART", "SYMOVJ", "SYMOVL", "SYMOVC")
 _SHIFTS = {
-    "SFTON": "shifts every point that follows, until SFTOF",
-    "MSHIFT": "computes a shift from taught points",
-    "IMOV": "moves by an increment, from wherever the arm is",
-    **dict.fromkeys(_CONVEYED, "follows a conveyor: points hold for one place of the conveyor only"),
+    "SFTON": "{} shifts every point that follows, until SFTOF; its amount stays as written.",
+    "MSHIFT": "{} computes a shift from taught points; its amount stays as written.",
+    "IMOV": "{} moves by an increment, from wherever the arm is; its amount stays as written.",
+    **dict.fromkeys(
+        _CONVEYED,
+        "{} follows a conveyor: points hold for one place of the conveyor only; its amount stays as written.",
+    ),
 }
 _COMPUTES = frozenset(
     (
@@ -96,7 +99,7 @@ def _remark(line: int, word: str, rest: str, uses_variable: bool) -> Iterable[Re
         yield Remark(line, "indirect", f"{word} takes a position by a number that is known at run time only.")
     if word in _SHIFTS:
         code = "relative" if word in ("IMOV", *_CONVEYED) else "offset"
-        yield Remark(line, code, f"{word} {rest.strip()} {_SHIFTS[word]}; its amount stays as written.")
+        yield Remark(line, code, _SHIFTS[word].format(f"{word} {rest.strip()}"))
     elif word in _SETS_FRAMES or (word in _COMPUTES and uses_variable):
         yield Remark(
             line, "computed", f"{word} {rest.strip()} computes a position, frame or tool at run time."

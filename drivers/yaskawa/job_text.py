@@ -97,7 +97,7 @@ def jobs_of(name: str, text: str) -> list[Job]:
     widths = list(map(len, text.split("\n")))
     if max(widths) > MAX_LINE:
         line = next(i for i, width in enumerate(widths, 1) if width > MAX_LINE)
-        raise reader.error(line, MAX_LINE, f"the line has {widths[line - 1]} characters")
+        raise reader.error(line, MAX_LINE, f"the line has {widths[line - 1]} characters.")
     reader.read()
     return reader.jobs
 
@@ -110,7 +110,7 @@ class _Reader:
         self.held = Held()
 
     def error(self, line: int, column: int, message: str) -> ProgramFileError:
-        return ProgramFileError(self.file, f"{message}.", line=line, column=column, remedy=_CURE)
+        return ProgramFileError(self.file, message, line=line, column=column, remedy=_CURE)
 
     def read(self) -> None:
         at, line, end = 0, 1, len(self.text)
@@ -118,7 +118,7 @@ class _Reader:
             found = _LINE.match(self.text, at)
             if found is None:
                 rest = self.text[at : at + 40].partition("\n")[0]
-                raise self.error(line, 1, f"{rest!r} is not understood")
+                raise self.error(line, 1, f"{rest!r} is not understood.")
             if found[1] is not None:
                 self._row(line, found)
             elif found[4] is not None:
@@ -129,7 +129,7 @@ class _Reader:
         if not self.jobs:
             raise ProgramFileError(self.file, "there is no /JOB in it.", remedy="Give a job saved as .JBI.")
         if self.part or not self.jobs[-1].first_line:
-            raise self.error(self.jobs[-1].line, 1, "the job ends before its instructions (//INST)")
+            raise self.error(self.jobs[-1].line, 1, "the job ends before its instructions (//INST).")
 
     def _instructions(self, start: int, line: int) -> tuple[int, int]:
         """Take what follows //INST up to the next job; return where that begins."""
@@ -140,10 +140,10 @@ class _Reader:
             where = line + job.instructions.count("\n", 0, found.start())
             word = _WORD.match(found[0])
             if word is None or len(word[1]) < 3:
-                raise self.error(where, 1, f"{found[0][:40]!r} is not understood")
+                raise self.error(where, 1, f"{found[0][:40]!r} is not understood.")
             job.header.append((where, word[2], word[3] or ""))
         if _last_instruction(job.instructions) != "END":
-            raise self.error(job.line, 1, "the job ends without END; it is cut short")
+            raise self.error(job.line, 1, "the job ends without END; it is cut short.")
         self._refuse_other_counts(job)
         self.part = ""
         return stop, line + job.instructions.count("\n")
@@ -151,31 +151,31 @@ class _Reader:
     def _refuse_other_counts(self, job: Job) -> None:
         kinds = ["EX" if row.kind == "EP" else row.kind for row in job.rows]
         if job.counts is None and kinds:
-            raise self.error(job.line, 1, "the job holds positions and no ///NPOS")
+            raise self.error(job.line, 1, "the job holds positions and no ///NPOS.")
         for kind, said in zip(COUNTED, job.counts or (0,) * len(COUNTED), strict=True):
             there = kinds.count(kind)
             if said != there:
-                raise self.error(job.line, 1, f"///NPOS says {said} {kind} positions, {there} are there")
+                raise self.error(job.line, 1, f"///NPOS says {said} {kind} positions, {there} are there.")
 
     def _word(self, line: int, content: str) -> None:
         found = _WORD.match(content)
         if found is None:
-            raise self.error(line, 1, f"{content[:40]!r} is not understood")
+            raise self.error(line, 1, f"{content[:40]!r} is not understood.")
         depth, word, rest = len(found[1]), found[2], found[3] or ""
         if depth == 1:
             self._job(line, word, rest)
         elif not self.jobs:
-            raise self.error(line, 1, f"{content[:40]!r} stands before /JOB")
+            raise self.error(line, 1, f"{content[:40]!r} stands before /JOB.")
         elif depth == 2:
             self._part(line, word, rest)
         elif self.part == "POS":
             self._held(line, found.start(3) + 1, word, rest)
         else:
-            raise self.error(line, 1, f"{content[:40]!r} stands neither under //POS nor under //INST")
+            raise self.error(line, 1, f"{content[:40]!r} stands neither under //POS nor under //INST.")
 
     def _job(self, line: int, word: str, rest: str) -> None:
         if word != "JOB" or rest or self.part or (self.jobs and not self.jobs[-1].first_line):
-            raise self.error(line, 1, f"/{word} is not understood here")
+            raise self.error(line, 1, f"/{word} is not understood here.")
         self.jobs.append(Job(line))
         self.held = Held()
 
@@ -188,7 +188,7 @@ class _Reader:
         ):
             self.part = word
         else:
-            raise self.error(line, 1, f"//{word} is not understood here")
+            raise self.error(line, 1, f"//{word} is not understood here.")
 
     def _held(self, line: int, column: int, word: str, rest: str) -> None:
         job, held = self.jobs[-1], self.held
@@ -199,11 +199,11 @@ class _Reader:
                 or len(counts) != 6
                 or not all(_WHOLE.match(n.strip(" \t")) for n in counts)
             ):
-                raise self.error(line, max(column, 1), f"///NPOS {rest[:40]} does not give six counts once")
+                raise self.error(line, max(column, 1), f"///NPOS {rest[:40]} does not give six counts once.")
             job.counts = tuple(int(n.strip(" \t")) for n in counts)
         elif word in ("TOOL", "USER"):
             if not _WHOLE.match(rest):
-                raise self.error(line, max(column, 1), f"///{word} {rest[:40]} names no number")
+                raise self.error(line, max(column, 1), f"///{word} {rest[:40]} names no number.")
             tool, user = (rest, held.user) if word == "TOOL" else (held.tool, rest)
             self.held = Held(tool, user, held.postype, held.mode, held.configuration)
         elif word == "POSTYPE" and rest in _POSTYPES:
@@ -213,21 +213,21 @@ class _Reader:
         elif word == "RCONF" and rest and all(_WHOLE.match(n.strip(" \t")) for n in rest.split(",")):
             self.held = Held(held.tool, held.user, held.postype, held.mode, rest)
         else:
-            raise self.error(line, 1, f"///{word} {rest[:40]} is not understood among positions")
+            raise self.error(line, 1, f"///{word} {rest[:40]} is not understood among positions.")
 
     def _row(self, line: int, found: re.Match[str]) -> None:
         held = self.held
         if self.part != "POS":
-            raise self.error(line, 1, f"{found[1]}{found[2]} stands outside of //POS")
+            raise self.error(line, 1, f"{found[1]}{found[2]} stands outside of //POS.")
         pulses = held.mode == "PULSE" if held.postype == "PULSE" else held.mode in ("RECTAN", "ANGLE")
         if not held.mode or not held.postype or not pulses:
             said = f"///POSTYPE {held.postype or 'missing'}, ///{held.mode or '(PULSE, RECTAN) missing'}"
-            raise self.error(line, 1, f"what this position holds is not said: {said}")
+            raise self.error(line, 1, f"what this position holds is not said: {said}.")
         if held.postype == "USER" and held.user is None:
-            raise self.error(line, 1, "the position is in a user frame, and ///USER does not say which")
+            raise self.error(line, 1, "the position is in a user frame, and ///USER does not say which.")
         job, key = self.jobs[-1], (found[1], int(found[2]))
         if key in job.seen:
-            raise self.error(line, 1, f"{found[1]}{found[2]} is there a second time")
+            raise self.error(line, 1, f"{found[1]}{found[2]} is there a second time.")
         job.seen.add(key)
         job.rows.append(Row(found[1], found[2], found.start(3), found[3], line, held))
 

@@ -7,6 +7,7 @@ import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TypeGuard
 
 ROOT = Path(__file__).parents[2]
 SENTENCE = re.compile(r"(?<=[.?!])\s+")  # as in web/src/lib/say.svelte.ts
@@ -18,14 +19,20 @@ _BY_NAME = """
     turn_more seen scale unseen forms
     several computed later copied different otherwise called caller unused unused_alone barred
     barred_different barred_computed barred_set barred_moved seen_from_flange
-    unreachable other_configuration other_turns no_posture
+    unreachable other_configuration other_turns no_posture fixed cure
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """
     __init__ Condition Judged SetAside Check Checked Figure Alarm Flaw Prediction Change Characteristic
     judged known_within held stated enough name_flaw _unreadable forget _said
+    error wrong damaged refusal _refusal _refused fix
 """
+_REMARKS = "Remark remark _remark _grouped _lines _of_functions"  # (where, code, text) of a program's line
 SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
+REMARKING = frozenset(_REMARKS.split())
+_PROSE = re.compile(
+    r"(?:[^\s\\|]+\s){2,}[^\\|]*[.]"
+)  # three words and a full stop, in a table: no expression
 _HOLE = re.compile(r"\{\d+\}")
 _OPEN = re.compile(r"\{(?:[a-z]\w*)?(?::[^{}]*)?\}")  # what `format` fills in later
 _CODE = re.compile(r"[a-z_]+(\.[a-z_{}0]+)+")  # of an error or alarm: told to programs
@@ -71,13 +78,18 @@ def templates(node: ast.expr) -> Iterator[str]:
 def _said(node: ast.AST) -> Iterator[ast.expr]:
     if isinstance(node, ast.Call):
         name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-        if name.endswith("Error") or name in SAYING:
+        if name.endswith("Error") or (name in SAYING and not _is_logged(node.func)):
             yield from node.args
+        elif name in REMARKING:
+            yield from node.args[2:]
         yield from (each.value for each in node.keywords if each.arg in SAID_BY_NAME)
     elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
         names = node.targets if isinstance(node, ast.Assign) else [node.target]
-        if any(_says(getattr(name, "id", getattr(name, "attr", ""))) for name in names):
+        told = [_name(name) for name in names]
+        if any(_says(name) for name in told):
             yield node.value
+        elif told[0].isupper():
+            yield from (each for each in ast.walk(node.value) if _is_prose(each))
     elif isinstance(node, ast.Dict):
         yield from (
             value
@@ -86,6 +98,21 @@ def _said(node: ast.AST) -> Iterator[ast.expr]:
         )
     elif isinstance(node, ast.FunctionDef) and _says(node.name):
         yield from (each.value for each in ast.walk(node) if isinstance(each, ast.Return) and each.value)
+
+
+def _name(target: ast.expr) -> str:
+    """Return the name that is assigned to, of a table's element the table's."""
+    while isinstance(target, ast.Subscript):
+        target = target.value
+    return str(getattr(target, "id", getattr(target, "attr", "")))
+
+
+def _is_prose(node: ast.AST) -> TypeGuard[ast.expr]:
+    return isinstance(node, ast.Constant) and bool(_PROSE.fullmatch(str(node.value)))
+
+
+def _is_logged(function: ast.expr) -> bool:
+    return isinstance(function, ast.Attribute) and getattr(function.value, "id", "") == "_log"
 
 
 def _says(name: str) -> bool:

@@ -13,30 +13,29 @@ from tests.service.spoken import ROOT, SENTENCE, sentences
 
 TRANSLATED = ("de", "es", "zh")
 HOLE = re.compile(r"\{\d+\}")
+NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")  # "#" in a procedure's words
 # What people meet in the wizard and at the gates, whole; single files of larger rooms.
 WHOLE = (
     "procedures",
     "service/desk",
-    "drivers/abb/uses.py",
+    "drivers/abb",
     "drivers/draw_wire/ends.py",
     "drivers/draw_wire/gauge.py",
-    "drivers/kuka/frame_uses.py",
-    "drivers/kuka/point_uses.py",
+    "drivers/fanuc",
+    "drivers/kuka",
     "drivers/modbus_robot/condition.py",
     "drivers/modbus_robot/frames.py",
     "drivers/modbus_robot/mastering.py",
     "drivers/modbus_robot/program.py",
     "drivers/modbus_robot/robot.py",
-    "drivers/programs/across.py",
-    "drivers/programs/barred.py",
+    "drivers/programs",
     "drivers/touch_probe/coupler.py",
     "drivers/touch_probe/dial.py",
     "drivers/touch_probe/probe.py",
-    "drivers/universal_robots/health.py",
-    "drivers/universal_robots/robot.py",
-    "drivers/universal_robots/session.py",
+    "drivers/universal_robots",
     "drivers/wire/can_session.py",
     "drivers/wire/deadline.py",
+    "drivers/yaskawa",
     "calibration/identification/identifiability.py",
     "calibration/line_accuracy.py",
     "calibration/mastering/kit_design.py",
@@ -92,6 +91,8 @@ NOT_FOR_PEOPLE = {
     "count",
     "{1} {2} (axes {3})",
     "EMCY-{1}",
+    "cellcal {1}, {2}",
+    "the last token is the end of a line",
     "1",
 }
 
@@ -119,7 +120,11 @@ def test_every_refusal_and_rule_has_its_words(room: str) -> None:
     said = {sentence for file in files for sentence in sentences(file)} - NOT_FOR_PEOPLE
     assert said
     for locale in TRANSLATED:
-        missing = sorted(said - table(locale).keys() - procedures(locale))
+        missing = [
+            each
+            for each in sorted(said - table(locale).keys() - procedures(locale))
+            if NUMBER.sub("#", each) not in procedures(locale)
+        ]
         assert not missing, (locale, missing)
 
 
