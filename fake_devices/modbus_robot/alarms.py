@@ -23,11 +23,16 @@ _TEXTS = {
     "SRVO-038": ("Pulse mismatch (Group:1 Axis:{axis})", "SERVO2"),
     "SRVO-050": ("CLALM alarm (Group:1 Axis:{axis})", "SERVO"),
     "SRVO-062": ("BZAL alarm (Group:1 Axis:{axis})", "SERVO"),
+    "SRVO-064": ("PHAL alarm (Group:1 Axis:{axis})", "SERVO"),
     "SRVO-065": ("BLAL alarm (Group:1 Axis:{axis})", "WARN"),
     "SRVO-068": ("DTERR alarm (Group:1 Axis:{axis})", "SERVO"),
     "SRVO-069": ("CRCERR alarm (Group:1 Axis:{axis})", "SERVO"),
     "SRVO-070": ("STBERR alarm (Group:1 Axis:{axis})", "SERVO"),
     "MOTN-017": ("Limit error (Group:1 Axis:{axis})", "WARN"),
+    "SRVO-071": ("SPHAL alarm (Group:1 Axis:{axis})", "SERVO"),
+    "SRVO-072": ("PMAL alarm (Group:1 Axis:{axis})", "SERVO"),
+    "SRVO-073": ("CMAL alarm (Group:1 Axis:{axis})", "SERVO"),
+    "SRVO-074": ("LDAL alarm (Group:1 Axis:{axis})", "SERVO"),
     "SRVO-075": ("Pulse not established (Group:1 Axis:{axis})", "WARN"),
 }
 _SEVERITY = {"WARN": 0, "SERVO": 4, "SERVO2": 5}

@@ -25,7 +25,7 @@ from fake_devices.modbus_robot.alarms import CODES, ActiveAlarm
 from fake_devices.modbus_robot.program import Program, Reason, RefusedError
 
 AUTO, T1, T2 = 1, 2, 3
-_UNTIL_POWER_CYCLE = frozenset({"SRVO-062", "SRVO-038", "SRVO-068", "SRVO-069", "SRVO-070"})
+_UNTIL_POWER_CYCLE = frozenset(f"SRVO-0{n}" for n in (38, 62, 64, 68, 69, 70, 71, 72, 73, 74))
 TOOLS, FRAMES = 10, 9
 FIRST_TOOL = (12.5, -3.0, 118.0, 0.0, -15.0, 30.0)
 

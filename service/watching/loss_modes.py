@@ -51,7 +51,9 @@ _TOLD = {
     LossMode.WRONG_ROBOT: "another robot answers than the cell file names: its record must not be used",
     LossMode.UNKNOWN: "the position is lost, and why is unknown: read the alarm on the pendant before anything moves",
 }
-_NOT_LOST = "a pulse coder or its cable fails: mend it, and it shows if the position is lost; then check the zero"
+_NOT_LOST = (
+    "a pulse coder or its cable fails: mend it, and it shows if the position is lost; then check the zero"
+)
 _OLD_BACKUP = (
     "an old backup was loaded; or the robot was mastered on purpose since: take a new mastering record then"
 )

@@ -45,9 +45,10 @@ async def seen_of(
         (("SRVO-050", AlarmKind.COLLISION), ("held", "M4", DRIFT)),
         (("SRVO-062", AlarmKind.TURNS), ("lost", "M1", RECOVERY)),
         (("SRVO-065", AlarmKind.BATTERY_LOW), NOTHING),
-        (("SRVO-068", AlarmKind.ENCODER), ("held", "M2", DRIFT)),
-        (("SRVO-069", AlarmKind.ENCODER), ("held", "M2", DRIFT)),
-        (("SRVO-070", AlarmKind.ENCODER), ("held", "M2", DRIFT)),
+        *(
+            ((f"SRVO-0{number}", AlarmKind.ENCODER), ("held", "M2", DRIFT))
+            for number in (64, 68, 69, 70, 71, 72, 73, 74)
+        ),
         (("SRVO-075", AlarmKind.TURNS), ("lost", "M1", RECOVERY)),
         (("MOTN-017", AlarmKind.UNKNOWN), NOTHING),
     ],
@@ -71,6 +72,29 @@ async def test_an_alarm_of_the_controller_is_answered_by_its_procedure(
     assert not answer.starts_alone
     judged = [reason for reason in answer.reasons if "judgement" in reason]
     assert bool(judged) == (loss.suspicion.mode != "M1")
+
+
+async def test_a_loss_after_a_failing_encoder_is_told_too_and_asks_for_the_exchanged_one(
+    fanuc: Any, spoilt: Door, cell: CellConfig, tmp_path: Path
+) -> None:
+    told: list[PositionLoss] = []
+
+    async def on_loss(loss: PositionLoss) -> None:
+        told.append(loss)
+
+    memory = LastHealthyCounts(tmp_path)
+    await remember_healthy("fanuc", fanuc, memory)
+    watch = Watch(fanuc, memory, on_loss, period_s=0.01)
+    await spoilt.fault("alarm", device="fanuc", code="SRVO-074", axis="J5")
+    await watch.look()
+    await spoilt.fault("power_off", device="fanuc")
+    await spoilt.fault("power_on", device="fanuc")
+    await spoilt.fault("alarm", device="fanuc", code="SRVO-038", axis="J5")
+    await watch.look()
+    failing, lost = (prepare_answer(cell, loss) for loss in told)
+    assert (failing.procedure, failing.settings) == (DRIFT, {})
+    assert (lost.procedure, lost.settings) == (RECOVERY, {"exchanged_axes": (5,)})
+    assert not lost.starts_alone
 
 
 async def test_beside_an_alarm_that_the_driver_does_not_know_nothing_starts_alone(
