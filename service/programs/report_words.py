@@ -10,6 +10,7 @@ from service.programs.files import Refused
 from service.programs.report import Report, largest
 from service.programs.report_texts import Language, counted
 from service.programs.result import CHANGED, LEFT, UNCHANGED
+from service.programs.verdicts import place_in
 
 SCREEN = Language.of("en")
 _MOST_NAMED = 3  # programs of a sentence, lines of a program: the rest is counted
@@ -98,8 +99,10 @@ def _lines(lines: Sequence[int], language: Language) -> str:
 
 
 def refusal(one: Refused, language: Language = SCREEN) -> str:
-    """Return a refusal in one piece."""
-    return f"{one.file}: {language.join(map(language.say, (one.message, one.remedy)))}".rstrip()
+    """Return a refusal in one piece: its place stays as an editor takes it, what is wrong is said."""
+    place = place_in(one.message)
+    where = f"{place.line}:{place.column}: " if place.line else ""
+    return f"{one.file}: {where}{language.join(map(language.say, (place.sentence, one.remedy)))}".rstrip()
 
 
 def plural(count: int, what: str) -> str:
