@@ -186,9 +186,9 @@ def seem_free(
 
     What is chosen is checked by ``check_moves``. Targets are finite.
     """
-    targets = np.asarray(targets_rad, dtype=float)
+    targets = np.asarray(targets_rad, dtype=float).reshape(-1, model.axes)
     share = np.linspace(0.0, 1.0, looks + 1)[1:, None]
-    ways = np.array([start_rad + share * (target - start_rad) for target in targets])
+    ways = start_rad + share * (targets[:, None] - start_rad)
     free = np.ones(ways.shape[:2], dtype=bool)
     for excess in _posture_excesses(model, ways.reshape(-1, model.axes), limits, (0.0, 0.0, 0.0)):
         free &= ~excess.broken().reshape(free.shape)

@@ -95,7 +95,7 @@ def run_command_line(arguments: Sequence[str]) -> int:
     except BrokenPipeError:
         return _reader_has_gone()
     except (Exception, KeyboardInterrupt, BaseExceptionGroup) as error:  # noqa: BLE001  the last line of defence
-        return _say(console, *_leaves(error))
+        return _say(console, *_leaves(error), of_a_run=list(arguments)[:1] in (["run"], ["resume"]))
     return int(result) if isinstance(result, int) else ExitCode.PASS
 
 
@@ -111,7 +111,7 @@ def _leaves(error: BaseException) -> list[BaseException]:
     return [error]
 
 
-def _say(console: Console, *errors: BaseException) -> int:
+def _say(console: Console, *errors: BaseException, of_a_run: bool) -> int:
     for error in errors:
         if isinstance(error, CellError):
             console.print(f"[bold red]{escape(error.message)}[/]", highlight=False)
@@ -123,9 +123,8 @@ def _say(console: Console, *errors: BaseException) -> int:
             )
             console.print("[bold]What to do:[/] Give a path that exists and may be read and written.")
         elif isinstance(error, KeyboardInterrupt | asyncio.CancelledError):
-            console.print(
-                "Cancelled. All that was stored is kept; `cellcal resume last --cell CELL` goes on with a run."
-            )
+            more = "; `cellcal resume last --cell CELL` goes on with it" if of_a_run else ""
+            console.print(f"Cancelled. All that was stored is kept{more}.")
         else:
             console.print(
                 f"[bold red]Internal error:[/] {escape(repr(error))}. This is our bug; please report it."

@@ -56,6 +56,9 @@ class CellTable(_Table):
         return path.expanduser()
 
 
+_INSIDE_EVERY_BASE_MM = 20.0
+
+
 class GaugeCertificate(_Table):
     """Who calibrated a gauge, and until when that holds. Without it no traceability is claimed."""
 
@@ -77,6 +80,13 @@ class GaugeSetup(_Table):
     hook_sigma_mm: float = Field(default=2.0, gt=0)
     mouth_at_mm: Triple | None = None  # a place straight in front of the wire's exit, in the base
     certificate: GaugeCertificate | None = None
+
+    @field_validator("anchor_in_base_mm")
+    @classmethod
+    def _is_outside_the_robot(cls, anchor: Triple) -> Triple:
+        if max(map(abs, anchor)) < _INSIDE_EVERY_BASE_MM:
+            raise ValueError("it stands inside the robot's base: metres written where millimetres belong?")
+        return anchor
 
     @property
     def anchor_in_base_m(self) -> Triple:

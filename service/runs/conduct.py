@@ -350,6 +350,8 @@ def _refuse_difference(view: RunView, entry: Entry, now: Fingerprint) -> None:
     differences += [_difference(key, was.get(key), present[key]) for key in changed]
     switched = _switched(entry, was.get("active_frames"), now.active_frames)
     remedy = "Restore what was changed, or start a new run; the stored points stay readable."
+    if "encoder_epoch" in changed:
+        remedy = "Run the mastering recovery, then start a new run; the stored points stay readable."
     if switched:
         remedy = remedy if differences else cure(switched)
         differences.append(told(switched))
@@ -372,6 +374,8 @@ def _switched(entry: Entry, was: Any, now: ActiveFrames | None) -> tuple[tuple[s
 def _difference(key: str, was: object, present: object) -> str:
     if key == "config_sha256":
         return "the cell file has been edited since"
+    if key == "encoder_epoch":
+        return f"the robot lost its position during this run (encoder epoch {was}, now {present})"
     return f"{key} was {was}, is {present}"
 
 

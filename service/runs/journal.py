@@ -257,6 +257,16 @@ class Journal:
     def _refuse_if_broken(self) -> None:
         if self._broken is not None:
             raise self._broken
+        self.refuse_damaged()
+
+    def refuse_damaged(self) -> None:
+        """Refuse what a damaged journal cannot tell: the newest of anything may stand behind the damage.
+
+        Raises
+        ------
+        StoreError
+            It is damaged; the message says after which event.
+        """
         if self.damage is not None:
             raise StoreError(
                 f"the journal is damaged after event {self.damage.after_seq}: {self.damage.reason}",

@@ -78,6 +78,7 @@ class Store:
         """Return the id of the newest run for ``last``, else the id itself."""
         if run_id != "last":
             return run_id
+        self._journal.refuse_damaged()
         views = self.runs()
         if not views:
             raise StoreError(
@@ -97,7 +98,14 @@ class Store:
         return view, self._journal.events(view.run_id)
 
     def kept(self, what: str, robot_serial: str) -> list[Mapping[str, Any]]:
-        """Return every kept result of one kind for one robot, oldest first."""
+        """Return every kept result of one kind for one robot, oldest first.
+
+        Raises
+        ------
+        StoreError
+            The journal is damaged: which one is in force cannot be told. So for all that is read by it below.
+        """
+        self._journal.refuse_damaged()
         facts = [json.loads(event.body) for event in self._journal.events() if event.kind == Kind.STORED]
         return [fact for fact in facts if (fact["what"], fact["robot_serial"]) == (what, robot_serial)]
 
@@ -107,7 +115,8 @@ class Store:
         return _RECORDS.validate_python(facts[-1]["value"]) if facts else None
 
     def alignments(self) -> tuple[Alignment, ...]:
-        """Return every alignment of every robot, oldest first."""
+        """Return every alignment of every robot, oldest first; raises as `kept`."""
+        self._journal.refuse_damaged()
         facts = [json.loads(event.body) for event in self._journal.events() if event.kind == Kind.STORED]
         return tuple(_ALIGNMENTS.validate_python(f["value"]) for f in facts if f["what"] == ALIGNMENT)
 

@@ -4,6 +4,7 @@ Looked at on each connection, after each run and now and then in between. A diff
 robot may have been mastered on purpose, and then the record is what is old.
 """
 
+import logging
 import time
 from collections.abc import Callable
 
@@ -13,8 +14,10 @@ from calibration.mastering.counts import MasteringRecord
 from drivers.interfaces import Counts, MasteringData, MasteringStore
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import journal_path, open_journal
+from service.runs.journal import StoreError
 from service.runs.store import Store
 
+_LOG = logging.getLogger(__name__)
 LOOK_EVERY_S = 10.0
 
 
@@ -54,12 +57,20 @@ class HeldMastering:
 
 def newest_record(config: CellConfig, serial: str) -> Callable[[], MasteringRecord | None]:
     """Return what reads the newest mastering record of a robot from the cell's journal."""
+    told = ""
 
     def read() -> MasteringRecord | None:
+        nonlocal told
         if not journal_path(config).exists():
             return None
-        with open_journal(config) as journal:
-            return Store(journal).mastering_record(serial)
+        try:
+            with open_journal(config) as journal:
+                return Store(journal).mastering_record(serial)
+        except StoreError as error:  # the eyes on the encoders matter more
+            if str(error) != told:
+                _LOG.warning("the controller's mastering is not compared with its record: %s", error)
+            told = str(error)
+            return None
 
     return read
 

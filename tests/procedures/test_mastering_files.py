@@ -1,6 +1,7 @@
 """A mastering record on its way to another computer: whole, of the same robot, and never by mistake."""
 
 import json
+import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from service.certificates.signing import check, station_key
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import write_cell_file
 from service.parameters.mastering_files import FORMAT, RecordFileError, export, import_record, in_force
-from service.runs.cell import on_paper, open_journal
+from service.runs.cell import journal_path, on_paper, open_journal
+from service.runs.journal import StoreError
 from service.runs.outline import remembered
 from service.runs.store import Store
 from tests.procedures.cells import record_of, scene
@@ -120,3 +122,23 @@ async def test_the_sheet_fits_the_door(exported) -> None:
         assert told in text
     assert check(signed.read_bytes()).content["record"]["sha256"] == record.sha256
     assert json.loads(signed.read_text())["format"] == FORMAT
+
+
+async def test_a_damaged_journal_gives_out_no_record_for_the_one_in_force(exported) -> None:
+    """A newer one may stand behind the damage."""
+    config, _, _ = exported
+    with open_journal(config) as journal:
+        journal.append("later", "started", {})
+    with sqlite3.connect(journal_path(config)) as database:
+        database.execute("UPDATE event SET hash = zeroblob(32) WHERE seq = 2")
+    for told in (
+        lambda: in_force(config),
+        lambda: remembered(config),
+        lambda: export(config, None, config.cell.data_dir / "again"),
+    ):
+        with pytest.raises(StoreError, match="damaged after event 1"):
+            told()
+    with open_journal(config) as journal:
+        for read in (lambda: Store(journal).newest("last"), lambda: Store(journal).alignments()):
+            with pytest.raises(StoreError, match="damaged after event 1"):
+                read()

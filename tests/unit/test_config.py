@@ -155,3 +155,11 @@ hook_in_flange_mm = [60.0, 50.0, 120.0]
     assert "there is no interface 'profibus'; there are socketcand" in faults_of(good)["gauge[0]"]
     good.write_text(text[:start] + gauge.replace("step_um", "step_mm"))
     assert "did you mean 'step_um'?" in faults_of(good)["gauge[0].step_mm"]
+
+
+def test_an_anchor_in_metres_is_refused(good: Path) -> None:
+    text = good.read_text()
+    assert "anchor_in_base_mm = [900.0, -700.0, -450.0]" in text
+    good.write_text(text.replace("[900.0, -700.0, -450.0]", "[0.9, -0.7, -0.45]", 1))
+    faults = " ".join(faults_of(good).values())
+    assert "metres written where millimetres belong?" in faults

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.arm.kinematics import load_model
 from calibration.errors import CalibrationError
-from calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
+from calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures, check_moves, seem_free
 
 MODEL = load_model("fanuc_m6ib")
 HOME = np.deg2rad([0.0, 0, 0, 0, -45, 0])
@@ -125,3 +125,8 @@ def test_a_robot_beyond_a_limit_may_come_back_but_go_no_further():
     assert not check_moves(MODEL, beyond, beyond[None], WIDE, speed_rad_s=SPEED).allowed  # nor stay there
     way = np.array([further, inside])
     assert not check_moves(MODEL, beyond, way, WIDE, speed_rad_s=SPEED, stops=(False, True)).allowed
+
+
+def test_where_no_target_is_left_none_seems_free() -> None:
+    free = seem_free(MODEL, np.zeros(6), np.array([]), MotionLimits())
+    assert free.shape == (0,)
