@@ -77,6 +77,9 @@ async def test_an_engineer_moves_programs_looks_and_takes_them_away(
             await page.get_by_test_id("language").select_option(locale)
             await speaks(page, locale)
             await hold_to_rules(page, f"the preview in {locale}")
+            if locale == "de":
+                await expect(page.get_by_test_id("refused")).to_contain_text("dies wird nicht verstanden")
+                await expect(page.get_by_test_id("refused")).to_contain_text("Sichern Sie das Programm")
         await page.get_by_test_id("language").select_option("en")
         preview = await page.evaluate("location.hash")
         await expect(page.get_by_test_id("checked")).to_be_visible()
