@@ -80,8 +80,9 @@ class Dashboard:
                     await writer.wait_closed()
 
     def _unreachable(self, what: str) -> UnreachableError:
-        where = f"the dashboard of the controller at {self._address}"
-        return UnreachableError(self._device, f"{where} {what}.", remedy=CABLE)
+        return UnreachableError(
+            self._device, f"the dashboard of the controller at {self._address} {what}.", remedy=CABLE
+        )
 
 
 async def _line(reader: asyncio.StreamReader) -> str:
