@@ -42,7 +42,7 @@ from procedures.teaching.frame_touches import (
     named_touches,
     touch_points,
 )
-from procedures.verdict import Contribution, SetAside, Verdict, held, known_within
+from procedures.verdict import Contribution, SetAside, Verdict, enough, held, known_within
 
 LEAST = 3
 ASSUMED_SIDE_M = 0.3  # of the triangle, in a dry run
@@ -157,6 +157,7 @@ def _keeps(spec: ThreePointFrame, result: FrameSetup) -> Keepsake:
 
 
 _NONE_TO_SPARE = "Three points fix a frame without one to spare: a wrong touch leaves no trace in a residual."
+_SPARE_RULE = "PASS if the points have coordinates to compare, else UNDECIDED: touch the origin once more"
 
 
 def _verdict(spec: ThreePointFrame, result: FrameSetup) -> Verdict:
@@ -170,10 +171,17 @@ def _judge(spec: ThreePointFrame, found: FrameSetup) -> Verdict:
     budget = Contribution("one coordinate of one touch, sigma_m", spec.sigma_m, "estimated")
     origin = known_within("origin of the frame", "m", u=origin_u, limit=limits.origin_m)
     turn = known_within("direction of the frame's axes", "rad", u=turn_u, limit=limits.angle_rad)
+    spare = enough(
+        "coordinates beyond those that fix the frame",
+        taught.redundancy > 0,
+        _SPARE_RULE,
+        found=taught.redundancy,
+        limit=1,
+    )
     above = held("handedness: a point above lies on +z", True, "refused where it does not")
     unseen = ("Nothing was touched on the +z side: the order of the points was not checked.",)
     return Verdict(
-        (origin.with_budget(budget), turn, *((above,) if spec.check_above else ())),
+        (origin.with_budget(budget), turn, spare, *((above,) if spec.check_above else ())),
         limits_from=told(spec.accuracy_class, spec.limits),
         not_verified=(
             *(() if taught.redundancy else (_NONE_TO_SPARE,)),

@@ -22,6 +22,7 @@ FIRST_FIXED: dict[FrameRole, int] = {
     "on_x": 1,
     "in_plane": 2,
 }  # coordinates from here on are zero
+FIXING = 3  # so many points fix a frame, and say nothing of how well they were touched
 _POWER = 8  # its sum stands for the worst of six: it falls with every touch, where a maximum may stand still
 
 
@@ -53,7 +54,7 @@ class FrameOutlook:
 
 
 def frame_outlook(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoal, most: int) -> FrameOutlook:
-    """Return which points to touch again so that the goal is met with few touches.
+    """Return which points to touch again so that the goal is met with few touches, and one is to spare.
 
     Parameters
     ----------
@@ -66,7 +67,8 @@ def frame_outlook(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoa
 
     Notes
     -----
-    Greedy: each touch is the one that lowers the worst of the six uncertainties, over their limits, most.
+    Greedy: each touch is the one that lowers the worst of the six uncertainties, over their limits, most. Where three
+    would do, the origin is touched once more: all its coordinates can be compared.
     """
     local = _in_frame(base_frame, points)
     each = np.array([_information(point.role, at) for point, at in zip(points, local, strict=True)])
@@ -77,6 +79,11 @@ def frame_outlook(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoa
         best = int(np.argmin([float((share**_POWER).sum()) for share in after]))
         told, shares = told + each[best], after[best]
         again.append(best)
+    if shares.max() <= 1.0 and len(points) + len(again) <= FIXING < most:
+        spare = next(i for i, point in enumerate(points) if point.role == "origin")
+        told = told + each[spare]
+        shares = _shares(told, goal)
+        again.append(spare)
     return FrameOutlook(
         again=tuple(again),
         reached=bool(shares.max() <= 1.0),
@@ -86,11 +93,11 @@ def frame_outlook(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoa
 
 
 def in_turn_touches(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoal) -> int:
-    """Return how many touches meet the goal if the three points are touched in turn, again and again."""
+    """Return how many touches meet the goal, one to spare, if the three points are touched in turn."""
     local = _in_frame(base_frame, points)
     told = sum(_information(point.role, at) for point, at in zip(points, local, strict=True))
     rounds = math.ceil(float(_shares(np.asarray(told), goal).max()) ** 2 - 1e-9)
-    return len(points) * max(rounds, 1)
+    return max(len(points) * rounds, FIXING + 1)
 
 
 def _in_frame(base_frame: Pose, points: Sequence[FramePoint]) -> Array:

@@ -10,6 +10,7 @@ from calibration.points.frames import PointsDisagreeError
 from procedures.run import Run
 from procedures.steps.write import same_pose
 from procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame, three_point_frame
+from procedures.verdict import UNDECIDED
 from tests.procedures.cells import FRAME, Scene, pointing
 from tests.procedures.ledgers import MemoryLedger
 
@@ -34,18 +35,49 @@ async def test_touches_go_on_until_the_frame_is_known_within_its_limits() -> Non
     assert f"would take {setup.effort.in_turn}" in verdict.remarks[0]
 
 
-async def test_three_points_stay_three_where_they_are_enough_or_the_limits_are_out_of_reach() -> None:
-    for made, says in (
-        (pointing(sigma_m=0.0001), "no saving: 3 touches"),
+async def test_one_is_to_spare_where_three_are_enough_and_none_where_the_limits_are_out_of_reach() -> None:
+    for made, says, count in (
+        (pointing(sigma_m=0.0001), "no saving: 4 touches", 5),
         (
             pointing(accuracy_class="A"),
             "further ones were not asked for: 12 would leave the origin within 0.45 mm",
+            4,
         ),
     ):
         setup, steps = await _taught(replace(made, spec=replace(made.spec, write_anyway="a test")))
-        assert len(steps) == 4
+        assert len(steps) == count
         assert setup.effort is not None
         assert says in setup.effort.saving
+
+
+async def test_three_touches_alone_never_pass_however_good_somebody_says_they_are() -> None:
+    made = pointing(sigma_m=1e-6, max_touches=3)
+    made.spec = replace(made.spec, write_anyway="a test")
+    setup, steps = await _taught(made)
+    assert len(steps) == 4
+    verdict = ENTRY.verdict(made.spec, setup)  # type: ignore[misc]
+    assert verdict.word is UNDECIDED
+    assert [one.name for one in verdict.characteristics if one.decision is UNDECIDED] == [
+        "coordinates beyond those that fix the frame"
+    ]
+
+
+async def test_hands_that_are_worse_than_stated_are_found_out() -> None:
+    """Class A for hands of a millimetre: the touch to spare contradicts the others, twice."""
+    made = pointing(sigma_m=1e-6)
+    good, dice = made.hands.does["touch_origin_again"], np.random.default_rng(7)
+
+    def shaky() -> None:
+        good()
+        taught = made.arm.taught
+        assert taught is not None
+        off = dice.normal(0.0, 1e-3, 3)
+        x, y, z = np.add(taught.position_m, off).tolist()
+        made.arm.taught = Pose((x, y, z), taught.quaternion)
+
+    made.hands.does["touch_origin_again"] = shaky
+    with pytest.raises(PointsDisagreeError):
+        await _taught(made)
 
 
 async def test_more_are_allowed_where_somebody_wants_the_limits() -> None:
