@@ -11,6 +11,7 @@ from procedures.progress import ignore
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import lend_record, open_cell, open_journal
 from service.runs.conduct import Conditions, OnEvent, Outcome, Verdict, resume, run_procedure
+from service.runs.old import agree_if_old
 from service.runs.redo import discard_from
 from service.runs.specs import build_spec
 from service.runs.store import Store
@@ -44,7 +45,7 @@ async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outc
     Raises
     ------
     DeclinedError
-        The person did not agree to what would be discarded; nothing was.
+        The person did not agree to what would be discarded, or to go on with a run that stood still for long.
     """
     async with open_cell(where.config, where.operator, where.robot) as cell:
         return await go_on_with(where.config, cell, run_id, Conditions(where.on_event), redo_from=redo_from)
@@ -68,6 +69,7 @@ async def go_on_with(
         run_id = Store(journal).newest(run_id)
         if redo_from is not None:
             await discard_from(cell.operator, journal, run_id, redo_from)
+        await agree_if_old(cell.operator, journal, run_id)
         ended_before = Store(journal).run(run_id).state == Verdict.PASSED
         outcome = await resume(lent, run_id, journal, how=how)
         if not ended_before:  # what the motors count today tells nothing of the day when it passed

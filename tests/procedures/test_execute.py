@@ -1,14 +1,19 @@
 """What is remembered after a run: the counts that it left healthy, and never later ones."""
 
 import logging
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import pytest
 
+from procedures.past import Kind
+from procedures.run import DeclinedError
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import write_cell_file
+from service.runs.cell import open_journal
 from service.runs.conduct import Conditions, Verdict
 from service.runs.execute import go_on_with, start_on
+from service.runs.old import agree_if_old
 from service.watching.watch import LastHealthyCounts
 from tests.procedures.cells import LOST, recording
 
@@ -44,3 +49,25 @@ async def test_a_full_disk_takes_nothing_from_a_run_that_has_passed(
         outcome = await start_on(config, made.cell, "mastering_record", made.spec, Conditions())
     assert outcome.verdict is Verdict.PASSED
     assert "were not kept as healthy" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("hours", "asked"),
+    [(0.1, ""), (7.9, ""), (9.0, "stood still for 9.0 hours"), (-2.0, "stands 2.0 hours before")],
+)
+async def test_a_run_that_stood_still_for_a_shift_goes_on_only_if_a_person_agrees(
+    config: CellConfig, hours: float, asked: str
+) -> None:
+    made = recording()
+    with open_journal(config) as journal:
+        event = journal.append(
+            "run-1", Kind.STARTED, {"procedure": "mastering_record", "version": 1, "spec": {}, "cell": {}}
+        )
+        now = datetime.fromisoformat(event.wall_utc) + timedelta(hours=hours)
+        await agree_if_old(made.hands, journal, "run-1", now_utc=now)
+        assert made.hands.asked == (["run_is_old"] if asked else [])
+        assert asked in made.hands.read.get("run_is_old", "")
+        made.hands.refuses = {"run_is_old"}
+        if asked:
+            with pytest.raises(DeclinedError, match="was not continued"):
+                await agree_if_old(made.hands, journal, "run-1", now_utc=now)
