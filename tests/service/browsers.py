@@ -40,7 +40,8 @@ Told = TypeVar("Told")
 expect.set_options(timeout=PATIENCE_MS)
 
 AXE = ROOT / "web/node_modules/axe-core/axe.min.js"
-RUN_AXE = """async () => (await axe.run(document, {runOnly: ['wcag2a', 'wcag2aa', 'wcag21aa', 'wcag22aa']}))
+RUN_AXE = """async () => (await axe.run(document,
+    {runOnly: ['wcag2a', 'wcag2aa', 'wcag21aa', 'wcag22aa'], rules: {'color-contrast-enhanced': {enabled: true}}}))
     .violations.map(v => v.id + ': ' + v.nodes.map(n => n.html.slice(0, 120)).join(' | '))"""
 BUTTONS = "button, a.button, select, input:not([type=file]), summary"
 CRAMPED = """(buttons) => {
