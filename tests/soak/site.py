@@ -1,6 +1,7 @@
 """Campaigns over the view from afar: a thousand cells into one monitor, and a router that is away.
 
-Run as a module with a folder and cells it plays those cells: a session, a certificate and a liveliness token each.
+Run as a module with a folder, seconds and cells it plays those cells so long: a session, a certificate and a
+liveliness token each.
 """
 
 import itertools
@@ -67,7 +68,7 @@ def site(cells: int) -> Figures:
 
 
 def _follow(root: Path, names: list[str], listener: Listener) -> tuple[int, int, float]:
-    players = [_player(root, names[k::_PLAYERS]) for k in range(_PLAYERS)]
+    players = [player_of(root, names[k::_PLAYERS]) for k in range(_PLAYERS)]
     try:
         for player in players:
             assert player.stdout is not None
@@ -120,9 +121,10 @@ def _outage() -> tuple[int, int]:
                 return len(set(range(1, count + 1)) - set(listener.numbers("cell-07"))), count
 
 
-def _player(root: Path, names: list[str]) -> "subprocess.Popen[str]":
+def player_of(root: Path, names: list[str], span_s: float = _SPAN_S) -> "subprocess.Popen[str]":
+    """Start a process that plays cells; it says ready, waits for go, and stays when it has told all."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "tests.soak.site", str(root)],
+        [sys.executable, "-m", "tests.soak.site", str(root), str(span_s)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -189,7 +191,7 @@ def _play() -> None:
     sys.stdout.flush()
     sys.stdin.readline()
     count, began_s = 0, time.monotonic()
-    ticks = int(_SPAN_S * _RATE_HZ)
+    ticks = int(float(sys.argv[2]) * _RATE_HZ)
     for tick in range(ticks):
         for k, player in enumerate(players):
             count += player.tell(tick + k)  # states are spread over the second
