@@ -9,7 +9,6 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from service.configuration.cell_file import CellConfig
     from service.runs.conduct import Outcome
-    from service.runs.journal import Damage
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -108,11 +107,14 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
     from rich.markup import escape
     from rich.table import Column, Table
 
+    from service.certificates.journal_end import missing_end
     from service.cli.printing import print_json
+    from service.configuration.cell_file import read_cell_file
+    from service.runs.check import told_damage
 
     with _journal(cell) as (journal, store):
         views = store.runs()
-        damage = journal.damage
+        damage = told_damage(journal.damage) if journal.damage else missing_end(read_cell_file(cell), journal)
     if as_json:
         keys = ("run_id", "procedure", "started_utc", "state", "reason")
         print_json({"runs": [{key: getattr(view, key) for key in keys} for view in views]})
@@ -121,7 +123,7 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
     for view in views:
         started = view.started_utc[:19].replace("T", " ")
         table.add_row(view.run_id, started, view.state.replace("_", " "), escape(view.reason))
-    if views or damage is None:
+    if views or not damage:
         Console().print(
             table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`."
         )
@@ -162,7 +164,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
                 "journal": "unchanged" if damage is None else told_damage(damage),
             }
         )  # fmt: skip
-        return _tell_damage(damage)
+        return _tell_damage(told_damage(damage) if damage else "")
     console = Console()
     console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {escape(view.reason)}")
     table = Table("event", "time (UTC)", "kind", "step", "who")
@@ -178,19 +180,18 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         console.print(f"verdict: {view.judgement['word'].upper()}; `cellcal certificate` tells it whole")
     if damage is None:
         console.print("journal: unchanged")
-    return _tell_damage(damage)
+    return _tell_damage(told_damage(damage) if damage else "")
 
 
-def _tell_damage(damage: "Damage | None") -> int:
+def _tell_damage(damage: str) -> int:
     from rich.markup import escape
 
     from service.cli.printing import EN_ROUTE
     from service.exit_codes import ExitCode
-    from service.runs.check import told_damage
 
-    if damage is None:
+    if not damage:
         return ExitCode.PASS
-    EN_ROUTE.print(f"[bold red]{escape(told_damage(damage))}[/]")
+    EN_ROUTE.print(f"[bold red]{escape(damage)}[/]")
     return ExitCode.SIGNATURE
 
 

@@ -9,6 +9,7 @@ from calibration.arm.kinematics import load_model
 from drivers.errors import DeviceError
 from drivers.interfaces import Device, Readiness, Robot
 from procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
+from service.certificates.journal_end import missing_end
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import leases, open_journal
 from service.runs.journal import Damage
@@ -72,8 +73,9 @@ async def check_cell(config: CellConfig) -> CellReport:
     pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.probes]
     devices = await asyncio.gather(*(_check_device(*pair, leases(config)) for pair in pairs))
     with open_journal(config) as journal:
-        if journal.damage is not None:
-            return CellReport(config.cell.name, tuple(devices), (), told_damage(journal.damage))
+        damage = told_damage(journal.damage) if journal.damage else missing_end(config, journal)
+        if damage:
+            return CellReport(config.cell.name, tuple(devices), (), damage)
         store = Store(journal)
         advice = tuple(
             _FIRST_SCREEN.format(robot=device.name, path=config.path)

@@ -1,6 +1,8 @@
 """Every procedure ends in a verdict and a certificate; what was not used and not verified stands in it."""
 
 import json
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -17,9 +19,10 @@ from procedures.limits import FrameLimits
 from procedures.recovery.recovery_spec import MasteringRecoverySpec
 from procedures.recovery.recovery_verdict import saving, verdict_on_recovery
 from service.certificates.certificate import NO_TRACEABILITY, SAFETY, CertificateError, content_of, issue
+from service.certificates.journal_end import missing_end
 from service.certificates.signing import Finding, check
 from service.configuration.cell_file import CellConfig, GaugeCertificate
-from service.runs.cell import open_journal
+from service.runs.cell import journal_path, open_journal
 from service.runs.conduct import Outcome, Verdict, forget_from, resume
 from service.runs.store import Store
 from tests.procedures.cells import (
@@ -329,3 +332,20 @@ async def test_every_procedure_foretells_finite_figures_without_a_device(name: s
         assert np.isfinite(prediction.expanded)
         assert prediction.expanded >= 0
     json.dumps([pose.joints_rad for pose in forecast.poses], allow_nan=False)
+
+
+async def test_a_journal_that_lost_its_end_is_betrayed_by_a_certificate(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, touching(), "six_point_tcp")
+    issue(config, outcome.run_id)
+    with open_journal(config) as journal:
+        assert missing_end(config, journal) == ""
+        last = journal.events()[-1].seq
+    with closing(sqlite3.connect(journal_path(config))) as database, database:
+        database.execute("DELETE FROM event WHERE seq = ?", (last,))
+    with open_journal(config) as journal:
+        assert journal.damage is None
+        assert f"{outcome.run_id}.json was issued after an event" in missing_end(config, journal)
+    (tmp_path / "data/certificates" / f"{outcome.run_id}.json").write_bytes(b"\x00{")
+    with open_journal(config) as journal:
+        assert missing_end(config, journal) == ""

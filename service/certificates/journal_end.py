@@ -1,0 +1,26 @@
+"""Whether a journal still has the events that its cell's certificates were issued after.
+
+A chain of hashes shows what was changed; that its end was cut off, or the whole begun anew, shows only from outside.
+"""
+
+import json
+
+from service.certificates.certificate import certificates_folder
+from service.configuration.cell_file import CellConfig
+from service.runs.journal import Journal
+
+
+def missing_end(config: CellConfig, journal: Journal) -> str:
+    """Return in words that a journal's end is missing; "" where it is whole, as far as certificates tell."""
+    heads = {event.hash.hex() for event in journal.events()}
+    for path in sorted(certificates_folder(config).glob("*.json")):
+        try:
+            head = json.loads(path.read_bytes())["content"]["run"]["journal_head_sha256"]
+        except (OSError, ValueError, KeyError, TypeError):
+            continue  # `cellcal verify` says what is wrong with it
+        if head not in heads:
+            return (
+                f"The end of the journal is missing: {path.name} was issued after an event that it does not have. "
+                "Restore a backup of data_dir; or, where it was begun anew on purpose, move old certificates away."
+            )
+    return ""
