@@ -38,7 +38,8 @@ TOUCHES = {"touch": (0, 0, 0), "touch_about_x": (40, 0, 0), "touch_about_y": (0,
 ALONG_TOOL = {"along_x": (STEP_M, 0, 0), "along_y": (0, STEP_M, 0), "along_z": (0, 0, STEP_M)}
 ALONG_BASE = {
     "touch_origin": (0, 0, 0), "touch_on_x": (STEP_M, 0, 0), "touch_on_xy": (0.05, STEP_M, 0),
-    "touch_above": (0, 0, STEP_M),
+    "touch_above": (0, 0, STEP_M), "touch_origin_again": (0, 0, 0), "touch_more_on_x": (STEP_M, 0, 0),
+    "touch_more_on_xy": (0.05, STEP_M, 0),
 }  # fmt: skip
 ONLY_YES = ("pin_is_fixed", "pointer_is_mounted", "accept_tool", "accept_frame", "may_move")
 

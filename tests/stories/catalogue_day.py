@@ -88,6 +88,9 @@ def _on_the_frame() -> dict[str, Array]:
         "touch_origin": (0, 0, 0),
         "touch_on_x": (0.4, 0, 0),
         "touch_on_xy": (0.1, 0.3, 0),
+        "touch_origin_again": (0, 0, 0),
+        "touch_more_on_x": (0.4, 0, 0),
+        "touch_more_on_xy": (0.1, 0.3, 0),
         "touch_above": (0.1, 0.1, 0.05),
     }
     return {key: _at(FRAME, point) for key, point in points.items()}
