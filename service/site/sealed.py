@@ -98,7 +98,10 @@ def opened(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -> Mess
         return Flaw(key, "a message has not the parts of a signed one")
     signature = told.pop("ed25519")
     try:
-        public.verify(bytes.fromhex(signature), canonical_json(told).encode())
+        sealed = bytes.fromhex(signature)
+        if sealed.hex() != signature:
+            raise ValueError("written in another way than it is sealed")
+        public.verify(sealed, canonical_json(told).encode())
     except (InvalidSignature, ValueError, RecursionError):
         return Flaw(
             key, "the signature does not belong to the message: it was changed, or another key signed it"

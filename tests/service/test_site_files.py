@@ -175,7 +175,7 @@ def test_no_byte_of_a_message_can_be_changed(place: int, value: int) -> None:
     changed[place % len(raw)] = value
     found = opened(bytes(changed), "k", "cell-07", public)
     if isinstance(found, Message):
-        assert json.loads(bytes(changed)) == json.loads(raw)  # says the same, for example the hex in capitals
+        assert json.loads(bytes(changed)) == json.loads(raw)  # says the same, for example in other blanks
 
 
 def test_numbers_that_are_not_finite_are_neither_signed_nor_believed(tmp_path: Path) -> None:
