@@ -1,4 +1,7 @@
-"""Positions written with UF : F or UT : F, which stand in the frame or tool that is chosen when they are moved to."""
+"""Frames and tools that a program chooses, or sets itself: in which its positions stand, and when nobody can tell.
+
+Positions with UF : F or UT : F stand in the frame or tool that is chosen when they are moved to.
+"""
 
 import re
 from dataclasses import replace
@@ -14,6 +17,11 @@ _ALONE = {
     which: re.compile(rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+" + word + rb" *+= *+(\d{1,3}+) *+;", re.MULTILINE)
     for which, word in _WORDS.items()
 }
+_SET = {
+    "frame": re.compile(rb"\b(?:UFRAME|BENUTZER)\[((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="),
+    "tool": re.compile(rb"\b(?:UTOOL|WKZ)\[((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="),
+}
+_SETS_ANY = re.compile(rb"(?:UFRAME|BENUTZER|UTOOL|WKZ)\[")
 _UNKNOWN = "*"  # a number that only the running program knows
 _USED = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
 # Above the first of these, every statement is run, once and in order.
@@ -68,6 +76,22 @@ def with_chosen_frames(positions: Positions, data: bytes, name: str, abroad: Abr
     return replace(
         positions, user_frames=tuple(columns["frame"]), tools=tuple(columns["tool"]), barred=barred
     )
+
+
+def without_set_frames(positions: Positions, data: bytes) -> Positions:
+    """Return positions of which those are left whose frame or tool their own program sets: the cell has another."""
+    if _SETS_ANY.search(data) is None:  # as in nearly all
+        return positions
+    statements = statements_of(data)[1]
+    barred = dict(positions.barred)
+    for which, column in (("frame", positions.user_frames), ("tool", positions.tools)):
+        told = {found.strip() for found in _SET[which].findall(statements)}
+        numbers = {str(int(one)) for one in told if one.isdigit()}
+        any_ = any(not one.isdigit() for one in told)  # a register says which
+        for row, name in enumerate(column):
+            if positions.kinds[row] == CARTESIAN and (any_ or name in numbers):
+                barred.setdefault(row, COMPUTED)
+    return replace(positions, barred=barred) if len(barred) > len(positions.barred) else positions
 
 
 def open_rows(positions: Positions) -> list[int]:

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from drivers.fanuc.ls_edit import edited
 from drivers.fanuc.ls_fixed import Body
-from drivers.fanuc.ls_frames import chosen_and_called, open_rows, with_chosen_frames
+from drivers.fanuc.ls_frames import (
+    chosen_and_called,
+    open_rows,
+    with_chosen_frames,
+    without_set_frames,
+)
 from drivers.fanuc.ls_positions import positions_of
 from drivers.fanuc.ls_records import Place
 from drivers.fanuc.ls_remarks import remarks_of
@@ -65,8 +70,11 @@ class LsProgram:
         found = self._read[0]
         if self._track:
             return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED))
-        if not open_rows(found):  # as nearly always
-            return found
+        if open_rows(found):
+            found = self._with_chosen(found)
+        return without_set_frames(found, self._place.data)
+
+    def _with_chosen(self, found: Positions) -> Positions:
         abroad = self.abroad or Across({self.file: self.said}).of(self.file)
         assert abroad is not None
         return with_chosen_frames(found, self._place.data, self.name.upper(), abroad)

@@ -329,3 +329,21 @@ def shift_x():
     shift = np.eye(4)
     shift[0, 3] = 0.01
     return shift
+
+
+@pytest.mark.parametrize(
+    ("statement", "left"),
+    [
+        ("UFRAME[1]=PR[7]", [0]),
+        ("UFRAME[1:door]=PR[7:new]", [0]),
+        ("UTOOL[2]=PR[7]", [0]),
+        ("UFRAME[R[3]]=PR[7]", [0]),
+        ("UFRAME[2]=PR[7]", []),
+        ("//UFRAME[1]=PR[7]", []),
+        ("PR[7]=UFRAME[1]", []),
+    ],
+)
+def test_a_position_in_a_frame_or_tool_that_its_program_sets_is_left(statement: str, left: list[int]):
+    program = read(P1, f"   1:  {statement} ;\n   2:J P[1] 50% FINE ;\n")
+    assert sorted(program.positions.barred) == left
+    assert all("while the program runs" in why for why in program.positions.barred.values())
