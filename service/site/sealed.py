@@ -100,7 +100,7 @@ def opened(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -> Mess
     try:
         sealed = bytes.fromhex(signature)
         if sealed.hex() != signature:
-            raise ValueError("written in another way than it is sealed")
+            raise InvalidSignature  # written in another way than it was sealed
         public.verify(sealed, canonical_json(told).encode())
     except (InvalidSignature, ValueError, RecursionError):
         return Flaw(
