@@ -3,7 +3,7 @@
 import re
 from dataclasses import dataclass
 
-from drivers.abb.literals import AGGREGATES, LiteralError, W, after_blanks
+from drivers.abb.literals import AGGREGATES, NAME, LiteralError, W, after_blanks, spelled
 from drivers.programs.spans import Source
 
 # Where the tool stands, from the end of the arguments that are not optional.
@@ -16,8 +16,12 @@ MOVES = {
 }
 
 _ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]|[^\[\](){},;!"]++')
-_HEAD = re.compile(rf"{W}([A-Za-z]\w*+){W}(?:\{{([^{{}}]*+)\}})?+{W}(\()?+", re.ASCII)
-_WORK_OBJECT = re.compile(rf"\\{W}WObj{W}:={W}([A-Za-z]\w*+){W}([{{(.])?+", re.ASCII | re.IGNORECASE)
+_HEAD = re.compile(rf"{W}({NAME}){W}(?:\{{([^{{}}]*+)\}})?+{W}(\()?+", re.ASCII)
+_PLAIN = re.compile(rf"{W}({NAME}){W}(?=\\|\Z)", re.ASCII)
+_OPTION = re.compile(  # of a whole instruction: brackets and what is in quotes or a comment are stepped over
+    rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[({{]|[\])}}]|(?P<work_object>\\{W}WObj\b{W}(?::={W}(?P<named>{NAME}){W}(?=[\\,;]))?+)',
+    re.ASCII | re.IGNORECASE,
+)
 _NEXT_STATEMENT = re.compile(
     r"\n[ \t\r]*+(?:Move[LJC]|MoveAbsJ|END(?:PROC|FUNC|TRAP|MODULE|IF|FOR|WHILE))\b", re.IGNORECASE
 )
@@ -73,7 +77,10 @@ def read_instruction(source: Source, word: str, place: int) -> Instruction:
     arguments, end = _arguments(source, place, axes=_of_axes(word))
     plain = [argument for argument in arguments if source.text[argument.start : argument.start + 1] != "\\"]
     held = [argument for argument in plain if argument.literal is None]
-    tool, frame = _tool_and_frame(source.text, word, held)
+    frame, named_at = _work_object(source.text, place, end)
+    with_frame = [argument for argument in held if argument.start <= named_at < argument.end]
+    of_tool = with_frame or held[MOVES[word] :][:1] if len(held) >= -MOVES[word] else []
+    tool = _plain_name(source.text, of_tool[0]) if of_tool else None
     named = len(plain) if word.startswith("search") else 2 if _CIRCLE.match(word) else 1
     targets = tuple(
         target
@@ -152,18 +159,22 @@ def _literal(source: Source, place: int, *, axes: bool) -> re.Match[str] | None:
         raise source.error(error.place, str(error), remedy="Correct it on the controller.") from None
 
 
-def _tool_and_frame(text: str, word: str, arguments: list[Argument]) -> tuple[str | None, str | None]:
-    for argument in arguments:
-        frame = _WORK_OBJECT.search(text, argument.start, argument.end)
-        if frame is not None:
-            return _plain_name(text, argument), None if frame[2] else frame[1]
-    place = MOVES[word]
-    return (_plain_name(text, arguments[place]) if len(arguments) >= -place else None), "wobj0"
+def _work_object(text: str, place: int, end: int) -> tuple[str | None, int]:
+    """Return the work object that an instruction names, and where (-1 for none: wobj0); None where it is computed."""
+    if text.find("\\", place, end) < 0:
+        return "wobj0", -1
+    depth = 0
+    for found in _OPTION.finditer(text, place, end):
+        if found["work_object"] and not depth:
+            return spelled(found["named"]) if found["named"] else None, found.start()
+        depth += (found[0] in ("[", "(", "{")) - (found[0] in ("]", ")", "}"))
+    return "wobj0", -1
 
 
 def _plain_name(text: str, argument: Argument) -> str | None:
-    head = _HEAD.match(text, argument.start, argument.end)
-    return None if head is None or head[2] is not None or head[3] else head[1]
+    """Return the name that an argument is, its own options left out; None for an element, a component, a call."""
+    found = _PLAIN.match(text, argument.start, argument.end)
+    return spelled(found[1]) if found else None
 
 
 def _target(source: Source, word: str, k: int, argument: Argument) -> Target | None:
@@ -181,14 +192,17 @@ def _target(source: Source, word: str, k: int, argument: Argument) -> Target | N
             _called(source.text, head, argument) if first or head[1].lower() in ("offs", "reltool") else None
         )
     index = "".join((head[2] or "").split())
-    name = f"{head[1]}{{{index}}}" if _INDEX.fullmatch(index) else head[1]
-    return Target(argument.start, name=name)
+    name = spelled(head[1])
+    return Target(argument.start, name=f"{name}{{{index}}}" if _INDEX.fullmatch(index) else name)
 
 
 def _called(text: str, head: re.Match[str], argument: Argument) -> Target:
     """Return the target of a move to a function's result: the point that it shifts, where it is such a one."""
-    if head[1].lower() not in ("offs", "reltool"):
+    inner: re.Match[str] | None = head
+    shifted = False
+    while inner is not None and inner[3] and inner[1].lower() in ("offs", "reltool"):
+        inner, shifted = _HEAD.match(text, inner.end(), argument.end), True
+    if not shifted:
         return Target(argument.start, remark=_COMPUTED)
-    inner = _HEAD.match(text, head.end(), argument.end)
     named = inner is not None and not inner[3]
-    return Target(argument.start, name=inner[1] if inner and named else "", remark=_SHIFTED)
+    return Target(argument.start, name=spelled(inner[1]) if inner and named else "", remark=_SHIFTED)

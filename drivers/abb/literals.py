@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 
 W = r"(?:[ \t\r\n\f]++|![^\n]*+)*+"  # what may stand between two tokens
+NAME = r"[A-Za-z\x80-\xff][\w\x80-\xff]*+"  # any letter of ISO 8859-1 or, byte by byte, of UTF-8
 NUMBER = r"[+-]?(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+(?![\w.])"
 _FLAG = r"TRUE|FALSE"
 _TEXT = r'"[^"\n]*+"'
@@ -62,10 +63,11 @@ class Aggregate:
         """
         found = self.pattern.match(text, place)
         if found is None:
-            raise self._error(text, place)
+            raise self.error(text, place)
         return found
 
-    def _error(self, text: str, place: int) -> LiteralError:
+    def error(self, text: str, place: int) -> LiteralError:
+        """Return what is wrong with an aggregate that does not stand at a place."""
         for token in self.tokens:
             blank = _BLANK.match(text, place)
             place = blank.end() if blank else place
@@ -92,3 +94,13 @@ def after_blanks(text: str, place: int) -> int:
     """Return where the next token begins."""
     blank = _BLANK.match(text, place)
     return blank.end() if blank else place
+
+
+def spelled(name: str) -> str:
+    """Return a name as people write it: newer controllers save UTF-8, older ones ISO 8859-1."""
+    if name.isascii():
+        return name
+    try:
+        return name.encode("latin-1").decode("utf-8")
+    except UnicodeDecodeError:
+        return name

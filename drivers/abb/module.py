@@ -7,25 +7,26 @@ from dataclasses import dataclass, field
 from calibration.geometry import Pose
 from drivers.abb.collected import Collected, pose_of
 from drivers.abb.instructions import MOVES, Instruction, Target, read_instruction
-from drivers.abb.literals import AGGREGATES, TARGETS, LiteralError, W, after_blanks
+from drivers.abb.literals import AGGREGATES, NAME, TARGETS, LiteralError, W, after_blanks, spelled
 from drivers.abb.uses import Uses
 from drivers.programs.positions import Frames
 from drivers.programs.spans import Source
 
-_TOKEN = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[A-Za-z]\w*+', re.ASCII)
-_DECLARED = re.compile(
-    rf"{W}([A-Za-z]\w*+){W}([A-Za-z]\w*+){W}(?:\{{([^{{}};]*+)\}})?+{W}(:=)?+{W}", re.ASCII
-)
+_BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, byte by byte
+_TOKEN = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{NAME}', re.ASCII)
+_DECLARED = re.compile(rf"{W}([A-Za-z]\w*+){W}({NAME}){W}(?:\{{([^{{}};]*+)\}})?+{W}(:=)?+{W}", re.ASCII)
 _ASSIGNED = re.compile(
     rf"{W}(?:\{{([^{{}};]*+)\}})?+{W}((?:\.{W}\w++{W}(?:\{{[^{{}};]*+\}})?+{W}){{0,6}}+):={W}", re.ASCII
 )
-_NAME = re.compile(rf"{W}([A-Za-z]\w*+)", re.ASCII)
+_NAME = re.compile(rf"{W}({NAME})", re.ASCII)
 _COPIED = re.compile(
-    rf"(?:(?:Offs|RelTool){W}\({W})?+([A-Za-z]\w*+){W}(?:\{{[^{{}};]*+\}}{W})?+[,;]", re.ASCII | re.IGNORECASE
+    rf"(?:(?:Offs|RelTool){W}\({W}){{0,4}}+({NAME}){W}(?:\{{[^{{}};]*+\}}{W})?+[,;\]]",
+    re.ASCII | re.IGNORECASE,
 )
-_PARAMETERS = re.compile(rf"{W}\(([^()]{{0,4000}}+)\)", re.ASCII)
-_TARGET_PARAMETER = re.compile(r"\b(?:robtarget|jointtarget)\s++([A-Za-z]\w*+)", re.ASCII | re.IGNORECASE)
-_FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}([A-Za-z]\w*+)", re.ASCII)
+_PARAMETERS = re.compile(rf"{W}\(((?:[^()!]++|![^\n]*+){{0,1000}}+)\)", re.ASCII)
+_PARAMETER = re.compile(rf"({NAME}){W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)", re.ASCII)
+_FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}({NAME})", re.ASCII)
+_BETWEEN = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]')
 _SIZES = re.compile(r"\s*\d+\s*(?:,\s*\d+\s*)*")
 _MOST_DIGITS = 9  # of an array's size
 _HOLDS_A_POSITION = re.compile(r"\[\s*\[\s*[-+.\d]")
@@ -67,7 +68,6 @@ class Module:
     assigned: list[tuple[int, str, str]] = field(default_factory=list)  # place, name, scope
     bases: dict[str, Pose] = field(default_factory=lambda: {"wobj0": Pose((0.0, 0.0, 0.0))})
     tools: dict[str, Pose] = field(default_factory=lambda: {"tool0": Pose((0.0, 0.0, 0.0))})
-    modules: int = 0
     declared_local: bool = False
     local: bool = False  # the declaration that follows is its module's only
     frames_declared: set[str] = field(default_factory=set)  # tools and work objects, in small letters
@@ -83,7 +83,8 @@ class Module:
         ProgramFileError
             A position is not understood.
         """
-        text, place = self.found.source.text, 0
+        text = self.found.source.text
+        place = len(_BYTE_ORDER_MARK) if text.startswith(_BYTE_ORDER_MARK) else 0
         while (token := _TOKEN.search(text, place)) is not None:
             word = token[0]
             self._look_inside(place, token.start())
@@ -117,6 +118,9 @@ class Module:
         for place, name, scope in self.assigned:
             if self.uses.rows_of(name, scope):
                 self.found.remark(place, "computed", _ASSIGNED_TEXT.format(name))
+        for poses in (self.tools, self.bases):
+            for name in [name for name in poses if name.lower() in self.uses.several]:
+                del poses[name]
         self.uses.resolve(self.found)
 
     def frames(self) -> Frames:
@@ -146,7 +150,7 @@ class Module:
         declared = _DECLARED.match(text, end)
         if declared is None:
             return end
-        kind, name, sizes = declared[1].lower(), declared[2], declared[3]
+        kind, name, sizes = declared[1].lower(), spelled(declared[2]), declared[3]
         self.local, local = False, self.local
         self.declared_local = local
         if kind in ("tooldata", "wobjdata"):
@@ -186,9 +190,9 @@ class Module:
                 index.append(1)
                 place = after_blanks(text, place + 1)
                 continue
-            if sign != "[":
-                raise source.error(place, f"here should be an element of {name}.")
-            place = after_blanks(text, self._target(kind, f"{name}{{{','.join(map(str, index))}}}", place))
+            if not index:
+                return self._computed(name, place)
+            place = self._element(kind, f"{name}{{{','.join(map(str, index))}}}", place)
             while text[place : place + 1] == "]" and index:
                 if index[-1] != sizes[len(index) - 1]:
                     raise source.error(place, f"{name} does not have the elements that it declares.")
@@ -200,6 +204,18 @@ class Module:
                 raise source.error(place, f"here should be ',' or ']' of {name}.")
             index[-1] += 1
             place = after_blanks(text, place + 1)
+
+    def _element(self, kind: str, name: str, place: int) -> int:
+        """Take one element of an array; return where the sign behind it stands."""
+        text = self.found.source.text
+        literal = AGGREGATES[kind].pattern.match(text, place)
+        if literal is None and (end := _end_of_element(text, place)) > place:
+            if text[place] == "[":
+                self._not_a_target(name, place, AGGREGATES[kind].error(text, place))
+            else:
+                self._computed(name, place)
+            return end
+        return after_blanks(text, self._target(kind, name, place))
 
     def _target(self, kind: str, name: str, place: int) -> int:
         """Take a target's value; return where it ends."""
@@ -216,12 +232,14 @@ class Module:
             raise self.found.source.error(
                 error.place, str(error), remedy="Correct it on the controller, or leave this program out."
             ) from None
-        if "{" in name:  # the rest of the array could not be found again
-            raise self.found.source.error(
-                error.place, f"{name} is computed.", remedy="Write its numbers out."
-            )
+        return max(self._computed(name, place), error.place)
+
+    def _computed(self, name: str, place: int) -> int:
+        """Take a target whose value only the controller knows, or another target has."""
         self.found.remark(place, "computed", _COMPUTED_TEXT.format(name))
-        return max(place, error.place)
+        self.uses.declare_without_row(name)
+        self._note_copy(self.found.source.text, place, name)
+        return place
 
     def _declare(self, name: str, add: Callable[[], None]) -> None:
         row = len(self.found.names)
@@ -249,7 +267,7 @@ class Module:
             self.uses.seen_from_flange.add(name.lower())
             self.found.remark(found.start(), "foreign", _STATIONARY_TEXT.format(name))
         elif pose is not None:
-            self.tools[name] = pose
+            self._keep(self.tools, name, pose)
 
     def _work_object(self, name: str, found: re.Match[str]) -> None:
         user, obj = pose_of(found.groups()[3:10]), pose_of(found.groups()[10:17])
@@ -260,11 +278,18 @@ class Module:
             self.uses.moved.add(name.lower())
             self.found.remark(found.start(), "foreign", _MOVED_TEXT.format(name, found[3]))
         elif user is not None and obj is not None:
-            self.bases[name] = user @ obj
+            self._keep(self.bases, name, user @ obj)
+
+    def _keep(self, poses: dict[str, Pose], name: str, pose: Pose) -> None:
+        """Take a tool's or a work object's pose; modules and routines of one file may each have their own."""
+        name = self.uses.spell(name)
+        if poses.setdefault(name, pose) != pose:
+            self.uses.several.add(name.lower())
 
     def _assignment(self, start: int, end: int, assigned: re.Match[str]) -> int:
         text = self.found.source.text
-        name = text[start:end] + (f"{{{''.join(assigned[1].split())}}}" if assigned[1] else "")
+        bare = spelled(text[start:end])
+        name = bare + (f"{{{''.join(assigned[1].split())}}}" if assigned[1] else "")
         if text[assigned.end() : assigned.end() + 1] == "[" and not assigned[2]:
             for kind in TARGETS:
                 found = AGGREGATES[kind].pattern.match(text, assigned.end())
@@ -272,18 +297,19 @@ class Module:
                     add = self.found.add_robtarget if kind == "robtarget" else self.found.add_jointtarget
                     add(name, found)
                     return found.end()
-        self._note_copy(text, assigned.end())
+        if not assigned[2]:
+            self._note_copy(text, assigned.end(), bare)
         part = assigned[2].partition(".")[2].strip().lower()
         if not part or part.startswith(("uframe", "oframe", "tframe")):
-            self.set_names.add(text[start:end].lower())
-        self.assigned.append((start, text[start:end], self.uses.scope))
+            self.set_names.add(bare.lower())
+        self.assigned.append((start, bare, self.uses.scope))
         return assigned.end()
 
-    def _note_copy(self, text: str, place: int) -> None:
+    def _note_copy(self, text: str, place: int, to: str) -> None:
         """Note a target that is assigned to another, which moves go to in its place."""
         copied = _COPIED.match(text, place)
         if copied is not None:
-            self.uses.copied.add((self.uses.scope, copied[1]))
+            self.uses.copied.add((self.uses.scope, spelled(copied[1]), to))
 
     def _instruction(self, word: str, start: int, end: int) -> int:
         if _ASSIGNED.match(self.found.source.text, end):
@@ -311,9 +337,8 @@ class Module:
         named = _NAME.match(self.found.source.text, end)
         if named is None:
             return end
-        self.name = self.name or named[1]
-        self.modules += 1
-        self.uses.enter_module(named[1])
+        self.name = self.name or spelled(named[1])
+        self.uses.enter_module(spelled(named[1]))
         return named.end()
 
     def _routine(self, word: str, end: int) -> int:
@@ -322,11 +347,13 @@ class Module:
         if named is None:
             return end
         self.local = False
-        self.uses.enter_routine(named[1])
+        self.uses.enter_routine(spelled(named[1]))
         parameters = _PARAMETERS.match(self.found.source.text, named.end())
-        for target in _TARGET_PARAMETER.finditer(parameters[1] if parameters else ""):
-            self.uses.declare_parameter(target[1])
-        return named.end()
+        if parameters is None:
+            return named.end()
+        for parameter in _PARAMETER.finditer(parameters[1]):
+            self.uses.declare_parameter(spelled(parameter[1]))
+        return parameters.end()
 
     def _local(self, word: str, end: int) -> int:
         self.local = True
@@ -335,6 +362,16 @@ class Module:
     def _leave(self, word: str, end: int) -> int:
         self.uses.enter_routine("")
         return end
+
+
+def _end_of_element(text: str, place: int) -> int:
+    """Return where the comma or bracket behind an array's element stands; the end of the text where none does."""
+    depth = 0
+    for found in _BETWEEN.finditer(text, place):
+        if not depth and found[0] in (",", "]", ";"):
+            return found.start()
+        depth += (found[0] in ("[", "(", "{")) - (found[0] in ("]", ")", "}"))
+    return len(text)
 
 
 _HANDLERS: dict[str, Callable[[Module, str, int], int]] = {

@@ -12,6 +12,7 @@ Used = tuple[str | None, str | None]  # tool, work object; None where it is comp
 _DIFFERENT = "{} is used with different tools or work objects; its user frame and tool are not known."
 _BARRED_DIFFERENT = "the program uses it with different tools or work objects"
 _BARRED_COMPUTED = "the program uses it with a tool or work object that is computed"
+_BARRED_SEVERAL = "its file declares several tools or work objects of one name"
 BARRED_SET = "its tool or work object is set while the program runs"
 _BARRED_MOVED = "its work object is moved by a mechanical unit, which no program file holds"
 _MOST_USES = 64  # of one target that are told apart
@@ -24,7 +25,11 @@ class Uses:
 
     scope: str = "/"  # module/routine
     shown: dict[str, bool] = field(default_factory=dict)  # targets of modules, and whether others see them
-    copied: set[tuple[str, str]] = field(default_factory=set)  # scope, name
+    copied: set[tuple[str, str, str]] = field(default_factory=set)  # scope, name, and to what
+    parameters: set[tuple[str, str]] = field(default_factory=set)  # scope, name: each call gives its own
+    several: set[str] = field(
+        default_factory=set
+    )  # tools and work objects that are declared twice, differently
     set_while_running: set[str] = field(default_factory=set)  # tools and work objects
     abroad: dict[str, set[Held]] = field(default_factory=dict)  # uses of what is not declared here
     rows: dict[tuple[str, str], list[int]] = field(default_factory=lambda: defaultdict(list))  # (scope, name)
@@ -53,8 +58,13 @@ class Uses:
         return self.spelling.setdefault(name.lower(), name)
 
     def declare_parameter(self, name: str) -> None:
-        """Note a routine's parameter, which hides a target of its name."""
-        self.rows[self.scope, name.lower()] = []
+        """Note a routine's parameter, which hides a target, a tool or a work object of its name."""
+        self.parameters.add((self.scope, name.lower()))
+        self.declare_without_row(name)
+
+    def declare_without_row(self, name: str) -> None:
+        """Note a target whose coordinates are not in the file."""
+        self.rows.setdefault((self.scope, name.partition("{")[0].lower()), [])
 
     def declare(self, name: str, row: int, *, local: bool = False) -> None:
         """Note a declared target; an element stands for its array, too."""
@@ -87,11 +97,17 @@ class Uses:
             return self.rows_of(bare, scope)
         return self.of_modules.get(bare, [])
 
-    def _own(self, name: str, scope: str) -> bool:
-        """Tell whether a name is declared in this file, as far as a scope sees."""
+    def _declared_at(self, name: str, scope: str) -> tuple[str, str]:
+        """Return where the declaration stands that a scope sees, and the name; ``?`` for none in this file."""
         bare = name.partition("{")[0].lower()
-        module = scope.partition("/")[0]
-        return (scope, bare) in self.rows or (f"{module}/", bare) in self.rows or bare in self.of_modules
+        module = f"{scope.partition('/')[0]}/"
+        for where in (scope, module):
+            if (where, bare) in self.rows:
+                return where, bare
+        return ("" if bare in self.of_modules else "?"), bare
+
+    def _own(self, name: str, scope: str) -> bool:
+        return self._declared_at(name, scope)[0] != "?"
 
     def resolve(self, found: Collected) -> None:
         """Give every row the tool and work object that all its uses agree on."""
@@ -107,13 +123,29 @@ class Uses:
             some = sorted(what_all, key=str)[:_MOST_USES]  # of thousands, these tell that there are several
             for row in rows:
                 self.of_row[row] += some
+        self._take_uses_of_copies(uses)
         self._bar_copied(found)
         for row, what_all_of_row in sorted(self.of_row.items()):
             self._settle(found, row, set(what_all_of_row))
 
+    def _take_uses_of_copies(self, uses: dict[tuple[str, str], set[Used]]) -> None:
+        """Count a move to a copy for the target that it was made of, where moves go there as well."""
+        if not self.copied:
+            return
+        of_copies: dict[tuple[str, str], set[Used]] = defaultdict(set)
+        for (scope, name), what_all in uses.items():
+            of_copies[self._declared_at(name, scope)] |= what_all
+        for scope, name, to in self.copied:
+            some = sorted(of_copies.get(self._declared_at(to, scope), ()), key=str)[:_MOST_USES]
+            if some and name.lower() in self.abroad and not self._own(name, scope):
+                self._use_abroad(name, set(some))
+            for row in self.rows_of(name, scope) if some else ():
+                if row in self.of_row:
+                    self.of_row[row] += some
+
     def _bar_copied(self, found: Collected) -> None:
         """Leave targets that no move goes to but by a copy."""
-        for scope, name in self.copied:
+        for scope, name, _ in self.copied:
             if not self._own(name, scope):
                 self.abroad.setdefault(name.lower(), set()).add(Held(None, None, COPIED))
             for row in self.rows_of(name, scope):
@@ -148,6 +180,8 @@ class Uses:
         """Return why a target's place cannot be told though the moves to it name tools and frames; or ""."""
         if any(frame is not None and frame.lower() in self.moved for _, frame in uses):
             return _BARRED_MOVED
+        if any(part is not None and part.lower() in self.several for use in uses for part in use):
+            return _BARRED_SEVERAL
         if any(part is not None and part.lower() in self.set_while_running for use in uses for part in use):
             return BARRED_SET
         if len(uses) > 1:
@@ -163,4 +197,7 @@ class Uses:
         )
 
     def _spelled(self, tool: str | None, frame: str | None) -> Used:
-        return (tool and self.spell(tool), frame and self.spell(frame))
+        return self._seen(tool), self._seen(frame)
+
+    def _seen(self, name: str | None) -> str | None:
+        return None if name is None or (self.scope, name.lower()) in self.parameters else self.spell(name)

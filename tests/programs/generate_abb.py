@@ -21,6 +21,9 @@ _OTHERS = (
     "    VAR robtarget pRun;",
     "    VAR robtarget pList{20};",
     "    PERS loaddata load1:=[5,[0,0,50],[1,0,0,0],0,0,0];",
+    "    VAR robtarget pTaken{3}:=[p1,p2,[[1,2,nCount*(2+1)],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]];",
+    "    VAR robtarget pAlso:=p1;",
+    "    CONST robtarget pT\xfcr:=[[100,20,5],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];",
     "    CONST robtarget pSum:=[[100+5,0,0],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];",
 )
 _FRAMES = (
@@ -35,6 +38,10 @@ _STATEMENTS = (
     "        MoveL Offs(p1,0,0,100),v500,z10,tGrip\\WObj:=wTable;",
     "        MoveJ RelTool(p1,0,0,-20\\Rz:=15),v500,z10,tGrip;",
     "        MoveL *,v1000,z50,tool0;",
+    "        MoveL p1,v500,z10,tGrip, \\WObj:=wTable;",
+    "        MoveJ Offs(RelTool(p1,0,0,5),1,2,3),\\ID:=1,v500,z10,tGrip\\WObj?WObj;",
+    "        MoveL pT\xfcr,v500,z10,cell.tGrip\\WObj:=cell.wTable;",
+    "        pRun:=Offs(p1,0,0,5);",
     "        PDispOn \\Rot,p1,tGrip;",
     "        PDispOff;",
     "        EOffsSet eax1;",

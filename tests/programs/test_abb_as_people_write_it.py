@@ -1,0 +1,171 @@
+"""RAPID as people and their tools write it: commas before options, parameters, letters beyond ASCII, copies."""
+
+import numpy as np
+import pytest
+
+from drivers.abb.programs import BRAND
+from drivers.programs.across import Across
+from drivers.programs.positions import CARTESIAN
+
+E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
+ONE = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{E}]"
+COMPUTED = "computed"
+
+
+def read(*lines: str, encoding: str = "latin-1"):
+    file = BRAND.read("a.mod", "\r\n".join(["MODULE Teil", *lines, "ENDMODULE"]).encode(encoding))
+    assert file.to_bytes() == "\r\n".join(["MODULE Teil", *lines, "ENDMODULE"]).encode(encoding)
+    return file
+
+
+def declared(*names: str) -> tuple[str, ...]:
+    return tuple(f"CONST robtarget {name}:={ONE};" for name in names)
+
+
+@pytest.mark.parametrize(
+    ("instruction", "tool", "frame"),
+    [
+        ("MoveL p1,v100,fine,tGrip,\\WObj:=wTable;", "tGrip", "wTable"),
+        ("MoveL p1,v100,fine,tGrip, \\WObj := wTable ;", "tGrip", "wTable"),
+        ("MoveJ p1,\\ID:=1,v100,z10,tGrip,\\WObj:=wTable;", "tGrip", "wTable"),
+        ("MoveL p1,v100,fine,! \\WObj:=wOld\n tGrip\\WObj:=wTable;", "tGrip", "wTable"),
+        ("MoveLDO p1,v100,fine,tGrip\\WObj:=wTable,doGrip,1;", "tGrip", "wTable"),
+        ("MoveLDO p1,v100,fine,tGrip,\\WObj:=wTable,doGrip,1;", "tGrip", "wTable"),
+        ("MoveL p1\\ID:=Sum(\\WObj:=wOther),v100,fine,tGrip;", "tGrip", "wobj0"),
+        ("MoveL p1,v100,fine,tGrip\\WObj?WObj;", "tGrip", None),
+        ("MoveL p1,v100,fine,tGrip\\WObj:=cell.wTable;", "tGrip", None),
+        ("MoveL p1,v100,fine,tGrip\\WObj:=wAll{2};", "tGrip", None),
+        ("MoveL p1,v100,fine,cell.tGrip\\WObj:=wTable;", None, "wTable"),
+        ("MoveL p1,v100,fine,tAll{2};", None, "wobj0"),
+        ("MoveL Offs(RelTool(p1,0,0,5),1,2,3),v100,fine,tGrip\\WObj:=wTable;", "tGrip", "wTable"),
+    ],
+)
+def test_a_move_gives_its_target_the_tool_and_work_object_that_it_names(instruction, tool, frame):
+    file = read(*declared("p1"), "PROC main()", instruction, "ENDPROC")
+    assert (file.positions.tools, file.positions.user_frames) == ((tool,), (frame,))
+    assert (0 in file.positions.barred) == (tool is None or frame is None)
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        "PERS tooldata tGrip\\PERS wobjdata WObj",
+        "VAR robtarget pGiven,\r\n  PERS tooldata tGrip ! the gripper\r\n"
+        "  \\PERS wobjdata WObj\r\n  \\switch Slow | switch Fast",
+    ],
+)
+def test_a_tool_that_a_routine_is_given_is_not_the_modules(parameters):
+    file = read(
+        "PERS tooldata tGrip:=[TRUE,[[0,0,180],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];",
+        *declared("p1", "p2"),
+        f"PROC rGo({parameters})",
+        "MoveL p1,v100,fine,tGrip\\WObj:=wTable;",
+        "ENDPROC",
+        "PROC main()",
+        "MoveL p2,v100,fine,tGrip\\WObj:=wTable;",
+        "ENDPROC",
+    )
+    assert file.positions.names == ("p1", "p2")
+    assert file.positions.tools == (None, "tGrip")
+    assert COMPUTED in file.positions.barred[0]
+    assert 1 not in file.positions.barred
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "utf-8"])
+def test_names_may_hold_any_letter(encoding):
+    file = read(
+        *declared("pGreifzüge", "pGreifzug"),
+        "PROC Größe()",
+        "MoveL PGREIFZüGE,v100,fine,tSäge\\WObj:=wTür;",
+        "ENDPROC",
+        encoding=encoding,
+    )
+    assert file.positions.names == ("pGreifzüge", "pGreifzug")
+    assert (file.positions.tools, file.positions.user_frames) == (("tSäge", None), ("wTür", None))
+
+
+def test_a_byte_order_mark_is_no_letter():
+    data = "\r\n".join(["\ufeffMODULE Teil", *declared("p1"), "ENDMODULE"]).encode()
+    file = BRAND.read("a.mod", data)
+    assert (file.name, file.positions.names, file.to_bytes()) == ("Teil", ("p1",), data)
+
+
+def test_elements_that_are_names_or_sums_are_remarked_and_the_numbers_beside_them_read():
+    file = read(
+        *declared("p1"),
+        f"VAR robtarget pts{{3}}:=[p1,{ONE},[[1,2,h*(3+4)],[1,0,0,0],[0,0,0,0],{E}]];",
+        "VAR robtarget pAll{3}:=pts;",
+        "PROC main()",
+        "MoveL pts{2},v100,fine,tGrip\\WObj:=wTable;",
+        "ENDPROC",
+    )
+    assert file.positions.names == ("p1", "pts{2}")
+    assert file.positions.user_frames == (None, "wTable")
+    assert [remark.code for remark in file.remarks] == ["computed"] * 3
+    assert "copies" in file.positions.barred[0]  # nobody moves to p1 itself
+
+
+@pytest.mark.parametrize(
+    ("copied_in", "barred"), [("wOne", False), ("wTwo", True)], ids=["same frame", "another"]
+)
+def test_a_move_to_a_copy_counts_for_the_target_itself(copied_in, barred):
+    file = read(
+        *declared("p1", "p2"),
+        "PROC a()",
+        "VAR robtarget pTmp;",
+        "pTmp:=p1;",
+        f"MoveL Offs(pTmp,0,0,50),v100,fine,tG\\WObj:={copied_in};",
+        "MoveL p1,v100,fine,tG\\WObj:=wOne;",
+        "ENDPROC",
+        "PROC b()",
+        "VAR robtarget pTmp;",
+        "pTmp:=p2;",
+        "MoveL pTmp,v100,fine,tG\\WObj:=wThree;",
+        "MoveL p2,v100,fine,tG\\WObj:=wThree;",
+        "ENDPROC",
+    )
+    rows = [k for k, kind in enumerate(file.positions.kinds) if kind == CARTESIAN]
+    assert [file.positions.names[k] for k in rows] == ["p1", "p2"]
+    assert [k in file.positions.barred for k in rows] == [barred, False]
+
+
+def test_a_copy_in_another_module_counts_too():
+    data = "\r\n".join(["MODULE Data", *declared("p1"), "ENDMODULE"]).encode()
+    main = [
+        "MODULE Main", "PROC main()", "pTmp:=p1;", "MoveL pTmp,v100,fine,tG\\WObj:=wTwo;",
+        "MoveL p1,v100,fine,tG\\WObj:=wOne;", "ENDPROC", "ENDMODULE",
+    ]  # fmt: skip
+    held = BRAND.read("data.mod", data)
+    across = Across(
+        {"data.mod": held.said, "main.mod": BRAND.read("main.mod", "\n".join(main).encode()).said}
+    )
+    assert "different" in held.with_abroad(across.of("data.mod")).positions.barred[0]
+
+
+def test_tools_of_one_name_that_differ_are_nobodys():
+    def tool(height: int) -> str:
+        return f"LOCAL PERS tooldata tGrip:=[TRUE,[[0,0,{height}],[1,0,0,0]],[1,[0,0,1],[1,0,0,0],0,0,0]];"
+
+    def module(name: str, height: int) -> list[str]:
+        moved = f"MoveL p{name},v100,fine,tGrip\\WObj:=wobj0;"
+        return [
+            f"MODULE {name}",
+            tool(height),
+            *declared(f"p{name}"),
+            "PROC r()",
+            moved,
+            "ENDPROC",
+            "ENDMODULE",
+        ]
+
+    for second, barred in ((180, set()), (181, {0, 1})):
+        data = "\r\n".join([*module("A", 180), *module("B", second)]).encode()
+        file = BRAND.read("a.mod", data)
+        assert set(file.positions.barred) == barred
+        assert ("tGrip" in file.frames.flange_tip) == (not barred)
+    assert "several tools" in file.positions.barred[0]
+
+
+def test_numbers_are_where_they_were():
+    file = read("VAR robtarget pts{2}:=[p9,[[10,20,30],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]];")
+    assert np.allclose(file.positions.frame_tip[0, :3, 3], (0.01, 0.02, 0.03))
