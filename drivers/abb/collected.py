@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, Pose, homogeneous, rotation_from_quaternion
+from drivers.abb.usual import GAPS, NUMBERS
+from drivers.abb.written import LEAST_LENGTH_DECIMALS, LEAST_QUATERNION_DECIMALS, Written
+from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, Remark
 from drivers.programs.spans import Source, finest, unique_names
 
-LEAST_LENGTH_DECIMALS = 3  # of a millimetre: what a changed coordinate is written with at least
-LEAST_ANGLE_DECIMALS = 4  # of a degree
-LEAST_QUATERNION_DECIMALS = 6
+LEAST_ANGLE_DECIMALS = 4  # of a degree: what a changed coordinate is written with at least
 UNUSED = 9e9  # the maker's value for an axis that is not there
 UNIT_WITHIN = 1e-3  # what rounding to three digits does to a quaternion's length
 _USUAL, _USUAL_DIGITS = 1e6, 20  # what lies beyond is looked at closer
 _NOTHING = (np.nan,) * 7
 _NO_AXES = (np.nan,) * 6
+_NO_ORIENTATION = "its orientation is zero, so it was never taught"
+_LEAST_STEPS = (10.0**-LEAST_LENGTH_DECIMALS * 1e-3, float(np.deg2rad(10.0**-LEAST_ANGLE_DECIMALS)))
 _T = TypeVar("_T")
 
 _EXTERNAL = (
@@ -45,7 +48,12 @@ class Collected:
     fixed: dict[int, str] = field(default_factory=dict)  # rows that take no change, and why
     remarks: list[Remark] = field(default_factory=list)
     external_seen: bool = False
-    known_axes: dict[tuple[str, ...], list[float]] = field(default_factory=dict)  # most targets have the same
+    known_axes: dict[tuple[str, ...], "array[float]"] = field(
+        default_factory=dict
+    )  # most targets have the same
+    usual_axes: dict[str, "array[float]"] = field(default_factory=dict)  # the same, as one text
+    usual_rows: "array[int]" = field(default_factory=lambda: array("q"))  # written as the controller does
+    usual_texts: list[str] = field(default_factory=list)  # seven for each
 
     def remark(self, place: int, code: str, text: str) -> None:
         """Note something that a person must know."""
@@ -60,19 +68,61 @@ class Collected:
         norm = float(np.sqrt(sum(value * value for value in values[3:])))
         taught = norm > 0.0
         if taught and abs(norm - 1.0) > UNIT_WITHIN:
-            raise self.source.error(
-                found.start(4),
-                f"the quaternion has the length {norm:.4f}, not 1.",
-                remedy="Correct it, or teach the target again.",
-            )
+            raise self._no_quaternion(found.start(4), norm)
         self._row(name, CARTESIAN if taught else UNTAUGHT, found.start(), f"[{','.join(texts[7:11])}]")
         if not taught:
-            self.fixed[len(self.names) - 1] = "its orientation is zero, so it was never taught"
+            self.fixed[len(self.names) - 1] = _NO_ORIENTATION
             return
         self.values[-7:] = array("d", [*values[:3], *(value / norm for value in values[3:])])
         self.steps[-2] = 10.0 ** -finest(texts[:3], LEAST_LENGTH_DECIMALS) * 1e-3
         self.steps[-1] = 2.0 * 10.0 ** -finest(texts[3:7], LEAST_QUATERNION_DECIMALS)
         self._add_external(name, found, 11)
+
+    def add_usual(self, found: re.Match[str]) -> bool:
+        """Take a target as `drivers.abb.usual` finds it; tell whether it was: the axes beside it must be known."""
+        axes = self.usual_axes.get(found["axes"])
+        if axes is None:
+            return False
+        self.usual_rows.append(len(self.names))
+        self.usual_texts += found.group(*NUMBERS)
+        self.names.append(found["name"])
+        self.kinds.append(CARTESIAN)
+        self.starts.append(found.start("open"))
+        self.values.extend(_NOTHING)
+        self.external.extend(axes)
+        self.states.append(found["state"])
+        self.steps.extend(_LEAST_STEPS)
+        return True
+
+    def reckon_usual(self) -> Written:
+        """Fill the columns of the targets that are written as the controller does; return how those are written.
+
+        Raises
+        ------
+        ProgramFileError
+            A quaternion's length is not 1.
+        """
+        rows = np.array(self.usual_rows, dtype=np.int64)
+        written = Written.nothing(len(self.names))
+        written.fill(rows, self.usual_texts)
+        numbers = written.values[rows]
+        norms = np.sqrt((numbers[:, 3:] ** 2).sum(axis=1))
+        for k in np.flatnonzero(np.abs(norms - 1.0) > UNIT_WITHIN).tolist():
+            row = int(rows[k])
+            if norms[k] > 0.0:
+                before = int(written.widths[row, :3].sum()) + sum(GAPS[:4])
+                raise self._no_quaternion(self.starts[row] + before, float(norms[k]))
+            self.kinds[row] = UNTAUGHT
+            self.fixed[row] = _NO_ORIENTATION
+        taught = norms > 0.0
+        rows, numbers = rows[taught], numbers[taught]
+        numbers[:, 3:] /= norms[taught, None]
+        np.frombuffer(self.values).reshape(-1, 7)[rows] = numbers
+        np.frombuffer(self.steps).reshape(-1, 2)[rows] = 10.0 ** -written.decimals[rows].astype(float) * (
+            1e-3,
+            2.0,
+        )
+        return written
 
     def add_jointtarget(self, name: str, found: re.Match[str]) -> None:
         """Take a target of axes."""
@@ -144,8 +194,13 @@ class Collected:
         self.values.extend(_NOTHING)
         self.external.extend(_NO_AXES)
         self.states.append(state)
-        self.steps.extend(
-            (10.0**-LEAST_LENGTH_DECIMALS * 1e-3, float(np.deg2rad(10.0**-LEAST_ANGLE_DECIMALS)))
+        self.steps.extend(_LEAST_STEPS)
+
+    def _no_quaternion(self, place: int, norm: float) -> ProgramFileError:
+        return self.source.error(
+            place,
+            f"the quaternion has the length {norm:.4f}, not 1.",
+            remedy="Correct it, or teach the target again.",
         )
 
     def _number(self, found: re.Match[str], k: int) -> float:
@@ -162,8 +217,9 @@ class Collected:
         texts = found.groups()[first:]
         values = self.known_axes.get(texts)
         if values is None:
-            values = self.known_axes[texts] = [self._axis(found, first + k) for k in range(6)]
-        self.external[-6:] = array("d", values)
+            values = self.known_axes[texts] = array("d", [self._axis(found, first + k) for k in range(6)])
+            self.usual_axes[f"[{','.join(texts)}]"] = values
+        self.external[-6:] = values
         if not self.external_seen and any(value == value and value for value in values):  # noqa: PLR0124
             self.external_seen = True
             self.remark(found.start(), "foreign", _EXTERNAL.format(name))

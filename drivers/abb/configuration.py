@@ -7,6 +7,7 @@ singularities: 4 with the wrist's centre behind axis 1, 2 with it behind the low
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +77,7 @@ def _stated(texts: Sequence[str]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]
     return known, np.array([numbers or (0, 0, 0, 0) for numbers in stated], dtype=np.int64).reshape(-1, 4)
 
 
+@lru_cache(maxsize=4096)  # a line of programs spells few postures, over and over
 def numbers_of(text: str) -> tuple[int, int, int, int] | None:
     """Return cf1, cf4, cf6 and cfx; None for a text that is no confdata."""
     found = _TEXT.fullmatch(text)

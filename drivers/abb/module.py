@@ -9,6 +9,8 @@ from drivers.abb.collected import Collected, pose_of
 from drivers.abb.instructions import MOVES, Instruction, Target, read_instruction
 from drivers.abb.literals import AGGREGATES, NAME, TARGETS, LiteralError, W, after_blanks, spelled
 from drivers.abb.uses import Uses
+from drivers.abb.usual import USUAL
+from drivers.abb.written import Written
 from drivers.programs.positions import Frames
 from drivers.programs.spans import Source
 
@@ -73,6 +75,7 @@ class Module:
     frames_declared: set[str] = field(default_factory=set)  # tools and work objects, in small letters
     frames_shown: set[str] = field(default_factory=set)  # those of them that other modules see
     set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
+    written: Written = field(default_factory=lambda: Written.nothing(0))
     looked_at: int = 0  # up to where the text was searched for positions inside other data
 
     def read(self) -> None:
@@ -85,7 +88,12 @@ class Module:
         """
         text = self.found.source.text
         place = len(_BYTE_ORDER_MARK) if text.startswith(_BYTE_ORDER_MARK) else 0
-        while (token := _TOKEN.search(text, place)) is not None:
+        while True:
+            while (usual := USUAL.match(text, place)) is not None and self._usual(usual):
+                place = usual.end()
+            token = _TOKEN.search(text, place)
+            if token is None:
+                return
             word = token[0]
             self._look_inside(place, token.start())
             if word[0] == "!":
@@ -98,6 +106,18 @@ class Module:
                 place = token.end()
             else:
                 place = self._word(word.lower(), token.start(), token.end())
+
+    def _usual(self, found: re.Match[str]) -> bool:
+        """Take a statement as the controller writes it; tell whether it was."""
+        if found["name"] is None:
+            self.uses.use(found["to"], found["tool"], found["frame"] or "wobj0")
+            return True
+        row = len(self.found.names)
+        if not self.found.add_usual(found):
+            return False
+        self.local, local = False, self.local
+        self.uses.declare(found["name"], row, local=local)
+        return True
 
     def _look_inside(self, place: int, end: int) -> None:
         """Remark a position in a statement that is not read: in a record, a call, an array of another kind."""
@@ -112,6 +132,7 @@ class Module:
 
     def finish(self) -> None:
         """Remark targets that the program sets, and take away those that are seen from the flange."""
+        self.written = self.found.reckon_usual()
         self.uses.set_while_running |= {
             name for name in self.set_names if name in self.frames_declared or name not in self.uses.shown
         }

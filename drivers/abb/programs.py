@@ -11,16 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import Array, quaternion_from_rotation
-from drivers.abb.collected import (
-    LEAST_ANGLE_DECIMALS,
-    LEAST_LENGTH_DECIMALS,
-    LEAST_QUATERNION_DECIMALS,
-)
+from drivers.abb.collected import LEAST_ANGLE_DECIMALS
 from drivers.abb.configuration import AbbConfigurations, numbers_of
 from drivers.abb.literals import AGGREGATES
 from drivers.abb.module import read_module
+from drivers.abb.written import LEAST_LENGTH_DECIMALS, LEAST_QUATERNION_DECIMALS, Written
 from drivers.programs.across import Abroad, Said, settled
 from drivers.programs.brands import ProgramBrand
+from drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
 from drivers.programs.declared_poses import with_declared
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
@@ -40,6 +38,7 @@ class AbbFile:
     remarks: tuple[Remark, ...]
     frames: Frames
     starts: NDArray[np.int64]  # (N,) where each target's numbers open
+    written: Written
     fixed: dict[int, str]  # targets that take no change, and why
     said: Said  # what counts for other files
     keys: tuple[str, ...]  # (N,) the targets' names as other modules write them
@@ -54,9 +53,18 @@ class AbbFile:
     def changed(self, change: Change) -> Self:
         """Return the file with new coordinates; see `drivers.programs.positions.ProgramFile`."""
         rows = checked_rows(self.source.name, self.positions, change)
+        in_columns = gets_only_a_pose(rows, change, self.positions) & (self.written.widths[rows, 0] > 0)
+        edits: list[Edit] = []
+        if change.frame_tip is not None:
+            some = rows[in_columns]
+            edits += self.written.edits(some, self.starts[some], change.frame_tip[in_columns])
+        if not in_columns.all():
+            edits += self._edits(rows[~in_columns], part_of(change, ~in_columns))
+        return type(self).read(self.source.name, self.source.edited(edits))
+
+    def _edits(self, rows: NDArray[np.int64], change: Change) -> Iterator[Edit]:
         wanted = Wanted.of(self.positions, rows, change)
         turns = _quaternions(len(rows), change.frame_tip).tolist()
-        edits: list[Edit] = []
         for k, row in enumerate(rows.tolist()):
             configuration = _new(change.configurations, k, self.positions.configurations[row])
             frame = _new(change.user_frames, k, self.positions.user_frames[row] or "")
@@ -68,12 +76,11 @@ class AbbFile:
             shape = "jointtarget" if self.positions.kinds[row] == JOINTS else "robtarget"
             found = AGGREGATES[shape].match(self.source.text, int(self.starts[row]))
             if wanted.has_pose[k]:
-                edits += self._pose_edits(row, found, wanted.place_mm[k], turns[k])
+                yield from self._pose_edits(row, found, wanted.place_mm[k], turns[k])
             if wanted.has_joints[k]:
-                edits += self._joint_edits(row, found, wanted.joints_deg[k])
+                yield from self._joint_edits(row, found, wanted.joints_deg[k])
             if configuration is not None:
-                edits += self._configuration_edits(row, found, configuration)
-        return type(self).read(self.source.name, self.source.edited(edits))
+                yield from self._configuration_edits(row, found, configuration)
 
     @classmethod
     def read(cls, name: str, data: bytes) -> Self:
@@ -111,6 +118,7 @@ class AbbFile:
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=module.frames(),
             starts=np.array(found.starts, dtype=np.int64)[order],
+            written=module.written.ordered(order, found.fixed),
             fixed={k: found.fixed[row] for k, row in enumerate(order.tolist()) if row in found.fixed},
         )
 
@@ -166,7 +174,7 @@ class AbbFile:
         for k, value in enumerate(values):
             if isnan(value):
                 continue
-            if not abs(value) < 1e7:
+            if not abs(value) < BEYOND:
                 raise self._refusal(row, f"no robot has the coordinate {value:.0f}")
             yield *found.span(first + k + 1), written(found[first + k + 1], value, decimals)
 

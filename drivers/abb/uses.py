@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from drivers.abb.collected import Collected
 from drivers.programs.across import COPIED, Held
@@ -19,6 +20,16 @@ _MOST_USES = 64  # of one target that are told apart
 _SEEN_FROM_FLANGE = "it is used with a tool in the cell or a held work object"
 
 
+class _Settled(NamedTuple):
+    """What all uses of a target together say."""
+
+    tool: str | None
+    frame: str | None
+    why: str  # nobody can tell tool or frame; "" where nothing is in the way
+    different: bool
+    seen_from_flange: bool
+
+
 @dataclass
 class Uses:
     """Declared targets by scope, and the moves that name them."""
@@ -33,7 +44,10 @@ class Uses:
     set_while_running: set[str] = field(default_factory=set)  # tools and work objects
     abroad: dict[str, set[Held]] = field(default_factory=dict)  # uses of what is not declared here
     rows: dict[tuple[str, str], list[int]] = field(default_factory=lambda: defaultdict(list))  # (scope, name)
-    used: list[tuple[str, str, Used]] = field(default_factory=list)  # scope, name, with what
+    known_here: dict[Used, Used] = field(default_factory=dict)  # as written, and what it means in this scope
+    used: dict[tuple[str, str], set[Used]] = field(
+        default_factory=lambda: defaultdict(set)
+    )  # by scope and name
     of_row: dict[int, list[Used]] = field(default_factory=lambda: defaultdict(list))
     spelling: dict[str, str] = field(default_factory=dict)
     seen_from_flange: set[str] = field(default_factory=set)
@@ -47,11 +61,15 @@ class Uses:
 
     def enter_module(self, name: str) -> None:
         """Begin a module."""
-        self.scope = f"{name.lower()}/"
+        self._enter(f"{name.lower()}/")
 
     def enter_routine(self, name: str) -> None:
         """Begin a routine, or leave one with an empty name."""
-        self.scope = f"{self.scope.partition('/')[0]}/{name.lower()}"
+        self._enter(f"{self.scope.partition('/')[0]}/{name.lower()}")
+
+    def _enter(self, scope: str) -> None:
+        self.scope = scope
+        self.known_here.clear()
 
     def spell(self, name: str) -> str:
         """Return a name as it was first written."""
@@ -60,6 +78,7 @@ class Uses:
     def declare_parameter(self, name: str) -> None:
         """Note a routine's parameter, which hides a target, a tool or a work object of its name."""
         self.parameters.add((self.scope, name.lower()))
+        self.known_here.clear()
         self.declare_without_row(name)
 
     def declare_without_row(self, name: str) -> None:
@@ -68,9 +87,10 @@ class Uses:
 
     def declare(self, name: str, row: int, *, local: bool = False) -> None:
         """Note a declared target; an element stands for its array, too."""
-        bare = name.partition("{")[0].lower()
-        self.rows[self.scope, name.lower()].append(row)
-        if bare != name.lower():
+        name = name.lower()
+        bare = name.partition("{")[0]
+        self.rows[self.scope, name].append(row)
+        if bare != name:
             self.rows[self.scope, bare].append(row)
         if self.scope.endswith("/"):
             self.shown[bare] = self.shown.get(bare, False) or not local
@@ -79,7 +99,7 @@ class Uses:
 
     def use(self, name: str, tool: str | None, frame: str | None) -> None:
         """Note that a move goes to a named target."""
-        self.used.append((self.scope, name, self._spelled(tool, frame)))
+        self.used[self.scope, name].add(self._spelled(tool, frame))
 
     def use_row(self, row: int, tool: str | None, frame: str | None) -> None:
         """Note what a target inside a move is used with."""
@@ -111,29 +131,31 @@ class Uses:
 
     def resolve(self, found: Collected) -> None:
         """Give every row the tool and work object that all its uses agree on."""
-        uses: dict[tuple[str, str], set[Used]] = defaultdict(set)
-        for scope, name, what in self.used:
-            uses[scope, name].add(what)
         of_rows: dict[tuple[int, ...], set[Used]] = defaultdict(set)
-        for (scope, name), what_all in uses.items():
-            if not self._own(name, scope):
+        for (scope, name), what_all in self.used.items():
+            rows = self.rows_of(name, scope)
+            if not rows and not self._own(name, scope):
                 self._use_abroad(name, what_all)
-            of_rows[tuple(self.rows_of(name, scope))] |= what_all
-        for rows, what_all in of_rows.items():
+            of_rows[tuple(rows)] |= what_all
+        for rows_of_all, what_all in of_rows.items():
             some = sorted(what_all, key=str)[:_MOST_USES]  # of thousands, these tell that there are several
-            for row in rows:
+            for row in rows_of_all:
                 self.of_row[row] += some
-        self._take_uses_of_copies(uses)
+        self._take_uses_of_copies()
         self._bar_copied(found)
-        for row, what_all_of_row in sorted(self.of_row.items()):
-            self._settle(found, row, set(what_all_of_row))
+        settled: dict[frozenset[Used], _Settled] = {}  # nearly all targets have the same
+        for row, some in sorted(self.of_row.items()):
+            what = frozenset(some)
+            if what not in settled:
+                settled[what] = self._settled(what)
+            self._settle(found, row, settled[what])
 
-    def _take_uses_of_copies(self, uses: dict[tuple[str, str], set[Used]]) -> None:
+    def _take_uses_of_copies(self) -> None:
         """Count a move to a copy for the target that it was made of, where moves go there as well."""
         if not self.copied:
             return
         of_copies: dict[tuple[str, str], set[Used]] = defaultdict(set)
-        for (scope, name), what_all in uses.items():
+        for (scope, name), what_all in self.used.items():
             of_copies[self._declared_at(name, scope)] |= what_all
         for scope, name, to in self.copied:
             some = sorted(of_copies.get(self._declared_at(to, scope), ()), key=str)[:_MOST_USES]
@@ -157,26 +179,34 @@ class Uses:
             Held(tool, frame, "" if tool and frame else _BARRED_COMPUTED) for tool, frame in uses
         )
 
-    def _settle(self, found: Collected, row: int, uses: set[Used]) -> None:
+    def _settle(self, found: Collected, row: int, settled: "_Settled") -> None:
         if found.kinds[row] != CARTESIAN:
             return  # axes are in no frame
-        for column, values in (
-            (self.tools, {use[0] for use in uses}),
-            (self.user_frames, {use[1] for use in uses}),
-        ):
-            value = next(iter(values))
-            if len(values) == 1 and value is not None:
-                column[row] = value
-        if why := self._why_barred(uses):
-            self.barred[row] = why
-        if len(uses) > 1:
+        if settled.why:
+            self.barred[row] = settled.why
+        if settled.different:
             found.remark(found.starts[row], "indirect", _DIFFERENT.format(found.names[row]))
-        if any(part is not None and part.lower() in self.seen_from_flange for use in uses for part in use):
-            self.tools.pop(row, None)
-            self.user_frames.pop(row, None)
+        if settled.seen_from_flange:
             found.forget(row, _SEEN_FROM_FLANGE)
+            return
+        if settled.tool is not None:
+            self.tools[row] = settled.tool
+        if settled.frame is not None:
+            self.user_frames[row] = settled.frame
 
-    def _why_barred(self, uses: set[Used]) -> str:
+    def _settled(self, uses: frozenset[Used]) -> "_Settled":
+        tools, frames = {use[0] for use in uses}, {use[1] for use in uses}
+        return _Settled(
+            next(iter(tools)) if len(tools) == 1 else None,
+            next(iter(frames)) if len(frames) == 1 else None,
+            self._why_barred(uses),
+            different=len(uses) > 1,
+            seen_from_flange=any(
+                part is not None and part.lower() in self.seen_from_flange for part in tools | frames
+            ),
+        )
+
+    def _why_barred(self, uses: frozenset[Used]) -> str:
         """Return why a target's place cannot be told though the moves to it name tools and frames; or ""."""
         if any(frame is not None and frame.lower() in self.moved for _, frame in uses):
             return _BARRED_MOVED
@@ -197,7 +227,10 @@ class Uses:
         )
 
     def _spelled(self, tool: str | None, frame: str | None) -> Used:
-        return self._seen(tool), self._seen(frame)
+        known = self.known_here.get((tool, frame))
+        if known is None:
+            known = self.known_here[tool, frame] = (self._seen(tool), self._seen(frame))
+        return known
 
     def _seen(self, name: str | None) -> str | None:
         return None if name is None or (self.scope, name.lower()) in self.parameters else self.spell(name)

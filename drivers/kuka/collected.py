@@ -15,8 +15,8 @@ from drivers.kuka.written import (
     LEAST_ANGLE_DECIMALS,
     LEAST_LENGTH_DECIMALS,
     Written,
-    widths_and_decimals,
 )
+from drivers.programs.columns import widths_and_decimals
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, Remark
 from drivers.programs.spans import Source, finest, unique_names
@@ -160,7 +160,8 @@ class Collected:
         """Return how some rows are written; a position written otherwise shares no column."""
         widths = np.zeros((len(self.names), 6), dtype=np.int64)
         decimals = np.array(self.decimals).reshape(-1, 2)
-        widths[self.usual_rows], decimals[self.usual_rows] = widths_and_decimals(self.usual_texts)
+        widths[self.usual_rows], finest_of = widths_and_decimals(self.usual_texts, (3, 3))
+        decimals[self.usual_rows] = np.maximum(finest_of, _LEAST_DECIMALS)
         widths[list(self.fixed)] = 0
         return Written(
             np.array(self.starts, dtype=np.int64)[keep],

@@ -17,9 +17,10 @@ from drivers.kuka.configuration import KukaConfigurations, parts_of
 from drivers.kuka.data_list import declared_names, read_data_list
 from drivers.kuka.literals import AXIS_FIELDS, POSE_FIELDS, STATE_FIELDS, field_spans
 from drivers.kuka.program import read_program
-from drivers.kuka.written import BEYOND, LEAST_ANGLE_DECIMALS, LEAST_LENGTH_DECIMALS, LEAST_TURN, Written
+from drivers.kuka.written import LEAST_ANGLE_DECIMALS, LEAST_LENGTH_DECIMALS, LEAST_TURN, Written
 from drivers.programs.across import Abroad, Said, settled
 from drivers.programs.brands import ProgramBrand
+from drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
 from drivers.programs.declared_poses import Poses, with_declared
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
@@ -60,28 +61,14 @@ class KukaFile:
     def changed(self, change: Change) -> Self:
         """Return the file with new coordinates; see `drivers.programs.positions.ProgramFile`."""
         rows = checked_rows(self.source.name, self.positions, change)
-        alone = np.ones(len(rows), dtype=bool)
+        in_columns = gets_only_a_pose(rows, change, self.positions) & (self.written.widths[rows, 0] > 0)
         edits: list[Edit] = []
         if change.frame_tip is not None:
-            in_columns = self._in_columns(rows, change, change.frame_tip)
-            some, alone = rows[in_columns], ~in_columns
+            some = rows[in_columns]
             edits += self.written.edits(some, self.positions.frame_tip[some], change.frame_tip[in_columns])
-        if alone.any():
-            edits += self._edits(rows[alone], _part(change, alone))
+        if not in_columns.all():
+            edits += self._edits(rows[~in_columns], part_of(change, ~in_columns))
         return type(self).read(self.source.name, self.source.edited(edits))
-
-    def _in_columns(self, rows: NDArray[np.int64], change: Change, frame_tip: Array) -> NDArray[np.bool_]:
-        """Return (K,): whether a position written as the controller does gets a new pose, and nothing else."""
-        takes = self.written.takes(rows, frame_tip)
-        if change.joints is not None:
-            takes &= ~np.isfinite(change.joints).any(axis=1)
-        for texts, old in (
-            (change.configurations, self.positions.configurations),
-            (change.user_frames, self.positions.user_frames),
-        ):
-            if texts is not None:
-                takes &= [text == (old[row] or "") for text, row in zip(texts, rows.tolist(), strict=True)]
-        return takes
 
     def _edits(self, rows: NDArray[np.int64], change: Change) -> Iterator[Edit]:
         wanted = Wanted.of(self.positions, rows, change)
@@ -238,23 +225,6 @@ def _angles_deg(count: int, frame_tip: Array | None) -> Array:
         given = ~np.isnan(frame_tip).any(axis=(1, 2))
         angles[given] = np.rad2deg(values_from("kuka_abc", frame_tip[given, :3, :3])) if given.any() else 0.0
     return angles
-
-
-def _part(change: Change, some: NDArray[np.bool_]) -> Change:
-    """Return what a change says of some of its rows."""
-    return Change(
-        rows=np.asarray(change.rows)[some],
-        frame_tip=None if change.frame_tip is None else change.frame_tip[some],
-        joints=None if change.joints is None else change.joints[some],
-        configurations=_texts_of(change.configurations, some),
-        user_frames=_texts_of(change.user_frames, some),
-    )
-
-
-def _texts_of(texts: Sequence[str] | None, some: NDArray[np.bool_]) -> Sequence[str] | None:
-    return (
-        None if texts is None else [text for text, taken in zip(texts, some.tolist(), strict=True) if taken]
-    )
 
 
 def _new_text(texts: Sequence[str] | None, k: int, old: str) -> str | None:
