@@ -31,7 +31,7 @@ def kind_of(row: Row, ratios: Array | None, shifts: frozenset[int], points: froz
 
 
 def positions_of(
-    name: str, jobs: list[Job], rows: list[Row], kinds: list[str], ratios: Array | None
+    name: str, jobs: list[Job], rows: list[Row], kinds: list[str], groups: list[int], ratios: Array | None
 ) -> Positions:
     """Return the robot's positions, of rows in the order of the file.
 
@@ -54,7 +54,7 @@ def positions_of(
         names=_names(rows),
         kinds=tuple(kinds),
         lines=np.array([row.line for row in rows], dtype=np.int64),
-        groups=np.ones(count, dtype=np.int64),
+        groups=np.array(groups, dtype=np.int64),
         frame_tip=_poses(rows, cartesian),
         joints=_joints(rows, held_kinds == JOINTS, ratios),
         external=external,

@@ -75,7 +75,13 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
         for row in job.rows
         if row.kind in ROBOT_ROWS
     ]
-    positions = positions_of(name, jobs, rows, kinds, ratios)
+    groups = [
+        2 if (row.kind, int(row.number)) in used.of_second_robot else 1
+        for job, (_, used) in zip(jobs, told, strict=True)
+        for row in job.rows
+        if row.kind in ROBOT_ROWS
+    ]
+    positions = positions_of(name, jobs, rows, kinds, groups, ratios)
     remarks = [remark for notes, _ in told for remark in notes] + _kind_remarks(positions)
     return JobProgram(
         file=name,
@@ -91,7 +97,9 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
 
 def _frames(jobs: list[Job]) -> Frames:
     """Return the frames that need no number: the robot's own, and the base's where nothing carries the robot."""
-    carried = any(row.kind in ("BC", "BP") for job in jobs for row in job.rows)
+    carried = any(row.kind in ("BC", "BP") for job in jobs for row in job.rows) or any(
+        word.startswith("GROUP") and "BS" in rest for job in jobs for _, word, rest in job.header
+    )
     own = {"ROBOT": Pose((0.0, 0.0, 0.0))}
     return Frames(base_frame=own if carried else own | {"BASE": Pose((0.0, 0.0, 0.0))})
 

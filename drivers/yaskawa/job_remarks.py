@@ -8,7 +8,9 @@ from drivers.programs.positions import Remark
 from drivers.yaskawa.job_text import Job
 
 _MOVES = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "SMOVJ", "SMOVL", "SMOVC", "MOV", "REFP"))
-_VARIABLE = re.compile(r"\bL?P(X?)(\d{3,5})\b")
+_VARIABLE = re.compile(r"\b(L?)P(X?)(\d{3,5})\b")
+_NUMBERED = re.compile(r"\b(C|P)(\d{3,5})\b")
+_TOGETHER = re.compile(r"\+S?MOV")
 _INDIRECT = re.compile(r"\bL?(?:P|BP|EX)X?\[")
 _CONVEYED = ("SYSTART", "SYMOVJ", "SYMOVL", "SYMOVC")
 _SHIFTS = {
@@ -41,7 +43,7 @@ _SETS_FRAMES = frozenset(("MFRAME", "SETTOOL", "SETUF", "SETUFRM"))
 _LOOKS = ("VISION", "CALIB", "SEARCH", "ARCSNS", "COMARC")
 _OTHERS = frozenset(("CALL", "PSTART"))
 _WORTH_A_LOOK = re.compile(
-    r"\bL?(?:P|BP|EX)X?(?=\d{3}|\[)|\+MOV|"
+    r"\bL?(?:P|BP|EX)X?(?=\d{3}|\[)|\+S?MOV|"
     rf"\b(?:{'|'.join((*_SHIFTS, *sorted(_SETS_FRAMES), *_LOOKS, *sorted(_OTHERS)))})\b"
 )
 
@@ -52,6 +54,7 @@ class Used:
 
     points: frozenset[int]
     others: frozenset[int]
+    of_second_robot: frozenset[tuple[str, int]]  # rows, by kind and number, that a second robot goes to
 
 
 def remarks_of(job: Job) -> tuple[tuple[Remark, ...], Used]:
@@ -59,12 +62,17 @@ def remarks_of(job: Job) -> tuple[tuple[Remark, ...], Used]:
     remarks = list(_head(job))
     points: set[int] = set()
     others: set[int] = set()
+    second: set[tuple[str, int]] = set()
+    two = any(re.match(r"GROUP[2-9]", word) and "RB" in rest for _, word, rest in job.header)
     for line, text in _lines_worth_a_look(job):
         word, _, rest = text.partition(" ")
-        used = {int(found[2]) for found in _VARIABLE.finditer(rest)}
+        variables = _VARIABLE.findall(rest)
+        used = {int(number) for local, _, number in variables if not local}
         (points if word in _MOVES else others).update(used)
-        remarks += _remark(line, word, rest, bool(used))
-    return tuple(remarks), Used(frozenset(points - others), frozenset(others))
+        remarks += _remark(line, word, rest, bool(variables))
+        if two and (plus := _TOGETHER.search(rest)) is not None:
+            second.update((kind, int(number)) for kind, number in _NUMBERED.findall(rest, plus.end()))
+    return tuple(remarks), Used(frozenset(points - others), frozenset(others), frozenset(second))
 
 
 def _lines_worth_a_look(job: Job) -> Iterable[tuple[int, str]]:
@@ -78,7 +86,7 @@ def _lines_worth_a_look(job: Job) -> Iterable[tuple[int, str]]:
         line += text.count("\n", counted, start)
         counted = start
         content = " ".join(text[start:after].split())
-        if not content.startswith(("'", "/")):
+        if not content.startswith(("'", "/", "COMM ")):  # COMM: an instruction that is switched off
             yield line, content
 
 
@@ -112,7 +120,7 @@ def _remark(line: int, word: str, rest: str, uses_variable: bool) -> Iterable[Re
         )
     elif word in _LOOKS:
         yield Remark(line, "vision", f"{word} {rest.strip()} corrects positions by what a sensor finds.")
-    if word in _MOVES and "+MOV" in rest:
+    if word in _MOVES and _TOGETHER.search(rest):
         yield Remark(line, "foreign", f"{word} moves together with another control group.")
     if word in _OTHERS:
         yield Remark(

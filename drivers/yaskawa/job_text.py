@@ -21,6 +21,7 @@
     MOVL P010 V=50.0
     END
 
+Between //POS and //INST may stand //ARGINFO: what the job is called with, and a line of free text for each.
 What a pseudo instruction says holds until the next one of its kind. A file may hold several jobs.
 """
 
@@ -108,6 +109,7 @@ class _Reader:
         self.jobs: list[Job] = []
         self.part = ""
         self.held = Held()
+        self.passed = {"ARGINFO": self._arguments, "INST": self._instructions}  # parts of other lines
 
     def error(self, line: int, column: int, message: str) -> ProgramFileError:
         return ProgramFileError(self.file, message, line=line, column=column, remedy=_CURE)
@@ -124,12 +126,17 @@ class _Reader:
             elif found[4] is not None:
                 self._word(line, found[4])
             at, line = found.end(), line + 1
-            if self.part == "INST":
-                at, line = self._instructions(at, line)
+            if (passed := self.passed.get(self.part)) is not None:
+                at, line = passed(at, line)
         if not self.jobs:
             raise ProgramFileError(self.file, "there is no /JOB in it.", remedy="Give a job saved as .JBI.")
         if self.part or not self.jobs[-1].first_line:
             raise self.error(self.jobs[-1].line, 1, "the job ends before its instructions (//INST).")
+
+    def _arguments(self, start: int, line: int) -> tuple[int, int]:
+        """Pass what a job says of its arguments; return where its instructions are announced."""
+        stop = self.text.find("\n//INST", start - 1) + 1 or len(self.text)
+        return stop, line + self.text.count("\n", start, stop)
 
     def _instructions(self, start: int, line: int) -> tuple[int, int]:
         """Take what follows //INST up to the next job; return where that begins."""
@@ -183,9 +190,13 @@ class _Reader:
         job = self.jobs[-1]
         if word == "NAME" and rest and not job.name and not self.part and not job.first_line:
             job.name = rest
-        elif (self.part, word) in (("", "POS"), ("POS", "INST"), ("", "INST")) and not (
-            rest or job.first_line
-        ):
+        elif (self.part, word) in (
+            ("", "POS"),
+            ("POS", "INST"),
+            ("", "INST"),
+            ("POS", "ARGINFO"),
+            ("ARGINFO", "INST"),
+        ) and not (rest or job.first_line):
             self.part = word
         else:
             raise self.error(line, 1, f"//{word} is not understood here.")

@@ -21,6 +21,7 @@ _INSTRUCTIONS = (
     "     ",
     "\t'a tab",
     "/ no division",
+    "COMM MOVJ P000 VJ=1.00",
 )
 _COMMENTS = ("", "1ER PROGRAM POUR VERIFIER LE TCP", "\xe9\xe8 \x83v\x83\x8d\x83O", "'quoted'")
 
@@ -56,7 +57,10 @@ def _job(rng: np.random.Generator, name: str, ending: str) -> str:
     _positions(make, count)
     counts = [str(make.counts[kind]) for kind in ("C", "BC", "EC", "P", "BP", "EX")]
     head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {','.join(counts)}"]
-    lines = [*head, *make.lines, "//INST", "///DATE 2012/04/25 14:11"]
+    arguments = (
+        ["//ARGINFO", "///ARGTYPE B,,,,,,,", "///COMMENT", "what it is", ""] if make.chance(0.1) else []
+    )
+    lines = [*head, *make.lines, *arguments, "//INST", "///DATE 2012/04/25 14:11"]
     if make.chance(0.8):
         lines.append(f"///COMM {make.one_of(*_COMMENTS)}".rstrip() if make.chance(0.5) else "///COMM A  B ")
     relative = make.chance(0.3)

@@ -114,6 +114,82 @@ def test_what_no_coordinate_shows_is_told() -> None:
     assert [line for line, code in told if code == "position_register"] == [19, 20, 23, 39, 41]
 
 
+def _job(rows: list[str], head: list[str], instructions: list[str], counts: str) -> bytes:
+    frame = ["///TOOL 0", "///POSTYPE BASE", "///RECTAN", "///RCONF 0,0,0,0,0,0,0,0"]
+    return "\r\n".join(
+        [
+            "/JOB",
+            "//NAME A",
+            "//POS",
+            f"///NPOS {counts}",
+            *frame,
+            *rows,
+            *head,
+            "NOP",
+            *instructions,
+            "END",
+            "",
+        ]
+    ).encode()
+
+
+def test_points_of_a_second_robot_are_not_the_robots() -> None:
+    rows = [f"{name}={x}.000,0.000,400.000,180.0000,0.0000,0.0000" for x, name in enumerate(
+        ("C00000", "C00001", "P00001", "P00002", "P00003"), 500)]  # fmt: skip
+    moves = [
+        "MOVJ C00000 VJ=5.00  +MOVJ C00001 VJ=5.00",
+        "SMOVL P001 V=10.0  +SMOVL P002 V=10.0",
+        "MOVL P003 V=9.0",
+    ]
+    two = _job(rows, ["//INST", "///GROUP1 RB1", "///GROUP2 RB2"], moves, "2,0,0,3,0,0")
+    held = BRAND.read("a.jbi", two).positions
+    assert held.groups.tolist() == [1, 2, 1, 2, 1]
+    station = BRAND.read("a.jbi", two.replace(b"GROUP2 RB2", b"GROUP2 ST1"))
+    assert station.positions.groups.tolist() == [1, 1, 1, 1, 1]
+    assert [
+        r.line for r in station.remarks if r.text.endswith("moves together with another control group.")
+    ] == [
+        18,
+        19,
+    ]
+
+
+def test_arguments_of_a_job_are_passed_over() -> None:
+    row = "P00100=500.000,0.000,400.000,180.0000,0.0000,0.0000"
+    head = [
+        "//ARGINFO",
+        "///ARGTYPE B,I,,,,,,",
+        "///COMMENT",
+        "which part",
+        "MOVL P100",
+        "",
+        "//INST",
+        "///GROUP1 RB1",
+    ]
+    job = BRAND.read("a.jbi", _job([row], head, ["MOVL P100 V=9.0"], "0,0,0,1,0,0"))
+    assert job.positions.kinds == (CARTESIAN,)
+    assert [r.line for r in job.remarks] == [19]
+    cut = job.to_bytes()[: job.to_bytes().index(b"//INST")]
+    with pytest.raises(ProgramFileError, match="ends before its instructions"):
+        BRAND.read("a.jbi", cut)
+
+
+def test_the_base_of_a_robot_on_a_track_is_not_the_robots_own() -> None:
+    row = "P00100=500.000,0.000,400.000,180.0000,0.0000,0.0000"
+    for group, known in (("RB1,BS1", {"ROBOT"}), ("RB1", {"ROBOT", "BASE"})):
+        job = BRAND.read(
+            "a.jbi", _job([row], ["//INST", f"///GROUP1 {group}"], ["MOVL P100 V=9.0"], "0,0,0,1,0,0")
+        )
+        assert set(job.frames.base_frame) == known
+
+
+def test_a_local_variable_is_no_global_one_and_what_is_switched_off_uses_none() -> None:
+    rows = [f"P0010{i}=500.000,0.000,40{i}.000,180.0000,0.0000,0.0000" for i in range(3)]
+    moves = ["MOVL P100 V=9.0", "COMM SUB P100 P102", "SET LP101 P102", "MOVL LP101 V=9.0"]
+    held = BRAND.read("a.jbi", _job(rows, ["//INST", "///GROUP1 RB1"], moves, "0,0,0,3,0,0")).positions
+    assert held.kinds == (CARTESIAN, "shift", "shift")
+
+
 def test_pulses_become_angles_with_ratios_and_go_back_in_whole_pulses() -> None:
     job = read("a.jbi", JOB, pulses_per_rad=RATIOS[:6])
     held = job.positions
