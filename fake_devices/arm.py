@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from fake_devices.arm_models import MODELS, ArmModel
 from fake_devices.clock import Clock
 from fake_devices.kinematics import Array, flange, link_frames
-from fake_devices.motion import Motion, SpeedChange, Standstill, Trapezoid
+from fake_devices.motion import Motion, Paced, SpeedChange, Standstill, Trapezoid
 
 GRAVITY_M_S2 = 9.81
 _SETTLE_TIME_S = 0.08
@@ -190,6 +190,12 @@ class Arm:
         now = self.clock.now()
         wanted = np.asarray(velocity_rad_s, dtype=float)
         self._begin(SpeedChange(self.joints_rad, self.velocity, wanted, acceleration, now))
+
+    def change_pace(self, pace: float) -> None:
+        """Let the motion that is under way go on so many times as fast."""
+        now = self.clock.now()
+        if self._commanded is None and now < self._motion.end_s < np.inf:
+            self._begin(Paced(self._motion, pace, now))
 
     def stop(self, deceleration: float, at_s: float | None = None) -> None:
         """Brake to standstill; ``at_s`` dates it back, for a controller whose watchdog is looked at late."""

@@ -5,7 +5,7 @@ Imitates
 Source
     Trapezoidal point-to-point motion, every axis ending together, as in any controller's joint move.
 Modelled
-    Standstill, synchronised trapezoids, braking to standstill, speeding up to a constant joint speed.
+    Standstill, synchronised trapezoids at a pace that may change, braking to standstill, speeding up to a constant joint speed.
 Not modelled
     Jerk limits, path blending. Motions are closed formulas, so a clock that leaps costs nothing.
 """
@@ -104,3 +104,20 @@ class SpeedChange:
         if t >= self._ramp_s:
             return self._to.copy()
         return np.asarray(self._from + (self._to - self._from) * (t / self._ramp_s))
+
+
+class Paced:
+    """Another motion, which goes on faster or slower from a moment on."""
+
+    def __init__(self, motion: Motion, pace: float, from_s: float) -> None:
+        self._motion, self._pace, self._from_s = motion, pace, from_s
+        self.end_s = from_s + (motion.end_s - from_s) / pace
+
+    def position(self, world_s: float) -> Array:
+        return self._motion.position(self._then(world_s))
+
+    def velocity(self, world_s: float) -> Array:
+        return np.asarray(self._pace * self._motion.velocity(self._then(world_s)))
+
+    def _then(self, world_s: float) -> float:
+        return self._from_s + (world_s - self._from_s) * self._pace

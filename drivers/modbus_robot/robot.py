@@ -125,7 +125,14 @@ class ModbusRobot:
             position, _ = await self._status()
             distance = max(abs(np.subtract(target_rad, position.numbers("joints"))))
             await self._program.run(
-                Request("move", 0, target_rad, speed, self._patience_s(float(distance), speed, position))
+                Request(
+                    "move",
+                    0,
+                    target_rad,
+                    speed,
+                    self._options.motion_margin_s,
+                    _SLOWER * float(distance) / speed,
+                )
             )
             await self._settle(target_rad)
 
@@ -141,9 +148,10 @@ class ModbusRobot:
             drive = await read_drive_train(self._panel)
             position, _ = await self._status()
             speed = self._jog_speed(speed_rad_s, position)
-            patience_s = self._patience_s(abs(delta_rad), speed, position)
+            full_override_s = _SLOWER * abs(delta_rad) / speed
             finding_index = any(entry.kind == "index" for _, entry in await read_alarms(self._panel))
-            await self._program.run(Request("jog", axis, (delta_rad,), speed, patience_s))
+            margin_s = self._options.motion_margin_s
+            await self._program.run(Request("jog", axis, (delta_rad,), speed, margin_s, full_override_s))
             turn_rad = float(np.abs(drive.radians_per_turn()[axis]).sum()) if finding_index else 0.0
             moved_rad = await self._moved(axis, drive, position.integers("counts"))
             if abs(moved_rad - delta_rad) > self._tolerance_rad + turn_rad:
@@ -271,10 +279,6 @@ class ModbusRobot:
         if position.integer("mastered") == 1:
             return speed
         return min(speed, math.radians(self._panel.profile.limits.jog_speed_unmastered_deg_s))
-
-    def _patience_s(self, distance_rad: float, speed_rad_s: float, position: Block) -> float:
-        override = max(position.numbers("override")[0], 0.01)
-        return _SLOWER * distance_rad / (speed_rad_s * override) + self._options.motion_margin_s
 
     def _check_numbers(self, values: Sequence[float], count: int, what: str) -> None:
         if len(values) != count or not all(math.isfinite(value) for value in values):

@@ -45,7 +45,8 @@ from drivers.universal_robots.motion import (
 from drivers.universal_robots.rtde import RuntimeState
 from drivers.universal_robots.session import MotionSession, SessionOptions
 from drivers.universal_robots.state import Sample, Six, StateClient
-from drivers.wire.deadline import deadline
+from drivers.wire.deadline import deadline, too_long
+from drivers.wire.patience import Patience
 
 _log = logging.getLogger(__name__)
 
@@ -56,7 +57,6 @@ _STILL_S = 0.1
 _STUCK_S = 1.0
 _PATH_RAD = 0.05
 _SLOWER = 1.5
-_LOWEST_OVERRIDE = 0.01
 _LOOK = "Look at the robot first: it should have stopped. Use the emergency stop if it has not."
 
 
@@ -247,15 +247,16 @@ class UniversalRobot:
     ) -> None:
         acceleration = self._options.acceleration_rad_s2
         start = await state.fresh()
-        override = max(_LOWEST_OVERRIDE, min(start.speed_fraction, 1.0))
-        travel_s = expected_s(start.joints_rad, target, speed_rad_s, acceleration) / override
-        patience_s = _SLOWER * travel_s + self._options.tolerances.settle_s + self._options.deadline_s
+        travel_s = _SLOWER * expected_s(start.joints_rad, target, speed_rad_s, acceleration)
+        margin_s = self._options.tolerances.settle_s + self._options.deadline_s
         self._look_for_stops(start, session)
         await session.move_joints(target, speed_rad_s, acceleration)
-        async with deadline(self.name, patience_s, "moving"):
-            await self._follow(state, session, start.joints_rad, target)
+        patience = Patience(travel_s, margin_s, asyncio.get_running_loop().time())
+        await self._follow(state, session, start.joints_rad, target, patience)
 
-    async def _follow(self, state: StateClient, session: MotionSession, start: Six, target: Six) -> None:
+    async def _follow(
+        self, state: StateClient, session: MotionSession, start: Six, target: Six, patience: Patience
+    ) -> None:
         tolerances, loop = self._options.tolerances, asyncio.get_running_loop()
         moved_at_s = loop.time()
         while True:
@@ -269,6 +270,8 @@ class UniversalRobot:
                 moved_at_s = loop.time()
             elif loop.time() - moved_at_s > _STUCK_S:
                 raise self._short(sample, target)
+            if patience.ended(loop.time(), sample.speed_fraction):
+                raise too_long(self.name, patience.passed_s(), "moving")
 
     def _look_for_stops(self, sample: Sample, session: MotionSession) -> None:
         stop = stop_of(self.name, sample)

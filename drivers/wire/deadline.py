@@ -19,4 +19,9 @@ async def deadline(device: str, seconds: float, doing: str) -> AsyncIterator[Non
     except TimeoutError:
         if not limit.expired():
             raise
-        raise DeviceTimeoutError(device, f"{doing} took longer than {seconds:g} s.", remedy=_REMEDY) from None
+        raise too_long(device, seconds, doing) from None
+
+
+def too_long(device: str, seconds: float, doing: str) -> DeviceTimeoutError:
+    """Return the error of a device that did not come to an end in time."""
+    return DeviceTimeoutError(device, f"{doing} took longer than {seconds:.4g} s.", remedy=_REMEDY)

@@ -191,8 +191,10 @@ class Controller:
             self.program.abort(Reason.NOT_AUTO)
 
     def set_override(self, percent: int) -> None:
-        """Take $GENOVERRIDE: 1 to 100, others are clipped as on the pendant."""
-        self.override_percent = min(max(percent, 1), 100)
+        """Take $GENOVERRIDE: 1 to 100, others are clipped as on the pendant; a motion under way follows it."""
+        self.update()
+        before, self.override_percent = self.override_percent, min(max(percent, 1), 100)
+        self.program.change_pace(self.override_percent / before)
 
     def select_tool(self, number: int) -> None:
         """Make a tool the active one."""

@@ -167,6 +167,11 @@ class Program:
                 Reason.HEARTBEAT_MISSING, at_s=min(max(clock.at_real(due_s), self._begun_s), clock.now())
             )
 
+    def change_pace(self, pace: float) -> None:
+        """Let the operation that runs go on so many times as fast; braking keeps its own time."""
+        if self._running and self._stopping is Reason.NONE:
+            self.firmware.arm.change_pace(pace)
+
     def abort(self, reason: Reason, *, at_s: float | None = None, deceleration: float = 8.0) -> None:
         """Brake, and report the operation as stopped once the arm stands."""
         if self._running and self._stopping is Reason.NONE:

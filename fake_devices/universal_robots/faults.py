@@ -41,6 +41,7 @@ FAULTS: dict[str, dict[str, Any]] = {
     "ik_failure": {},
     "late_script": {"delay_s": 2.0},
     "touch": {},
+    "speed_slider": {"fraction": 1.0},
     "tool_switched": {"tcp": (0.0, 0.0, 0.1, 0.0, 0.0, 0.0), "payload_kg": None},
 }
 
@@ -74,6 +75,7 @@ class Faults:
             "link_stall": lambda _: self._stall(on=True),
             "link_restore": lambda _: self._restore(),
             "in_use": self._in_use,
+            "speed_slider": self._slide,
             "other_client_moves": self._other_client_moves,
             "hand_moves": self._hand_moves,
             "frozen": self._freeze,
@@ -132,6 +134,9 @@ class Faults:
         for port in self._server.ports.values():
             port.silent = False
         await self._server.open_ports()
+
+    def _slide(self, parameters: Mapping[str, Any]) -> None:
+        self._c.speed_fraction = min(1.0, max(0.0, float(parameters["fraction"])))
 
     def _in_use(self, _: Mapping[str, Any]) -> None:
         self._c.registers.foreign_owner = True

@@ -25,6 +25,8 @@ class RobotCase:
     heal: Callable[[Door, Any], Awaitable[None]]  # robot ready again, whatever a test did to it
     link_faults: tuple[Fault, ...]  # every way in which the cable can fail
     stop_fault: Fault  # somebody presses the emergency stop
+    slow_fault: Fault  # somebody turns the speed down to 15 %
+    impatient: dict[str, Any]  # of its entry: little time beyond what a move needs
     believed_joints: Callable[[Truth], list[float]] = lambda truth: truth["controller_joints_rad"]
 
 
@@ -131,6 +133,7 @@ async def _heal_universal_robot(door: Door, robot: Any) -> None:
     await door.fault("unlock_protective_stop", device="ur")
     await door.fault("release_emergency_stop", device="ur")
     await door.fault("program_stop", device="ur")
+    await door.fault("speed_slider", device="ur", fraction=1.0)
     await door.fault("tool_switched", device="ur", tcp=[0.0] * 6, payload_kg=0.0)
     await until_ready(robot, Readiness.READY)
 
@@ -170,6 +173,8 @@ ROBOTS: dict[str, RobotCase] = {
         heal=_heal_modbus_robot,
         link_faults=(("silent", {}), ("reset", {}), ("refuse", {})),
         stop_fault=("emergency_stop", {}),
+        slow_fault=("override", {"percent": 15}),
+        impatient={"motion_margin_s": 1.0},
     ),
     "universal_robots": RobotCase(
         name="ur",
@@ -179,6 +184,8 @@ ROBOTS: dict[str, RobotCase] = {
         heal=_heal_universal_robot,
         link_faults=(("link_loss_rtde", {}), ("link_loss_all", {}), ("link_stall", {})),
         stop_fault=("emergency_stop", {}),
+        slow_fault=("speed_slider", {"fraction": 0.15}),
+        impatient={},
     ),
 }
 

@@ -10,7 +10,7 @@ from drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedEr
 from drivers.interfaces import ActiveFrames, Readiness
 from service.configuration.cell_file import CellConfig
 from service.demo.door import Door
-from tests.wire.cases import RobotCase, until, until_ready
+from tests.wire.cases import RobotCase, opened, until, until_ready
 
 AT_TARGET_RAD = math.radians(0.1)
 ABILITIES = {
@@ -98,6 +98,21 @@ class RobotContract:
         assert not truth["moving"]
         assert robot_case.believed_joints(truth) != pytest.approx(robot_case.away_rad, abs=0.05)
         await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+
+    async def test_a_robot_that_is_slowed_down_while_it_moves_still_arrives(
+        self, robot_case: RobotCase, cell: CellConfig, door: Door
+    ) -> None:
+        config = cell.robot(robot_case.name).model_copy(update=robot_case.impatient)
+        async with opened(config) as robot:
+            await robot_case.heal(door, robot)
+            await robot.move_joints(robot_case.home_rad, speed_rad_s=0.5)
+            move = asyncio.create_task(robot.move_joints(robot_case.away_rad, speed_rad_s=1.0))
+            await moving(door, robot_case)
+            fault, parameters = robot_case.slow_fault
+            await door.fault(fault, device=robot_case.name, **parameters)
+            await move
+            reading = await robot.joints()
+            assert reading.joints_rad == pytest.approx(robot_case.away_rad, abs=AT_TARGET_RAD)
 
     async def test_a_second_command_during_a_move_raises_busy_at_once(
         self, robot: Any, robot_case: RobotCase, door: Door
