@@ -5,7 +5,8 @@ Imitates
 Source
     Trapezoidal point-to-point motion, every axis ending together, as in any controller's joint move.
 Modelled
-    Standstill, synchronised trapezoids at a pace that may change, braking to standstill, speeding up to a constant joint speed.
+    Standstill, synchronised trapezoids at a pace that may change (at once, without a ramp), braking to standstill,
+    speeding up to a constant joint speed.
 Not modelled
     Jerk limits, path blending. Motions are closed formulas, so a clock that leaps costs nothing.
 """

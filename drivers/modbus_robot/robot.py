@@ -124,16 +124,8 @@ class ModbusRobot:
             speed = self._capped(speed_rad_s)
             position, _ = await self._status()
             distance = max(abs(np.subtract(target_rad, position.numbers("joints"))))
-            await self._program.run(
-                Request(
-                    "move",
-                    0,
-                    target_rad,
-                    speed,
-                    self._options.motion_margin_s,
-                    _SLOWER * float(distance) / speed,
-                )
-            )
+            full_override_s, margin_s = _SLOWER * float(distance) / speed, self._options.motion_margin_s
+            await self._program.run(Request("move", 0, target_rad, speed, margin_s, full_override_s))
             await self._settle(target_rad)
 
     async def stop(self) -> None:

@@ -4,7 +4,7 @@ _LOWEST_OVERRIDE = 0.01
 
 
 class Patience:
-    """The time that a move needs at full override, counted as the override lets it pass, and a margin of real time."""
+    """The time that a move needs at full override, counted as the override lets it pass, and a real margin."""
 
     def __init__(self, full_override_s: float, margin_s: float, now_s: float) -> None:
         self._began_s = self._looked_s = now_s
