@@ -17,6 +17,7 @@ from drivers.fanuc.ls_grammar import (
 )
 from drivers.fanuc.ls_numbers import LARGEST, NumberStyle, all_decimals, decimals
 from drivers.fanuc.ls_orientation import new_coordinates
+from drivers.fanuc.ls_positions import REMOTE
 from drivers.fanuc.ls_records import Place
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN as CARTESIAN_KIND
@@ -96,6 +97,8 @@ class _Blocks:
 
     def any_form(self, row: int) -> re.Match[bytes]:
         """Return the text of a position in whatever form: groups 1 to 4 are GP, UF, UT and CONFIG."""
+        if self.positions.kinds[row] == REMOTE:
+            raise self.error(row, f"is {REMOTE}, and takes no pose.")
         at, end = int(self.offsets[row]), self.body[1]
         for pattern in (CARTESIAN, JOINTS, UNTAUGHT_CARTESIAN, UNTAUGHT_JOINTS):
             if found := pattern.match(self.place.data, at, end):

@@ -36,8 +36,8 @@ def _extended(number: bytes) -> bytes:
     return rb"(?P<extended>(?:" + field + _GAP + rb")*+)"
 
 
-def _cartesian(number: bytes) -> tuple[tuple[str, bytes], ...]:
-    axes = [(name, b"mm") for name in "XYZ"] + [(name, b"deg") for name in "WPR"]
+def _cartesian(number: bytes, prefix: str = "") -> tuple[tuple[str, bytes], ...]:
+    axes = [(prefix + name, b"mm") for name in "XYZ"] + [(prefix + name, b"deg") for name in "WPR"]
     fields = [
         (f"{name} = number {unit.decode()}", _value(name.encode(), number, unit)) for name, unit in axes
     ]
@@ -64,6 +64,7 @@ CARTESIAN = _joined(_cartesian(NUMBER))  # groups: GP, UF, UT, CONFIG, X, Y, Z, 
 JOINTS = _joined(_joints(NUMBER))  # groups: GP, UF, UT, CONFIG, joints, extended axes
 UNTAUGHT_CARTESIAN = _joined(_cartesian(_EITHER))
 UNTAUGHT_JOINTS = _joined(_joints(_EITHER))
+REMOTE = _joined(_cartesian(_EITHER, "R"))  # RX RY RZ RW RP RR: of a tool that stands in the cell
 _CLOSE = _GAP + rb"\}" + _GAP + rb";?+"
 CLOSE = re.compile(_CLOSE)
 
@@ -95,7 +96,13 @@ FIELD = re.compile(
 
 CONFIGURATION = re.compile(r" *(?:[FNLRUDTB] *){0,4}(?:, *-?\d{0,3} *){0,9}")
 
-_SEARCHED = (_HEAD_PIECES, _cartesian(_EITHER), _joints(_EITHER), (("}; after the last number", rb"\}"),))
+_SEARCHED = (
+    _HEAD_PIECES,
+    _cartesian(_EITHER),
+    _joints(_EITHER),
+    _cartesian(_EITHER, "R"),
+    (("}; after the last number", rb"\}"),),
+)
 
 
 def furthest(data: bytes, start: int, end: int) -> tuple[int, str]:

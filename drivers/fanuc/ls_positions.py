@@ -16,7 +16,8 @@ from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions
 
 _BLOCK = 20_000
 _SCALE = {b"mm": 1e-3, b"deg": np.pi / 180.0}
-_KIND = {Form.CARTESIAN: CARTESIAN, Form.JOINTS: JOINTS, Form.UNTAUGHT: UNTAUGHT}
+REMOTE = "remote"  # of a tool that stands in the cell: nobody moves it
+_KIND = {Form.CARTESIAN: CARTESIAN, Form.JOINTS: JOINTS, Form.UNTAUGHT: UNTAUGHT, Form.REMOTE: REMOTE}
 _DIGITS_UNSAID = 3  # $LUPS_DIGIT as it leaves the factory
 
 

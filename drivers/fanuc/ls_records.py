@@ -14,6 +14,7 @@ from drivers.fanuc.ls_grammar import (
     GAP,
     HEAD,
     JOINTS,
+    REMOTE,
     UNTAUGHT_CARTESIAN,
     UNTAUGHT_JOINTS,
     furthest,
@@ -27,6 +28,7 @@ class Form(Enum):
     CARTESIAN = "cartesian"
     JOINTS = "joints"
     UNTAUGHT = "untaught"
+    REMOTE = "remote"
 
 
 class Axis(NamedTuple):
@@ -110,7 +112,8 @@ def _group(data: bytes, at: int, end: int) -> tuple[Form, re.Match[bytes]] | Non
         # Stars in an extended axis only leave the arm's own coordinates what they are.
         main = found.groups()[4:-1]
         return (_form_of(main), found)
-    return None
+    found = REMOTE.match(data, at, end)
+    return (Form.REMOTE, found) if found else None
 
 
 def _form_of(main: tuple[bytes, ...]) -> Form:

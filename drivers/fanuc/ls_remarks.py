@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.fanuc.ls_positions import REMOTE
 from drivers.programs.positions import Positions, Remark
 
 _SILENT_LINE = re.compile(
     rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+(?://|!|--)[^\n]*+|(?<=:)//[^\n]*+|'[^'\n]*+'", re.MULTILINE
 )
-_COMMENT = re.compile(rb"\[ *+\d{1,5}+ *+:[^\]\n]*+\]")
+_COMMENT = re.compile(rb"(\[ *+(?:GP\d *+: *+)?+\d{1,5}+(?: *+, *+\d{1,2}+)?+) *+:[^\]\n]*+\]")
 _USED = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
 
 # Each begins with a letter, which is found fast in a million lines.
@@ -30,7 +31,7 @@ _KINDS: tuple[tuple[str, str, tuple[bytes, ...]], ...] = (
     (
         "position_register",
         "{what} is a position register: it is kept in the controller, not in this file.",
-        (rb"PR(?<![A-Z]PR)\[ *+\d[^\]\n]{0,80}+\]?+",),
+        (rb"PR(?<![A-Z]PR)\[ *+(?:GP\d *+: *+)?+\d[^\]\n]{0,80}+\]?+",),
     ),
     (
         "offset",
@@ -74,6 +75,10 @@ _KINDS: tuple[tuple[str, str, tuple[bytes, ...]], ...] = (
     ),
 )  # fmt: skip
 _LETTERS = re.compile(rb"[A-Za-z_]+")
+_OF_REMOTE_TOOL = (
+    "{count} positions are written with RX to RR, as for a tool that stands in the cell; where they are in the user "
+    "frame, the listing does not say, and they are left."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +107,7 @@ def remarks_of(data: bytes, start: int, end: int, positions: Positions) -> tuple
         for code, text, searches in _PATTERNS
         for line, what in _occurrences(searches, statements, breaks, once=code == "foreign")
     ]
+    remarks += _of_remote(positions)
     remarks += _unused_and_missing(statements, first_line, positions, {remark.code for remark in remarks})
     return tuple(sorted(remarks, key=lambda remark: remark.line))
 
@@ -122,7 +128,7 @@ def _blanked(found: re.Match[bytes]) -> bytes:
 
 
 def _blanked_comment(found: re.Match[bytes]) -> bytes:
-    number = found[0].partition(b":")[0]
+    number = found[1]
     return number + b"]" + b" " * (len(found[0]) - len(number) - 1)
 
 
@@ -143,6 +149,12 @@ def _occurrences(
             if key not in said:
                 said.add(key)
                 yield line, text.decode("cp437")
+
+
+def _of_remote(positions: Positions) -> Iterator[Remark]:
+    if REMOTE in positions.kinds:
+        line = int(positions.lines[positions.kinds.index(REMOTE)])
+        yield Remark(line, "relative", _OF_REMOTE_TOOL.format(count=positions.kinds.count(REMOTE)))
 
 
 def _unused_and_missing(

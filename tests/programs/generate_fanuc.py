@@ -53,6 +53,7 @@ _STATEMENTS = (
     "L PR[9:Home] 100mm/sec FINE    ;", "  IF R[1]=2,JMP LBL[9] ;", "  A[718]=AN ;", "  AUFRUF EQSTART    ;",
     "  OFFSET CONDITION PR[3]    ;", "//J P[99] 100% FINE    ;", "  DO[76]=ON ;", "L P[R[4]] 500mm/sec CNT50    ;",
     "  VISION GET_OFFSET 'CAM' VR[1] JMP LBL[3] ;", "  $SSR.$SINGLESTEP=R[819] ;", "  SKIP CONDITION DI[1]=ON    ;",
+    "  PR[GP1:7,3:Offset]=R[2:INC]    ;",
 )  # fmt: skip
 _MOVES = (
     "J P[{n}] 100% FINE    ;",
@@ -124,6 +125,7 @@ class _Positions:
         self.groups = int(rng.choice([1, 1, 1, 2, 4]))
         self.extended = _pick(rng, [[], [], [], ["mm"], ["deg", "mm"], ["mm", "mm", "deg"]])
         self.scara = bool(rng.random() < 0.08)
+        self.prefix = "R" if rng.random() < 0.05 else ""  # of a tool that stands in the cell
 
     def record(self, number: int) -> str:
         name = _pick(self.rng, ["", "", "", ':"Safe pos"', ':""', ':"übÄr {}; P[1]"'])
@@ -150,7 +152,8 @@ class _Positions:
             angles[1] = _pick(rng, [90.0, -90.0, 89.9999, -89.999])
         texts = [self._number(v) if taught else " ********" for v in (*place, *angles)]
         units = [" mm"] * 3 + ["deg"] * 3
-        words = [f"{n} ={t} {u}" for n, t, u in zip("XYZWPR", texts, units, strict=True)]
+        names = [self.prefix + name for name in "XYZWPR"]
+        words = [f"{n} ={t} {u}" for n, t, u in zip(names, texts, units, strict=True)]
         words += self._extended_axes(taught=taught)
         lines = [words[i : i + 3] for i in range(0, len(words), 3)]
         text = ",\n".join("\t" + ",\t".join(line) for line in lines)

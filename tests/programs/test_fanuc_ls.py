@@ -66,7 +66,7 @@ def test_every_generated_number_is_read_where_a_plain_search_finds_it():
         positions = read_ls("a.ls", data).positions
         body = data[data.index(b"\n/POS") :]
         for i, axis in enumerate("XYZ"):
-            texts = re.findall(axis.encode() + rb" *= *([-+.\d]+)\s*mm", body)
+            texts = re.findall(rb"\b" + axis.encode() + rb" *= *([-+.\d]+)\s*mm", body)
             said = 1e-3 * np.array([float(text) for text in texts])
             read_here = positions.frame_tip[np.isfinite(positions.frame_tip[:, 0, 0]), i, 3]
             assert np.array_equal(read_here, said)
@@ -347,3 +347,49 @@ def test_a_position_in_a_frame_or_tool_that_its_program_sets_is_left(statement: 
     program = read(P1, f"   1:  {statement} ;\n   2:J P[1] 50% FINE ;\n")
     assert sorted(program.positions.barred) == left
     assert all("while the program runs" in why for why in program.positions.barred.values())
+
+
+REMOTE = (
+    "P[4]{\n   GP1:\n\tUF : 1, UT : 2,\t\tKONFIG : 'N U T, 0, 0, 0',\n"
+    "\tRX =    96.500  mm,\tRY =   710.250  mm,\tRZ =  -974.000  mm,\n"
+    "\tRW =    24.750 deg,\tRP =    43.500 deg,\tRR =   155.250 deg,\n\tE1=    10.000  mm\n"
+    "   GP2:\n\tUF : 1, UT : 2,\t\n\tJ1=   100.000  mm\n};\n"
+)
+
+
+def test_a_place_of_a_tool_that_stands_in_the_cell_is_read_and_left():
+    program = read(P3 + REMOTE, "   1:J P[4] 100% FINE    ;\n   2:J P[8] 100% FINE    ;\n")
+    positions = program.positions
+    assert program.to_bytes() == listing(
+        P3 + REMOTE, "   1:J P[4] 100% FINE    ;\n   2:J P[8] 100% FINE    ;\n"
+    )
+    assert positions.names == ("P[8]", "P[4]", "P[4]")
+    assert positions.kinds == ("joints", "remote", "joints")
+    assert np.isnan(positions.frame_tip[1]).all()
+    assert (positions.user_frames[1], positions.tools[1]) == ("1", "2")
+    assert positions.external[1] == pytest.approx([0.01])
+    assert [(r.line, r.code) for r in program.remarks] == [(14, "relative")]
+    for change in (
+        Change(np.array([1]), frame_tip=np.eye(4)[None]),
+        Change(np.array([1]), user_frames=["3"]),
+        Change(np.array([1]), configurations=["F U T, 0, 0, 0"]),
+    ):
+        with pytest.raises(ProgramFileError, match=r"P\[4\] of group 1 is remote"):
+            program.changed(change)
+    moved = program.changed(Change(np.array([0]), joints=positions.joints[:1] + 0.01))
+    assert moved.to_bytes().endswith((REMOTE + "/END\n").encode())
+    with pytest.raises(ProgramFileError, match="expected is RR = number deg"):
+        read(REMOTE.replace("RR =", "R ="))
+
+
+def test_words_of_a_comment_behind_an_element_are_no_statement():
+    lines = (
+        "  PR[GP1:1,7:Offset]=PR[GP1:1,7:Offset]+1    ;",
+        "  PR[9,2:INC]=(-10)    ;",
+        "J P[8] 5% FINE    ;",
+    )
+    found = read(P3, "".join(f"{number:4d}:{line}\n" for number, line in enumerate(lines, 1)))
+    assert [(r.line, r.code, r.text.partition(" is")[0]) for r in found.remarks] == [
+        (5, "position_register", "PR[GP1:1,7]"),
+        (6, "position_register", "PR[9,2]"),
+    ]
