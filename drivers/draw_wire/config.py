@@ -22,7 +22,7 @@ class _AnyBus(BaseModel):
     name: str = Field(min_length=1, max_length=64)
     serial: int = Field(ge=0, lt=2**32)
     range_m: float = Field(gt=0, le=100)
-    sigma_m: float = Field(gt=0, le=0.1)
+    sigma_m: float = Field(ge=1e-7, le=0.1)
     end_margin_m: float = Field(default=0.005, ge=0, le=1)
     deadline_s: float = Field(default=1.0, gt=0, le=60)
 

@@ -32,7 +32,7 @@ class _InstrumentConfig(BaseModel):
     separator: Literal["", ";", ",", "tab", "blank"] = ""
     heading_lines: int = Field(default=0, ge=0, le=1000)
     unit: Literal["m", "mm", "um", "in"]
-    sigma_m: float = Field(gt=0, le=0.1)
+    sigma_m: float = Field(ge=1e-7, le=0.1)
     range_m: float = Field(gt=0, le=500)
     wait_s: float = Field(default=300.0, gt=0, le=86_400)
     deadline_s: float = Field(default=5.0, gt=0, le=60)
@@ -99,7 +99,7 @@ class FileTrackerConfig(_InstrumentConfig):
     station: int = Field(default=1, ge=1)
     orientation: str = ""
     angle_unit: Literal["deg", "rad"] = "deg"
-    sigma_rad: float = Field(default=1e-4, gt=0, le=0.1)
+    sigma_rad: float = Field(default=1e-4, ge=1e-7, le=0.1)
 
     @field_validator("orientation")
     @classmethod

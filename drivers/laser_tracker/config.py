@@ -23,9 +23,9 @@ class LaserTrackerConfig(BaseModel):
     port: int = Field(default=700, ge=1, le=65535)
     serial: int = Field(ge=0, lt=2**31)
     station: int = Field(default=1, ge=1)
-    sigma_m: float = Field(default=15e-6, gt=0, le=0.01)
+    sigma_m: float = Field(default=15e-6, ge=1e-7, le=0.01)
     sigma_per_m: float = Field(default=6e-6, ge=0, le=1e-3)
-    sigma_rad: float = Field(default=5e-5, gt=0, le=0.1)
+    sigma_rad: float = Field(default=5e-5, ge=1e-7, le=0.1)
     range_m: float = Field(default=40.0, gt=0, le=500)
     steady_m: float = Field(default=5e-4, gt=0, le=0.1)
     measures_poses: bool = False

@@ -73,7 +73,7 @@ class TouchProbeConfig(_OnCoupler):
     normally_closed: bool = False  # the contact opens when the tip touches, as in kinematic probes
     tip_radius_mm: float = Field(gt=0, le=50)
     pretravel_mm: float = Field(default=0.0, ge=0, le=5)
-    sigma_mm: float = Field(gt=0, le=1)
+    sigma_mm: float = Field(ge=1e-4, le=1)
     overtravel_mm: float = Field(gt=0, le=50)
     delay_ms: float = Field(ge=0, le=1000)
     delay_tolerance_ms: float = Field(ge=0, le=1000)
@@ -130,7 +130,7 @@ class DialGaugeConfig(_OnCoupler):
     driver: Literal["dial_gauge"]
     dial_input: int = Field(ge=1, le=64)
     range_mm: float = Field(gt=0, le=500)
-    sigma_mm: float = Field(gt=0, le=10)
+    sigma_mm: float = Field(ge=1e-4, le=10)
     end_margin_mm: float = Field(default=0.05, ge=0, le=10)
 
     @asynccontextmanager

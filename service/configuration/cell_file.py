@@ -6,6 +6,7 @@ valid one.
 """
 
 import hashlib
+import json
 import math
 import os
 import re
@@ -76,8 +77,8 @@ class GaugeSetup(_Table):
     robot: str
     anchor_in_base_mm: Triple
     hook_in_flange_mm: Triple
-    anchor_sigma_mm: float = Field(default=10.0, gt=0)
-    hook_sigma_mm: float = Field(default=2.0, gt=0)
+    anchor_sigma_mm: float = Field(default=10.0, ge=1e-4)
+    hook_sigma_mm: float = Field(default=2.0, ge=1e-4)
     mouth_at_mm: Triple | None = None  # a place straight in front of the wire's exit, in the base
     certificate: GaugeCertificate | None = None
 
@@ -121,7 +122,7 @@ class TrackerSetup(_Table):
 
     robot: str
     target_in_flange_mm: Triple
-    target_sigma_mm: float = Field(default=2.0, gt=0)
+    target_sigma_mm: float = Field(default=2.0, ge=1e-4)
 
     @property
     def target_in_flange_m(self) -> Triple:
@@ -142,7 +143,7 @@ class ProbeSetup(_Table):
 
     robot: str
     tip_in_flange_mm: Triple
-    tip_sigma_mm: float = Field(default=1.0, gt=0)
+    tip_sigma_mm: float = Field(default=1.0, ge=1e-4)
     axis_in_flange: Triple = (0.0, 0.0, 1.0)  # from the flange to the tip; of a dial gauge, along its plunger
 
     @field_validator("axis_in_flange")
@@ -236,6 +237,11 @@ def _text_of(path: Path) -> str:
         ) from error
     except (OSError, ValueError) as error:
         raise ConfigError(path, [("file", f"cannot be read: {error}")]) from error
+
+
+def _strict(table: Any) -> str:
+    """Return a table as JSON: pydantic's strict reading takes lists and dates of that, but no ``true`` as a number."""
+    return json.dumps(table, default=str)
 
 
 _NAME = re.compile(r"\w[\w .-]*")
@@ -343,15 +349,18 @@ class _Reader:
                 self.faults.append((f"{kind} {entry.device.name}", sentence))
 
     def _model(self, model: type[Any], table: Any, where: str) -> Any:
-        return self._validate(lambda: model.model_validate(table), where, tuple(model.model_fields))
+        build = TypeAdapter(model).validate_json
+        return self._validate(lambda: build(_strict(table), strict=True), where, tuple(model.model_fields))
 
     def _optional(self, model: type[Any], document: dict[str, Any], key: str) -> Any:
         return self._model(model, document[key], key) if key in document else None
 
     def _device(self, union: Any, table: dict[str, Any], where: str, placing: tuple[str, ...] = ()) -> Any:
-        build = TypeAdapter(union).validate_python
+        build = TypeAdapter(union).validate_json
         tags = tuple(table.get(key) for key in CHOICES)
-        return self._validate(lambda: build(table), where, (*keys_of(union, table), *placing), tags, union)
+        return self._validate(
+            lambda: build(_strict(table), strict=True), where, (*keys_of(union, table), *placing), tags, union
+        )
 
     def _validate(
         self, build: Any, where: str, valid: tuple[str, ...], tags: tuple[Any, ...] = (), union: Any = None

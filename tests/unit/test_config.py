@@ -1,5 +1,6 @@
 """cell.toml: every fault at once, with the key, and the nearest valid one."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,16 @@ def test_all_faults_are_reported_at_once(good: Path) -> None:
 def test_no_nonsense_becomes_a_speed_limit(good: Path, number: str) -> None:
     good.write_text(good.read_text().replace("speed_limit_rad_s = 0.5", f"speed_limit_rad_s = {number}"))
     assert any("speed_limit_rad_s" in key for key in faults_of(good))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("range_m", "true"), ("range_m", '"1.3"'), ("sigma_m", "1e-300"), ("sigma_m", "nan")]
+)
+def test_no_nonsense_becomes_a_gauge(good: Path, key: str, value: str) -> None:
+    text, times = re.subn(rf"(?m)^{key} = .*$", f"{key} = {value}", good.read_text(), count=1)
+    assert times == 1
+    good.write_text(text)
+    assert [path for path in faults_of(good) if path.startswith("gauge[0]") and path.endswith(key)]
 
 
 def test_a_gauge_on_a_robot_that_is_not_there_is_refused(good: Path) -> None:
