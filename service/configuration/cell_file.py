@@ -240,7 +240,7 @@ def _text_of(path: Path) -> str:
 
 
 def _strict(table: Any) -> str:
-    """Return a table as JSON: pydantic's strict reading takes lists and dates of that, but no ``true`` as a number."""
+    """Return a table as JSON: of that, strict reading takes lists and dates, but no ``true`` as a number."""
     return json.dumps(table, default=str)
 
 
