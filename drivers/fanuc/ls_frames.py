@@ -4,7 +4,9 @@ Positions with UF : F or UT : F stand in the frame or tool that is chosen when t
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import PurePath
 
 from drivers.fanuc.ls_remarks import statements_of
 from drivers.programs.across import Abroad, RoutineSaid
@@ -21,6 +23,7 @@ _SET = {
     "frame": re.compile(rb"\b(?:UFRAME|BENUTZER)\[((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="),
     "tool": re.compile(rb"\b(?:UTOOL|WKZ)\[((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="),
 }
+_SET_BY = "{} sets its frame or tool while it runs"
 _SETS_ANY = re.compile(rb"(?:UFRAME|BENUTZER|UTOOL|WKZ)\[")
 _UNKNOWN = "*"  # a number that only the running program knows
 _USED = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
@@ -78,20 +81,35 @@ def with_chosen_frames(positions: Positions, data: bytes, name: str, abroad: Abr
     )
 
 
-def without_set_frames(positions: Positions, data: bytes) -> Positions:
-    """Return positions of which those are left whose frame or tool their own program sets: the cell has another."""
+def frames_set(file: str, name: str, data: bytes) -> dict[str, str]:
+    """Return which frames and tools a program sets itself, and what to say of positions in them.
+
+    The keys begin with the folder: programs of one controller lie together.
+    """
     if _SETS_ANY.search(data) is None:  # as in nearly all
-        return positions
+        return {}
     statements = statements_of(data)[1]
+    told = {(which, found.partition(b":")[0].strip()) for which in _SET for found in _SET[which].findall(statements)}
+    return {
+        _key(file, which, str(int(number)) if number.isdigit() else _UNKNOWN): _SET_BY.format(name)
+        for which, number in told
+    }
+
+
+def without_set_frames(positions: Positions, file: str, set_by_whom: Mapping[str, str]) -> Positions:
+    """Return positions of which those are left whose frame or tool a program sets: the cell has another."""
     barred = dict(positions.barred)
     for which, column in (("frame", positions.user_frames), ("tool", positions.tools)):
-        told = {found.strip() for found in _SET[which].findall(statements)}
-        numbers = {str(int(one)) for one in told if one.isdigit()}
-        any_ = any(not one.isdigit() for one in told)  # a register says which
-        for row, name in enumerate(column):
-            if positions.kinds[row] == CARTESIAN and (any_ or name in numbers):
-                barred.setdefault(row, COMPUTED)
+        any_ = set_by_whom.get(_key(file, which, _UNKNOWN), "")  # a register says which
+        whys = {name: set_by_whom.get(_key(file, which, name or ""), any_) for name in set(column)}
+        for row, name in enumerate(column) if any(whys.values()) else ():
+            if positions.kinds[row] == CARTESIAN and whys[name]:
+                barred.setdefault(row, whys[name])
     return replace(positions, barred=barred) if len(barred) > len(positions.barred) else positions
+
+
+def _key(file: str, which: str, number: str) -> str:
+    return f"{PurePath(file).parent} {which} {number}"
 
 
 def open_rows(positions: Positions) -> list[int]:

@@ -17,6 +17,7 @@ from drivers.fanuc.ls_edit import edited
 from drivers.fanuc.ls_fixed import Body
 from drivers.fanuc.ls_frames import (
     chosen_and_called,
+    frames_set,
     open_rows,
     with_chosen_frames,
     without_set_frames,
@@ -72,7 +73,10 @@ class LsProgram:
             return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED))
         if open_rows(found):
             found = self._with_chosen(found)
-        return without_set_frames(found, self._place.data)
+        doubtful = frames_set(self.file, self.name, self._place.data)
+        if self.abroad is not None and self.abroad.doubtful:
+            doubtful = {**self.abroad.doubtful, **doubtful}
+        return without_set_frames(found, self.file, doubtful) if doubtful else found
 
     def _with_chosen(self, found: Positions) -> Positions:
         abroad = self.abroad or Across({self.file: self.said}).of(self.file)
@@ -99,7 +103,8 @@ class LsProgram:
 
     def with_abroad(self, abroad: Abroad | None) -> "LsProgram":
         """Return the listing with what the controller's other programs choose."""
-        if abroad is self.abroad or not open_rows(self._read[0]):
+        tells = abroad is not None and (abroad.doubtful or open_rows(self._read[0]))
+        if abroad is self.abroad or not tells:
             return self
         other = LsProgram(self.file, self._place.data)
         other._fixed, other.abroad = self._fixed, abroad
@@ -148,7 +153,8 @@ def said_by(file: str, data: bytes) -> Said:
     """Return what a listing says that counts for others; it need not be a sound one."""
     found = _PROGRAM.search(data)
     name = found[1].decode("cp437").upper() if found else ""
-    return Said(PurePath(file).stem, routines={name: chosen_and_called(data)}, flat=True)
+    routines, doubtful = {name: chosen_and_called(data)}, frames_set(file, name, data)
+    return Said(PurePath(file).stem, routines=routines, doubtful=doubtful, flat=True)
 
 
 def read_listings(files: Sequence[tuple[str, bytes]]) -> list[LsProgram | ProgramFileError]:

@@ -339,6 +339,7 @@ def shift_x():
         ("UTOOL[2]=PR[7]", [0]),
         ("UFRAME[R[3]]=PR[7]", [0]),
         ("UFRAME[2]=PR[7]", []),
+        ("UFRAME[2:fixture]=PR[7]", []),
         ("//UFRAME[1]=PR[7]", []),
         ("PR[7]=UFRAME[1]", []),
     ],
@@ -346,7 +347,7 @@ def shift_x():
 def test_a_position_in_a_frame_or_tool_that_its_program_sets_is_left(statement: str, left: list[int]):
     program = read(P1, f"   1:  {statement} ;\n   2:J P[1] 50% FINE ;\n")
     assert sorted(program.positions.barred) == left
-    assert all("while the program runs" in why for why in program.positions.barred.values())
+    assert all("sets its frame or tool" in why for why in program.positions.barred.values())
 
 
 REMOTE = (
