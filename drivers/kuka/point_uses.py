@@ -1,5 +1,6 @@
 """Moves to the points of a KUKA program, and the tool and base that each is done with."""
 
+from collections.abc import Container
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -31,6 +32,9 @@ class PointUses:
     rows: list[Used] = field(default_factory=list)  # of points written into moves
     uses: dict[str, dict[tuple[int, Branches, str], Used]] = field(default_factory=dict)  # of named points
     set_frames: dict[str, list[Pose | None]] = field(default_factory=lambda: {"TOOL": [], "BASE": []})
+    set_tables: set[str] = field(
+        default_factory=set
+    )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
     external_tool: bool = False
     deciding: dict[str, tuple[Held, ...]] = field(default_factory=dict)  # by name
     known_held: dict[tuple[int, str, bool, bool, bool], Held] = field(default_factory=dict)
@@ -93,8 +97,8 @@ class PointUses:
     def held(self, used: Used, *, joints: bool) -> Held:
         """Return the tool and base of a move as far as this file says."""
         routine = self.routines[used.routine]
-        tool_said = routine.tool.surely_before(used.place, used.branches)
-        base_said = routine.base.surely_before(used.place, used.branches)
+        tool_said = routine.tool.surely_before(used.place, used.branches, routine.jumps)
+        base_said = routine.base.surely_before(used.place, used.branches, routine.jumps)
         key = (used.routine, used.why, tool_said, base_said, joints)
         if key not in self.known_held:
             self.known_held[key] = self._held(
@@ -110,7 +114,8 @@ class PointUses:
             return Held(None, None, why, routine.name)
         tool = _resolved(routine.tool.value(said_before=tool_said), self._name_of_set("TOOL"))
         base = _resolved(routine.base.value(said_before=base_said), self._name_of_set("BASE"))
-        return Held(tool, base, "", routine.name)
+        why = in_set_table(self.set_tables, tool, None if joints else base)
+        return Held(None, None, why, routine.name) if why else Held(tool, base, "", routine.name)
 
     def uses_said(self) -> dict[str, frozenset[Held]]:
         """Return the moves to points that other files declare."""
@@ -134,6 +139,7 @@ class PointUses:
                 frozenset(routine.base.values),
                 frozenset(routine.calls),
                 routine.shown,
+                routine.resets,
             )
             for routine in self.routines
         }
@@ -149,6 +155,15 @@ class PointUses:
     def _name_of_set(self, which: str) -> str | None:
         given = self.set_frames[which]
         return f"${which}" if len(given) == 1 and given[0] is not None else None
+
+
+def in_set_table(set_tables: Container[str], tool: str | None, base: str | None, prefix: str = "") -> str:
+    """Return why nobody can tell where a tool or base of the tables is that programs set; "" where none does."""
+    for which, number in (("TOOL", tool), ("BASE", base)):
+        told = number is not None and number.isdigit() and number != "0"
+        if told and any(f"{prefix}{which} {one}" in set_tables for one in (number, "*")):
+            return BARRED["computed"]
+    return ""
 
 
 def _resolved(value: str | None, name_of_set: str | None) -> str | None:

@@ -5,12 +5,13 @@ from dataclasses import dataclass, field
 
 from drivers.kuka.collected import Collected
 from drivers.kuka.data_list import remark_comment, remark_hidden_positions
-from drivers.kuka.frame_uses import BARRED, UNKNOWN, Branches, Routine
+from drivers.kuka.frame_uses import BARRED, RESET, UNKNOWN, Branches, Routine
 from drivers.kuka.lines import DECLARING, Item, Line, declaration, first_word, item, line_at, without_strings
 from drivers.kuka.literals import Literal
 from drivers.kuka.point_uses import PointUses, Used
 from drivers.kuka.usual import TAUGHT_MOVE
 from drivers.programs.across import COPIED
+from drivers.programs.barred import OVERWRITTEN
 from drivers.programs.spans import Source
 
 _B = r"[ \t\r]"
@@ -34,7 +35,7 @@ _OWN_FRAME_DATA = re.compile(rf"\b(?:STOOL2?|SBASE){_B}*+\({_B}*+(\w++)", re.ASC
 _NAMES_POINT = re.compile(rf"{_B}*+([A-Za-z_]\w*+){_B}*+(?:\[([^\[\]]*+)\])?+", re.ASCII)
 _WORD = re.compile(r"(?<![\w.$#])([A-Za-z_]\w*+)(?:\[([^\[\]]*+)\])?+", re.ASCII)
 _BAS = re.compile(
-    rf"\bBAS{_B}*+\({_B}*+#(TOOL|BASE|PTP_PARAMS|CP_PARAMS|FRAMES|INITMOV){_B}*+,?+{_B}*+([^)]*+)",
+    rf"\bBAS{_B}*+\({_B}*+#(TOOL|BASE|EX_BASE|PTP_PARAMS|CP_PARAMS|FRAMES|INITMOV){_B}*+,?+{_B}*+([^)]*+)",
     re.IGNORECASE,
 )
 _FRAME_SET = re.compile(rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE)\b({_B}*+\.)?+{_B}*+=(?!=){_B}*+", re.IGNORECASE)
@@ -47,6 +48,8 @@ _BRANCHES = frozenset(
     ("IF", "SWITCH", "WHILE", "FOR", "ELSE", "CASE", "DEFAULT", "ENDIF", "ENDSWITCH", "ENDWHILE", "ENDFOR")
 )
 _MOTION_DATA = frozenset(("FDAT_ACT", "LDAT_ACT", "PDAT_ACT"))  # of the controller's types: never positions
+_TABLES = {"TOOL_DATA": "TOOL", "BASE_DATA": "BASE"}
+_NAME_VALUE = re.compile(r"(?!(?:TRUE|FALSE)\b)[A-Za-z_$(]", re.IGNORECASE)  # no number, truth or choice
 _NULL = re.compile(rf"\$NULLFRAME{_B}*+", re.IGNORECASE)
 _COMPONENT = re.compile(
     rf"{_B}*+[$A-Za-z_][\w$]*+(?:{_B}*+\[[^\[\]\n]*+\])?+{_B}*+\.{_B}*+(?:[XYZABC]|A[1-6]|E[1-6]){_B}*+=(?!=)",
@@ -55,7 +58,10 @@ _COMPONENT = re.compile(
 _CALLED = re.compile(rf"[$A-Za-z_][\w$]*+{_B}*+\(", re.ASCII)
 _POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNORECASE)
 _MOST_TARGETS = 3  # a circle has two
+_MOST_DIGITS = 9
 _DEEPEST = 30  # branches inside each other
+_LANDINGS = frozenset(("ENDLOOP", "UNTIL"))
+_SENSOR = "TS_BC"  # TouchSense: corrections from what was found
 _SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
 
 _OFFSET = "The operator ':' adds a frame to this point while the program runs."
@@ -63,6 +69,7 @@ _RELATIVE = "A relative move: it goes on from where the robot is, and stays as i
 _CALL = "The target of this move is computed."
 _ASSIGNED = "{} is set while the program runs; that value is not read."
 _FRAME_SET_TEXT = "${} is set while the program runs; points written into moves are in it."
+_FOUND = "{} corrects the points that follow by what a sensor finds."
 _EXTERNAL_TEXT = (
     "$IPO_MODE is set here: with #TCP, the tool stands in the cell, and the points are not changed."
 )
@@ -105,7 +112,6 @@ class Program:
 
     def read_taught_move(self, found: re.Match[str]) -> None:
         """Take a move as the inline forms write it, with all that stands around it."""
-        self.points.routines[-1].calls.add("BAS")
         self._take_both(found.start("bas"), UNKNOWN)
         self.frame_data = f"F{found['point']}".upper()
 
@@ -181,9 +187,12 @@ class Program:
             self._use(name, place, why)
 
     def _use(self, name: re.Match[str], place: int, why: str) -> None:
-        key = name[1].upper()
-        if name[2] is not None:
-            index = "".join(name[2].split())
+        self._note(name[1], name[2], place, why)
+
+    def _note(self, name: str, index: str | None, place: int, why: str) -> None:
+        key = name.upper()
+        if index is not None:
+            index = "".join(index.split())
             key += f"[{index}]" if index.replace(",", "").isdigit() else "[]"
         self.points.use(key, place, self.branches, why)
 
@@ -213,18 +222,29 @@ class Program:
             else:  # of a spline block, whose segments may have their own
                 self._take_both(line.start, UNKNOWN)
         elif "." in code and _COMPONENT.match(code):
-            self.found.remark(line.start, "computed", _ASSIGNED.format(code.partition("=")[0].strip()))
+            self._component(code, line)
         else:
             self._assignment(line)
 
     def _flow(self, code: str, line: Line, word: str) -> None:
         """Take calls, branches, and the frame data that the next move is done with."""
+        routine = self.points.routines[-1]
         if "(" in code and (step := _STEP_INTO.match(code)) is not None:
-            self.points.routines[-1].calls.add(step[1].upper())
+            self._call(step[1].upper(), line)
         elif word in _BRANCHES:
             self._branch(word, line.start)
         elif word == "FDAT_ACT" and (data := _FRAME_DATA_SET.match(code)) is not None:
             self.frame_data = data[1].upper()
+        elif word in ("GOTO", "EXIT"):
+            routine.jumps.first = line.start if routine.jumps.first is None else routine.jumps.first
+        elif word in _LANDINGS or code.rstrip().endswith(":"):
+            routine.jumps.landings.append(line.start)
+
+    def _call(self, name: str, line: Line) -> None:
+        if name.startswith(_SENSOR):
+            self.found.remark(line.start, "vision", _FOUND.format(name))
+        if name != "BAS":  # what its commands do is known
+            self.points.routines[-1].calls.add(name)
 
     def _branch(self, word: str, place: int) -> None:
         if word not in ("IF", "SWITCH", "WHILE", "FOR"):
@@ -252,9 +272,15 @@ class Program:
         routine = self.points.routines[-1]
         if command in _SET_BY_POINTS:  # taken from the point's own data, which is not in this file
             self._take_both(place, UNKNOWN)
-        elif command != "INITMOV":
+        elif command == "INITMOV":
+            routine.resets = True
+            for use in (routine.tool, routine.base):
+                if use.values:
+                    use.take(place, RESET, self.branches)
+        else:
             use = routine.tool if command == "TOOL" else routine.base
-            use.take(place, argument if argument.isdigit() else UNKNOWN, self.branches)
+            known = command != "EX_BASE" and argument.isdigit()  # a base that an external axis turns
+            use.take(place, argument if known else UNKNOWN, self.branches)
 
     def _frame_set(self, frame: re.Match[str], line: Line) -> None:
         text, place = self.found.source.text, line.start + frame.end()
@@ -291,27 +317,55 @@ class Program:
             remark_hidden_positions(self.found, line, line.start)
 
     def _value(self, name: Item, line: Line) -> None:
-        source = self.found.source
-        kind = self.types.get(name.name.upper(), "")
-        value = without_strings(source.text[name.value : line.end])
-        if not value.startswith("{"):
-            if name.name.upper() not in _MOTION_DATA:
+        upper = name.name.upper()
+        value = without_strings(self.found.source.text[name.value : line.end])
+        if upper in _TABLES:
+            self._table_set(name, line)
+        elif value.startswith("{"):
+            self._struct(name, value, self.types.get(upper, ""), line)
+        else:
+            if upper not in _MOTION_DATA:
                 self._use_all(value, line.start, COPIED)
-            if kind or _POINT_VALUE.search(value):
+                self._overwritten(name, value, line)
+            if upper in self.types or _POINT_VALUE.search(value):
                 self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
             else:
                 remark_hidden_positions(self.found, line, line.start)
-            return
-        if "{" in value[1:] or ":" in value.partition("}")[2] or not _POINT_STRUCT.match(value):
-            remark_hidden_positions(self.found, line, line.start)
-            return
-        literal = self.found.literal(name.value or 0, line.end)
-        if literal is None:
-            return
-        if not literal.axes and (kind == "FRAME" or literal.type == "FRAME" or not any(literal.state)):
-            self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
-        else:
+
+    def _struct(self, name: Item, value: str, kind: str, line: Line) -> None:
+        alone = "{" not in value[1:] and ":" not in value.partition("}")[2] and _POINT_STRUCT.match(value)
+        literal = self.found.literal(name.value or 0, line.end) if alone else None
+        is_frame = kind == "FRAME" or (
+            literal is not None and (literal.type == "FRAME" or not any(literal.state))
+        )
+        if literal is not None and (literal.axes or not is_frame):
             self._add(name.full, literal, known=False)
+        elif literal is not None:
+            self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
+        elif not alone:
+            remark_hidden_positions(self.found, line, line.start)
+        if literal is None or not literal.whole or (is_frame and not literal.axes):
+            self._overwritten(name, value, line)
+
+    def _overwritten(self, name: Item, value: str, line: Line) -> None:
+        """Note that a name, which may be a point of a data list, gets a value that is not written here."""
+        if name.name[0] != "$" and (value[:1] == "{" or _NAME_VALUE.match(value)):
+            self._note(name.name, name.index, line.start, OVERWRITTEN)
+
+    def _component(self, code: str, line: Line) -> None:
+        self.found.remark(line.start, "computed", _ASSIGNED.format(code.partition("=")[0].strip()))
+        name = item(self.found.source.text, line.start, line.end)
+        if name is not None and name.name.upper() in _TABLES:
+            self._table_set(name, line)
+        elif name is not None:
+            self._overwritten(name, "{", line)
+
+    def _table_set(self, name: Item, line: Line) -> None:
+        index = (name.index or "").strip()
+        number = str(int(index)) if index.isdigit() and len(index) < _MOST_DIGITS else "*"
+        self.points.set_tables.add(f"{_TABLES[name.name.upper()]} {number}")
+        if name.value is not None:  # a component's is told already
+            self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
 
 
 _POINT_STRUCT = re.compile(r"\{[^{}]*?(?:\b[XYZABC]|\bA[1-6])[ \t]+[-+.\d]", re.IGNORECASE)

@@ -16,9 +16,11 @@ from drivers.kuka.collected import Collected, refusal
 from drivers.kuka.configuration import KukaConfigurations, parts_of
 from drivers.kuka.data_list import declared_names, read_data_list
 from drivers.kuka.literals import AXIS_FIELDS, POSE_FIELDS, STATE_FIELDS, field_spans
+from drivers.kuka.point_uses import in_set_table
 from drivers.kuka.program import read_program
 from drivers.kuka.written import LEAST_ANGLE_DECIMALS, LEAST_LENGTH_DECIMALS, LEAST_TURN, Written
 from drivers.programs.across import Abroad, Said, settled
+from drivers.programs.barred import COMPUTED
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
 from drivers.programs.declared_poses import Poses, with_declared
@@ -33,6 +35,7 @@ _DEFINED_BYTES = re.compile(
     rb"^(?:\xef\xbb\xbf)?[ \t]*+(?:GLOBAL[ \t]++)?+(?:DEFDAT|DEFFCT|DEF)\b|^&[A-Z]", re.I | re.M
 )
 _TABLES = re.compile(rb"\b(?:TOOL|BASE)_DATA[ \t]*+\[", re.IGNORECASE)
+_ROOT = re.compile(r"R\d", re.IGNORECASE)  # KRC/R1: where the programs of a controller stand
 Spans = dict[str, tuple[int, int]]
 _LOOKED_AT = 1 << 16  # bytes in which a program names itself
 
@@ -139,6 +142,7 @@ class KukaFile:
             taught=self.taught,
             routines=self.routines,
         )
+        positions = _without_set_tables(positions, self.said.module, abroad)
         frames = with_declared(self.frames, positions, abroad.tools, abroad.bases, own=frozenset())
         return replace(self, positions=positions, frames=frames, remarks=(*self.remarks, *remarks))
 
@@ -213,7 +217,8 @@ def _of_tables(poses: Mapping[str, Pose]) -> Poses:
 
 def _read_src(source: Source) -> _Read:
     points = read_program(source).points
-    said = Said("", uses=points.uses_said(), routines=points.routines_said())
+    doubtful = dict.fromkeys(points.set_tables, COMPUTED)
+    said = Said("", uses=points.uses_said(), routines=points.routines_said(), doubtful=doubtful)
     routines = {used.row: points.routines[used.routine].name for used in points.rows}
     return points.found, points.frames(), _ToOthers(said, routines=routines)
 
@@ -251,7 +256,32 @@ def _says(name: str, data: bytes) -> Said | None:
 
 def _said_as(path: PurePath, said: Said) -> Said:
     module = path.stem.upper()
-    return replace(said, module=module, public=module == "$CONFIG")
+    doubtful = {
+        f"{module if key[-1] == '*' else _cell(path)} {key}": why for key, why in said.doubtful.items()
+    }
+    return replace(said, module=module, public=module == "$CONFIG", doubtful=doubtful)
+
+
+def _cell(path: PurePath) -> str:
+    """Return the folder of a controller's programs: all below its R1, or those that lie together."""
+    parts = path.parent.parts
+    roots = [depth for depth, part in enumerate(parts, 1) if _ROOT.fullmatch(part)]
+    return "/".join(parts[: roots[-1]] if roots else parts)
+
+
+def _without_set_tables(positions: Positions, module: str, abroad: Abroad) -> Positions:
+    """Return positions of which those are left whose tool or base a program sets in the tables.
+
+    Where an index is computed, that is said of the program's own points only.
+    """
+    if not abroad.doubtful:  # as nearly always
+        return positions
+    barred, cell = dict(positions.barred), _cell(PurePath(abroad.file))
+    for row, (tool, base) in enumerate(zip(positions.tools, positions.user_frames, strict=True)):
+        whys = (in_set_table(abroad.doubtful, tool, base, f"{whose} ") for whose in (module, cell))
+        if positions.kinds[row] == CARTESIAN and (why := next(filter(None, whys), "")):
+            barred.setdefault(row, why)
+    return replace(positions, barred=barred)
 
 
 BRAND = ProgramBrand(

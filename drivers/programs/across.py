@@ -46,6 +46,7 @@ class RoutineSaid:
     frames: frozenset[str] = frozenset()
     calls: frozenset[str] = frozenset()
     shown: bool = True  # other files may call it
+    resets: bool = False  # it sets tool and frame to what the controller begins with
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +109,7 @@ class Across:
         self._names = [(file, name) for file, one in said.items() for name in one.routines]
         self._numbers = {routine: number for number, routine in enumerate(self._names)}
         self._marks: tuple[_Around, _Around] | None = None
+        self._resets_below: list[Marks] = []  # by routine: those that it calls and that reset
         self._tools = DeclaredPoses({file: one.tools for file, one in said.items() if one.tools})
         self._bases = DeclaredPoses({file: one.bases for file, one in said.items() if one.bases})
         for file, one in said.items():
@@ -171,6 +173,8 @@ class Across:
         asked = [*([(tools, own.tools)] if tool else ()), *([(frames, own.frames)] if frame else ())]
         below = [(value, who) for (marks, _), has in asked for value, who in marks[number]
                  if value not in has and (has or value != _NOT_GIVEN)]  # fmt: skip
+        if any(has for _, has in asked):
+            below += self._resets_below[number]
         if below:
             value, who = below[0]
             return self._named(_UNGIVEN if value == _NOT_GIVEN else _CALLED, who)
@@ -188,6 +192,8 @@ class Across:
             frozenset([_NOT_GIVEN]) if self._lacks_some(file, one) else frozenset[str]()
             for (file, _), one in zip(self._numbers, routines, strict=True)
         ]
+        resets, _ = reached(calls, [frozenset([""]) if one.resets else frozenset() for one in routines])
+        self._resets_below = [tuple(mark for called in some for mark in resets[called]) for some in calls]
         return (
             reached(calls, [one.tools | its for one, its in zip(routines, more, strict=True)]),
             reached(calls, [one.frames | its for one, its in zip(routines, more, strict=True)]),

@@ -2,4 +2,5 @@
 
 SEVERAL = "the program sets another tool or base for it at different places"
 COMPUTED = "its tool or base is set while the program runs"
+OVERWRITTEN = "the program gives it another value while it runs"
 LATER = "its program sets the tool or base below it, or in a branch"

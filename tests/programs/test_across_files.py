@@ -155,6 +155,66 @@ def test_a_kuka_point_with_frame_data_is_left_where_it_is_moved_to_otherwise(tmp
     assert (words in found) if words else (found == ("1", "2"))
 
 
+BAS_SRC = """DEF BAS (COMMAND :IN,REAL_PAR :IN )
+SWITCH COMMAND
+CASE #BASE
+  BASE (REAL_PAR )
+CASE #INITMOV
+  BASE (0 )
+  $TOOL=TOOL_DATA[1]
+ENDSWITCH
+END
+DEF BASE (BASE_NO :IN )
+$BASE=BASE_DATA[BASE_NO]
+END
+"""
+
+
+@pytest.mark.parametrize(
+    ("lines", "others", "words"),
+    [
+        (USED, {"bas.src": BAS_SRC}, ""),  # what the controller's own commands do is known
+        (("P1=FOUND", *USED), {}, "another value"),
+        (("P1.Z=P1.Z+5", *USED), {}, "another value"),
+        (("P1={X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0}:SHIFT", *USED), {}, "another value"),
+        (("P1={Z 3.0}", *USED), {}, "another value"),
+        (("P2=P1", *USED), {}, ""),
+        (("N=N+1", "FLAG=TRUE", "KIND=#GOOD", *USED), {}, ""),
+        (USED, {"c.src": src("C", "P1=FOUND")}, ""),  # its own P1: this one is not GLOBAL
+        (USED, {"c.src": src("C", "BASE_DATA[4]=FOUND")}, "while the program runs"),
+        (USED, {"c.src": src("C", "BASE_DATA[3]=FOUND", "BASE_DATA[N]=FOUND")}, ""),
+        (USED, {"two/c.src": src("C", "BASE_DATA[4]=FOUND")}, ""),
+        ((*USED, "BASE_DATA[4]=FOUND"), {}, "while the program runs"),
+        ((*USED[:2], "SUB()", USED[2]), {"s.src": src("SUB", "BAS (#INITMOV,0 )")}, "SUB in s.src"),
+        ((*USED[:2], "SUB()", USED[2]), {"s.src": src("SUB", "BAS (#INITMOV,0 )", "BAS(#BASE,4)", "BAS(#TOOL,1)")},
+         "SUB in s.src"),
+        (("BAS (#INITMOV,0 )", *USED), {"m.src": src("M", "BAS (#INITMOV,0 )", "A()")}, ""),
+    ],
+)  # fmt: skip
+def test_a_kuka_point_is_left_where_it_or_its_base_gets_another_value(tmp_path, lines, others, words):
+    files = {"a.dat": OWN, "a.src": src("A", *lines), **others}
+    found = told(read(tmp_path, files)["a.dat"], "P1")
+    assert (words in found) if words else (found == ("1", "4"))
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("XP1=XP2", "another value"),
+        ("XP1.X=XP1.X+N", "another value"),
+        ("BASE_DATA[2]=FOUND", "while the program runs"),
+        ("TOOL_DATA[N]=FOUND", "while the program runs"),
+        ("BASE_DATA[3]=FOUND", ""),
+        ("$H_POS=XP1", ""),
+    ],
+)
+def test_a_kuka_point_with_frame_data_is_left_where_its_program_sets_it_or_its_base(tmp_path, line, words):
+    taught = ("FDAT_ACT=FP1", "BAS(#PTP_PARAMS,100)", "PTP XP1")
+    files = {"a.dat": dat("A", f"DECL E6POS XP1={POINT}", FRAME_DATA), "a.src": src("A", line, *taught)}
+    found = told(read(tmp_path, files)["a.dat"], "XP1")
+    assert (words in found) if words else (found == ("1", "2"))
+
+
 def test_the_last_of_very_many_moves_counts(tmp_path):
     often = ["LIN P1"] * 1200
     many = [f"DEF R{k} ( )\r\nBAS(#TOOL,1)\r\nBAS(#BASE,4)\r\nLIN P1\r\nEND" for k in range(1200)]
@@ -305,6 +365,7 @@ def pick(*statements):
 
 
 IN_3 = pick("UFRAME_NUM=3", "CALL GRIP", MOVE)
+ALONE = pick("UFRAME_NUM=3", MOVE)
 
 
 @pytest.mark.parametrize(
@@ -329,6 +390,10 @@ IN_3 = pick("UFRAME_NUM=3", "CALL GRIP", MOVE)
         ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "UFRAME_NUM=4")}, "GRIP in grip.ls, which its program calls"),
         ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "UTOOL_NUM=4")}, ("2", "3")),
         ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "CALL DEEP")}, "GRIP in grip.ls calls a program that was not"),
+        ({"pick.ls": ALONE, "init.ls": listing("INIT", "UFRAME[3]=PR[1]")}, "INIT sets its frame or tool"),
+        ({"pick.ls": ALONE, "init.ls": listing("INIT", "UTOOL[R[1]]=PR[1]")}, "INIT sets its frame or tool"),
+        ({"pick.ls": ALONE, "init.ls": listing("INIT", "UFRAME[4]=PR[1]")}, ("2", "3")),
+        ({"pick.ls": ALONE, "robot2/init.ls": listing("INIT", "UFRAME[3]=PR[1]")}, ("2", "3")),
         ({"pick.ls": IN_3, "robot2/grip.ls": listing("GRIP", "DO[1]=ON")}, "not given"),
         ({"pick.ls": IN_3, "grip.ls": listing("GRIP", "UFRAME_NUM=4").replace("/POS", "")}, "GRIP in grip.ls, which"),
     ],

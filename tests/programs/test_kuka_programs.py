@@ -137,11 +137,31 @@ def test_a_declaration_without_value_is_untaught_unless_the_value_comes_later():
         (("$BASE=BASE_DATA[2]", "OTHER()"), (), ""),
         (("$BASE=BASE_DATA[1]", "FAR()"), (), ""),
         ((), ("BAS(#BASE,1)",), "below it"),
+        (("BAS(#BASE,1)", "BAS(#EX_BASE,2)"), (), "while the program runs"),
+        (("BAS (#INITMOV,0 )", "BAS(#BASE,1)"), (), ""),
+        (("BAS(#BASE,1)", "BAS (#INITMOV,0 )"), (), "different places"),
+        (("BAS(#BASE,1)", "FIFTH()"), (), "calls"),
+        (("FIFTH()",), (), ""),
+        (("GOTO L1", "BAS(#BASE,1)", "L1:"), (), "below it"),
+        (("GOTO L1", "L1:", "BAS(#BASE,1)"), (), ""),
+        (("BAS(#BASE,1)", "GOTO L1", "L1:"), (), ""),
+        (("LOOP", "IF $IN[1] THEN", "EXIT", "ENDIF", "BAS(#BASE,1)", "ENDLOOP"), (), "below it"),
+        (("LOOP", "BAS(#BASE,1)", "IF $IN[1] THEN", "EXIT", "ENDIF", "ENDLOOP"), (), ""),
+        (("BASE_DATA[1]=FOUND", "BAS(#BASE,1)"), (), "while the program runs"),
+        (("BASE_DATA[1].Z=BASE_DATA[1].Z+5", "BAS(#BASE,1)"), (), "while the program runs"),
+        (("BASE_DATA[N]={X 1,Y 2,Z 3,A 0,B 0,C 0}", "BAS(#BASE,1)"), (), "while the program runs"),
+        (("BASE_DATA[2]=FOUND", "TOOL_DATA[1]=FOUND", "BAS(#BASE,1)"), (), ""),
+        (
+            ("BASE_DATA[2]=FOUND", "TOOL_DATA[1]=FOUND", "BAS(#BASE,1)", "BAS(#TOOL,1)"),
+            (),
+            "while the program runs",
+        ),
     ],
 )
 def test_a_point_whose_base_is_not_one_is_barred(before, after, words):
     point = "LIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
-    routines = ("END", "DEF other ( )", "third (1)", "END", "DEF THIRD(N:IN)", "$BASE=BASE_DATA[2]")
+    routines = ("END", "DEF other ( )", "third (1)", "END", "DEF THIRD(N:IN)", "$BASE=BASE_DATA[2]", "END")
+    routines += ("DEF fifth()", "BAS (#INITMOV,0 )")
     file = src(*before, point, *after, *routines)
     assert sorted(file.positions.barred) == ([0] if words else [])
     assert words in file.positions.barred.get(0, "")
@@ -174,6 +194,8 @@ def test_points_inside_moves_have_the_frames_that_the_routine_sets_once():
         ("LIN {X XNOM,Y 0,Z 100,A 0,B 0,C 0}", "computed"),
         ("PTP XP1 C_PTP ; {X 1.0,Y 2.0}", "comment"),
         ("XP1.Z = XP1.Z+5", "computed"),
+        ("BASE_DATA[3]=FOUND", "computed"),
+        ("TS_BC6DCalc(VCD1, TSg_CD0)", "vision"),
         ("PTP NEXT(3)", "computed"),
         ("$BASE=BASE_DATA[2]:SHIFT", "computed"),
         ("PTP {A1 30.0}", "computed"),
@@ -265,7 +287,7 @@ def test_motion_data_of_a_taught_move_is_no_use_of_a_position() -> None:
         "DEF A( )\r\nLDAT_ACT=LCPDAT1\r\nFDAT_ACT=FP1\r\n$BWDSTART=FALSE\r\nOTHER=XP9\r\nLIN XP1\r\nEND\r\n"
     )
     said = cast(Telling, BRAND.read("A.src", text.encode())).said
-    assert set(said.uses) == {"XP9"}  # XP1 is moved to with its own frame data
+    assert set(said.uses) == {"XP9", "OTHER"}  # XP1 is moved to with its own frame data
 
 
 @pytest.mark.parametrize("seed", range(40))
