@@ -112,8 +112,15 @@ class Across:
         self._resets_below: list[Marks] = []  # by routine: those that it calls and that reset
         self._tools = DeclaredPoses({file: one.tools for file, one in said.items() if one.tools})
         self._bases = DeclaredPoses({file: one.bases for file, one in said.items() if one.bases})
+        called = {
+            (self._folders[file], name)
+            for file, one in said.items()
+            for routine in one.routines.values()
+            for name in routine.calls
+        }
         for file, one in said.items():
-            self._doubtful |= one.doubtful
+            if not (one.flat and self._stands_alone(file, one, called)):
+                self._doubtful |= one.doubtful
             for name, routine in one.routines.items():
                 if routine.shown:
                     self._shown[name].append(file)
@@ -128,6 +135,12 @@ class Across:
         visible = frozenset(name for name, seen in one.declares.items() if seen or one.public)
         tools, bases = (every.seen_from(self._folders[file]) for every in (self._tools, self._bases))
         return Abroad(uses, self._doubtful, self._why_reached, file, visible, tools, bases)
+
+    def _stands_alone(self, file: str, one: Said, called: Set[tuple[str, str]]) -> bool:
+        """Tell whether a program calls none and is called by none: a person runs it, to set up the cell."""
+        return not any(
+            routine.calls or (self._folders[file], name) in called for name, routine in one.routines.items()
+        )
 
     def _short(self, helds: list[tuple[Held, str]]) -> list[tuple[Held, str]]:
         """Return of very many uses those that decide: an array has thousands, for each of its elements."""
