@@ -24,7 +24,7 @@ _SET = {
     "tool": re.compile(rb"\b(?:UTOOL|WKZ)\[((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="),
 }
 _SET_BY = "{} sets its frame or tool while it runs"
-_SETS_ANY = re.compile(rb"(?:UFRAME|BENUTZER|UTOOL|WKZ)\[")
+_SETTABLE = (b"UFRAME[", b"BENUTZER[", b"UTOOL[", b"WKZ[")
 _UNKNOWN = "*"  # a number that only the running program knows
 _USED = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
 # Above the first of these, every statement is run, once and in order.
@@ -86,7 +86,7 @@ def frames_set(file: str, name: str, data: bytes) -> dict[str, str]:
 
     The keys begin with the folder: programs of one controller lie together.
     """
-    if _SETS_ANY.search(data) is None:  # as in nearly all
+    if not any(word in data for word in _SETTABLE):  # as in nearly all
         return {}
     statements = statements_of(data)[1]
     told = {(which, found.partition(b":")[0].strip()) for which in _SET for found in _SET[which].findall(statements)}
