@@ -22,10 +22,7 @@ _WITH = re.compile(r"\bWITH\b", re.IGNORECASE)
 _ROUTINE = re.compile(
     rf"{_B}*+(?:GLOBAL{_B}++)?+(?:DEF|DEFFCT{_B}++\w++)\b{_B}*+(\w*+)", re.ASCII | re.IGNORECASE
 )
-_STEP_INTO = re.compile(
-    rf"(?:{_B}*+|{_B}*+(?:GLOBAL{_B}++)?+INTERRUPT{_B}++DECL\b[^\n]*?\bDO{_B}++)([A-Za-z_]\w*+){_B}*+\(",
-    re.ASCII | re.IGNORECASE,
-)
+_CALLS = re.compile(rf"(?<![\w.$])([A-Za-z_]\w*+){_B}*+\(", re.ASCII)  # in conditions and values, too
 _FRAME_DATA_SET = re.compile(rf"{_B}*+FDAT_ACT{_B}*+={_B}*+(\w++)", re.ASCII | re.IGNORECASE)
 _PREPARED = re.compile(  # what stands around every taught move
     rf"{_B}*+(?:FDAT_ACT{_B}*+={_B}*+(\w++)|(?:LDAT_ACT|PDAT_ACT|\$BWDSTART){_B}*+={_B}*+\w++){_B}*+",
@@ -60,6 +57,8 @@ _POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNORE
 _MOST_TARGETS = 3  # a circle has two
 _MOST_DIGITS = 9
 _DEEPEST = 30  # branches inside each other
+_EXTERNAL_ROUTINE = frozenset(("EXT", "EXTFCT"))
+_KNOWN_CALLS = frozenset(("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR"))
 _LANDINGS = frozenset(("ENDLOOP", "UNTIL"))
 _SENSOR = "TS_BC"  # TouchSense: corrections from what was found
 _SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
@@ -125,6 +124,8 @@ class Program:
         own = "" if cut is None else code[cut.end() :]
         own_frames = _FRAME_SET.search(own) is not None
         code = code[: cut.start()] if cut else code
+        if "(" in code:
+            self._calls(code, line)
         begin, end = motion.end(), motion.end() + len(code)
         place, part = begin, 0
         for _ in range(_MOST_TARGETS):
@@ -229,9 +230,10 @@ class Program:
     def _flow(self, code: str, line: Line, word: str) -> None:
         """Take calls, branches, and the frame data that the next move is done with."""
         routine = self.points.routines[-1]
-        if "(" in code and (step := _STEP_INTO.match(code)) is not None:
-            self._call(step[1].upper(), line)
-        elif word in _BRANCHES:
+        begins = word in _BEGIN_ROUTINE and _ROUTINE.match(code) is not None
+        if "(" in code and not begins and word not in _EXTERNAL_ROUTINE:
+            self._calls(code, line)
+        if word in _BRANCHES:
             self._branch(word, line.start)
         elif word == "FDAT_ACT" and (data := _FRAME_DATA_SET.match(code)) is not None:
             self.frame_data = data[1].upper()
@@ -240,11 +242,12 @@ class Program:
         elif word in _LANDINGS or code.rstrip().endswith(":"):
             routine.jumps.landings.append(line.start)
 
-    def _call(self, name: str, line: Line) -> None:
-        if name.startswith(_SENSOR):
-            self.found.remark(line.start, "vision", _FOUND.format(name))
-        if name != "BAS":  # what its commands do is known
-            self.points.routines[-1].calls.add(name)
+    def _calls(self, code: str, line: Line) -> None:
+        names = {name.upper() for name in _CALLS.findall(code)} - _KNOWN_CALLS
+        self.points.routines[-1].calls |= names
+        for name in sorted(names):
+            if name.startswith(_SENSOR):
+                self.found.remark(line.start, "vision", _FOUND.format(name))
 
     def _branch(self, word: str, place: int) -> None:
         if word not in ("IF", "SWITCH", "WHILE", "FOR"):

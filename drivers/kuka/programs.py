@@ -266,7 +266,7 @@ def _cell(path: PurePath) -> str:
     """Return the folder of a controller's programs: all below its R1, or those that lie together."""
     parts = path.parent.parts
     roots = [depth for depth, part in enumerate(parts, 1) if _ROOT.fullmatch(part)]
-    return "/".join(parts[: roots[-1]] if roots else parts)
+    return str(PurePath(*parts[: roots[-1]] if roots else parts))
 
 
 def _without_set_tables(positions: Positions, module: str, abroad: Abroad) -> Positions:
@@ -276,11 +276,16 @@ def _without_set_tables(positions: Positions, module: str, abroad: Abroad) -> Po
     """
     if not abroad.doubtful:  # as nearly always
         return positions
-    barred, cell = dict(positions.barred), _cell(PurePath(abroad.file))
-    for row, (tool, base) in enumerate(zip(positions.tools, positions.user_frames, strict=True)):
-        whys = (in_set_table(abroad.doubtful, tool, base, f"{whose} ") for whose in (module, cell))
-        if positions.kinds[row] == CARTESIAN and (why := next(filter(None, whys), "")):
-            barred.setdefault(row, why)
+    cell = PurePath(_cell(PurePath(abroad.file)))
+    whose = (module, *map(str, (cell, *cell.parents)))  # a program counts for those below its folder
+    barred = dict(positions.barred)
+    known: dict[tuple[str | None, str | None], str] = {}
+    for row, held in enumerate(zip(positions.tools, positions.user_frames, strict=True)):
+        if held not in known:
+            whys = (in_set_table(abroad.doubtful, *held, f"{one} ") for one in whose)
+            known[held] = next(filter(None, whys), "")
+        if positions.kinds[row] == CARTESIAN and known[held]:
+            barred.setdefault(row, known[held])
     return replace(positions, barred=barred)
 
 

@@ -198,6 +198,22 @@ def test_a_kuka_point_is_left_where_it_or_its_base_gets_another_value(tmp_path, 
 
 
 @pytest.mark.parametrize(
+    ("folder", "setter", "left"),
+    [
+        ("sub/", "main.src", True),
+        ("cell/KRC/R1/Program/", "cell/KRC/R1/System/main.src", True),
+        ("one/KRC/R1/Program/", "two/KRC/R1/System/main.src", False),
+        ("sub/", "other/main.src", False),
+    ],
+)
+def test_a_kuka_base_that_a_program_sets_counts_below_its_controllers_folder(tmp_path, folder, setter, left):
+    moved = src("M", "BASE_DATA[4].z=BASE_DATA[4].z + 155")
+    files = {f"{folder}a.dat": OWN, f"{folder}a.src": src("A", *USED), setter: moved}
+    found = told(read(tmp_path, files)[f"{folder}a.dat"], "P1")
+    assert ("while the program runs" in found) if left else (found == ("1", "4"))
+
+
+@pytest.mark.parametrize(
     ("line", "words"),
     [
         ("XP1=XP2", "another value"),

@@ -134,6 +134,10 @@ def test_a_declaration_without_value_is_untaught_unless_the_value_comes_later():
         (("$BASE=BASE_DATA[N]",), (), "while the program runs"),
         (("$BASE=BASE_DATA[1]", "OTHER()"), (), "calls"),
         (("OTHER()",), (), "calls"),
+        (("$BASE=BASE_DATA[1]", "FOUND = OTHER (2)"), (), "calls"),
+        (("$BASE=BASE_DATA[1]", "IF OTHER(2) > 1 THEN", "ENDIF"), (), "calls"),
+        (("$BASE=BASE_DATA[1]", "LIN OTHER(2):SHIFT"), (), "calls"),
+        (("$BASE=BASE_DATA[1]", "EXT OTHER(INT)"), (), ""),
         (("$BASE=BASE_DATA[2]", "OTHER()"), (), ""),
         (("$BASE=BASE_DATA[1]", "FAR()"), (), ""),
         ((), ("BAS(#BASE,1)",), "below it"),
@@ -165,6 +169,16 @@ def test_a_point_whose_base_is_not_one_is_barred(before, after, words):
     file = src(*before, point, *after, *routines)
     assert sorted(file.positions.barred) == ([0] if words else [])
     assert words in file.positions.barred.get(0, "")
+
+
+def test_a_routine_does_not_call_itself_where_it_is_defined():
+    point = "LIN {X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
+    for head in ("DEF TEST (N :IN)", "GLOBAL DEF TEST ( )", "GLOBAL DEFFCT INT TEST ( )"):
+        file = read(
+            "\n".join([head, "BAS(#BASE,1)", "BAS (#INITMOV,0)", "BAS(#TOOL,1)", "END"]).encode(), "a.src"
+        )
+        assert cast(Telling, file).said.routines["TEST"].calls == frozenset()
+    assert src("BAS (#INITMOV,0)", "BAS(#BASE,1)", point).positions.barred == {}
 
 
 def test_a_point_with_a_base_of_its_own_move_is_barred():
