@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from heapq import heappop, heappush
+from itertools import accumulate
 from typing import Any, Self
 
 import numpy as np
@@ -27,6 +28,7 @@ from drivers.universal_robots.script_positions import BASE, Finder, Place
 from drivers.universal_robots.script_text import SIX_NUMBERS, Literal, ScriptText
 
 _PROGRAM = re.compile(r"^[ \t]*def[ \t]+(\w+)[ \t]*\(", re.ASCII | re.MULTILINE)
+_DEEPEST = 100  # functions that call each other
 _BOTH = "Give the pose and the joints, for a script holds no kinematics; or change the .urp it came from."
 
 
@@ -144,12 +146,23 @@ class _Tools:
         ]
         self.until = _ends(self.offsets, holding, len(source.text))
         begun = {start for start, _ in holding}
-        self.setting = sorted(  # calls of functions that set a tool
-            call
+        ends = dict(source.blocks)
+        self.functions = [  # where each begins and ends, and its calls
+            (start, ends.get(start, start), [call for call in calls if call != function.end() - 1])
             for function in _PROGRAM.finditer(source.text)
-            if function.start() + len(function[0]) - len(function[0].lstrip()) in begun
-            for call in finder.found.calls.get(function[1], ())
-        )
+            for calls in (finder.found.calls.get(function[1], ()),)
+            for start in (function.start() + len(function[0]) - len(function[0].lstrip()),)
+        ]
+        self.begins = [start for start, _, _ in self.functions]
+        self.around = _around(self.functions)
+        self.set_before: dict[int, bool] = {}  # functions that surely run after a set_tcp
+        # calls of functions that set a tool
+        self.setting = sorted(call for start, _, calls in self.functions if start in begun for call in calls)
+        self.set_at = sorted([*self.offsets, *self.setting])
+        blocks = [
+            b for b in source.blocks if bisect_right(self.set_at, b[0]) < bisect_left(self.set_at, b[1])
+        ]
+        self.set_until = list(accumulate(_ends(self.set_at, blocks, len(source.text)), max))
         self.flange_tip = _frames(source, {name: pose for _, name, pose in self.calls if pose is not None})
 
     def of(self, place: Place) -> str | None:
@@ -164,7 +177,7 @@ class _Tools:
             return "the program goes to it with different tools"
         if any(not name for name, _ in found):
             return "its tool is computed, or set below the move to it"
-        if self.several and not all(sure for _, sure in found):
+        if not all(sure for _, sure in found) and (self.several or place.pose is not None):
             return "which tool the program has there depends on the way that it takes"
         return ""
 
@@ -180,8 +193,25 @@ class _Tools:
             since = self.offsets[at - 1] if at else 0
             called = bisect_right(self.setting, since) < bisect_left(self.setting, use)
             ended = at > 0 and self.until[at - 1] < use
-            found.append((self.calls[at - 1][1] if at else "", not called and not ended))
+            sure = not called and not ended if self.several else not ended or self._is_set(use)
+            found.append((self.calls[at - 1][1] if at else "", sure))
         return found
+
+    def _is_set(self, use: int, depth: int = 0) -> bool:
+        """Tell whether a ``set_tcp``, or a call of a function with one, surely runs before what stands here."""
+        at = bisect_left(self.set_at, use)
+        if at and self.set_until[at - 1] >= use:
+            return True
+        inside = bisect_left(self.begins, use) - 1
+        while inside >= 0 and self.functions[inside][1] < use:
+            inside = self.around[inside]
+        if inside < 0 or depth == _DEEPEST:
+            return False
+        if inside not in self.set_before:
+            self.set_before[inside] = False  # for one that calls itself
+            calls = self.functions[inside][2]
+            self.set_before[inside] = bool(calls) and all(self._is_set(call, depth + 1) for call in calls)
+        return self.set_before[inside]
 
     def remarks(self, places: Sequence[Place]) -> Iterator[Remark]:
         """Yield what a person must know of the tools."""
@@ -194,6 +224,17 @@ class _Tools:
             yield Remark(
                 0, "foreign", "the tool is the one that is active on the robot: no set_tcp is in this file."
             )
+
+
+def _around(functions: Sequence[tuple[int, int, Sequence[int]]]) -> list[int]:
+    """Return the innermost function around each, -1 where there is none; functions in the order of the text."""
+    open_, found = list[int](), list[int]()
+    for index, (start, _, _) in enumerate(functions):
+        while open_ and functions[open_[-1]][1] < start:
+            open_.pop()
+        found.append(open_[-1] if open_ else -1)
+        open_.append(index)
+    return found
 
 
 def _ends(offsets: Sequence[int], blocks: Sequence[tuple[int, int]], last: int) -> list[int]:

@@ -107,6 +107,14 @@ _SUB = ("def sub():", _SET_B, "end")
         ((_SET_A, "if (b):", "i = 1", "end", f"movel({_POSE})"), ""),
         ((_SET_A, "sub()", f"movel({_POSE})", *_SUB), "way"),
         ((*_SUB, _SET_A, f"movel({_POSE})", "sub()"), ""),
+        ((*_SUB, f"movel({_POSE})", "sub()"), "way"),
+        ((*_SUB, "movel([0, -1, 1, -1, 0, 0])", "sub()"), ""),
+        ((*_SUB, "sub()", f"movel({_POSE})"), ""),
+        (("if (b):", _SET_A, "end", f"movel({_POSE})"), "way"),
+        ((*_SUB, "if (b):", "sub()", "end", f"movel({_POSE})"), "way"),
+        ((*_SUB, "def go():", f"movel({_POSE})", "end", "sub()", "go()"), ""),
+        ((*_SUB, "def go():", f"movel({_POSE})", "end", "go()", "sub()", "go()"), "way"),
+        ((*_SUB, "def go():", f"movel({_POSE})", "go()", "end"), "way"),
     ],
 )
 def test_a_place_whose_tool_is_not_one_is_barred(lines: tuple[str, ...], words: str):
