@@ -89,7 +89,11 @@ def frames_set(file: str, name: str, data: bytes) -> dict[str, str]:
     if not any(word in data for word in _SETTABLE):  # as in nearly all
         return {}
     statements = statements_of(data)[1]
-    told = {(which, found.partition(b":")[0].strip()) for which in _SET for found in _SET[which].findall(statements)}
+    told = {
+        (which, found.partition(b":")[0].strip())
+        for which in _SET
+        for found in _SET[which].findall(statements)
+    }
     return {
         _key(file, which, str(int(number)) if number.isdigit() else _UNKNOWN): _SET_BY.format(name)
         for which, number in told
