@@ -60,7 +60,9 @@ class DataList:
             upper, known = found["data_name"].upper(), self.known_data.get(found["data"])
             if known is None:
                 return False
-            self.types[upper], self.shown[upper], self.frame_data[upper] = "FDAT", False, known
+            self.types[upper], self.shown[upper] = "FDAT", False
+            if self.frame_data.setdefault(upper, known) is not known:
+                self._keep(upper, known)
             return True
         return found.lastgroup == "a_motion_data" and not _holds_a_position(found["motion_data"])
 
@@ -184,7 +186,7 @@ class DataList:
         source, place = self.found.source, name.value or line.start
         written = source.text[place : line.end]
         if (known := self.known_data.get(written)) is not None:
-            self.frame_data[name.full.upper()] = known
+            self._keep(name.full.upper(), known)
             return
         code = without_strings(written)
         if _FDAT.fullmatch(code) is None:
@@ -202,7 +204,14 @@ class DataList:
         if mode not in ("BASE", "TCP"):
             raise source.error(place, f"IPO_FRAME #{mode} is not known.", remedy="There are #BASE and #TCP.")
         data = FrameData(_numbered(numbers.get("TOOL")), _numbered(numbers.get("BASE")), mode == "TCP")
-        self.known_data[written] = self.frame_data[name.full.upper()] = data
+        self.known_data[written] = data
+        self._keep(name.full.upper(), data)
+
+    def _keep(self, upper: str, data: FrameData) -> None:
+        """Keep the data of a name; two that differ (lists copied together by hand) tell no tool and no base."""
+        had = self.frame_data.setdefault(upper, data)
+        if had != data:
+            self.frame_data[upper] = FrameData(None, None, had.external_tool or data.external_tool)
 
 
 def read_data_list(source: Source) -> DataList:

@@ -112,6 +112,15 @@ def test_a_frame_is_a_point_only_where_it_has_a_tool():
     assert read(with_data.encode()).positions.user_frames == ("2",)
 
 
+@pytest.mark.parametrize(("base", "read_base"), [("4", "4"), ("5", None)])
+def test_data_of_one_name_that_differ_tell_no_tool_and_no_base(base: str, read_base: str | None):
+    text = "DEFDAT A\n"
+    for number in ("4", base, "4"):
+        text += "DECL E6POS XP1={X 1,Y 2,Z 3,A 0,B 0,C 0,S 2,T 2}\n"
+        text += f"DECL FDAT FP1={{TOOL_NO 1,BASE_NO {number},IPO_FRAME #BASE}}\n"
+    assert read(text.encode()).positions.user_frames == (read_base,) * 3
+
+
 def test_tools_and_bases_of_the_cell_are_frames():
     file = read(
         b"DEFDAT $CONFIG PUBLIC\nDECL FRAME BASE_DATA[32]\nBASE_DATA[2]={X 1000.0,Y 0,Z 0,A 90.0,B 0,C 0}\n"
