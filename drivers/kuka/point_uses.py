@@ -1,15 +1,16 @@
 """Moves to the points of a KUKA program, and the tool and base that each is done with."""
 
-from collections.abc import Container
+from collections.abc import Container, Set
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from calibration.geometry import Pose
 from drivers.kuka.collected import Collected
-from drivers.kuka.frame_uses import BARRED, Branches, Routine, reached_from
+from drivers.kuka.frame_uses import BARRED, RESET, UNKNOWN, Branches, Routine, reached_from
 from drivers.programs.across import COPIED, Held, RoutineSaid, bare_of
 from drivers.programs.positions import CARTESIAN, Frames
 
+_MOST_COPIES = 100  # of one point, beyond which copies of copies are not looked for
 _MOST_USES = 1000  # of one name that are told apart; with more it is left
 
 
@@ -36,6 +37,8 @@ class PointUses:
         default_factory=set
     )  # "BASE 16": BASE_DATA[16] is set; "BASE *": one of them
     external_tool: bool = False
+    copies: dict[str, set[str]] = field(default_factory=dict)  # of named points: the names they are given to
+    bases_of: dict[str, Set[Held]] = field(default_factory=dict)  # of moves to a copy
     deciding: dict[str, tuple[Held, ...]] = field(default_factory=dict)  # by name
     known_held: dict[tuple[int, str, bool, bool, bool], Held] = field(default_factory=dict)
 
@@ -128,8 +131,33 @@ class PointUses:
                 if bare not in self.routines[used.routine].declared
             }
             if helds:
-                said[name.removesuffix("[]")] = frozenset(helds)
+                said[name.removesuffix("[]")] = frozenset(helds | self._of_copies(name))
         return said
+
+    def _of_copies(self, name: str) -> set[Held]:
+        """Return the bases that are set where a copy of a point, or a copy of that, is moved to."""
+        copies, waiting = set[str](), [name]
+        while waiting and len(copies) < _MOST_COPIES:
+            more = self.copies.get(waiting.pop(), set()) - copies
+            copies |= more
+            waiting += more
+        return {held for copy in copies for held in self._bases_of(copy)}
+
+    def _bases_of(self, copy: str) -> Set[Held]:
+        """Return the bases that are set where a name is moved to; any element of an array may be the one."""
+        if copy not in self.bases_of:
+            names = {copy, bare_of(copy), f"{bare_of(copy)}[]"}
+            routines = {
+                used.routine for one in names for used in self.uses.get(one, {}).values() if not used.why
+            }
+            named = self._name_of_set("BASE") or "$"
+            self.bases_of[copy] = {
+                Held(None, named if base == "$" else base, COPIED, self.routines[routine].name)
+                for routine in routines
+                for base in self.routines[routine].base.values
+                if base not in (UNKNOWN, RESET)
+            }
+        return self.bases_of[copy]
 
     def routines_said(self) -> dict[str, RoutineSaid]:
         """Return what routines set, for the files that call them."""

@@ -191,11 +191,7 @@ class Program:
         self._note(name[1], name[2], place, why)
 
     def _note(self, name: str, index: str | None, place: int, why: str) -> None:
-        key = name.upper()
-        if index is not None:
-            index = "".join(index.split())
-            key += f"[{index}]" if index.replace(",", "").isdigit() else "[]"
-        self.points.use(key, place, self.branches, why)
+        self.points.use(_key(name, index), place, self.branches, why)
 
     def _add(self, name: str, literal: Literal, *, known: bool) -> None:
         why = "" if known else BARRED["computed"]
@@ -328,7 +324,7 @@ class Program:
             self._struct(name, value, self.types.get(upper, ""), line)
         else:
             if upper not in _MOTION_DATA:
-                self._use_all(value, line.start, COPIED)
+                self._copied(name, value, line)
                 self._overwritten(name, value, line)
             if upper in self.types or _POINT_VALUE.search(value):
                 self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
@@ -349,6 +345,13 @@ class Program:
             remark_hidden_positions(self.found, line, line.start)
         if literal is None or not literal.whole or (is_frame and not literal.axes):
             self._overwritten(name, value, line)
+
+    def _copied(self, name: Item, value: str, line: Line) -> None:
+        """Note that a name is given what stands in others, which may be points."""
+        to = _key(name.name, name.index)
+        for source in _WORD.finditer(value):
+            self._note(source[1], source[2], line.start, COPIED)
+            self.points.copies.setdefault(_key(source[1], source[2]), set()).add(to)
 
     def _overwritten(self, name: Item, value: str, line: Line) -> None:
         """Note that a name, which may be a point of a data list, gets a value that is not written here."""
@@ -385,6 +388,14 @@ def read_program(source: Source) -> Program:
             program.read(line)
     program.points.finish()
     return program
+
+
+def _key(name: str, index: str | None) -> str:
+    """Return a point's name as its uses have it: ``[]`` is an element whose number the program computes."""
+    if index is None:
+        return name.upper()
+    index = "".join(index.split())
+    return name.upper() + (f"[{index}]" if index.replace(",", "").isdigit() else "[]")
 
 
 def _skip_blanks(text: str, place: int, end: int) -> int:

@@ -19,6 +19,7 @@ COPIED = "the program copies it, and only the copy is moved to"
 _MANY_USES = 64
 _DIFFERENT = "it is used with different tools or frames, in {}"
 _OTHERWISE = "it was taught with another tool or frame than {} moves there with"
+_COPY_OTHERWISE = "it was taught in another frame than {} sets where it moves to a copy of it"
 _CALLED = "{} in {}, which its program calls, sets another tool or frame"
 _CALLER = "{} in {} sets the tool or frame before its program is called, or may"
 _UNGIVEN = "{} in {} calls a program that was not given, which may set another tool or frame"
@@ -146,12 +147,14 @@ class Across:
         """Return of very many uses those that decide: an array has thousands, for each of its elements."""
         if len(helds) <= _MANY_USES:
             return helds
-        whys: dict[bool, tuple[Held, str]] = {}
+        whys: dict[str | None, tuple[Held, str]] = {}
         frames: dict[tuple[str, str], tuple[Held, str]] = {}
         for held, file in helds:
             why = held.why or self._why_reached(file, held.routine)
             if why:
-                whys.setdefault(why == COPIED, (held._replace(why=why), file))
+                kept = (held._replace(why=why), file)
+                if why != COPIED or len(whys) < _MANY_USES:
+                    whys.setdefault(_key(held.frame) if why == COPIED else None, kept)
             elif len(frames) < _MANY_USES:
                 frames.setdefault((_key(held.tool), _key(held.frame)), (held, file))
         return [*whys.values(), *frames.values()]
@@ -282,11 +285,16 @@ def _of_unused(positions: Positions, unused: Sequence[int]) -> tuple[Remark, ...
 
 def _taught_otherwise(taught: Held, helds: Sequence[tuple[Held, str]], abroad: Abroad) -> str:
     """Return why a position is left that holds a tool and frame, and is moved to with others; or ""."""
+    copied = [(held, file) for held, file in helds if held.why == COPIED]
     helds = [(held, file) for held, file in helds if held.why != COPIED]
     tool, frame, why = _together(helds, abroad) if helds else (None, None, "")
-    if why or (tool or taught.tool, frame or taught.frame) == (taught.tool, taught.frame):
+    if why:
         return why
-    return _OTHERWISE.format(PurePath(helds[0][1]).name)
+    if (tool or taught.tool, frame or taught.frame) != (taught.tool, taught.frame):
+        return _OTHERWISE.format(PurePath(helds[0][1]).name)
+    others = (file for held, file in copied if held.frame and _key(held.frame) != _key(taught.frame))
+    other = next(others, None)
+    return "" if other is None else _COPY_OTHERWISE.format(PurePath(other).name)
 
 
 def _together(helds: Sequence[tuple[Held, str]], abroad: Abroad) -> tuple[str | None, str | None, str]:

@@ -147,6 +147,10 @@ def test_a_kuka_point_has_the_tool_and_base_that_all_files_agree_on(tmp_path, fi
         (("SLIN XP1 WITH $TOOL=STOOL2(FP1),$BASE=SBASE(FP1.BASE_NO)",), ""),
         (("BAS(#BASE,5)", "BAS(#TOOL,1)", "LIN XP1"), "a.src moves there"),
         (("SLIN XP1 WITH $BASE=BASE_DATA[5]",), "while the program runs"),
+        (("XH=XP1", "XH.Z=XH.Z+50", "$BASE=BASE_DATA[5]", "LIN XH"), "a.src sets where it moves to a copy"),
+        (("XH=XP1", "QUEUE[1]=XH", "BAS(#CP_PARAMS,2)", "BAS(#BASE,5)", "LIN QUEUE[i]"), "copy"),
+        (("XH=XP1", "XH.Z=XH.Z+50", "BAS(#CP_PARAMS,2)", "BAS(#BASE,2)", "LIN XH"), ""),
+        (("XH=XP1", "BAS(#BASE,5)", "LIN XP2"), ""),
     ],
 )
 def test_a_kuka_point_with_frame_data_is_left_where_it_is_moved_to_otherwise(tmp_path, lines, words):
