@@ -168,9 +168,10 @@ _ALL = (
     _angles("ur_rpy", "RX RY RZ", "Rz(RZ) Ry(RY) Rx(RX)"),
     _quaternion("abb_quaternion", "q1 q2 q3 q4", [0, 1, 2, 3]),
     _angles("abb_euler_zyx", "EZ EY EX", "Rz(EZ) Ry(EY) Rx(EX)"),
-    # Common knowledge of the trade; no real controller's pair of joints and pose was recomputed here:
+    # By pairs of joints and pose of real controllers (drivers/kuka/README.md, drivers/yaskawa/README.md):
     _angles("kuka_abc", "A B C", "Rz(A) Ry(B) Rx(C)"),
     _angles("yaskawa_rpy", "Rx Ry Rz", "Rz(Rz) Ry(Ry) Rx(Rx)"),
+    # Common knowledge of the trade; no real controller's pair of joints and pose was recomputed here:
     _angles("staubli_rxryrz", "Rx Ry Rz", "Rx(Rx) Ry(Ry) Rz(Rz)"),
     _angles("kawasaki_oat", "O A T", "Rz(O) Ry(A) Rz(T)"),
     _angles("comau_zyz", "A E R", "Rz(A) Ry(E) Rz(R)"),

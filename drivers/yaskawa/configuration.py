@@ -1,8 +1,9 @@
 """///RCONF: which posture reaches a pose. The first six numbers are known; the others are kept.
 
-1 no-flip (R), 2 lower arm, 3 rear, 4 R, 5 T, 6 S beyond half a turn. Source: Motoman NX100 and DX100, data
-transmission function, section 4.1; NX100 operator's manual, section 3.9: flip is -90 < R <= 90 deg and whole turns
-from there.
+1 no-flip, 2 lower arm, 3 rear, 4 R, 5 T, 6 S beyond half a turn. Source: Motoman NX100 and DX100, data transmission
+function, section 4.1. Which of the two postures of a wrist is "flip" depends on the controller: on an NX100 the one
+with -90 < R <= 90 deg (and whole turns from there; operator's manual, section 3.9), on a YRC1000 the one with B above
+zero (20 postures of one, tests/data/yaskawa_ar2010_yrc1000.csv). They are told apart by how many numbers they write.
 """
 
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from drivers.programs.arm_shape import arm_shape, either
 NEAR_RAD = np.deg2rad(0.01)  # an axis this near to a border is on both sides of it
 NEAR_M = 1e-4
 _KNOWN = 6
+_OLDER = 8  # numbers of an XRC's and an NX100's RCONF; a DX100's and all later ones have 24
 _TURNS = {3: 3, 4: 5, 5: 0}  # place in RCONF: axis R, T, S
 
 
@@ -29,7 +31,7 @@ class JobConfigurations:
         """Return (N,): whether postures (N, 6) [rad] are what the texts say."""
         flags = _numbers(texts, len(joints))
         agreeing = np.ones(len(joints), dtype=bool)
-        for place, (clear, is_set) in _borders(model, joints, near=True).items():
+        for place, (clear, is_set) in _borders(model, joints, texts, near=True).items():
             if turns or place not in _TURNS:
                 said = flags[:, place]
                 agreeing &= (said < 0) | np.where(said == 1, is_set, clear)
@@ -41,7 +43,7 @@ class JobConfigurations:
 
     def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
         """Return RCONF of these postures; numbers whose meaning is not known stay."""
-        borders = _borders(model, joints, near=False)
+        borders = _borders(model, joints, like, near=False)
         sets = {place: is_set & ~clear for place, (clear, is_set) in borders.items()}
         open_ = {place: is_set & clear for place, (clear, is_set) in borders.items()}
         texts = []
@@ -55,14 +57,15 @@ class JobConfigurations:
 
 
 def _borders(
-    model: RobotModel, joints: Array, *, near: bool
+    model: RobotModel, joints: Array, texts: Sequence[str], *, near: bool
 ) -> dict[int, tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
-    """Return for each known place of RCONF whether it may be 0, and whether it may be 1."""
+    """Return for each known place of texts (N,) whether it may be 0, and whether it may be 1."""
     shape = arm_shape(model, joints)
     length, angle = (NEAR_M, NEAR_RAD) if near else (0.0, 0.0)
     front, rear = either(shape.forward_m, length)
     upper, lower = either(shape.before_arm_m, length)
-    flip, no_flip = either(np.cos(joints[:, 3]), np.sin(angle))
+    older = np.array([text.count(",") < _OLDER for text in texts], dtype=bool)
+    flip, no_flip = either(np.where(older, np.cos(joints[:, 3]), np.sin(joints[:, 4])), np.sin(angle))
     found = {0: (flip, no_flip), 1: (upper | rear, lower | rear), 2: (front, rear)}
     for place, axis in _TURNS.items():
         found[place] = either(np.pi - np.abs(joints[:, axis]), angle)

@@ -206,8 +206,7 @@ def test_angles_mean_what_the_maker_means(name, values, rotation):
 def test_yaskawas_angles_are_those_of_the_makers_own_software():
     """Yaskawa's MotoROS2 makes the quaternion of a controller's Rx, Ry, Rz by this sum (src/Quaternion_Conversion.c).
 
-    Its source calls the same angles "ZYX euler" where it makes frames of them (src/PositionMonitor.c). No public pair
-    of a controller's joints and pose was found: drivers/yaskawa/README.md says where was looked.
+    Its source calls the same angles "ZYX euler" where it makes frames of them (src/PositionMonitor.c).
     """
     angles = np.random.default_rng(4).uniform(-1.5, 1.5, (50, 3))
     (c1, c2, c3), (s1, s2, s3) = np.cos(angles / 2).T, np.sin(angles / 2).T

@@ -24,6 +24,7 @@ NOMINAL = [
     "fanuc_m6ib",
     "fanuc_r2000ic_165f",
     "kuka_kr6_r900",
+    "yaskawa_ar2010",
 ]
 
 
@@ -101,6 +102,15 @@ def test_a_kuka_stretched_and_upright(joints, x_mm, z_mm):
     matrix = flange("kuka_kr6_r900", joints)
     assert np.allclose(matrix[:3, 3] * 1e3, (x_mm, 0, z_mm), atol=1e-9)
     assert np.allclose(np.rad2deg(values_from("kuka_abc", matrix[:3, :3])), (0, 90, 0), atol=1e-6)
+
+
+def test_an_ar2010_at_zero():
+    """The upper arm upright, the forearm and the flange level; reach and heights of the maker's drawing."""
+    matrix = flange("yaskawa_ar2010", [0] * 6)
+    assert np.allclose(matrix[:3, 3] * 1e3, (150 + 1082 + 100, 0, 760 + 200), atol=1e-9)
+    assert np.allclose(matrix[:3, 2], (1, 0, 0), atol=1e-12)
+    model = load_model("yaskawa_ar2010")
+    assert round((model.dh.a_m[:2].sum() + np.hypot(0.200, 1.082)) * 1e3) == 2010
 
 
 def test_a_kuka_turns_a1_clockwise_from_above():
