@@ -12,6 +12,7 @@ from service.people.control import Control, Seat
 from service.people.entrance import Person
 from service.people.errors import NotAllowedError, PinAgainError
 from service.people.roles import Right, need_of
+from service.web.answer_shapes import ControlSeen, answering
 from service.web.door import Who, house_of
 from service.web.link import DeskGoneError
 from service.web.screens import Screen, framed
@@ -30,7 +31,7 @@ class Wish(BaseModel):
     do: Literal["ask", "withdraw", "give", "refuse"]
 
 
-@router.post("/control")
+@router.post("/control", **answering(ControlSeen, "who has control now"))
 async def wish(given: Wish, request: Request, who: Who) -> dict[str, Any]:
     """Ask to take over, or answer whoever asks; every screen is shown what came of it."""
     house = house_of(request)

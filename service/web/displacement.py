@@ -1,6 +1,5 @@
 """By how much a robot's tip is displaced where another version of its parameters holds: a diff in millimetres."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,21 +10,11 @@ from calibration.motion.motion_check import MotionLimits
 from service.configuration.cell_file import CellConfig
 from service.parameters.calibrated_models import calibrated_model
 from service.parameters.parameter_sets import ParameterSets
+from service.web.answer_shapes import Displacement
 from service.web.overlays import newest_kept
 from service.web.parameters import FOLDER
 
 POSTURES = 400
-
-
-@dataclass(frozen=True, slots=True)
-class Displacement:
-    """The largest displacement of the tip over postures drawn evenly between the joint limits."""
-
-    most_m: float
-    mean_m: float
-    postures: int
-    tip_in_flange_m: tuple[float, float, float]  # of the newest tool that was found; zeros: the flange
-    left_out: tuple[str, ...]  # parameters that differ and that a rigid arm has no place for
 
 
 def displacement(config: CellConfig, robot_serial: str, before: int, after: int) -> Displacement:

@@ -8,6 +8,7 @@ from fastapi.responses import FileResponse
 
 from service.configuration.cell_file import CellConfig
 from service.web import certificates, overlays, parameters, pictures, residuals, rollback, trends
+from service.web.answer_shapes import RunDetail, RunLine, SignedDocument, answering
 from service.web.door import Who, house_of
 from service.web.worker import issue, open_journal, store_of
 
@@ -19,14 +20,14 @@ for room in (certificates, parameters, pictures, rollback, residuals, overlays, 
     router.include_router(room.router)
 
 
-@router.get("/runs")
+@router.get("/runs", **answering(list[RunLine], "all runs"))
 async def runs(request: Request, who: Who) -> list[dict[str, Any]]:
     """Return all runs of the cell, newest first."""
     del who
     return await asyncio.to_thread(_runs, house_of(request).config)
 
 
-@router.get("/runs/{run_id}")
+@router.get("/runs/{run_id}", **answering(RunDetail, "one run"))
 async def run(run_id: str, request: Request, who: Who) -> dict[str, Any]:
     """Return one run: its settings, findings, result and verdict."""
     del who
@@ -36,9 +37,7 @@ async def run(run_id: str, request: Request, who: Who) -> dict[str, Any]:
 @router.get(
     "/runs/{run_id}/certificate.json",
     response_class=FileResponse,
-    responses={
-        200: {"content": {"application/json": {}}, "description": "the signed document, as it was signed"}
-    },
+    responses={200: {"model": SignedDocument, "description": "the signed document, as it was signed"}},
 )
 async def certificate(run_id: str, request: Request, who: Who) -> FileResponse:
     """Return the signed certificate of a run, or the record of its refusal."""

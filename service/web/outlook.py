@@ -9,12 +9,13 @@ from pydantic_core import to_jsonable_python
 
 from service.configuration.cell_file import CellConfig
 from service.desk.messages import Name
+from service.web.answer_shapes import DryRunSeen, Free, ProcedureSeen, answering
 from service.web.door import Who, house_of
 
 router = APIRouter()
 
 
-@router.get("/procedures")
+@router.get("/procedures", **answering(list[ProcedureSeen], "the catalogue"))
 async def procedures(request: Request, who: Who, robot: str | None = None) -> list[dict[str, Any]]:
     """Return the catalogue: title, settings as JSON schema, and what this cell lacks for each."""
     del who
@@ -28,10 +29,10 @@ class Outlook(BaseModel):
 
     procedure: Name
     robot: Name | None = None
-    settings: dict[str, Any] = Field(default_factory=dict)
+    settings: Free = Field(default_factory=dict)
 
 
-@router.post("/dry-runs")
+@router.post("/dry-runs", **answering(DryRunSeen, "what the run would do and bring"))
 async def foretell(asked: Outlook, request: Request, who: Who) -> dict[str, Any]:
     """Foretell a run: steps, poses, duration, predicted uncertainty, and what the cell lacks."""
     del who

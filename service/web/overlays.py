@@ -9,6 +9,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request
 
 from service.configuration.cell_file import CellConfig
+from service.web.answer_shapes import ToolDoubt, answering
 from service.web.door import Who, house_of
 from service.web.residuals import solver_of
 
@@ -52,7 +53,7 @@ async def frames(robot: RobotName, request: Request, who: Who) -> list[FrameSeen
     return await asyncio.to_thread(frames_of, house_of(request).config, robot)
 
 
-@router.get("/models/{robot}/uncertainty")
+@router.get("/models/{robot}/uncertainty", **answering(ToolDoubt, "an ellipsoid about the tip"))
 async def uncertainty(
     robot: RobotName, request: Request, who: Who, joints_rad: Annotated[str, Query(max_length=400)]
 ) -> dict[str, Any]:

@@ -13,7 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from starlette.requests import HTTPConnection
 
 from service.configuration.cell_file import CellConfig
+from service.web.answer_shapes import answering
 from service.web.door import Who, house_of
+from service.web.review_shapes import Review
 from service.web.solver import Solver
 from service.web.worker import open_journal, store_of
 
@@ -49,14 +51,14 @@ def solver_of(connection: HTTPConnection) -> Solver:
     return found
 
 
-@router.get("/runs/{run_id}/review")
+@router.get("/runs/{run_id}/review", **answering(Review, "the run as it was signed"))
 async def review(run_id: RunId, request: Request, who: Who) -> dict[str, Any]:
     """Return a run's residuals, its errors at poses that were not fitted, and the map of its work."""
     del who
     return await _asked(request, run_id)
 
 
-@router.post("/runs/{run_id}/what-if")
+@router.post("/runs/{run_id}/what-if", **answering(Review, "a what-if"))
 async def what_if(run_id: RunId, wanted: WhatIf, request: Request, who: Who) -> dict[str, Any]:
     """Return the same as if only these readings were used. Nothing is kept; the signed result stays as it is."""
     del who

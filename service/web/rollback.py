@@ -17,6 +17,7 @@ from calibration.errors import CellError
 from service.desk.messages import AnswerIt, Name
 from service.parameters.parameter_sets import ParameterSets
 from service.people.errors import PeopleError
+from service.web.answer_shapes import Displacement, answering
 from service.web.answers import Refused
 from service.web.control import permitted
 from service.web.door import Who, house_of
@@ -51,7 +52,7 @@ class GoBack(BaseModel):
     note: Annotated[str, StringConstraints(max_length=500, strip_whitespace=True)] = ""
 
 
-@router.get("/parameters/{robot_serial}/displacement")
+@router.get("/parameters/{robot_serial}/displacement", **answering(Displacement, "in metres at the tip"))
 async def displaced(
     robot_serial: str, request: Request, who: Who, before: Version, after: Version
 ) -> dict[str, Any]:

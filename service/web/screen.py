@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from service.desk.messages import Hold
 from service.people.errors import NotSignedInError, PeopleError
+from service.web.answer_shapes import SessionSeen, answering
 from service.web.control import permitted, show_control, told
 from service.web.door import Who, house_of, person_of, standing, token_of
 from service.web.link import DeskGoneError
@@ -58,7 +59,7 @@ class Beats:
         return self.clock() - self._told.get(number, float("-inf")) < FRESH_S
 
 
-@router.get("/session")
+@router.get("/session", **answering(SessionSeen, "the whole present state"))
 async def session(request: Request, who: Who) -> dict[str, Any]:
     """Return the whole present state: run, question, devices' connection, losses; null while the desk starts."""
     del who

@@ -5,7 +5,6 @@ calibration). A part that nobody has measured is named, never guessed.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from calibration.geometry import Array, Pose
 from calibration.poses.arm_fit import outlook_from
 from calibration.poses.measurement_poses import TestPoses
 from service.configuration.cell_file import CellConfig
+from service.web.answer_shapes import ToolDoubt
 from service.web.arm_review import ArmSeries, fit_of
 from service.web.overlays import Kept, newest_kept
 from service.web.review_shapes import ReviewError
@@ -23,20 +23,6 @@ from service.web.reviewer import Reviewer
 
 COVERAGE = 2.0
 TOOL, ARM = "tool", "arm"
-
-
-@dataclass(frozen=True, slots=True)
-class ToolDoubt:
-    """An ellipsoid about the tip; without parts nothing is known."""
-
-    joints_rad: tuple[float, ...]
-    tip_in_flange_m: tuple[float, float, float]
-    parts: tuple[str, ...]  # of ``tool`` and ``arm``, those that somebody measured
-    semi_axes_m: tuple[float, ...] = ()  # k = 2, longest first
-    base_ellipsoid: tuple[
-        float, ...
-    ] = ()  # (3, 3) row by row: its axes as columns, right-handed, in the base
-    runs: tuple[str, ...] = ()  # where the parts come from
 
 
 def tool_doubt(config: CellConfig, reviewer: Reviewer, robot: str, joints_rad: Sequence[float]) -> ToolDoubt:

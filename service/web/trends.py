@@ -9,6 +9,7 @@ from fastapi import APIRouter, Path, Request
 from pydantic import BaseModel, ConfigDict
 
 from service.configuration.cell_file import CellConfig
+from service.web.answer_shapes import FreeValue
 from service.web.door import Who, house_of
 from service.web.worker import open_journal, store_of
 
@@ -39,8 +40,8 @@ class Setting(_Told):
     """One setting that is not the same in both."""
 
     name: str
-    before: Any
-    after: Any
+    before: FreeValue
+    after: FreeValue
 
 
 class FigureChange(_Told):

@@ -1,0 +1,350 @@
+"""What routes answer whose answers are put together as JSON: for ``/openapi.json``, which tests hold the answers to.
+
+`Free` stands where a procedure or a maker decides what is in it: its settings and results are described by the
+procedure (``GET /api/procedures``), not by the route.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic_core import to_json
+
+Free = Annotated[dict[str, Any], Field(description="what is in it, the procedure says")]
+FreeValue = Annotated[Any, Field(description="what it is, the procedure says")]
+
+
+class Shape(BaseModel):
+    """An object with these fields and no others."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Json(JSONResponse):
+    """JSON of anything; a number that is not finite is null, as JSON has none."""
+
+    def render(self, content: Any) -> bytes:
+        """Return the bytes."""
+        return to_json(content, inf_nan_mode="null")
+
+
+def answering(shape: Any, description: str) -> dict[str, Any]:
+    """Return what a route says of its answer, for `APIRouter.get(path, **answering(...))`; tests check it."""
+    said = {200: {"model": shape, "description": description}}
+    return {"response_model": None, "response_class": Json, "responses": said}
+
+
+class ControlSeen(Shape):
+    """Who has control of the session, as one seat sees it."""
+
+    mine: bool
+    holder: str | None
+    asking: str | None
+    asking_mine: bool
+    remaining_s: float | None
+    approved: str  # the question that waits for a second person; empty for none
+    approved_by: str
+
+
+class PersonSeen(Shape):
+    """Who sits at the screen."""
+
+    name: str
+    role: str
+    locked: bool
+    alone: bool
+    rights: list[str]
+
+
+class RobotSeen(Shape):
+    """A robot of the cell."""
+
+    name: str
+    model: str
+    serial: str
+
+
+class Connection(Shape):
+    """Whether the cell's devices are connected."""
+
+    connected: bool
+    message: str
+    remedy: str
+
+
+class PhaseSeen(Shape):
+    """A step of an outline; ``repeats`` steps are called ``name 1``, ``name 2``."""
+
+    name: str
+    repeats: int | None
+    adaptive: bool
+
+
+class RunEvent(Shape):
+    """Something that a run told."""
+
+    n: int
+    kind: str
+    step: str
+    message: str
+
+
+class Contribution(Shape):
+    """A line of an uncertainty budget."""
+
+    name: str
+    standard_uncertainty: float
+    source: str
+
+
+class CharacteristicSeen(Shape):
+    """One figure of a verdict; SI units."""
+
+    name: str
+    value: float
+    unit: str
+    standard_uncertainty: float
+    coverage: float
+    expanded_uncertainty: float
+    limit: float | None
+    decision: str | None
+    rule: str
+    budget: list[Contribution]
+
+
+class ChangeSeen(Shape):
+    """Something as it was before and as it is after."""
+
+    name: str
+    before: float | None
+    after: float | None
+    unit: str
+
+
+class SetAsideSeen(Shape):
+    """A measurement that was taken and not used."""
+
+    step: str
+    reason: str
+
+
+class JudgementSeen(Shape):
+    """All that a finished procedure claims, and what it does not."""
+
+    word: Literal["PASS", "FAIL", "UNDECIDED"]
+    characteristics: list[CharacteristicSeen]
+    limits_from: str
+    not_verified: list[str]
+    remarks: list[str]
+    changes: list[ChangeSeen]
+    set_aside: list[SetAsideSeen]
+    to_sign: list[str]
+
+
+class Signed(Shape):
+    """Who confirmed a verdict's lines, and when."""
+
+    who: str
+    at_s: float
+
+
+class OutcomeSeen(Shape):
+    """How a run ended."""
+
+    verdict: str
+    reason: str
+    remedy: str
+    code: str = ""
+    judgement: JudgementSeen | None = None
+    result: FreeValue = None
+    certificate: str | None = None
+    no_certificate: str = ""
+    signed: Signed | None = None
+
+
+class RunSeen(Shape):
+    """The run that is under way, or has just ended."""
+
+    id: str
+    procedure: str
+    title: str
+    state: Literal["starting", "running", "paused", "ended"]
+    step: str
+    index: int
+    expected: int
+    phases: list[PhaseSeen]
+    found: list[str]
+    events: list[RunEvent]
+    outcome: OutcomeSeen | None
+    hold_to_move: bool
+    does: str
+    left_s: float | None
+
+
+class PromptSeen(Shape):
+    """What is asked now; ``data`` is what a page of this kind draws."""
+
+    id: str
+    kind: Literal["confirm", "enter"]
+    key: str
+    text: str
+    unit: str
+    step: str
+    page: str
+    data: Annotated[dict[str, Any], Field(description="what a page of this kind draws beside the words")]
+
+
+class LossSeen(Shape):
+    """A position that was lost or is in doubt, and what is prepared for it."""
+
+    robot: str
+    what: str
+    detected_by: str
+    mode: str
+    words: str
+    procedure: str | None
+    settings: Free
+    reasons: list[str]
+
+
+class SessionState(Shape):
+    """All that is not a live value."""
+
+    rev: int
+    cell: str
+    robots: list[RobotSeen]
+    robot: str
+    level: str
+    connection: Connection
+    run: RunSeen | None
+    prompt: PromptSeen | None
+    waits_for_hold: bool
+    losses: list[LossSeen]
+
+
+class SessionSeen(Shape):
+    """The session, and who asks for it; null while the desk starts."""
+
+    session: SessionState | None
+    wanted: Literal["device", "person", "pin", "nothing"]
+    person: PersonSeen | None
+    demo: bool
+
+
+class ProcedureSeen(Shape):
+    """A procedure of the catalogue."""
+
+    name: str
+    title: str
+    version: int
+    lacks: list[str] | None
+    due: str | None
+    settings: Annotated[dict[str, Any], Field(description="JSON schema of the settings")]
+
+
+class PlannedPoseSeen(Shape):
+    """Where a measurement would be taken."""
+
+    label: str
+    joints_rad: list[float]
+
+
+class PredictionSeen(Shape):
+    """How well something would be known, and each class's limit for it."""
+
+    name: str
+    expanded: float
+    unit: str
+    limits: dict[str, float]
+    sentence: str
+
+
+class ForecastSeen(Shape):
+    """What a run would bring."""
+
+    duration_s: float
+    poses: list[PlannedPoseSeen]
+    speed_rad_s: float | None
+    predictions: list[PredictionSeen]
+    assumed: list[str]
+    lacks: list[str]
+    not_checked: list[str]
+
+
+class DryRunSeen(Shape):
+    """A procedure on a cell, before anything happens."""
+
+    procedure: str
+    title: str
+    version: int
+    robot: str
+    serial: str
+    settings: Free
+    lacks: list[str]
+    phases: list[PhaseSeen]
+    expected_steps: int
+    forecast: ForecastSeen | None
+    problem: str
+
+
+class RunLine(Shape):
+    """A run, on one line."""
+
+    run_id: str
+    procedure: str
+    started_utc: str
+    state: str
+    reason: str
+    word: str
+    robot_serial: str
+
+
+class Finding(Shape):
+    """What a step of a run found."""
+
+    step: str
+    value: FreeValue
+
+
+class RunDetail(RunLine):
+    """A run with all that is kept of it."""
+
+    spec: Free
+    findings: list[Finding]
+    result: FreeValue
+    judgement: JudgementSeen | None
+
+
+class SignedDocument(Shape):
+    """A certificate, or the record of a refusal, as it was signed."""
+
+    content: Annotated[dict[str, Any], Field(description="what the certificate says; its format names it")]
+    format: str
+    sha256: str
+    signature: dict[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class Displacement:
+    """The largest displacement of the tip over postures drawn evenly between the joint limits."""
+
+    most_m: float
+    mean_m: float
+    postures: int
+    tip_in_flange_m: tuple[float, float, float]  # of the newest tool that was found; zeros: the flange
+    left_out: tuple[str, ...]  # parameters that differ and that a rigid arm has no place for
+
+
+@dataclass(frozen=True, slots=True)
+class ToolDoubt:
+    """An ellipsoid about the tip; without parts nothing is known."""
+
+    joints_rad: tuple[float, ...]
+    tip_in_flange_m: tuple[float, float, float]
+    parts: tuple[str, ...]  # of ``tool`` and ``arm``, those that somebody measured
+    semi_axes_m: tuple[float, ...] = ()  # k = 2, longest first
+    base_ellipsoid: tuple[
+        float, ...
+    ] = ()  # (3, 3) row by row: its axes as columns, right-handed, in the base
+    runs: tuple[str, ...] = ()  # where the parts come from
