@@ -14,7 +14,7 @@ USUAL = re.compile(
     rf"{_BEFORE}(?:"
     rf"(?P<a_target>(?:CONST|PERS) robtarget (?P<name>{_NAME}):="
     rf"(?P<open>\[)\[{','.join([f'({_NUMBER})'] * 3)}\],\[{','.join([f'({_NUMBER})'] * 4)}\],"
-    rf"(?P<state>\[-?\d,-?\d,-?\d,-?\d\]),(?P<axes>\[[\d.,E+-]*+\])\];)"
+    rf"(?P<state>\[-?\d,-?\d,-?\d,-?\d\]),(?P<axes>\[[\d.,E+-]*+\])\](?=;))"
     rf"|(?P<a_move>Move[LJ] (?P<to>{_NAME}),\w++,\w++,(?P<tool>{_NAME})(?:\\WObj:=(?P<frame>{_NAME}))?+;)"
     r")",
     re.ASCII,
