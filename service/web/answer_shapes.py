@@ -132,7 +132,7 @@ class SetAsideSeen(Shape):
 class JudgementSeen(Shape):
     """All that a finished procedure claims, and what it does not."""
 
-    word: Literal["PASS", "FAIL", "UNDECIDED"]
+    word: Literal["pass", "fail", "undecided"]
     characteristics: list[CharacteristicSeen]
     limits_from: str
     not_verified: list[str]
