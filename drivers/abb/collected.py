@@ -48,10 +48,7 @@ class Collected:
     fixed: dict[int, str] = field(default_factory=dict)  # rows that take no change, and why
     remarks: list[Remark] = field(default_factory=list)
     external_seen: bool = False
-    known_axes: dict[tuple[str, ...], "array[float]"] = field(
-        default_factory=dict
-    )  # most targets have the same
-    usual_axes: dict[str, "array[float]"] = field(default_factory=dict)  # the same, as one text
+    known_axes: dict[str, "array[float]"] = field(default_factory=dict)  # by text: most have the same
     usual_rows: "array[int]" = field(default_factory=lambda: array("q"))  # written as the controller does
     usual_texts: list[str] = field(default_factory=list)  # seven for each
 
@@ -80,7 +77,7 @@ class Collected:
 
     def add_usual(self, found: re.Match[str]) -> bool:
         """Take a target as `drivers.abb.usual` finds it; tell whether it was: the axes beside it must be known."""
-        axes = self.usual_axes.get(found["axes"])
+        axes = self.known_axes.get(found["axes"])
         if axes is None:
             return False
         self.usual_rows.append(len(self.names))
@@ -118,10 +115,8 @@ class Collected:
         rows, numbers = rows[taught], numbers[taught]
         numbers[:, 3:] /= norms[taught, None]
         np.frombuffer(self.values).reshape(-1, 7)[rows] = numbers
-        np.frombuffer(self.steps).reshape(-1, 2)[rows] = 10.0 ** -written.decimals[rows].astype(float) * (
-            1e-3,
-            2.0,
-        )
+        last_digits = 10.0 ** -written.decimals[rows].astype(float)
+        np.frombuffer(self.steps).reshape(-1, 2)[rows] = last_digits * (1e-3, 2.0)
         return written
 
     def add_jointtarget(self, name: str, found: re.Match[str]) -> None:
@@ -215,10 +210,10 @@ class Collected:
 
     def _add_external(self, name: str, found: re.Match[str], first: int) -> None:
         texts = found.groups()[first:]
-        values = self.known_axes.get(texts)
+        text = f"[{','.join(texts)}]"
+        values = self.known_axes.get(text)
         if values is None:
-            values = self.known_axes[texts] = array("d", [self._axis(found, first + k) for k in range(6)])
-            self.usual_axes[f"[{','.join(texts)}]"] = values
+            values = self.known_axes[text] = array("d", [self._axis(found, first + k) for k in range(6)])
         self.external[-6:] = values
         if not self.external_seen and any(value == value and value for value in values):  # noqa: PLR0124
             self.external_seen = True

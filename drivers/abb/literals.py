@@ -11,6 +11,7 @@ _TEXT = r'"[^"\n]*+"'
 _TOKENS = {"n": NUMBER, "b": _FLAG, "s": _TEXT}
 _NAMES = {"n": "a number", "b": "TRUE or FALSE", "s": "a string"}
 _BLANK = re.compile(W)
+_BETWEEN = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]')
 _COMPUTED = re.compile(r"[A-Za-z(]|[+-]\s*[A-Za-z(]|[*/+-]", re.ASCII)
 
 POSE = "[nnn][nnnn]"
@@ -104,3 +105,13 @@ def spelled(name: str) -> str:
         return name.encode("latin-1").decode("utf-8")
     except UnicodeDecodeError:
         return name
+
+
+def end_of_element(text: str, place: int) -> int:
+    """Return where the comma or bracket behind an array's element stands; the end of the text where none does."""
+    depth = 0
+    for found in _BETWEEN.finditer(text, place):
+        if not depth and found[0] in (",", "]", ";"):
+            return found.start()
+        depth += (found[0] in ("[", "(", "{")) - (found[0] in ("]", ")", "}"))
+    return len(text)

@@ -7,7 +7,16 @@ from dataclasses import dataclass, field
 from calibration.geometry import Pose
 from drivers.abb.collected import Collected, pose_of
 from drivers.abb.instructions import MOVES, Instruction, Target, read_instruction
-from drivers.abb.literals import AGGREGATES, NAME, TARGETS, LiteralError, W, after_blanks, spelled
+from drivers.abb.literals import (
+    AGGREGATES,
+    NAME,
+    TARGETS,
+    LiteralError,
+    W,
+    after_blanks,
+    end_of_element,
+    spelled,
+)
 from drivers.abb.uses import Uses
 from drivers.abb.usual import USUAL
 from drivers.abb.written import Written
@@ -28,7 +37,6 @@ _COPIED = re.compile(
 _PARAMETERS = re.compile(rf"{W}\(((?:[^()!]++|![^\n]*+){{0,1000}}+)\)", re.ASCII)
 _PARAMETER = re.compile(rf"({NAME}){W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)", re.ASCII)
 _FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}({NAME})", re.ASCII)
-_BETWEEN = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]')
 _SIZES = re.compile(r"\s*\d+\s*(?:,\s*\d+\s*)*")
 _MOST_DIGITS = 9  # of an array's size
 _HOLDS_A_POSITION = re.compile(r"\[\s*\[\s*[-+.\d]")
@@ -230,7 +238,7 @@ class Module:
         """Take one element of an array; return where the sign behind it stands."""
         text = self.found.source.text
         literal = AGGREGATES[kind].pattern.match(text, place)
-        if literal is None and (end := _end_of_element(text, place)) > place:
+        if literal is None and (end := end_of_element(text, place)) > place:
             if text[place] == "[":
                 self._not_a_target(name, place, AGGREGATES[kind].error(text, place))
             else:
@@ -383,16 +391,6 @@ class Module:
     def _leave(self, word: str, end: int) -> int:
         self.uses.enter_routine("")
         return end
-
-
-def _end_of_element(text: str, place: int) -> int:
-    """Return where the comma or bracket behind an array's element stands; the end of the text where none does."""
-    depth = 0
-    for found in _BETWEEN.finditer(text, place):
-        if not depth and found[0] in (",", "]", ";"):
-            return found.start()
-        depth += (found[0] in ("[", "(", "{")) - (found[0] in ("]", ")", "}"))
-    return len(text)
 
 
 _HANDLERS: dict[str, Callable[[Module, str, int], int]] = {

@@ -33,7 +33,7 @@ from drivers.modbus_robot.mastering import (
     write_mastering,
 )
 from drivers.modbus_robot.panel import Block, Panel
-from drivers.modbus_robot.profile import Profile
+from drivers.modbus_robot.profile import Operation, Profile
 from drivers.modbus_robot.program import CellProgram, ProgramState, Request
 from drivers.wire.deadline import deadline
 
@@ -124,8 +124,7 @@ class ModbusRobot:
             speed = self._capped(speed_rad_s)
             position, _ = await self._status()
             distance = max(abs(np.subtract(target_rad, position.numbers("joints"))))
-            full_override_s, margin_s = _SLOWER * float(distance) / speed, self._options.motion_margin_s
-            await self._program.run(Request("move", 0, target_rad, speed, margin_s, full_override_s))
+            await self._program.run(self._motion("move", 0, target_rad, speed, float(distance)))
             await self._settle(target_rad)
 
     async def stop(self) -> None:
@@ -140,10 +139,8 @@ class ModbusRobot:
             drive = await read_drive_train(self._panel)
             position, _ = await self._status()
             speed = self._jog_speed(speed_rad_s, position)
-            full_override_s = _SLOWER * abs(delta_rad) / speed
             finding_index = any(entry.kind == "index" for _, entry in await read_alarms(self._panel))
-            margin_s = self._options.motion_margin_s
-            await self._program.run(Request("jog", axis, (delta_rad,), speed, margin_s, full_override_s))
+            await self._program.run(self._motion("jog", axis, (delta_rad,), speed, abs(delta_rad)))
             turn_rad = float(np.abs(drive.radians_per_turn()[axis]).sum()) if finding_index else 0.0
             moved_rad = await self._moved(axis, drive, position.integers("counts"))
             if abs(moved_rad - delta_rad) > self._tolerance_rad + turn_rad:
@@ -271,6 +268,19 @@ class ModbusRobot:
         if position.integer("mastered") == 1:
             return speed
         return min(speed, math.radians(self._panel.profile.limits.jog_speed_unmastered_deg_s))
+
+    def _motion(
+        self,
+        operation: Operation,
+        axis: int,
+        arguments_rad: Sequence[float],
+        speed_rad_s: float,
+        far_rad: float,
+    ) -> Request:
+        """Return a request to move so far, with the time that it may take."""
+        full_override_s = _SLOWER * far_rad / speed_rad_s
+        margin_s = self._options.motion_margin_s
+        return Request(operation, axis, arguments_rad, speed_rad_s, margin_s, full_override_s)
 
     def _check_numbers(self, values: Sequence[float], count: int, what: str) -> None:
         if len(values) != count or not all(math.isfinite(value) for value in values):

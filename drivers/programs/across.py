@@ -7,6 +7,7 @@ together (`Across`) tell of each file how the others use its positions.
 from collections import defaultdict
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import PurePath
 from typing import NamedTuple, Protocol, TypeAlias
 
@@ -113,14 +114,8 @@ class Across:
         self._resets_below: list[Marks] = []  # by routine: those that it calls and that reset
         self._tools = DeclaredPoses({file: one.tools for file, one in said.items() if one.tools})
         self._bases = DeclaredPoses({file: one.bases for file, one in said.items() if one.bases})
-        called = {
-            (self._folders[file], name)
-            for file, one in said.items()
-            for routine in one.routines.values()
-            for name in routine.calls
-        }
         for file, one in said.items():
-            if not (one.flat and self._stands_alone(file, one, called)):
+            if one.doubtful and not (one.flat and self._stands_alone(file, one)):
                 self._doubtful |= one.doubtful
             for name, routine in one.routines.items():
                 if routine.shown:
@@ -137,10 +132,21 @@ class Across:
         tools, bases = (every.seen_from(self._folders[file]) for every in (self._tools, self._bases))
         return Abroad(uses, self._doubtful, self._why_reached, file, visible, tools, bases)
 
-    def _stands_alone(self, file: str, one: Said, called: Set[tuple[str, str]]) -> bool:
+    @cached_property
+    def _called_in(self) -> Set[tuple[str, str]]:
+        """Return the folders, and the routines that are called there."""
+        return {
+            (self._folders[file], name)
+            for file, one in self._said.items()
+            for routine in one.routines.values()
+            for name in routine.calls
+        }
+
+    def _stands_alone(self, file: str, one: Said) -> bool:
         """Tell whether a program calls none and is called by none: a person runs it, to set up the cell."""
+        folder = self._folders[file]
         return not any(
-            routine.calls or (self._folders[file], name) in called for name, routine in one.routines.items()
+            routine.calls or (folder, name) in self._called_in for name, routine in one.routines.items()
         )
 
     def _short(self, helds: list[tuple[Held, str]]) -> list[tuple[Held, str]]:
