@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from procedures.catalogue import ENTRIES
-from procedures.entry import NEEDS
+from procedures.entry import NEEDS, Entry
 
 ROOT = Path(__file__).parents[2]
 TRANSLATED = ("de", "es", "zh")
@@ -19,6 +20,7 @@ TRANSLATED = ("de", "es", "zh")
 NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")
 SENTENCE = re.compile(r"(?<=[.?!])\s+")
 UNIT = re.compile(r"_(m|rad|s|rad_s|m_s)$")
+SAID = {"sigma_rad": "angle sigma"}
 
 # Sentences that carry words of the run beside figures: shown as they are said. Their figures stand on the page.
 ENGLISH_ONLY = 45  # at most; it may only fall
@@ -71,6 +73,24 @@ def step_names() -> set[str]:
     return {name for found in names if found is not None and not found[1] for name in [found[0]]}
 
 
+def plain_name(name: str) -> str:
+    """Return what the pages call a setting: web/src/lib/schema.ts does the same."""
+    return SAID.get(name, UNIT.sub("", name).replace("_", " "))
+
+
+def forms(schema: dict[str, Any]) -> Iterator[list[str]]:
+    """Yield the names of settings that stand in one form, one under another."""
+    for each in (schema, *schema.get("$defs", {}).values()):
+        yield list(each.get("properties", {}))
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.name)
+def test_no_form_calls_two_of_its_settings_the_same(entry: Entry) -> None:
+    for names in forms(TypeAdapter(entry.spec_type).json_schema()):
+        said = Counter(plain_name(name) for name in names)
+        assert [name for name, times in said.items() if times > 1] == []
+
+
 def setting_names(schema: dict[str, Any]) -> set[str]:
     """Return the names of settings and of their parts; a pose has a field of its own."""
     parts = [each for name, each in schema.get("$defs", {}).items() if name != "Pose"]
@@ -81,7 +101,7 @@ def setting_names(schema: dict[str, Any]) -> set[str]:
 def test_titles_steps_settings_and_plain_instructions_are_translated(locale: str) -> None:
     table = tables()[locale]
     settings = {
-        UNIT.sub("", name).replace("_", " ")
+        plain_name(name)
         for entry in ENTRIES
         for name in setting_names(TypeAdapter(entry.spec_type).json_schema())
     }

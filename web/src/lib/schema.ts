@@ -48,8 +48,10 @@ export function memberOf(setting: Setting, at: number): Setting {
 /** How many numbers a row has. */
 export const lengthOf = (setting: Setting): number => resolved(setting.field, setting.known).minItems ?? 0;
 
+const SAID: Record<string, string> = { sigma_rad: "angle sigma" }; // stands beside sigma_m in one form
+
 /** A name as it is said: without its unit, which stands beside the value. */
-export const plainName = (name: string): string => name.replace(/_(m|rad|s|rad_s|m_s)$/, "").replaceAll("_", " ");
+export const plainName = (name: string): string => SAID[name] ?? name.replace(/_(m|rad|s|rad_s|m_s)$/, "").replaceAll("_", " ");
 
 function partsIn(field: Field, known: Known, prefix: string): Setting[] {
   const required = field.required ?? [];
