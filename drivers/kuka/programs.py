@@ -15,6 +15,7 @@ from calibration.orientation import values_from
 from drivers.kuka.collected import Collected, refusal
 from drivers.kuka.configuration import KukaConfigurations, parts_of
 from drivers.kuka.data_list import declared_names, read_data_list
+from drivers.kuka.imports import imports_of, remark_imports
 from drivers.kuka.literals import AXIS_FIELDS, POSE_FIELDS, STATE_FIELDS, field_spans
 from drivers.kuka.point_uses import in_set_table
 from drivers.kuka.program import read_program
@@ -206,7 +207,14 @@ _Read = tuple[Collected, Frames, _ToOthers]
 
 def _read_data(source: Source) -> _Read:
     data = read_data_list(source)
-    said = Said("", declares=data.shown, tools=_of_tables(data.tools), bases=_of_tables(data.bases))
+    remark_imports(data.found)
+    said = Said(
+        "",
+        declares=data.shown,
+        tools=_of_tables(data.tools),
+        bases=_of_tables(data.bases),
+        imports=imports_of(source.text),
+    )
     return data.found, data.frames(), _ToOthers(said, data.taught)
 
 
@@ -217,8 +225,14 @@ def _of_tables(poses: Mapping[str, Pose]) -> Poses:
 
 def _read_src(source: Source) -> _Read:
     points = read_program(source).points
-    doubtful = dict.fromkeys(points.set_tables, COMPUTED)
-    said = Said("", uses=points.uses_said(), routines=points.routines_said(), doubtful=doubtful)
+    remark_imports(points.found)
+    said = Said(
+        "",
+        uses=points.uses_said(),
+        routines=points.routines_said(),
+        doubtful=dict.fromkeys(points.set_tables, COMPUTED),
+        imports=imports_of(source.text),
+    )
     routines = {used.row: points.routines[used.routine].name for used in points.rows}
     return points.found, points.frames(), _ToOthers(said, routines=routines)
 
@@ -251,7 +265,8 @@ def _says(name: str, data: bytes) -> Said | None:
             return KukaFile.read(name, data).said
         except ProgramFileError:
             pass  # it is refused when its turn comes, and declares its names all the same
-    return _said_as(path, Said("", declares=declared_names(Source(name, data).text)))
+    text = Source(name, data).text
+    return _said_as(path, Said("", declares=declared_names(text), imports=imports_of(text)))
 
 
 def _said_as(path: PurePath, said: Said) -> Said:

@@ -16,6 +16,9 @@ from drivers.programs.declared_poses import DeclaredPoses, Poses
 from drivers.programs.positions import CARTESIAN, Positions, Remark
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
+Imports: TypeAlias = Mapping[
+    str, tuple[str, str]
+]  # a name here: the module that declares it, and its name there
 COPIED = "the program copies it, and only the copy is moved to"
 _MANY_USES = 64
 _DIFFERENT = "it is used with different tools or frames, in {}"
@@ -65,6 +68,7 @@ class Said:
     public: bool = False  # all that is declared here is seen everywhere
     tools: Poses = field(default_factory=dict)  # declared here for all
     bases: Poses = field(default_factory=dict)
+    imports: Imports = field(default_factory=dict)  # for all files of its module
     flat: bool = False  # a call means a program of this folder, and one that is not there may set anything
 
 
@@ -167,21 +171,36 @@ class Across:
 
     def _give_uses(self) -> None:
         """Find for every name that is used whose declaration it means."""
-        own: dict[str, list[str]] = defaultdict(list)
-        seen: dict[str, list[str]] = defaultdict(list)  # by name: the files that show it to others
+        own, seen = self._declarations()
         for file, one in self._said.items():
-            if one.declares:
+            mine = self._nearest(file, [other for other in own[one.module] if other != file])
+            imports = {
+                name: there for each in (*mine, file) for name, there in self._said[each].imports.items()
+            }
+            for name, helds in one.uses.items():
+                bare = bare_of(name)
+                owners, there = self._declaring(bare, mine), bare
+                if not owners:
+                    module, there = imports.get(bare, ("", bare))
+                    others = self._declaring(there, own[module]) if module else seen.get(bare, ())
+                    owners = self._nearest(file, others)
+                for owner in owners:
+                    self._uses[owner][there + name[len(bare) :]] += [(held, file) for held in helds]
+
+    def _declarations(self) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+        """Return by module the files that declare for it, and by name those that show it to other modules."""
+        own: dict[str, list[str]] = defaultdict(list)
+        seen: dict[str, list[str]] = defaultdict(list)
+        for file, one in self._said.items():
+            if one.declares or one.imports:
                 own[one.module].append(file)
             for name, shown in one.declares.items():
                 if shown or one.public:
                     seen[name].append(file)
-        for file, one in self._said.items():
-            mine = self._nearest(file, [other for other in own[one.module] if other != file])
-            for name, helds in one.uses.items():
-                bare = bare_of(name)
-                owners = [other for other in mine if bare in self._said[other].declares]
-                for owner in owners or self._nearest(file, seen.get(bare, ())):
-                    self._uses[owner][name] += [(held, file) for held in helds]
+        return own, seen
+
+    def _declaring(self, name: str, files: Sequence[str]) -> list[str]:
+        return [file for file in files if name in self._said[file].declares]
 
     def _why_reached(self, file: str, name: str, /, *, tool: bool = True, frame: bool = True) -> str:
         """Return why what a routine sets itself is not all: one that it calls, or a caller, sets more; or ""."""

@@ -40,6 +40,7 @@ _OTHERS = (
     "TOOL_DATA[3]={X 12.5,Y 0.0,Z 180.25,A 0.0,B -45.0,C 0.0}",
     "BASE_DATA[ 4 ]={X 1500.0,Y -200.5,Z 812.0,A 90.0,B 0.0,C 0.0}",
     'TOOL_NAME[3,]="Zange {1}"',
+    "IMPORT E6POS XFROM IS /R1/Module/TEIL_1..XP1",
 )
 
 

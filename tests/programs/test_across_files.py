@@ -56,6 +56,7 @@ def told(program, name):
 
 SHOWN = dat("A", f"DECL GLOBAL E6POS P1={POINT}", public="PUBLIC")
 OWN = dat("A", f"DECL E6POS P1={POINT}")
+TAKEN = "IMPORT E6POS Q IS /R1/A..P1"
 
 
 @pytest.mark.parametrize(
@@ -129,10 +130,22 @@ OWN = dat("A", f"DECL E6POS P1={POINT}")
             ("1", "4"),
         ),
         ({"$config.dat": dat("$CONFIG", f"DECL E6POS P1={POINT}"), "b.src": src("B", *USED)}, ("1", "4")),
+        ({"a.dat": OWN, "b.dat": dat("B", TAKEN), "b.src": src("B", *USED[:2], "LIN Q")}, ("1", "4")),
+        ({"a.dat": OWN, "b.src": src("B", TAKEN, *USED[:2], "LIN Q")}, ("1", "4")),
+        ({"a.dat": OWN, "b.dat": dat("B", TAKEN), "b.src": src("B", *USED)}, (None, None)),  # its own P1
+        (
+            {
+                "a.dat": dat("A", f"DECL E6POS XP1={POINT}", FRAME_DATA),
+                "b.dat": dat("B", TAKEN.replace("..P1", "..XP1")),
+                "b.src": src("B", *USED[:2], "LIN Q"),
+            },
+            "it was taught with another tool or frame than b.src",
+        ),
     ],
 )
 def test_a_kuka_point_has_the_tool_and_base_that_all_files_agree_on(tmp_path, files, wanted):
-    found = told(read(tmp_path, files)[next(iter(files))], "P1")
+    first = next(iter(files))
+    found = told(read(tmp_path, files)[first], "XP1" if "XP1" in files[first] else "P1")
     if isinstance(wanted, str):
         assert isinstance(found, str)
         assert wanted in found

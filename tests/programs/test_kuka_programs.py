@@ -222,6 +222,7 @@ def test_points_inside_moves_have_the_frames_that_the_routine_sets_once():
         ("PTP NEXT(3)", "computed"),
         ("$BASE=BASE_DATA[2]:SHIFT", "computed"),
         ("PTP {A1 30.0}", "computed"),
+        ("IMPORT E6POS Q IS /R1/A..XP1", "indirect"),
     ],
 )
 def test_what_also_moves_the_robot_is_remarked_and_left(line, code):

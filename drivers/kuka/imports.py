@@ -1,0 +1,24 @@
+"""Positions of another data list that a program or list takes under a name of its own (IMPORT)."""
+
+import re
+
+from drivers.kuka.collected import Collected
+from drivers.programs.across import Imports
+
+_IMPORT = re.compile(
+    r"^[ \t]*+IMPORT[ \t]++(?:E6POS|POS|E6AXIS|AXIS|FRAME)[ \t]++(?P<own>[A-Za-z_]\w*+)(?:[ \t]*+\[[^\[\]\n]*+\])?+"
+    r"[ \t]++IS[ \t]++/(?:[^/.;\n]*+/)++(?P<list>[\w$]++)[ \t]*+\.\.[ \t]*+(?P<there>[A-Za-z_]\w*+)",
+    re.ASCII | re.IGNORECASE | re.MULTILINE,
+)
+_TEXT = "{} stands in the data list {}: it is changed there, with what all moves to it say."
+
+
+def imports_of(text: str) -> Imports:
+    """Return by its name here the data list that a position stands in, and its name there; all in capitals."""
+    return {one["own"].upper(): (one["list"].upper(), one["there"].upper()) for one in _IMPORT.finditer(text)}
+
+
+def remark_imports(found: Collected) -> None:
+    """Remark where the positions stand that are moved to here."""
+    for one in _IMPORT.finditer(found.source.text):
+        found.remark(one.start("own"), "indirect", _TEXT.format(one["own"], one["list"]))
