@@ -40,12 +40,7 @@ def base_change_of(
     moved = offset_of(offset or "")
     if frame is None:
         return moved
-    if frame not in cell.frames:
-        raise MoveError(
-            f"{cell.path} has no user frame {frame}.",
-            remedy=f"It has {', '.join(cell.frames) or 'none'}; enter it under [frames.{frame}].",
-        )
-    return change_of_frame(cell.frames[frame], moved)
+    return change_of_frame(cell.frame_named(frame), moved)
 
 
 def offset_of(text: str) -> "Array":
@@ -79,11 +74,11 @@ def tell_frame(cell: "Project", frame: str, base_change: "Array") -> None:
     from service.cli.printing import EN_ROUTE
     from service.programs.move import redefined_frame
 
-    told = redefined_frame(cell, frame, base_change)[1]
-    EN_ROUTE.print(
-        f"Instead of running the moved programs, the old ones could run with {told}. Never do both.",
-        markup=False,
-    )
+    if told := redefined_frame(cell, frame, base_change)[1]:
+        EN_ROUTE.print(
+            f"Instead of running the moved programs, the old ones could run with {told}. Never do both.",
+            markup=False,
+        )
 
 
 def _alignment(path: Path, cell: "Project") -> "Alignment":

@@ -12,18 +12,15 @@ from calibration.geometry import Array, Pose
 from calibration.programs.transfer import same_place
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
+from service.programs.makes import base_of, flange_of, make_of
 from service.programs.project import Project, Tool
 from service.programs.project_pulses import MISSING, PULSES
 
 Rows = NDArray[np.intp]
 Some = TypeVar("Some", bound=np.generic)
 
-# Frames and tools that every controller of a make has without anybody entering them.
-_FLANGE = {"fanuc": ("0",), "kuka": ("0",), "abb": ("tool0",)}
-_BASE = {"fanuc": ("0",), "kuka": ("0",), "abb": ("wobj0",), "universal_robots": ("base",)}
-_ALWAYS = {"yaskawa": ("BASE", "ROBOT"), **_BASE}  # a file may hold these, but does not bring them
+_ALWAYS = {"yaskawa": ("BASE", "ROBOT")}  # a file may hold these, but does not bring them
 _ALIKE_M, _ALIKE_RAD = 1e-5, np.radians(0.01)  # what a pendant shows of one pose and another
-_MAKES = {"fanuc_": "fanuc", "kuka_": "kuka", "abb_": "abb", "ur": "universal_robots"}
 _NEAREST_M = 5e-3  # all points of a program within this of their frame's origin: another unit
 _FEWEST = 3
 _COMPARED, _ANOTHER_ARM_M = 7, 1e-4
@@ -159,7 +156,7 @@ def tool_of(project: Project, program: ProgramFile, name: str | None, *, at_home
         return None
     if named in project.tools:
         return project.tools[named]
-    pose = _own(_brought(program, at_home=at_home)[0], named, _FLANGE.get(program.brand, ()))
+    pose = _own(_brought(program, at_home=at_home)[0], named, flange_of(program.brand))
     return None if pose is None else Tool(pose, pose)
 
 
@@ -172,12 +169,12 @@ def frame_of(
         return None
     if named in project.frames:
         return project.frames[named]
-    return _own(_brought(program, at_home=at_home)[1], named, _BASE.get(program.brand, ()))
+    return _own(_brought(program, at_home=at_home)[1], named, base_of(program.brand))
 
 
 def in_no_frame(program: ProgramFile, name: str | None) -> bool:
     """Tell whether a position names no user frame, or only the robot's base."""
-    return name is None or name in _BASE.get(program.brand, ())
+    return name is None or name == base_of(program.brand)
 
 
 def contradiction(
@@ -188,12 +185,19 @@ def contradiction(
     tool = tool if tool is not None else project.unsaid_tool
     frame = frame if frame is not None else project.unsaid_frame
     entered = project.tools[tool].entered if tool is not None and tool in project.tools else None
+    brand = program.brand
     pairs = (
-        ("tool", tool, entered, tools, _FLANGE),
-        ("user frame", frame, project.frames.get(frame or ""), frames, _ALWAYS),
+        ("tool", tool, entered, tools, (flange_of(brand),)),
+        (
+            "user frame",
+            frame,
+            project.frames.get(frame or ""),
+            frames,
+            (base_of(brand), *_ALWAYS.get(brand, ())),
+        ),
     )
     for what, name, cells, files, always in pairs:
-        if name is None or cells is None or name not in files or name in always.get(program.brand, ()):
+        if name is None or cells is None or name not in files or name in always:
             continue
         apart, turned = same_place(files[name].matrix()[None], cells[None])
         if apart[0] > _ALIKE_M or turned[0] > _ALIKE_RAD:
@@ -221,8 +225,8 @@ def refuse_foreign(program: ProgramFile, project: Project) -> None:
         With the cure.
     """
     name, model = program.name, project.nominal
-    make = next((make for start, make in _MAKES.items() if model.name.startswith(start)), program.brand)
-    if make != program.brand:
+    make = make_of(model)
+    if make is not None and make.brand != program.brand:
         raise ProgramFileError(
             name,
             f"this is a program of {program.brand}, the robot of {project.path.name} is a {model.name}.",
@@ -284,10 +288,10 @@ def side_by_side(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArra
     return parts[0] if len(parts) == 1 else np.concatenate([empty, *parts])  # a large file is not copied
 
 
-def _own(poses: Mapping[str, Pose], name: str, always: tuple[str, ...]) -> Array | None:
+def _own(poses: Mapping[str, Pose], name: str, always: str) -> Array | None:
     if name in poses:
         return poses[name].matrix()
-    return np.eye(4) if name in always else None
+    return np.eye(4) if name == always else None
 
 
 def joints_of(positions: Positions, axes: int) -> Array:

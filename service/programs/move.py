@@ -14,8 +14,8 @@ from drivers.programs.brands import ConfigurationRule
 from service.programs.carry import Carrier, Passage
 from service.programs.expected import Expectation
 from service.programs.joint_points import UNDECIDED, JointPoints
+from service.programs.makes import Make, make_of
 from service.programs.project import Project
-from service.programs.project_poses import ProjectError
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +109,14 @@ def moving(
     if not is_rigid(base_change):
         raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
     if frame is not None:
-        _known(project, frame)
+        project.frame_named(frame)  # or it is refused
     return Carrier(MoveRoute(project, base_change, frame, joints), rule)
 
 
 def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[Array, str]:
     """Return a user frame's new pose (4, 4) for the controller, and what to type: programs then stay as they are.
+
+    Nothing is told of the frame that is the robot's base: nobody can enter another one.
 
     The frame is entered where the work is, so only the robot's errors at the new place remain uncorrected.
 
@@ -125,26 +127,22 @@ def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[A
     """
     if not is_rigid(base_change):
         raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
-    moved: Array = base_change @ _known(project, frame)
-    return moved, f"user frame {frame} at {_as_typed(project.nominal.name, moved)}"
+    make = make_of(project.nominal)
+    moved: Array = base_change @ project.frame_named(frame)
+    if make is not None and frame == make.base:
+        return moved, ""
+    return moved, f"user frame {frame} at {_as_typed(make, moved)}"
 
 
-def _as_typed(model: str, pose: Array) -> str:
+def _as_typed(make: Make | None, pose: Array) -> str:
     """Return a pose with the letters and units of the robot's maker."""
-    names = {"fanuc_": "fanuc_wpr", "kuka_": "kuka_abc", "abb_": "abb_quaternion"}
-    name = next((c for start, c in names.items() if model.startswith(start)), "ur_rotation_vector")
+    name = "ur_rotation_vector" if make is None else make.orientation
     values = values_from(name, pose[:3, :3])
     unit, digits = {"ur_rotation_vector": (" rad", 6), "abb_quaternion": ("", 6)}.get(name, (" deg", 4))
     shown = np.degrees(values) if unit == " deg" else values
     place = ", ".join(f"{axis} {v:.3f}" for axis, v in zip("XYZ", pose[:3, 3] * 1e3, strict=True))
-    turn = ", ".join(f"{key} {v:.{digits}f}" for key, v in zip(CONVENTIONS[name].fields, shown, strict=True))
+    turn = ", ".join(
+        f"{key} {round(v, digits) + 0.0:.{digits}f}"
+        for key, v in zip(CONVENTIONS[name].fields, shown, strict=True)
+    )
     return f"{place} mm, {turn}{unit}"
-
-
-def _known(project: Project, frame: str) -> Array:
-    if frame not in project.frames:
-        raise ProjectError(
-            f"no user frame {frame} in {project.path}.",
-            remedy=f"It has {', '.join(project.frames) or 'none'}; enter it under [frames.{frame}].",
-        )
-    return project.frames[frame]

@@ -21,6 +21,7 @@ from calibration.identification.parameters import ArmState
 from calibration.motion.collision import CellShape
 from calibration.points.alignment import Alignment, read_alignments
 from service.configuration.cell_shapes import read_cell_shape
+from service.programs.makes import Make, make_of
 from service.programs.project_arms import IdentifiedArm, factory_arm, identified_arm, nominal_arm
 from service.programs.project_backup import kept_by_controller, pose_as_kept
 from service.programs.project_poses import (
@@ -89,6 +90,25 @@ class Project:
             return Arm(self.controller, flange_tip)
         return Arm.of_state(replace(self.identified.state, flange_tool=flange_tip))
 
+    def frame_named(self, name: str) -> Array:
+        """Return a user frame (4, 4) [m] as entered into the controller.
+
+        Raises
+        ------
+        ProjectError
+            The cell does not know it.
+        """
+        if name in self.frames:
+            return self.frames[name]
+        make = make_of(self.nominal)
+        if make is None or name != make.base:
+            known = ", ".join(self.frames) or "none"
+            raise ProjectError(
+                f"{self.name} has no user frame {name}.",
+                remedy=f"It has {known}; a project's are [frames.NAME].",
+            )
+        return np.eye(4)
+
     def program_files(self) -> tuple[Path, ...]:
         """Return the programs of this cell, sorted by name."""
         found = {item for pattern in self.programs for item in self.path.parent.glob(pattern)}
@@ -122,7 +142,7 @@ def read_project(path: Path) -> Project:
     unsaid = sub_table(data, "unsaid", where)
     refuse_keys(unsaid, {"tool", "frame"}, f"{where}: [unsaid]")
     smallest = number(robot, "smallest_sigma", where)
-    kept = kept_by_controller(robot, folder, nominal, where)
+    kept, make = kept_by_controller(robot, folder, nominal, where), make_of(nominal)
     return Project(
         path=path,
         name=word(data, "name", where) or path.stem,
@@ -131,8 +151,8 @@ def read_project(path: Path) -> Project:
         controller=controller,
         factory_known=factory is not None,
         identified=identified_arm(robot, folder, replace_limits(nominal, controller), serial, where),
-        tools=_tools(sub_table(data, "tools", where), kept.tools, where),
-        frames=_frames(sub_table(data, "frames", where), kept.frames, where),
+        tools=_tools(sub_table(data, "tools", where), kept.tools, make, where),
+        frames=_frames(sub_table(data, "frames", where), kept.frames, make, where),
         unsaid_tool=word(unsaid, "tool", where),
         unsaid_frame=word(unsaid, "frame", where),
         alignment=_alignment(sub_table(data, "fixture", where), folder, serial, where),
@@ -182,7 +202,9 @@ def _limited(model: RobotModel, robot: Mapping[str, Any], where: str) -> RobotMo
     return replace(model, lower_rad=side("lower", model.lower_rad), upper_rad=side("upper", model.upper_rad))
 
 
-def _tools(tables: Mapping[str, Any], kept: Mapping[str, Array], where: str) -> dict[str, Tool]:
+def _tools(
+    tables: Mapping[str, Any], kept: Mapping[str, Array], make: Make | None, where: str
+) -> dict[str, Tool]:
     tools = {name: Tool(pose, pose) for name, pose in kept.items()}
     for name in tables:
         place = f"{where}: [tools.{name}]"
@@ -192,20 +214,35 @@ def _tools(tables: Mapping[str, Any], kept: Mapping[str, Array], where: str) -> 
         refuse_keys(entered, pose_keys(), f"{place[:-1]}.entered]")
         refuse_keys(real, {*pose_keys(), "sigma_mm"}, f"{place[:-1]}.real]")
         pose = pose_as_kept(entered, kept.get(name), f"{place[:-1]}.entered]")
+        if make is not None and name == make.flange:
+            _refuse_moved(pose, place, "flange")
         sigma = number(real, "sigma_mm", place)
         measured = pose_of(real, f"{place[:-1]}.real]") if real else pose
         tools[name] = Tool(pose, measured, (sigma or 0.0) / 1e3, bool(real))
     return tools
 
 
-def _frames(tables: Mapping[str, Any], kept: Mapping[str, Array], where: str) -> dict[str, Array]:
+def _frames(
+    tables: Mapping[str, Any], kept: Mapping[str, Array], make: Make | None, where: str
+) -> dict[str, Array]:
     frames = dict(kept)
     for name in tables:
         place = f"{where}: [frames.{name}]"
         table = sub_table(tables, name, place)
         refuse_keys(table, pose_keys(), place)
         frames[name] = pose_as_kept(table, kept.get(name), place)
+        if make is not None and name == make.base:
+            _refuse_moved(frames[name], place, "base")
     return frames
+
+
+def _refuse_moved(pose: Array, place: str, what: str) -> None:
+    """Refuse another pose of what no controller lets anybody enter."""
+    if not np.allclose(pose, np.eye(4), atol=1e-9):
+        raise ProjectError(
+            f"{place}: on this make of robot, that is the {what} itself, and nowhere else.",
+            remedy="Leave the table out, or name the one that was meant.",
+        )
 
 
 def _alignment(table: Mapping[str, Any], folder: Path, serial: str, where: str) -> Alignment | None:

@@ -91,16 +91,15 @@ class Task:
         if self.asked["do"] != "move" or not frame:
             return []
         told = redefined_frame(self.cell, frame, self._change())[1]
+        if not told:
+            return []
         return [f"Instead of running the moved programs, the old ones could run with {told}. Never do both."]
 
     def _change(self) -> Any:
         offset, frame = pose_given(self.asked["offset"]), self.asked["frame"]
         if not frame:
             return offset
-        if frame not in self.cell.frames:
-            known = ", ".join(self.cell.frames) or "none"
-            raise FilesError(f"{self.cell.name} has no user frame {frame}.", remedy=f"It has {known}.")
-        return change_of_frame(self.cell.frames[frame], offset)
+        return change_of_frame(self.cell.frame_named(frame), offset)
 
 
 def _cell(config: CellConfig, given: dict[str, Any], folder: str) -> Project:

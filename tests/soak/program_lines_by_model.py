@@ -1,4 +1,4 @@
-"""Programs of a whole line of KUKA or ABB robots: postures drawn at random, points written as the controllers do."""
+"""Programs of a line of robots by their models: postures drawn at random, points as the controllers write them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,10 +12,17 @@ from calibration.orientation import values_from
 from drivers.program_registry import brand_named
 
 _SPREAD_RAD = 0.2
-_TOOL_MM, _FRAME_MM = 80.0, (300.0, 50.0, 100.0)
-_ROWS = tuple[
-    Array, Array, Sequence[str]
-]  # X Y Z [mm], the orientation as the maker writes it, configurations
+_TOOL_MM = 80.0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Points of one program."""
+
+    places_mm: Array  # (N, 3)
+    turned: Array  # (N, 3 or 4) as the maker writes it
+    states: Sequence[str]  # configurations; none where the maker writes joints
+    joints_rad: Array  # (N, 6)
 
 
 @dataclass(frozen=True)
@@ -31,7 +38,8 @@ class Maker:
     like: str  # a configuration, as a spelling
     tool: str
     frame: str
-    files: Callable[[str, _ROWS], dict[str, list[str]]]  # lines by suffix
+    files: Callable[[str, Rows], dict[str, list[str]]]  # lines by suffix
+    frame_mm: tuple[float, float, float] = (300.0, 50.0, 100.0)
 
 
 def line_by_model(maker: Maker, folder: Path, programs: int, points: int, seed: int = 1) -> Path:
@@ -43,7 +51,7 @@ def line_by_model(maker: Maker, folder: Path, programs: int, points: int, seed: 
     project.write_text(
         f'format = 1\nname = "line"\nprograms = ["programs/*"]\n[robot]\nserial = "1"\nmodel = "{maker.model}"\n'
         f"[tools.{maker.tool}.entered]\nposition_mm = [0, 0, {_TOOL_MM}]\n{key}\n"
-        f"[frames.{maker.frame}]\nposition_mm = {list(_FRAME_MM)}\n{key}\n"
+        f"[frames.{maker.frame}]\nposition_mm = {list(maker.frame_mm)}\n{key}\n"
     )
     dice = np.random.default_rng(seed)
     for number in range(programs):
@@ -53,24 +61,22 @@ def line_by_model(maker: Maker, folder: Path, programs: int, points: int, seed: 
     return project
 
 
-def _rows(maker: Maker, count: int, dice: np.random.Generator) -> _ROWS:
+def _rows(maker: Maker, count: int, dice: np.random.Generator) -> Rows:
     model = load_model(maker.model)
     joints = np.array(maker.middle_rad) + dice.uniform(-_SPREAD_RAD, _SPREAD_RAD, (count, model.axes))
     base_tip = model.base_flange(joints)
-    places = base_tip[:, :3, 3] * 1e3 + base_tip[:, :3, 2] * _TOOL_MM - np.array(_FRAME_MM)
+    places = base_tip[:, :3, 3] * 1e3 + base_tip[:, :3, 2] * _TOOL_MM - np.array(maker.frame_mm)
     turned = values_from(maker.convention, base_tip[:, :3, :3])
     rule = brand_named(maker.brand).configurations
-    assert rule is not None
-    return (
-        places,
-        np.rad2deg(turned) if maker.unit == "_deg" else turned,
-        rule.spelled(model, joints, [maker.like] * count),
-    )
+    states = [] if rule is None else rule.spelled(model, joints, [maker.like] * count)
+    return Rows(places, np.rad2deg(turned) if maker.unit == "_deg" else turned, states, joints)
 
 
-def _kuka(name: str, rows: _ROWS) -> dict[str, list[str]]:
+def _kuka(name: str, rows: Rows) -> dict[str, list[str]]:
     program, data = [f"DEF {name}( )"], [f"DEFDAT {name}"]
-    for i, (place, turned, state) in enumerate(zip(*rows, strict=True), start=1):
+    for i, (place, turned, state) in enumerate(
+        zip(rows.places_mm, rows.turned, rows.states, strict=True), start=1
+    ):
         program += [
             f";FOLD LIN P{i} Vel=0.2 m/s CPDAT{i} Tool[1]:grip Base[1]:table;%{{PE}}%R 8.3.38,%MKUKATPBASIS,%CMOVE,"
             f"%VLIN,%P 1:LIN, 2:P{i}, 3:, 5:0.2, 7:CPDAT{i}",
@@ -91,9 +97,11 @@ def _kuka(name: str, rows: _ROWS) -> dict[str, list[str]]:
     return {".src": [*program, "END"], ".dat": [*data, "ENDDAT"]}
 
 
-def _abb(name: str, rows: _ROWS) -> dict[str, list[str]]:
+def _abb(name: str, rows: Rows) -> dict[str, list[str]]:
     targets, moves = [], []
-    for i, (place, turned, state) in enumerate(zip(*rows, strict=True), start=1):
+    for i, (place, turned, state) in enumerate(
+        zip(rows.places_mm, rows.turned, rows.states, strict=True), start=1
+    ):
         trans, rot = (",".join(f"{v:.{digits}f}" for v in part) for part, digits in ((place, 3), (turned, 9)))
         targets.append(
             f"  CONST robtarget p{i}:=[[{trans}],[{rot}],{state},[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]];"
@@ -101,6 +109,38 @@ def _abb(name: str, rows: _ROWS) -> dict[str, list[str]]:
         moves.append(f"    MoveL p{i},v200,z10,grip\\WObj:=table;")
     module = [f"MODULE {name}", *targets, f"  PROC r{name}()", *moves, "  ENDPROC", "ENDMODULE"]
     return {".mod": module}
+
+
+def _yaskawa(name: str, rows: Rows) -> dict[str, list[str]]:
+    points, moves, before = [], [], ""
+    for i, (place, turned, state) in enumerate(zip(rows.places_mm, rows.turned, rows.states, strict=True)):
+        points += [f"///RCONF {state}"] if state != before else []
+        points.append(
+            f"C{i:05d}={','.join(f'{v:.3f}' for v in place)},{','.join(f'{v:.4f}' for v in turned)}"
+        )
+        moves.append(f"MOVL C{i:05d} V=375.0 PL=1")
+        before = state
+    head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(moves)},0,0,0,0,0", "///USER 1", "///TOOL 1"]
+    told = ["//INST", "///DATE 2025/03/02 14:11", "///ATTR SC,RW", "///GROUP1 RB1", "NOP"]
+    return {".jbi": [*head, "///POSTYPE USER", "///RECTAN", *points, *told, *moves, "END"]}
+
+
+def _universal_robots(name: str, rows: Rows) -> dict[str, list[str]]:
+    lines = [f"def {name}():", f"  set_tcp(p[0.0,0.0,{_TOOL_MM * 1e-3:.12f},0.0,0.0,0.0])"]
+    moves = []
+    for i, (place, turned, joints) in enumerate(
+        zip(rows.places_mm, rows.turned, rows.joints_rad, strict=True), 1
+    ):
+        pose = ", ".join(f"{v:.12f}" for v in (*place * 1e-3, *turned))
+        lines += [
+            f"  global Waypoint_{i}_p=p[{pose}]",
+            f"  global Waypoint_{i}_q=[{', '.join(map(repr, joints.tolist()))}]",
+        ]
+        moves += [
+            f'  $ {i} "Waypoint_{i}" "breakAfter"',
+            f"  movej(get_inverse_kin(Waypoint_{i}_p, qnear=Waypoint_{i}_q), a=1.3962634015954636, v=1.0)",
+        ]
+    return {".script": [*lines, *moves, "end"]}
 
 
 MAKERS = {
@@ -127,5 +167,30 @@ MAKERS = {
         "grip",
         "table",
         _abb,
+    ),
+    "yaskawa": Maker(
+        "yaskawa",
+        "yaskawa_ar2010",
+        (0, 0.2, -0.3, 0, -0.8, 0),
+        "yaskawa_rpy",
+        "_deg",
+        (0, 0, 0),
+        ",".join("0" * 24),
+        "1",
+        "1",
+        _yaskawa,
+    ),
+    "universal_robots": Maker(
+        "universal_robots",
+        "ur10e",
+        (0, -1.4, 1.6, -1.7, -1.5, 0),
+        "ur_rotation_vector",
+        "_rad",
+        (0, 0, 0),
+        "",
+        "tcp",
+        "base",
+        _universal_robots,
+        frame_mm=(0.0, 0.0, 0.0),
     ),
 }

@@ -5,7 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from calibration.geometry import homogeneous
 from calibration.orientation import rotation_from
+from drivers.program_registry import brand_named
+from drivers.programs.errors import ProgramFileError
+from service.programs.cell_of_program import refuse_foreign
+from service.programs.move import redefined_frame
 from service.programs.project import read_project
 from service.programs.project_poses import ProjectError
 from tests.unit.helpers.fanuc_va import Controller
@@ -66,6 +71,8 @@ def test_a_project_is_read_in_si(tmp_path: Path) -> None:
         ("[unsaid]", '[fixture]\nalignment = "no.json"\n[unsaid]', "cannot be read"),
         ('model = "fanuc_m6ib"', 'model = "fanuc_m6ib"\nparameters = "no.toml"', "cannot be read"),
         ("[frames.2]", "[frames.2", "cannot be read as a project"),
+        ("[frames.2]", "[frames.0]", "that is the base itself"),
+        ("[tools.1.entered]", "[tools.0.entered]", "that is the flange itself"),
     ],
 )
 def test_what_is_wrong_is_said(tmp_path: Path, old: str, new: str, words: str) -> None:
@@ -73,6 +80,39 @@ def test_what_is_wrong_is_said(tmp_path: Path, old: str, new: str, words: str) -
 
     with pytest.raises(ProjectError, match=words):
         read_project(_written(tmp_path, PLAIN.replace(old, new)))
+
+
+@pytest.mark.parametrize(
+    ("model", "base"),
+    [("fanuc_m6ib", "0"), ("kuka_kr6_r900", "0"), ("abb_irb120", "wobj0"), ("ur10e", "base")],
+)
+def test_the_base_needs_no_entry_and_nobody_can_enter_another_one(
+    tmp_path: Path, model: str, base: str
+) -> None:
+    project = read_project(_written(tmp_path, PLAIN.replace("fanuc_m6ib", model)))
+    change = np.eye(4)
+    change[0, 3] = 0.1
+
+    assert np.array_equal(project.frame_named(base), np.eye(4))
+    assert redefined_frame(project, base, change)[1] == ""
+    assert "user frame 2 at X 1000.000" in redefined_frame(project, "2", change)[1]
+
+
+def test_a_turn_is_told_as_the_make_writes_it(tmp_path: Path) -> None:
+    project = read_project(_written(tmp_path, PLAIN.replace("fanuc_m6ib", "yaskawa_ar2010")))
+    turned = homogeneous(rotation_from("yaskawa_rpy", np.deg2rad([0.0, 0.0, 1.5])), np.zeros(3))
+
+    told = redefined_frame(project, "2", turned)[1]
+
+    assert told.endswith("Rx 0.0000, Ry 0.0000, Rz 1.5000 deg")
+
+
+def test_a_program_of_another_make_is_refused(tmp_path: Path) -> None:
+    project = read_project(_written(tmp_path, PLAIN.replace("fanuc_m6ib", "yaskawa_ar2010")))
+    script = brand_named("universal_robots").read("a.script", b"def a():\n  movej([0,0,0,0,0,0])\nend\n")
+
+    with pytest.raises(ProgramFileError, match="a program of universal_robots"):
+        refuse_foreign(script, project)
 
 
 @pytest.mark.parametrize("cell", ["cell_1", "cell_7"])
