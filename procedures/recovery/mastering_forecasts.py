@@ -200,15 +200,16 @@ def _here(record: MasteringRecord, last_counts: Counts | None) -> Joints:
 
 
 def _assumed(known: Knowledge) -> tuple[str, ...]:
-    lines = [f"a reading of the gauge takes {SAMPLE_S:g} s, an answer {ANSWER_S:g} s"]
+    told = f"a reading of the gauge takes {SAMPLE_S:g} s, an answer {ANSWER_S:g} s"
     if known.record is None:
-        lines.append(f"gears of {ASSUMED_RATIO:g}:1: the true ones are read from the controller")
-        lines.append("the robot stands with every joint at zero, or as near as its limits allow")
-    elif known.last_counts is None:
-        lines.append("the robot stands where its record was taken")
-    else:
-        lines.append("the robot stands where it was last seen healthy")
-    return tuple(lines)
+        return (
+            told,
+            f"gears of {ASSUMED_RATIO:g}:1: the true ones are read from the controller",
+            "the robot stands with every joint at zero, or as near as its limits allow",
+        )
+    if known.last_counts is None:
+        return told, "the robot stands where its record was taken"
+    return told, "the robot stands where it was last seen healthy"
 
 
 def state_of(known: Knowledge) -> MotorState | None:

@@ -182,8 +182,9 @@ class Jobs:
     async def stop(self, work: Work) -> None:
         """End a job that is not done; what it had made is forgotten."""
         if work.task is not None and work.state in _OPEN:
-            work.task.cancel()
-            await asyncio.gather(work.task, return_exceptions=True)
+            if not work.task.cancelling():  # a second one would not wait for the process to end
+                work.task.cancel()
+            await asyncio.wait([work.task])  # goes on where whoever asked has left
 
     async def leave(self) -> None:
         """End every job and forget what was made."""

@@ -19,6 +19,7 @@ from service.demo.fake_cell import write_cell_file
 from service.people.entrance import Entrance
 from service.people.hashing import Hasher, pepper_of
 from service.people.roles import Role
+from service.web import programs, residuals
 from service.web.app import Settings, create_app
 from tests.service.described import Described
 
@@ -132,10 +133,18 @@ async def a_door(folder: Path, *, people: bool = True, **settings: Any) -> Async
     data_dir, is_open = read_cell_file(path).cell.data_dir, bool(settings.get("open_access"))
     entrance = Entrance(data_dir, is_open, clock=clock, wall_clock=clock, make_hasher=quick)
     app.state.house = replace(app.state.house, entrance=with_people(entrance) if people else entrance)
-    async with another_browser(
-        app, "https://127.0.0.1" if app.state.house.settings.tls else ORIGIN
-    ) as client:
+    async with (
+        what_was_begun_ends(app),
+        another_browser(app, "https://127.0.0.1" if app.state.house.settings.tls else ORIGIN) as client,
+    ):
         yield Door(app, client, clock)
+
+
+@asynccontextmanager
+async def what_was_begun_ends(app: FastAPI) -> AsyncIterator[None]:
+    """End jobs and the solver as the service does, where its desk is not started."""
+    async with programs.router.lifespan_context(app), residuals.router.lifespan_context(app):
+        yield
 
 
 def another_browser(app: FastAPI, origin: str = ORIGIN, address: str = "127.0.0.1") -> httpx.AsyncClient:

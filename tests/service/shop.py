@@ -21,7 +21,7 @@ from tests.service.browsers import (
     chromium,
     served,
 )
-from tests.service.doors import PINS, ROLES, quick, with_people
+from tests.service.doors import PINS, ROLES, quick, what_was_begun_ends, with_people
 
 ANSWERED = (
     "() => !document.querySelector('[data-testid=secret]')?.value"  # keys pressed before are rubbed out
@@ -128,6 +128,7 @@ async def a_shop(
         app.state.house = replace(app.state.house, link=desk(app))
     async with AsyncExitStack() as stack:
         how = {"log_level": "critical", "lifespan": "off" if desk else "on"}
+        await stack.enter_async_context(what_was_begun_ends(app))
         url = await stack.enter_async_context(served(app, **how))
         browser = await stack.enter_async_context(chromium())
         yield Shop(app, entrance, int(url.rpartition(":")[2]), browser, [])

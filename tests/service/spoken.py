@@ -17,6 +17,7 @@ _BY_NAME = """
     shortfall forecast limits_from not_verified not_checked remarks to_sign suspects_told re_verify
     no_exchange none_to_spare flaw state_flaw chain_flaw chain_flaws what_is_wrong add _cure
     turn_more seen scale unseen forms
+    assumed tips after
     several computed later copied different otherwise called caller unused unused_alone barred
     barred_different barred_computed barred_set barred_moved seen_from_flange
     unreachable other_configuration other_turns no_posture fixed cure
