@@ -180,14 +180,14 @@ def _designed(
 ) -> KitOffer:
     kit = design_kit(model, robot, plan_of(spec), _candidates(spec, model, how))
     places = [place for place in kit.places if place.kind != "nest"]
-    words = {
+    told = {
         "probe": f"{len(places)} marks touched with the probe",
         "pin": f"{len(places)} marks or holes met with a pointed tip or a pin",
         "seat": f"one keyed seat and {spec.check_points} marks for checking",
         "tracker": f"{len(places)} postures seen by the tracker, and {spec.nests} fixed nests",
     }[name]
     postures = tuple(_joints(robot, place.counts) for place in places)
-    return KitOffer(name, words, spec, outlook(model, kit, robot), postures)
+    return KitOffer(name, told, spec, outlook(model, kit, robot), postures)
 
 
 def _candidates(spec: KitSpec, model: RobotModel, how: tuple[Room, int]) -> np.ndarray:

@@ -14,7 +14,7 @@ from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, Planned
 from procedures.limits import MASTERING
 from procedures.motion.approach import OVERSHOOT_RAD
 from procedures.motion.plans import MotionPlan, Room, index_travel, plan_first, plan_kit, wire_prior
-from procedures.recovery.kit_offers import KitOffers, design_offers
+from procedures.recovery.kit_offers import KitOffer, KitOffers, design_offers
 from procedures.recovery.recovery_kit import KitSpec
 from procedures.recovery.waking import INDEX_TURNS
 from procedures.steps.mastering import MotorState
@@ -133,13 +133,21 @@ def _kits(offers: KitOffers) -> tuple[Prediction, ...]:
             offer.widest_u_rad,
             "rad",
             limits,
-            f"{offer.words}; about {offer.minutes:.0f} minutes by hand; whole turns would be found right with a "
-            f"chance of {offer.outlook.success_probability:.6f}; check places show a wrong turn at "
-            f"{offer.outlook.check_sigmas:.0f} deviations"
-            + ("" if offer.strong else "; too weak, it would be refused"),
+            _worth(offer),
         )
         for offer in offers.offers
     )
+
+
+def _worth(offer: KitOffer) -> str:
+    told = [
+        offer.words,
+        f"about {offer.minutes:.0f} minutes by hand",
+        f"whole turns would be found right with a chance of {offer.outlook.success_probability:.6f}",
+        f"check places show a wrong turn at {offer.outlook.check_sigmas:.0f} deviations",
+        *(() if offer.strong else ("too weak, it would be refused",)),
+    ]
+    return "; ".join(told)
 
 
 def _turns(record: MasteringRecord, joints: np.ndarray) -> Prediction:

@@ -70,7 +70,10 @@ def templates(node: ast.expr) -> Iterator[str]:
     elif isinstance(node, ast.Tuple | ast.List):
         for each in node.elts:
             yield from templates(each)
-    elif isinstance(node, ast.Starred | ast.DictComp):
+    elif isinstance(node, ast.Dict):
+        for each in node.values:
+            yield from templates(each)
+    elif isinstance(node, ast.Starred | ast.DictComp | ast.Subscript):
         yield from templates(node.value)
     elif isinstance(node, ast.GeneratorExp | ast.ListComp):
         yield from templates(node.elt)

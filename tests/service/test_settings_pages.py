@@ -8,6 +8,7 @@ import pytest_asyncio
 from playwright.async_api import Page, expect
 
 from procedures.catalogue import ENTRIES
+from procedures.limits import in_reach
 from tests.service.browsers import go, hold_to_rules, speaks
 from tests.service.test_pages import Looking, looking_at_a_cell
 
@@ -87,6 +88,34 @@ async def test_what_has_parts_is_filled_in_part_by_part(looking: Looking) -> Non
         await page.get_by_test_id("usual-room").click()
         await expect(page.get_by_test_id("usual-room")).to_have_count(0)
         assert "room" not in (await foretell(page))["settings"]
+
+
+@pytest.mark.parametrize("locale", ["en", *SAID])
+async def test_a_dry_run_says_how_well_it_would_be_known_and_on_what_that_rests(
+    looking: Looking, locale: str
+) -> None:
+    marks: list[str] = []
+    for name in ("mastering_record", "accuracy_check"):
+        asked = {"procedure": name, "robot": "fanuc", "settings": {}}
+        forecast = (await looking.client.post("/api/dry-runs", json=asked)).json()["forecast"]
+        predictions = forecast["predictions"]
+        async with looking.page(f"#/procedure/{name}", locale=locale) as page:
+            await speaks(page, locale)
+            await page.get_by_test_id("settings").wait_for()
+            await foretell(page)
+            foretold = page.get_by_test_id("foretold")
+            await expect(foretold.locator("dt")).to_have_count(len(predictions))
+            await unfold(page)
+            limits = [(one["expanded"], limit) for one in predictions for limit in one["limits"].values()]
+            shown = [text[0] for text in await foretold.locator(".chip").all_inner_texts()]
+            assert shown == ["✓" if in_reach(*each) else "✗" for each in limits]
+            marks += shown
+            for told in ("assumed", "not_checked"):
+                lines = page.get_by_test_id(f"foretold_{told}").locator("li")
+                await expect(lines).to_have_count(len(forecast[told]))
+            await expect(page.locator(".outlook [lang=en]")).to_have_count(0)
+            await hold_to_rules(page, "a dry run")
+    assert set(marks) == {"✓", "✗"}
 
 
 @pytest.mark.parametrize("locale", SAID)

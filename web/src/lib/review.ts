@@ -164,6 +164,7 @@ const UNITS: Record<string, [string, number, number]> = {
   m: ["mm", 1e3, 3],
   rad: ["°", 180 / Math.PI, 4],
   "rad/m": ["°/m", 180 / Math.PI, 4],
+  turn: ["rev", 1, 3],
 };
 
 /** A figure in the unit that people read: the service keeps metres and radians. */

@@ -74,8 +74,26 @@ export interface Plan {
   duration_s?: number | null;
   checked?: string[];
   not_checked?: string[];
-  predictions?: { name: string; expanded: number; unit: string; limits: Record<string, number> }[];
+  predictions?: Prediction[];
   level?: string;
+}
+
+/** How well something would be known, and each class's limit for it. */
+export interface Prediction {
+  name: string;
+  expanded: number;
+  unit: string;
+  limits: Record<string, number>;
+  sentence: string;
+}
+
+/** What a run would bring, as far as a dry run tells. */
+export interface Forecast {
+  duration_s: number;
+  poses: PlannedPose[];
+  predictions: Prediction[];
+  assumed: string[];
+  not_checked: string[];
 }
 
 export interface Changed {
