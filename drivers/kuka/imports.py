@@ -1,6 +1,7 @@
 """Positions of another data list that a program or list takes under a name of its own (IMPORT)."""
 
 import re
+from collections.abc import Iterable
 
 from drivers.kuka.collected import Collected
 from drivers.programs.across import Imports
@@ -15,10 +16,16 @@ _TEXT = "{} stands in the data list {}: it is changed there, with what all moves
 
 def imports_of(text: str) -> Imports:
     """Return by its name here the data list that a position stands in, and its name there; all in capitals."""
-    return {one["own"].upper(): (one["list"].upper(), one["there"].upper()) for one in _IMPORT.finditer(text)}
+    return _by_name(_IMPORT.finditer(text))
 
 
-def remark_imports(found: Collected) -> None:
-    """Remark where the positions stand that are moved to here."""
-    for one in _IMPORT.finditer(found.source.text):
+def remarked_imports(found: Collected) -> Imports:
+    """Return the same of a file that is read, and remark where each position stands."""
+    imports = list(_IMPORT.finditer(found.source.text))
+    for one in imports:
         found.remark(one.start("own"), "indirect", _TEXT.format(one["own"], one["list"]))
+    return _by_name(imports)
+
+
+def _by_name(imports: Iterable[re.Match[str]]) -> Imports:
+    return {one["own"].upper(): (one["list"].upper(), one["there"].upper()) for one in imports}

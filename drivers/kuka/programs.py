@@ -15,7 +15,7 @@ from calibration.orientation import values_from
 from drivers.kuka.collected import Collected, refusal
 from drivers.kuka.configuration import KukaConfigurations, parts_of
 from drivers.kuka.data_list import declared_names, read_data_list
-from drivers.kuka.imports import imports_of, remark_imports
+from drivers.kuka.imports import imports_of, remarked_imports
 from drivers.kuka.literals import AXIS_FIELDS, POSE_FIELDS, STATE_FIELDS, field_spans
 from drivers.kuka.point_uses import in_set_table
 from drivers.kuka.program import read_program
@@ -207,13 +207,12 @@ _Read = tuple[Collected, Frames, _ToOthers]
 
 def _read_data(source: Source) -> _Read:
     data = read_data_list(source)
-    remark_imports(data.found)
     said = Said(
         "",
         declares=data.shown,
         tools=_of_tables(data.tools),
         bases=_of_tables(data.bases),
-        imports=imports_of(source.text),
+        imports=remarked_imports(data.found),
     )
     return data.found, data.frames(), _ToOthers(said, data.taught)
 
@@ -225,13 +224,12 @@ def _of_tables(poses: Mapping[str, Pose]) -> Poses:
 
 def _read_src(source: Source) -> _Read:
     points = read_program(source).points
-    remark_imports(points.found)
     said = Said(
         "",
         uses=points.uses_said(),
         routines=points.routines_said(),
         doubtful=dict.fromkeys(points.set_tables, COMPUTED),
-        imports=imports_of(source.text),
+        imports=remarked_imports(points.found),
     )
     routines = {used.row: points.routines[used.routine].name for used in points.rows}
     return points.found, points.frames(), _ToOthers(said, routines=routines)

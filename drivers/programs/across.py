@@ -16,9 +16,8 @@ from drivers.programs.declared_poses import DeclaredPoses, Poses
 from drivers.programs.positions import CARTESIAN, Positions, Remark
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
-Imports: TypeAlias = Mapping[
-    str, tuple[str, str]
-]  # a name here: the module that declares it, and its name there
+# By its name here: the module that declares a position, and its name there.
+Imports: TypeAlias = Mapping[str, tuple[str, str]]
 COPIED = "the program copies it, and only the copy is moved to"
 _MANY_USES = 64
 _DIFFERENT = "it is used with different tools or frames, in {}"

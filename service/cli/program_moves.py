@@ -72,13 +72,10 @@ def offset_of(text: str) -> "Array":
 def tell_frame(cell: "Project", frame: str, base_change: "Array") -> None:
     """Say what could be entered into the controller instead, so that programs stay as they are."""
     from service.cli.printing import EN_ROUTE
-    from service.programs.move import redefined_frame
+    from service.programs.move import instead_of_moving
 
-    if told := redefined_frame(cell, frame, base_change)[1]:
-        EN_ROUTE.print(
-            f"Instead of running the moved programs, the old ones could run with {told}. Never do both.",
-            markup=False,
-        )
+    if told := instead_of_moving(cell, frame, base_change):
+        EN_ROUTE.print(told, markup=False)
 
 
 def _alignment(path: Path, cell: "Project") -> "Alignment":

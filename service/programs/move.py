@@ -134,6 +134,20 @@ def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[A
     return moved, f"user frame {frame} at {_as_typed(make, moved)}"
 
 
+def instead_of_moving(project: Project, frame: str, base_change: Array) -> str:
+    """Return what could be entered into the controller so that programs stay as they are; "" where nothing can.
+
+    Raises
+    ------
+    ProjectError
+        The project does not know the frame.
+    """
+    told = redefined_frame(project, frame, base_change)[1]
+    if not told:
+        return ""
+    return f"Instead of running the moved programs, the old ones could run with {told}. Never do both."
+
+
 def _as_typed(make: Make | None, pose: Array) -> str:
     """Return a pose with the letters and units of the robot's maker."""
     name = "ur_rotation_vector" if make is None else make.orientation

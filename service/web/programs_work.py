@@ -23,7 +23,7 @@ from service.programs.clone import cloning
 from service.programs.compensate import compensating
 from service.programs.files import FilesError, Found, Source, find_programs
 from service.programs.inspect import named_by
-from service.programs.move import change_of_frame, moving, redefined_frame
+from service.programs.move import change_of_frame, instead_of_moving, moving
 from service.programs.project import Project, read_project
 from service.programs.report_run import Carry, Wanted, change_programs
 from service.programs.report_texts import Language
@@ -90,10 +90,8 @@ class Task:
         frame = self.asked["frame"]
         if self.asked["do"] != "move" or not frame:
             return []
-        told = redefined_frame(self.cell, frame, self._change())[1]
-        if not told:
-            return []
-        return [f"Instead of running the moved programs, the old ones could run with {told}. Never do both."]
+        told = instead_of_moving(self.cell, frame, self._change())
+        return [told] if told else []
 
     def _change(self) -> Any:
         offset, frame = pose_given(self.asked["offset"]), self.asked["frame"]
