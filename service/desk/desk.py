@@ -218,7 +218,7 @@ class Desk:
         elif isinstance(order, Decline):
             self._operator.decline(order.prompt_id)
         elif isinstance(order, HoldOrder):
-            self._hold.heard(held=order.held)
+            self._hold.heard(held=order.held, age_s=order.age_s)
         elif isinstance(order, Start | Resume):
             self._begin(order, command.who)
         elif isinstance(order, SelectRobot):

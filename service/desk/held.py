@@ -15,12 +15,12 @@ from typing import Any
 from drivers.interfaces import Joints
 
 DEAD_MAN_S = (
-    0.45  # let go within half a second, the way to the robot included; a screen says "held" twice in it
+    0.45  # let go within half a second, the way to the robot included; a screen says "held" four times in it
 )
 
 
 class Hold:
-    """The button on a screen, as last heard of."""
+    """The button on a screen, as last known of: held until so long after the last moment when it surely was."""
 
     def __init__(self, changed: Callable[[], None], clock: Callable[[], float] = time.monotonic) -> None:
         self._changed, self._clock = changed, clock
@@ -34,9 +34,9 @@ class Hold:
         """Whether the button is held now."""
         return self._clock() - self._heard_s < DEAD_MAN_S
 
-    def heard(self, *, held: bool) -> None:
-        """Take note of what a screen says."""
-        self._heard_s = self._clock() if held else float("-inf")
+    def heard(self, *, held: bool, age_s: float = 0.0) -> None:
+        """Take note of what a screen says, and how long ago it may have said so: that much is over already."""
+        self._heard_s = max(self._heard_s, self._clock() - age_s) if held else float("-inf")
         self._wake.set()
 
     async def until_held(self) -> None:

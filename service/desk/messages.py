@@ -90,6 +90,7 @@ class Hold(_Asked):
 
     op: Literal["hold"]
     held: bool
+    age_s: float = Field(default=0.0, ge=0.0)  # it was said at most so long ago
 
 
 Order = Annotated[

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from service.desk.held import DEAD_MAN_S
 from service.desk.messages import Hold
 from service.people.errors import NotSignedInError, PeopleError
 from service.web.answer_shapes import SessionSeen, answering
@@ -20,7 +21,6 @@ from service.web.link import DeskGoneError
 from service.web.screens import Screen, framed
 
 router = APIRouter()
-FRESH_S = 0.5
 _LOOK_S = 5.0
 _BEATS = 16
 
@@ -37,9 +37,10 @@ class Said(BaseModel):
 
 @dataclass
 class Beats:
-    """Numbers that a screen says back within half a second of being told them.
+    """Numbers that a screen says back: a word is no older than the number in it.
 
-    A link that broke delivers later what it could not deliver then. "Held" from seconds ago must not move a robot.
+    A link that broke delivers later what it could not deliver then. "Held" from seconds ago must not move a robot,
+    and from a moment ago only for what is left of the time that a word counts.
     """
 
     clock: Callable[[], float] = time.monotonic
@@ -54,9 +55,9 @@ class Beats:
             self._told.popitem(last=False)
         return self._count
 
-    def is_fresh(self, number: int) -> bool:
-        """Whether a number was told just now."""
-        return self.clock() - self._told.get(number, float("-inf")) < FRESH_S
+    def age_s(self, number: int) -> float:
+        """Return how long ago a number was told; infinity for one that never was, or too long ago to be kept."""
+        return self.clock() - self._told.get(number, float("-inf"))
 
 
 @router.get("/session", **answering(SessionSeen, "the whole present state"))
@@ -108,11 +109,13 @@ async def _take(socket: WebSocket, shown: Screen, beats: Beats, text: str) -> No
         said = Said.model_validate_json(text)
     except ValidationError:
         return  # a screen that babbles moves nothing
+    age_s = 0.0
     if said.held:
         shown.show("beat", framed("beat", beats.next()))
-        if not beats.is_fresh(said.beat):
+        age_s = beats.age_s(said.beat)
+        if age_s >= DEAD_MAN_S:
             return
-    hold = Hold(op="hold", held=said.held)
+    hold = Hold(op="hold", held=said.held, age_s=age_s)
     with contextlib.suppress(DeskGoneError, PeopleError):
         name = await permitted(house, who, "hold", 0, hold)
         if hold.held:

@@ -4,9 +4,10 @@ from pathlib import Path
 
 import pytest
 
+from service.desk.held import DEAD_MAN_S, Hold
 from service.people.control import ASKED_S, Control, Seat
 from service.people.errors import ElsewhereError
-from service.web.screen import FRESH_S, Beats
+from service.web.screen import Beats
 from tests.service.doors import Clock, Door, a_door, another_browser
 
 TOM, TINA, EMIL = Seat("1", "Tom"), Seat("2", "Tina"), Seat("3", "Emil")
@@ -81,13 +82,30 @@ def test_whoever_may_order_nothing_any_more_has_no_control() -> None:
 def test_a_word_that_lay_in_a_broken_link_moves_nothing() -> None:
     clock = Clock()
     beats = Beats(clock)
-    assert not beats.is_fresh(0)
+    assert beats.age_s(0) == float("inf")
     first = beats.next()
-    assert beats.is_fresh(first)
-    clock.pass_by(FRESH_S)
-    assert not beats.is_fresh(first)
-    assert beats.is_fresh(beats.next())
-    assert not beats.is_fresh(99)
+    assert beats.age_s(first) == 0.0
+    clock.pass_by(3.0)
+    assert beats.age_s(first) == 3.0
+    assert beats.age_s(beats.next()) == 0.0
+    assert beats.age_s(99) == float("inf")
+
+
+def test_a_word_that_was_long_on_its_way_holds_the_button_only_for_what_is_left_of_it() -> None:
+    clock = Clock()
+    hold = Hold(lambda: None, clock)
+    hold.heard(held=True, age_s=0.3)
+    assert hold.held
+    clock.pass_by(DEAD_MAN_S - 0.25)
+    assert not hold.held
+    hold.heard(held=True, age_s=DEAD_MAN_S + 0.01)  # late words do not press
+    assert not hold.held
+    hold.heard(held=True)
+    hold.heard(held=True, age_s=0.3)  # and an older one takes nothing from a newer one
+    clock.pass_by(0.2)
+    assert hold.held
+    hold.heard(held=False)
+    assert not hold.held
 
 
 async def two(door: Door, first: str, second: str) -> Door:

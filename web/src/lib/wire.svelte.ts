@@ -13,7 +13,7 @@ const TRY_MS = 1500; // a new one
 const RETRY_MS = 300;
 const UNKNOWN_MS = 2000; // a device that may not come in asks rarely
 const LOOK_MS = 250;
-const HOLD_MS = 150;
+const HOLD_MS = 100;
 const TAP_MS = 400; // the second of two quick taps must not answer the question that the first one brought
 const CAME_IN = "came-in"; // in this browser's memory: it was let in before
 const QUEUED_MS = 30_000; // what could not be sent for longer is pressed again, by somebody who looks
@@ -202,7 +202,7 @@ class Wire {
   }
 
   // Hold to move: said again and again while the button is held; silence lets go on the other side. Each word says
-  // back the service's newest number: words that a broken link delivers late count for nothing.
+  // back the service's newest number: a word that a slow link delivers late counts for less, or for nothing.
 
   hold() {
     if (this.#holding) return;
