@@ -47,7 +47,7 @@ def evaluate_lengths(
     lengths_m: Array,
     joints_rad: Array,
     *,
-    device_sigma_m: float,
+    device_sigma_m: float | Array,
     fitted_joints_rad: Array,
 ) -> LineTest:
     """Evaluate error and scatter along the wire at poses that took no part in a fit.
@@ -60,8 +60,8 @@ def evaluate_lengths(
         Lengths found, n cycles [m].
     joints_rad, fitted_joints_rad : (P, axes), (F, axes)
         Of the test poses, and of every row that was fitted [rad].
-    device_sigma_m : float
-        What the wire gets wrong every time [m].
+    device_sigma_m : float or (P,)
+        What wire and model lengths get wrong every time [m].
 
     Raises
     ------
@@ -82,9 +82,10 @@ def evaluate_lengths(
             "one cycle says nothing about repeatability.", remedy="Go round five times or more."
         )
     poses = []
-    for found, goal in zip(lengths, wanted, strict=True):
+    every_time = np.broadcast_to(device_sigma_m, wanted.shape)
+    for found, goal, device_m in zip(lengths, wanted, every_time, strict=True):
         off, spread = float(found.mean() - goal), float(found.std(ddof=1))
-        sigma = math.hypot(spread / math.sqrt(cycles), device_sigma_m)
+        sigma = math.hypot(spread / math.sqrt(cycles), device_m)
         poses.append(
             LinePose(abs(off), off, sigma, 3.0 * spread, 3.0 * spread / math.sqrt(2.0 * (cycles - 1)))
         )

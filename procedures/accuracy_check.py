@@ -18,7 +18,7 @@ from calibration.arm.joint_terms import term_values
 from calibration.geometry import Array, inverse_transform
 from calibration.identification.parameters import ArmState
 from calibration.line_accuracy import LinePose, LineTest, evaluate_lengths
-from calibration.poses.arm_fit import placed
+from calibration.poses.arm_fit import placed, predicted_sigma
 from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import Instruction
 from procedures.arm.arm_bench import (
@@ -41,14 +41,13 @@ from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
 from procedures.limits import POSE, AccuracyClass, PoseLimits, chosen, told
-from procedures.motion.plan_words import Tour, plan_words, travel_of
+from procedures.motion.plan_words import Tour, plan_words
 from procedures.motion.plans import Room
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page, straight
 from procedures.verdict import Change, Verdict, judged, stated
 
-MEAN_TRAVEL_RAD = 1.0
 SYSTEMATIC_SHARE = 0.5  # of a wire's sigma, that averaging does not take away
 
 
@@ -105,7 +104,7 @@ async def accuracy_check(run: Run, spec: AccuracyCheck) -> AccuracyResult:
     rules = spec.rules
     plan = await run.solve("plan the poses", plan_cube, bench, rules)
     await run.step("accept the plan", accept, _shown(plan, spec), sha256_of(to_jsonable_python(plan)))
-    visits = Visits(run, bench, plan.speed_rad_s, rules.samples, bench.joints_rad)
+    visits = Visits(run, bench, plan.pace, rules.samples, bench.joints_rad)
     await visits.rest(plan.way_to_rest_rad)
     for way in plan.placing_rad:
         await visits.visit(way)
@@ -140,8 +139,8 @@ def evaluate_rounds(
     bench: Bench, plan: CubePlan, seen: Rounds, arm: CalibratedArm | None, rules: CheckRules
 ) -> AccuracyResult:
     """Say of both models how far from them the robot went, and how well it came back."""
-    fastest = float(np.min(bench.nominal().max_speed_rad_s))
-    share = min(plan.speed_rad_s / fastest, 1.0)
+    rated_rad_s, once = float(np.min(bench.nominal().max_speed_rad_s)), plan.round()
+    share = min(once.travel_rad / once.moving_s / rated_rad_s, 1.0)
     conditions = Conditions(rules.load_share, share, rules.warmed_up, one_direction=True)
     nominal = _tested(bench, plan, seen, {}, conditions)
     if arm is None:
@@ -153,20 +152,22 @@ def _tested(
     bench: Bench, plan: CubePlan, seen: Rounds, values: dict[str, float], conditions: Conditions
 ) -> AccuracyTest | LineTest:
     task, axes = bench.task(), len(bench.joints_rad)
-    state = placed(task, observed(task, seen.placing), values)
+    fit = placed(task, observed(task, seen.placing), values)
+    state = fit.state
     joints, fitted = np.array(plan.tests_rad), joints_of(seen.placing, axes)
     found = np.array([values_of(cycle) for cycle in seen.cycles]).swapaxes(0, 1)  # (P, cycles, channels)
     device = state.devices[0]
     places = _targets(state, joints)
     if bench.method == "wire":
         wanted = device.zero_m + device.scale * np.linalg.norm(places - device.anchor_in_base_m, axis=1)
-        systematic = SYSTEMATIC_SHARE * bench.sigma_m
+        systematic = np.hypot(SYSTEMATIC_SHARE * bench.sigma_m, predicted_sigma(fit, task, joints))
         return evaluate_lengths(
             wanted, found[:, :, 0], joints, device_sigma_m=systematic, fitted_joints_rad=fitted
         )
     base_device = inverse_transform(device.device_base)
     positions = found @ base_device[:3, :3].T + base_device[:3, 3]
-    attained = Attained(places, positions, joints, device_sigma_m=bench.sigma_m)
+    sigma_m = float(np.hypot(bench.sigma_m, predicted_sigma(fit, task, joints).max()))
+    attained = Attained(places, positions, joints, device_sigma_m=sigma_m)
     return evaluate(attained, conditions, fitted_joints_rad=fitted)
 
 
@@ -184,10 +185,7 @@ def _shown(plan: CubePlan, spec: AccuracyCheck) -> Instruction:
         f"round five poses in a cube of {plan.side_m * 1e3:.0f} mm about x {x:.0f}, y {y:.0f}, z {z:.0f} mm"
     )
     stops = len(plan.placing_rad) + spec.rules.cycles * len(plan.tests_rad)
-    rest = plan.way_to_rest_rad[-1]
-    placing_rad = travel_of(rest, (*plan.placing_rad, *plan.first_round_rad))
-    travel_rad = placing_rad + max(spec.rules.cycles - 1, 0) * travel_of(plan.tests_rad[-1], plan.round_rad)
-    tour = Tour(stops, travel_rad, plan.speed_rad_s)
+    tour = Tour(stops, plan.paced(spec.rules.cycles))
     asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     ways = (*plan.placing_rad, *straight(plan.tests_rad))
     names = (
@@ -195,7 +193,9 @@ def _shown(plan: CubePlan, spec: AccuracyCheck) -> Instruction:
         *(f"P{k}" for k in range(1, len(plan.tests_rad) + 1)),
     )
     checks = WIRE_CHECKS if spec.method == "wire" else ARM_CHECKS
-    return plan_page(asked, tour, Moves(ways, plan.speed_rad_s, checks, plan.not_checked, names=names))
+    return plan_page(
+        asked, tour, Moves(ways, tour.paced.fastest_rad_s, checks, plan.not_checked, names=names)
+    )
 
 
 def _outline(spec: AccuracyCheck) -> tuple[Phase, ...]:
@@ -254,12 +254,12 @@ def _forecast(spec: AccuracyCheck, known: Knowledge) -> Forecast:
     if bench is None:
         return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
     plan, rules = plan_cube(bench, spec.rules), spec.rules
-    captures = rules.placing + FULL_POSES * rules.cycles
-    each_s = MEAN_TRAVEL_RAD / plan.speed_rad_s + known.limits.settle_s + rules.samples * SAMPLE_S
+    captures, paced = rules.placing + FULL_POSES * rules.cycles, plan.paced(rules.cycles)
+    each_s = known.limits.settle_s + rules.samples * SAMPLE_S
     return Forecast(
-        duration_s=math.ceil(captures * each_s + ANSWER_S),
+        duration_s=math.ceil(paced.moving_s + captures * each_s + ANSWER_S),
         poses=tuple(PlannedPose(f"P{k}", pose) for k, pose in enumerate(plan.tests_rad, 1)),
-        speed_rad_s=plan.speed_rad_s,
+        speed_rad_s=paced.fastest_rad_s,
         predictions=(_of_device(bench),),
         assumed=("the robot's own scatter is what is measured: its part of U is known afterwards",),
         not_checked=plan.not_checked,
@@ -278,7 +278,7 @@ def _of_device(bench: Bench) -> Prediction:
 ENTRY = Entry(
     name="accuracy_check",
     title="Accuracy and repeatability following ISO 9283",
-    version=2,
+    version=3,
     procedure=accuracy_check,
     spec_type=AccuracyCheck,
     needs=("moves_joints", "model", "sees_the_flange"),

@@ -45,13 +45,12 @@ from procedures.canonical import sha256_of
 from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose
-from procedures.motion.plan_words import Tour, plan_words, travel_of
+from procedures.motion.plan_words import Tour, plan_words
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page
 from procedures.verdict import Characteristic, Verdict, enough, held, judged, stated
 
-MEAN_TRAVEL_RAD = 1.0
 NEXT = {
     NOTHING: "nothing: go on working",
     WARMTH: "let the robot reach its working temperature, or cool down, and run drift_check again",
@@ -146,10 +145,10 @@ async def _take_reference(run: Run, spec: DriftCheck, bench: Bench) -> DriftResu
     await run.step(
         "accept the plan",
         accept,
-        _shown(plan, "take the reference", spec.method),
+        _shown(plan, "take the reference", spec.method, rounds=2),
         sha256_of(to_jsonable_python(plan)),
     )
-    visits = Visits(run, bench, plan.speed_rad_s, spec.rules.samples, bench.joints_rad)
+    visits = Visits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
     await visits.rest(plan.way_to_rest_rad)
     for way in plan.ways_rad:
         await visits.visit(way)
@@ -167,7 +166,7 @@ async def _compare(run: Run, spec: DriftCheck, bench: Bench, reference: DriftRef
     await run.step(
         "accept the plan", accept, _shown(plan, "compare", spec.method), sha256_of(to_jsonable_python(plan))
     )
-    visits = Visits(run, bench, plan.speed_rad_s, spec.rules.samples, bench.joints_rad)
+    visits = Visits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
     await visits.rest(plan.way_to_rest_rad)
     first = min(spec.rules.first, len(reference.poses_rad))
     measured = list(range(first))
@@ -265,13 +264,12 @@ def _refuse_scatter(first: tuple[ArmCapture, ...], again: tuple[ArmCapture, ...]
         )
 
 
-def _shown(plan: DriftPlan, what: str, method: Method) -> Instruction:
+def _shown(plan: DriftPlan, what: str, method: Method, rounds: int = 1) -> Instruction:
     told = f"the robot, to up to {len(plan.ways_rad)} poses, to {what}"
-    travel_rad = travel_of(plan.way_to_rest_rad[-1], plan.ways_rad)
-    tour = Tour(len(plan.ways_rad), travel_rad, plan.speed_rad_s)
+    tour = Tour(rounds * len(plan.ways_rad), plan.paced().times(rounds))
     asked = Instruction("accept_plan", plan_words(told, tour, plan.not_checked))
     checks = WIRE_CHECKS if method == "wire" else ARM_CHECKS
-    return plan_page(asked, tour, Moves(plan.ways_rad, plan.speed_rad_s, checks, plan.not_checked))
+    return plan_page(asked, tour, Moves(plan.ways_rad, tour.paced.fastest_rad_s, checks, plan.not_checked))
 
 
 def _outline(spec: DriftCheck) -> tuple[Phase, ...]:
@@ -341,11 +339,11 @@ def _forecast(spec: DriftCheck, known: Knowledge) -> Forecast:
     if bench is None:
         return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
     plan, rules = plan_reference(bench, spec.rules), spec.rules
-    each_s = 2.0 * MEAN_TRAVEL_RAD / plan.speed_rad_s + known.limits.settle_s + rules.samples * SAMPLE_S
+    paced, each_s = plan.paced(rules.first), known.limits.settle_s + rules.samples * SAMPLE_S
     return Forecast(
-        duration_s=math.ceil(rules.first * each_s + ANSWER_S),
+        duration_s=math.ceil(paced.moving_s + rules.first * each_s + ANSWER_S),
         poses=tuple(PlannedPose(f"pose {k}", way[-1]) for k, way in enumerate(plan.ways_rad, 1)),
-        speed_rad_s=plan.speed_rad_s,
+        speed_rad_s=paced.fastest_rad_s,
         assumed=("there is a reference; taking one measures at all poses twice",),
         not_checked=plan.not_checked,
     )
@@ -354,7 +352,7 @@ def _forecast(spec: DriftCheck, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="drift_check",
     title="Drift check against the reference of a healthy robot",
-    version=2,
+    version=3,
     procedure=drift_check,
     spec_type=DriftCheck,
     needs=("moves_joints", "model", "sees_the_flange"),

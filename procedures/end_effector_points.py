@@ -31,7 +31,7 @@ from procedures.judged_write import (
     shift_told,
     with_verdict,
 )
-from procedures.motion.plan_words import guessed_tour, plan_words
+from procedures.motion.plan_words import Tour, plan_words
 from procedures.past import Finding
 from procedures.refit import Refit, Refitted, pose_values, values_of
 from procedures.run import RefusalError, Run
@@ -53,7 +53,6 @@ from procedures.survey.survey_choice import fixed_plan_captures, order_pools
 from procedures.survey.survey_forecast import lacking, state_before, survey_forecast
 from procedures.survey.survey_motion import (
     Wire,
-    capped_speed,
     draw_pool,
     resting_poses,
     unchecked,
@@ -175,10 +174,6 @@ def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
         draw_pool(state.model, wire, room, None, (spec.rules.candidates, spec.rules.seed + k))
         for k, wire in enumerate(wires)
     )
-    speed = min(
-        capped_speed(state.model, wire, room, pool, state.limits.speed_rad_s)
-        for wire, pool in zip(wires, pools, strict=True)
-    )
     rests = resting_poses(state.model, wires, room, pools)
     plan = SurveyPlan(
         goal=Goal(rough, points, spec.tip_u_m, spec.angle_u_rad),
@@ -189,7 +184,7 @@ def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
         way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
         pools=pools,
         best=((),) * len(pools),
-        speed_rad_s=speed,
+        paces=tuple(state.pace(hook, room) for _, hook, _ in wires),
         not_checked=unchecked(state.model, wires[0], room),
     )
     return order_pools(Survey(state, plan, spec.rules))
@@ -269,7 +264,7 @@ def _shown_plan(plan: SurveyPlan, spec: EndEffectorPoints) -> Instruction:
         f"the robot, with the hook in each of {spots} points, to {rules.min_captures} to {rules.max_captures} of "
         f"{min(map(len, plan.pools))} poses, one chosen after the other"
     )
-    tour = guessed_tour(spots * rules.min_captures, plan.speed_rad_s, "hang the hook into each point")
+    tour = Tour(spots * rules.min_captures, plan.paced(rules.min_captures), "hang the hook into each point")
     asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     return plan_page(asked, tour, plan.moves(spec.rules))
 
@@ -357,7 +352,7 @@ def _refit(spec: EndEffectorPoints, findings: Sequence[Finding]) -> Refit:
 ENTRY = Entry(
     name="end_effector_points",
     title="Tool frame from points on the end-effector",
-    version=3,
+    version=4,
     procedure=end_effector_points,
     spec_type=EndEffectorPoints,
     needs=("moves_joints", "gauge", "gauge_setup", "model", "writes_tool_frame"),

@@ -30,7 +30,7 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
 from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
 from procedures.limits import FrameLimits
-from procedures.motion.plan_words import guessed_tour, plan_words
+from procedures.motion.plan_words import Tour, plan_words
 from procedures.past import Finding
 from procedures.refit import Refit, Refitted, pose_values, values_of
 from procedures.run import RefusalError, Run
@@ -60,7 +60,6 @@ from procedures.survey.survey_choice import fixed_plan_captures, order_pools
 from procedures.survey.survey_forecast import lacking, state_before, survey_forecast
 from procedures.survey.survey_motion import (
     Wire,
-    capped_speed,
     draw_pool,
     middle_of_work,
     resting_poses,
@@ -179,10 +178,6 @@ def plan_alignment(
         share * wanted.angle_rad,
         None if spec.bases is None else known.worst(spec.points_in_fixture_m),
     )
-    speed = min(
-        capped_speed(state.model, wire, room, pool, state.limits.speed_rad_s)
-        for wire, pool in zip(wires, pools, strict=True)
-    )
     rests = resting_poses(state.model, wires, room, pools)
     plan = SurveyPlan(
         goal=goal,
@@ -193,7 +188,7 @@ def plan_alignment(
         way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
         pools=pools,
         best=((),) * len(pools),
-        speed_rad_s=speed,
+        paces=tuple(state.pace(hook, room) for _, hook, _ in wires),
         not_checked=unchecked(state.model, wires[0], room),
     )
     return order_pools(Survey(state, plan, spec.rules))
@@ -291,7 +286,9 @@ def _shown_plan(plan: SurveyPlan, spec: FixtureAlignment) -> Instruction:
         f"the robot, at each of {spots} alignment points, to {rules.min_captures} to {rules.max_captures} of "
         f"{min(map(len, plan.pools))} poses, one chosen after the other"
     )
-    tour = guessed_tour(spots * rules.min_captures, plan.speed_rad_s, "move the wire from point to point")
+    tour = Tour(
+        spots * rules.min_captures, plan.paced(rules.min_captures), "move the wire from point to point"
+    )
     asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     return plan_page(asked, tour, plan.moves(spec.rules))
 
@@ -388,7 +385,7 @@ def _refit(spec: FixtureAlignment, findings: Sequence[Finding]) -> Refit:
 ENTRY = Entry(
     name="fixture_alignment",
     title="Fixture alignment with the draw-wire",
-    version=3,
+    version=4,
     procedure=fixture_alignment,
     spec_type=FixtureAlignment,
     needs=("moves_joints", "gauge", "gauge_setup", "model"),

@@ -25,6 +25,7 @@ from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
 from procedures.motion.detours import known_way
+from procedures.motion.pace import Paced
 from procedures.motion.plan_words import Tour, plan_words
 from procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
 from procedures.past import Finding
@@ -301,7 +302,7 @@ def _verdict_on_places(result: RecordResult) -> Verdict:
 def shown(plan: MotionPlan) -> Instruction:
     """Return the plan as a question for the technician."""
     fastest_rad_s = max(plan.speeds_rad_s)
-    tour = Tour(len(plan.poses_rad), plan.travel_rad, fastest_rad_s, moving_s=plan.moving_s)
+    tour = Tour(len(plan.poses_rad), Paced(plan.travel_rad, plan.moving_s, fastest_rad_s))
     what = f"the robot with the wire hooked in, to {len(plan.poses_rad)} poses; the wire keeps its range"
     asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     moves = Moves(

@@ -36,7 +36,7 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
 from procedures.judged_write import refuse_failed, with_verdict
 from procedures.limits import CHECK, AccuracyClass, CheckLimits, chosen, told
-from procedures.motion.plan_words import MEAN_TRAVEL_RAD, guessed_tour, plan_words
+from procedures.motion.plan_words import Tour, plan_words
 from procedures.run import NeedsUnmetError, RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.pages import plan_page, with_changes
@@ -111,7 +111,7 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
     await run.step("accept the plan", accept, _shown_plan(plan, spec), sha256_of(to_jsonable_python(plan)))
 
     series = Series(bench, plan, spec.rules)
-    visits = Visits(run, bench, plan.speed_rad_s, spec.rules.samples, bench.joints_rad)
+    visits = Visits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
     await visits.rest(plan.way_to_rest_rad)
     ended = await _measure(run, series, visits)
     checks = await _verify(run, series, visits)
@@ -230,7 +230,7 @@ def _shown_plan(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
         f"time, and to {checks} more that verify. Expected then: target known within {plan.tip_u_m * 1e3:.3f} mm "
         f"over the work (k=2, RMS), {plan.tip_u_max_m * 1e3:.3f} mm at worst{doubt}"
     )
-    tour = guessed_tour(expected + checks, plan.speed_rad_s)
+    tour = Tour(expected + checks, plan.foreseen())
     asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     return plan_page(asked, tour, series_moves(plan, spec.rules, wired=spec.method == "wire"))
 
@@ -357,15 +357,17 @@ def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
     if bench is None:
         return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
     plan = plan_series(bench, spec.goal(), spec.rules)
-    captures = plan.expected_captures + spec.rules.checks_for(plan.expected_captures)
-    each_s = MEAN_TRAVEL_RAD / plan.speed_rad_s + known.limits.settle_s + spec.rules.samples * SAMPLE_S
-    poses = [PlannedPose(f"pose {k}", plan.pool[index]) for k, index in enumerate(plan.best, 1)]
-    checks = plan.reserved[: spec.rules.checks_for(plan.expected_captures)]
+    ends = [way[-1] for way in plan.foreseen_rad]
+    poses, checks = ends[: plan.expected_captures], ends[plan.expected_captures :]
+    paced, each_s = plan.foreseen(), known.limits.settle_s + spec.rules.samples * SAMPLE_S
     after = f"after {plan.expected_captures} captures; each pose is chosen anew as readings come in"
     return Forecast(
-        duration_s=math.ceil(captures * each_s + 3 * ANSWER_S),
-        poses=(*poses, *(PlannedPose(f"check {k}", pose) for k, pose in enumerate(checks, 1))),
-        speed_rad_s=plan.speed_rad_s,
+        duration_s=math.ceil(paced.moving_s + len(ends) * each_s + 3 * ANSWER_S),
+        poses=(
+            *(PlannedPose(f"pose {k}", pose) for k, pose in enumerate(poses, 1)),
+            *(PlannedPose(f"check {k}", pose) for k, pose in enumerate(checks, 1)),
+        ),
+        speed_rad_s=paced.fastest_rad_s,
         predictions=(Prediction("target over the work, RMS", plan.tip_u_m, "m", {}, after),),
         assumed=(
             f"the arm leaves {spec.rules.arm_sigma_m * 1e3:.2f} mm a coordinate that no parameter describes",
@@ -378,7 +380,7 @@ def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="robot_calibration",
     title="Robot calibration with draw-wire or tracker",
-    version=2,
+    version=3,
     procedure=robot_calibration,
     spec_type=RobotCalibration,
     needs=("moves_joints", "model", "sees_the_flange"),

@@ -177,12 +177,12 @@ def found_correlations(fit: Fit) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row[:i]) for i, row in enumerate(rho.tolist()))
 
 
-def placed(task: ArmTask, observations: Observations, values: dict[str, float]) -> ArmState:
-    """Return a known arm with device, target, and zero and scale of a wire fitted to readings."""
+def placed(task: ArmTask, observations: Observations, values: dict[str, float]) -> Fit:
+    """Fit device, target, and zero and scale of a wire to readings of a known arm."""
     model = task.nominal()
     start = StartingPoint(values, free=("base", "tool", "wire"))
     places = _places(task, model, observations)
-    return fit_level(model, observations, places, OFFSETS, task.priors, start).fit.state
+    return fit_level(model, observations, places, OFFSETS, task.priors, start).fit
 
 
 def _places(task: ArmTask, model: RobotModel, observations: Observations) -> ArmState:

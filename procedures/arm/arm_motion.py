@@ -19,6 +19,7 @@ from calibration.motion.motion_quantities import wire_winding
 from drivers.interfaces import Joints
 from procedures.arm.arm_bench import Bench, Triple
 from procedures.motion.approach import from_below
+from procedures.motion.pace import Pace
 from procedures.motion.plans import Room
 from procedures.motion.surroundings import clearances
 from procedures.survey import survey_motion
@@ -50,14 +51,9 @@ class Reach:
         """Return where the target is in these postures (N, 3), by the drawing."""
         return load_model(self.model).tip_positions(joints_rad, np.array(self.target_in_flange_m))
 
-    def speed(self, poses: tuple[Joints, ...], speed_rad_s: float) -> float:
-        """Return the joint speed at which no tip is faster than its cap, wherever the ways lead."""
-        model, ways = load_model(self.model), np.array(poses)
-        limits = survey_motion.survey_limits(self.wire, self.room, speed_rad_s)
-        tip = self.target_in_flange_m
-        verdict = check_moves(model, ways[0], ways[1:], limits, speed_rad_s=speed_rad_s, tip_in_flange_m=tip)
-        fastest = max((f.found / f.limit for f in verdict.findings if f.check == "tip speed"), default=1.0)
-        return speed_rad_s / (fastest * 1.2) if fastest > 1.0 else speed_rad_s
+    def pace(self, speed_rad_s: float) -> Pace:
+        """Return how fast its ways may be gone."""
+        return Pace(self.model, self.target_in_flange_m, speed_rad_s, self.room.capped_tip_speed_m_s)
 
     def not_checked(self) -> tuple[str, ...]:
         """Return in sentences what no check of the ways sees."""
@@ -220,12 +216,20 @@ def ordered_ways(
     reach: Reach, roads: Roadmap, here_rad: Joints, poses: tuple[Joints, ...]
 ) -> tuple[tuple[Joints, ...], ...]:
     """Return a way to each of these poses of a roadmap, the nearest next."""
-    left, ways, here = list(poses), [], here_rad
+    left, order, here = list(poses), [], here_rad
     while left:
         left.sort(key=lambda pose: max(abs(a - b) for a, b in zip(pose, here, strict=True)))
-        ways.append(way_between(reach, roads, here, left.pop(0)))
-        here = ways[-1][-1]
-    return tuple(ways)
+        here = left.pop(0)
+        order.append(here)
+    return ways_through(reach, roads, here_rad, tuple(order))
+
+
+def ways_through(
+    reach: Reach, roads: Roadmap, here_rad: Joints, poses: tuple[Joints, ...]
+) -> tuple[tuple[Joints, ...], ...]:
+    """Return a way to each of these poses of a roadmap, in this order."""
+    starts = (here_rad, *poses[:-1])
+    return tuple(way_between(reach, roads, here, pose) for here, pose in zip(starts, poses, strict=True))
 
 
 @dataclass(frozen=True, slots=True)

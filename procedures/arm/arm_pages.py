@@ -4,7 +4,7 @@ from procedures.arm.arm_bench import Bench
 from procedures.arm.calibration_plan import CalibrationPlan, SeriesRules
 from procedures.arm.calibration_result import Identified
 from procedures.forecast import Prediction
-from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, joint_displacement, straight
+from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, joint_displacement
 from procedures.verdict import Change
 
 _POSTURES = 40  # of those that stand for the whole work
@@ -12,11 +12,10 @@ _POSTURES = 40  # of those that stand for the whole work
 
 def series_moves(plan: CalibrationPlan, rules: SeriesRules, *, wired: bool) -> Moves:
     """Return a calibration's plan as it is shown: the poses that are expected to tell most, and those that verify."""
-    fitted = [plan.pool[index] for index in plan.best[: plan.expected_captures]]
-    checks = plan.reserved[: rules.checks_for(plan.expected_captures)]
+    checks = len(plan.foreseen_rad) - plan.expected_captures
     return Moves(
-        ways_rad=straight((*fitted, *checks)),
-        speed_rad_s=plan.speed_rad_s,
+        ways_rad=plan.foreseen_rad,
+        speed_rad_s=plan.foreseen().fastest_rad_s,
         checked=WIRE_CHECKS if wired else ARM_CHECKS,
         not_checked=(*plan.not_checked, plan.shortfall),
         most=rules.max_captures + rules.checks_for(rules.max_captures),
@@ -25,8 +24,8 @@ def series_moves(plan: CalibrationPlan, rules: SeriesRules, *, wired: bool) -> M
             Prediction("target over the work, at worst", plan.tip_u_max_m, "m"),
         ),
         names=(
-            *(str(k) for k in range(1, len(fitted) + 1)),
-            *(f"C{k}" for k in range(1, len(checks) + 1)),
+            *(str(k) for k in range(1, plan.expected_captures + 1)),
+            *(f"C{k}" for k in range(1, checks + 1)),
         ),
     )
 

@@ -10,6 +10,7 @@ from calibration.geometry import Array
 from drivers.interfaces import Joints
 from procedures.arm.arm_bench import ArmCapture, Bench, agree, apart_m, capture_arm, noise_m
 from procedures.cell import Cell
+from procedures.motion.pace import Pace
 from procedures.run import Run
 from procedures.steps.measure_point import SAME_SIGMAS, PointCapture, StationMovedError, hold_station
 from procedures.steps.motion import follow
@@ -25,7 +26,7 @@ class Visits:
 
     run: Run
     bench: Bench
-    speed_rad_s: float
+    pace: Pace
     samples: int
     here_rad: Joints
     taken: list[ArmCapture] = field(default_factory=list)
@@ -89,7 +90,7 @@ class Visits:
 
     async def _go(self, move: str, way_rad: tuple[Joints, ...]) -> None:
         planned = (self.here_rad, *way_rad)
-        await self.run.move(move, go_on, planned, self.speed_rad_s, wired=self.bench.method == "wire")
+        await self.run.move(move, go_on, planned, self.pace, wired=self.bench.method == "wire")
         self.here_rad = way_rad[-1]
 
 
@@ -112,13 +113,14 @@ def held_device(bench: Bench, first: ArmCapture, again: ArmCapture) -> float:
     return distance
 
 
-async def go_on(cell: Cell, planned_rad: tuple[Joints, ...], speed_rad_s: float, *, wired: bool) -> Joints:
+async def go_on(cell: Cell, planned_rad: tuple[Joints, ...], pace: Pace, *, wired: bool) -> Joints:
     """Go along a planned way from the posture it begins at; one that was begun is gone on with where the arm stands.
 
     Back to its beginning, or straight to a corner that lies behind, no way was checked.
     """
     here = (await cell.robot.joints()).joints_rad
-    return await follow(cell, left_of(planned_rad, here), speed_rad_s, wired=wired)
+    way = left_of(planned_rad, here)
+    return await follow(cell, way, pace.joint_speed_rad_s, wired=wired, pace=pace)
 
 
 def left_of(planned_rad: tuple[Joints, ...], here_rad: Joints) -> tuple[Joints, ...]:

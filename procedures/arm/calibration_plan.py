@@ -19,7 +19,16 @@ from calibration.poses.next_pose import best_in_turn, drawn_need, spread_order
 from calibration.poses.shortfall import shortfall
 from drivers.interfaces import Joints
 from procedures.arm.arm_bench import ARM_SIGMA_M, ArmCapture, Bench, Triple, observed
-from procedures.arm.arm_motion import Reach, Roadmap, draw_poses, map_roads, way_between, way_to_rest
+from procedures.arm.arm_motion import (
+    Reach,
+    Roadmap,
+    draw_poses,
+    map_roads,
+    ordered_ways,
+    way_to_rest,
+    ways_through,
+)
+from procedures.motion.pace import Pace, Paced
 from procedures.motion.plans import Room
 
 ModelName = Literal["offsets", "geometry", "sag"]
@@ -78,13 +87,20 @@ class CalibrationPlan:
     tests: tuple[Joints, ...]
     reserved: tuple[Joints, ...]  # for verification; never fitted; spread over the work
     way_to_rest_rad: tuple[Joints, ...]
-    speed_rad_s: float
+    foreseen_rad: tuple[
+        tuple[Joints, ...], ...
+    ]  # the ways as expected: to the best poses, then to those that verify
+    pace: Pace
     expected_captures: int
     tip_u_m: float  # expected after them, k = 2
     tip_u_max_m: float
     best: tuple[int, ...]  # of the pool, in the order in which they are expected to tell most
     shortfall: str  # why the goal is not reachable, empty if it is
     not_checked: tuple[str, ...]
+
+    def foreseen(self) -> Paced:
+        """Return how far and how long the arm is expected to go."""
+        return self.pace.along(self.way_to_rest_rad[-1], self.foreseen_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,18 +163,25 @@ def plan_series(bench: Bench, goal: Goal, rules: SeriesRules) -> CalibrationPlan
     pool = np.delete(every, list(reserved), axis=0)
     tests = TestPoses(work[:: max(1, len(work) // rules.tests)][: rules.tests])
     before = outlook_of(task_of(bench, goal, rules), np.empty((0, every.shape[1])))
+    kept, poses = tuple(drawn[k] for k in reserved), _poses(pool)
     turn = best_in_turn(before, pool, tests, _stop(goal, rules, tests), most=rules.max_captures)
     order, after = turn.order, turn.after
     u_m, u_max_m = target_u(after, tests)
     found = shortfall(before, pool, goal.acceptance(), tests)
+    best = tuple(poses[index] for index in order)
+    checks = kept[: rules.checks_for(len(order))]
     return CalibrationPlan(
         goal=goal,
         roads=roads,
-        pool=_poses(pool),
+        pool=poses,
         tests=_poses(tests.joints_rad),
-        reserved=tuple(drawn[k] for k in reserved),
+        reserved=kept,
         way_to_rest_rad=to_rest,
-        speed_rad_s=reach.speed(drawn, bench.limits.speed_rad_s),
+        foreseen_rad=(
+            *ways_through(reach, roads, to_rest[-1], best),
+            *ordered_ways(reach, roads, best[-1], checks),
+        ),
+        pace=reach.pace(bench.limits.speed_rad_s),
         expected_captures=len(order),
         tip_u_m=u_m,
         tip_u_max_m=u_max_m,
@@ -262,11 +285,7 @@ def _doubted(series: Series, standing: Standing) -> tuple[int, ...]:
 
 def _through(series: Series, here_rad: Joints, poses: tuple[Joints, ...]) -> tuple[tuple[Joints, ...], ...]:
     """Return ways to poses in this order."""
-    ways, reach = [], series.reach()
-    for pose in poses:
-        ways.append(way_between(reach, series.plan.roads, here_rad, pose))
-        here_rad = pose
-    return tuple(ways)
+    return ways_through(series.reach(), series.plan.roads, here_rad, poses)
 
 
 def _nearest(pool: tuple[Joints, ...], capture: ArmCapture) -> Joints:

@@ -175,7 +175,7 @@ def errors_after(
 
 def _hold_out(task: ArmTask, captures: tuple[ArmCapture, ...], checks: tuple[ArmCapture, ...]) -> HoldOut:
     seen, robust = observed(task, checks), fitted(task, captures)
-    nominal = placed(task, observed(task, captures), {})
+    nominal = placed(task, observed(task, captures), {}).state
     before, after = errors_at(nominal, seen), errors_at(robust.fit.state, seen)
     zeros = errors_at(fitted(task, captures, OFFSETS).fit.state, seen)
     sigma = np.hypot(predicted_sigma(robust.fit, task, seen.joints_rad), believed_sigma(task, robust))

@@ -1,5 +1,6 @@
 """Five poses in a cube that one arm can go round, with free ways, and others that tell where the device is."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,17 +19,18 @@ from procedures.arm.arm_motion import (
     draw_poses,
     map_roads,
     ordered_ways,
-    way_between,
     way_is_free,
     way_to_rest,
+    ways_through,
     wound_on_way,
 )
+from procedures.motion.pace import Pace, Paced
 from procedures.motion.plans import Room
 from procedures.survey.survey_motion import survey_limits
 
 SHRINK, SMALLEST_SHARE = 0.8, 0.3
 _TRIED, _STEPS, _REACHED_M = 12, 12, 1e-6
-_CENTRES = 6
+_CENTRES = 12
 
 
 class CubeRules(Protocol):
@@ -59,8 +61,17 @@ class CubePlan:
     first_round_rad: tuple[tuple[Joints, ...], ...]
     round_rad: tuple[tuple[Joints, ...], ...]
     way_to_rest_rad: tuple[Joints, ...]
-    speed_rad_s: float
+    pace: Pace
     not_checked: tuple[str, ...]
+
+    def round(self) -> Paced:
+        """Return how far and how long the arm goes once round the cube."""
+        return self.pace.along(self.tests_rad[-1], self.round_rad)
+
+    def paced(self, cycles: int) -> Paced:
+        """Return how far and how long the arm goes in all, with so many rounds."""
+        begun = self.pace.along(self.way_to_rest_rad[-1], (*self.placing_rad, *self.first_round_rad))
+        return begun + self.round().times(cycles - 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,10 +112,10 @@ def plan_cube(bench: Bench, rules: CubeRules) -> CubePlan:
         side_m=side,
         tests_rad=tests,
         placing_rad=placing,
-        first_round_rad=_round(reach, roads, here, tests),
-        round_rad=_round(reach, roads, tests[-1], tests),
+        first_round_rad=ways_through(reach, roads, here, tests),
+        round_rad=ways_through(reach, roads, tests[-1], tests),
         way_to_rest_rad=to_rest,
-        speed_rad_s=reach.speed((*roads.poses_rad, *tests), bench.limits.speed_rad_s),
+        pace=reach.pace(bench.limits.speed_rad_s),
         not_checked=reach.not_checked(),
     )
 
@@ -112,13 +123,14 @@ def plan_cube(bench: Bench, rules: CubeRules) -> CubePlan:
 def _largest_cube(
     bench: Bench, reach: Reach, roads: Roadmap, wanted: tuple[tuple[Triple, ...], float]
 ) -> tuple[Triple, float, tuple[_Found, ...]]:
-    """Return the first cube that has its five poses: large ones about every centre first."""
+    """Return the largest cube that has its five poses; of those as large, the one that is gone round soonest."""
     centres, side = wanted
     while side >= SMALLEST_SHARE * wanted[1]:
-        for centre in centres:
-            found = _five(bench, reach, roads, cube_positions(centre, side))
-            if len(found) == FULL_POSES:
-                return centre, side, found
+        fives = [(centre, _five(bench, reach, roads, cube_positions(centre, side))) for centre in centres]
+        whole = [(centre, found) for centre, found in fives if len(found) == FULL_POSES]
+        if whole:
+            centre, found = min(whole, key=lambda one: _turned_rad(one[1]))
+            return centre, side, found
         side *= SHRINK
     x, y, z = centres[0]
     raise DegenerateDataError(
@@ -128,22 +140,21 @@ def _largest_cube(
 
 
 def _dense_places(reach: Reach, roads: Roadmap, side_m: float) -> tuple[Triple, ...]:
-    """Return places, to the centimetre, about which the target can be put in most postures."""
+    """Return places, to the centimetre and apart, about which the target can be put in most postures."""
     targets = reach.targets_m(np.array(roads.poses_rad))
-    near = (np.linalg.norm(targets[:, None] - targets[None], axis=2) < side_m / 2.0).sum(axis=1)
-    best = np.argsort(-near, kind="stable")[:_CENTRES]
+    apart = np.linalg.norm(targets[:, None] - targets[None], axis=2)
+    best: list[int] = []
+    for k in np.argsort(-(apart < side_m / 2.0).sum(axis=1), kind="stable"):
+        if len(best) < _CENTRES and np.all(apart[k, best] > side_m / 2.0):
+            best.append(int(k))
     places = [tuple(round(float(v), 2) for v in targets[k]) for k in best]
     return tuple((x, y, z) for x, y, z in places)
 
 
-def _round(
-    reach: Reach, roads: Roadmap, here_rad: Joints, tests: tuple[Joints, ...]
-) -> tuple[tuple[Joints, ...], ...]:
-    ways = []
-    for pose in tests:
-        ways.append(way_between(reach, roads, here_rad, pose))
-        here_rad = pose
-    return tuple(ways)
+def _turned_rad(found: tuple[_Found, ...]) -> float:
+    """Return the way of the slowest joint once round these poses."""
+    poses = np.array([one.pose_rad for one in (*found, found[0])])
+    return float(np.abs(np.diff(poses, axis=0)).max(axis=1).sum())
 
 
 def _placing(
@@ -160,29 +171,34 @@ def _five(bench: Bench, reach: Reach, roads: Roadmap, places_m: Array) -> tuple[
     """Return a posture for each place, as long as there is one."""
     found: list[_Found] = []
     for place in places_m:
-        pose = _posture_at(bench, reach, roads, place)
+        pose = _posture_at(bench, reach, roads, place, found)
         if pose is None:
             break
         found.append(pose)
     return tuple(found)
 
 
-def _posture_at(bench: Bench, reach: Reach, roads: Roadmap, place_m: Array) -> _Found | None:
-    """Return a posture that puts the target at a place: a drawn one, moved there."""
+def _posture_at(
+    bench: Bench, reach: Reach, roads: Roadmap, place_m: Array, found: Sequence[_Found]
+) -> _Found | None:
+    """Return a posture that puts the target at a place: one of those found, or a drawn one, moved there.
+
+    The first found is the cube's middle: about it the arm turns least, and its attitude changes least.
+    """
     every = np.array(roads.poses_rad)
     nearest = np.argsort(np.linalg.norm(reach.targets_m(every) - place_m, axis=1))[:_TRIED]
+    drawn = (_Found(roads.poses_rad[k], roads.hub_of[k], roads.wound_rad[k]) for k in nearest)
     limits = survey_limits(reach.wire, reach.room, 0.5)
-    for index in nearest:
-        moved = _moved_to(bench, reach, every[index], place_m)
+    for near in (*found, *drawn):
+        moved = _moved_to(bench, reach, np.array(near.pose_rad), place_m)
         if (
             moved is None
             or not allowed_postures(bench.nominal(), moved[None], limits, reach.target_in_flange_m)[0]
         ):
             continue
-        pose, near = tuple(float(q) for q in moved), roads.poses_rad[int(index)]
-        if way_is_free(reach, roads.hubs_rad[roads.hub(near)], pose):
-            wound = roads.wound(near) + wound_on_way(reach, near, pose)
-            return _Found(pose, roads.hub(near), wound)
+        pose = tuple(float(q) for q in moved)
+        if way_is_free(reach, roads.hubs_rad[near.hub], pose):
+            return _Found(pose, near.hub, near.wound_rad + wound_on_way(reach, near.pose_rad, pose))
     return None
 
 

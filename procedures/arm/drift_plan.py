@@ -12,6 +12,7 @@ from calibration.drift.reference import DriftReference
 from drivers.interfaces import Joints
 from procedures.arm.arm_bench import Bench
 from procedures.arm.arm_motion import Reach, draw_poses, map_roads, way_is_free, way_to_one, way_to_rest
+from procedures.motion.pace import Pace, Paced
 from procedures.motion.plans import Room
 from procedures.run import RefusalError
 
@@ -39,8 +40,12 @@ class DriftPlan:
 
     ways_rad: tuple[tuple[Joints, ...], ...]
     way_to_rest_rad: tuple[Joints, ...]
-    speed_rad_s: float
+    pace: Pace
     not_checked: tuple[str, ...]
+
+    def paced(self, poses: int | None = None) -> Paced:
+        """Return how far and how long the arm goes to the first so many poses, or to all."""
+        return self.pace.along(self.way_to_rest_rad[-1], self.ways_rad[:poses])
 
 
 def plan_reference(bench: Bench, rules: DriftRules) -> DriftPlan:
@@ -74,5 +79,4 @@ def plan_check(bench: Bench, reference: DriftReference, rules: DriftRules) -> Dr
 def _planned(bench: Bench, reach: Reach, to_rest: tuple[Joints, ...], poses: tuple[Joints, ...]) -> DriftPlan:
     rest = to_rest[-1]
     ways = tuple((rest, pose) for pose in poses)  # always by way of the rest: the same approach every time
-    speed = reach.speed((rest, *poses), bench.limits.speed_rad_s)
-    return DriftPlan(ways, to_rest, speed, reach.not_checked())
+    return DriftPlan(ways, to_rest, reach.pace(bench.limits.speed_rad_s), reach.not_checked())

@@ -22,6 +22,7 @@ from drivers.interfaces import Counts, Instruction, JointReading, Joints, Readin
 from procedures.cell import Cell, MotionLevel
 from procedures.motion.active_frames import same_frames
 from procedures.motion.by_hand import jog_by_hand, move_by_hand
+from procedures.motion.pace import Pace
 from procedures.motion.surroundings import clearances
 from procedures.run import NeedsUnmetError, ProcedureError
 from procedures.steps.ask import ask
@@ -67,9 +68,14 @@ class Jog:
 
 
 async def move_along(
-    cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float, *, care: Care = Care.FREE
+    cell: Cell,
+    way_rad: Sequence[Joints],
+    speed_rad_s: float,
+    *,
+    care: Care = Care.FREE,
+    pace: Pace | None = None,
 ) -> None:
-    """Bring the arm along corners to the last one, by whoever moves this robot.
+    """Bring the arm along corners to the last one, by whoever moves this robot; no leg faster than its ``pace``.
 
     Raises
     ------
@@ -83,13 +89,15 @@ async def move_along(
         The active tool, user frame or payload is not the one that this run began with.
     """
     here = await _ready(cell, Readiness.READY)
-    speed = _capped(cell, care, here.joints_rad, way_rad, speed_rad_s)
+    speeds = _capped(cell, care, here.joints_rad, way_rad, speed_rad_s)
+    if pace is not None:
+        speeds = tuple(map(min, speeds, pace.on_legs(here.joints_rad, way_rad)))
     if cell.level is not MotionLevel.COMMANDED:
         wired = care is Care.WIRED
-        await move_by_hand(cell, way_rad, speed, HAND_TOLERANCE_RAD, wired=wired)
+        await move_by_hand(cell, way_rad, min(speeds), HAND_TOLERANCE_RAD, wired=wired)
         return
-    await _approved(cell, here.joints_rad, way_rad, speed)
-    for corner in way_rad:
+    await _approved(cell, here.joints_rad, way_rad, max(speeds))
+    for corner, speed in zip(way_rad, speeds, strict=True):
         await _still_ours(cell)
         await cell.robot.move_joints(tuple(corner), speed_rad_s=speed)
 
@@ -101,7 +109,7 @@ async def jog_axis(cell: Cell, jog: Jog) -> None:
     _refuse_no_number((float(jog.axis), jog.delta_rad, speed))
     if jog.here_rad is not None:
         target = tuple(q + jog.delta_rad * (k == jog.axis) for k, q in enumerate(jog.here_rad))
-        speed = _capped(cell, Care.WIRED, jog.here_rad, [target], speed, stops=False)
+        speed = min(_capped(cell, Care.WIRED, jog.here_rad, [target], speed, stops=False))
     if cell.level is not MotionLevel.COMMANDED:
         await jog_by_hand(cell, jog.axis, jog.delta_rad, speed, HAND_TOLERANCE_RAD)
         return
@@ -181,8 +189,8 @@ def _capped(
     speed_rad_s: float,
     *,
     stops: bool = True,
-) -> float:
-    """Refuse a way that is not free; return the speed at which no part of the arm is faster than its cap."""
+) -> tuple[float, ...]:
+    """Refuse a way that is not free; return for each leg the speed at which no part of the arm exceeds its cap."""
     _refuse_no_number((speed_rad_s, *here_rad, *(q for corner in way_rad for q in corner)))
     model = _model(cell)
     fastest_joint = min(cell.limits.speed_rad_s, float(np.min(model.max_speed_rad_s)))
@@ -194,8 +202,11 @@ def _capped(
             f"the way is not free: {broken[0].sentence}",
             remedy="Nothing has moved. Look whether the robot stands where it should, then start a new run.",
         )
-    fastest = max((finding.found / finding.limit for finding in verdict.findings), default=1.0)
-    return max(speed / (fastest * 1.01), SLOWEST_RAD_S) if fastest > 1.0 else speed
+    speeds = [speed] * len(way_rad)
+    for finding in verdict.findings:
+        slower = speed * finding.limit / (1.01 * finding.found)
+        speeds[finding.target] = max(min(speeds[finding.target], slower), SLOWEST_RAD_S)
+    return tuple(speeds)
 
 
 def _refuse_no_number(numbers: Sequence[float]) -> None:

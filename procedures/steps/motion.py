@@ -14,6 +14,7 @@ from procedures.cell import Cell
 from procedures.motion import motion_gate
 from procedures.motion.approach import OVERSHOOT_RAD, from_above, from_below
 from procedures.motion.motion_gate import Care, Jog, refuse_off_target
+from procedures.motion.pace import Pace
 from procedures.steps.mastering import motor_store
 
 AXIS_TOLERANCE_RAD = 2e-3
@@ -70,16 +71,22 @@ async def come_from_below(cell: Cell, target_rad: Joints, speed_rad_s: float) ->
 
 
 async def follow(
-    cell: Cell, way_rad: tuple[Joints, ...], speed_rad_s: float, *, wired: bool = False
+    cell: Cell,
+    way_rad: tuple[Joints, ...],
+    speed_rad_s: float,
+    *,
+    wired: bool = False,
+    pace: Pace | None = None,
 ) -> Joints:
-    """Move along the corners of a way; come to rest at the last one from below.
+    """Move along the corners of a way; come to rest at the last one from below, no leg faster than its ``pace``.
 
     ``wired`` tells that the draw-wire hangs where the cell file says, and has to keep its length and distances.
     """
     target = way_rad[-1]
     before = way_rad[-2] if len(way_rad) > 1 else (await cell.robot.joints()).joints_rad
     corners = (*way_rad[:-1], *from_below(before, target))
-    await motion_gate.move_along(cell, corners, speed_rad_s, care=Care.WIRED if wired else Care.FREE)
+    care = Care.WIRED if wired else Care.FREE
+    await motion_gate.move_along(cell, corners, speed_rad_s, care=care, pace=pace)
     found = (await cell.robot.joints()).joints_rad
     refuse_off_target(found, target, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
     return found

@@ -18,6 +18,7 @@ from calibration.wires.network import Mounting, Place, WireBelief
 from calibration.wires.network_fit import WireNetwork, fit_network
 from drivers.interfaces import Instruction, Joints
 from procedures.cell import GaugeSetup, MotionLimits
+from procedures.motion.pace import Pace, Paced
 from procedures.motion.plans import Room
 from procedures.steps.length import LengthCapture
 from procedures.steps.pages import WIRE_CHECKS, Moves, straight
@@ -80,6 +81,10 @@ class SurveyState:
     limits: MotionLimits
     recorded: RecordedWire | None  # None where there is no record of this very mastering
 
+    def pace(self, hook_in_flange_m: Triple, room: Room) -> Pace:
+        """Return how fast the robot may go with the wire at this hook."""
+        return Pace(self.model, hook_in_flange_m, self.limits.speed_rad_s, room.capped_tip_speed_m_s)
+
 
 @dataclass(frozen=True, slots=True)
 class Spot:
@@ -122,25 +127,35 @@ class SurveyPlan:
     way_to_rest_rad: tuple[Joints, ...]  # at the beginning; its end is the rest
     pools: tuple[tuple[Joints, ...], ...]  # of each spot, as drawn
     best: tuple[tuple[int, ...], ...]  # of each pool, those that tell most
-    speed_rad_s: float
+    paces: tuple[Pace, ...]  # at each spot
     not_checked: tuple[str, ...]
 
     def moves(self, rules: SurveyRules) -> Moves:
         """Return the plan as it is shown: at each spot the poses that tell most, as many as are surely gone to."""
         count = rules.min_captures
         chosen = [
-            (f"{spot}.{k}", pool[index])
-            for spot, (pool, best) in enumerate(zip(self.pools, self.best, strict=True), 1)
-            for k, index in enumerate((best or tuple(range(len(pool))))[:count], 1)
+            (f"{spot}.{k}", pose)
+            for spot in range(1, len(self.spots) + 1)
+            for k, pose in enumerate(self._foreseen(spot - 1, count), 1)
         ]
         return Moves(
             ways_rad=straight(pose for _, pose in chosen),
-            speed_rad_s=self.speed_rad_s,
+            speed_rad_s=self.paced(count).fastest_rad_s,
             checked=WIRE_CHECKS,
             not_checked=self.not_checked,
             most=len(self.spots) * rules.max_captures,
             names=tuple(name for name, _ in chosen),
         )
+
+    def paced(self, count: int) -> Paced:
+        """Return how far and how long the arm goes, about: to so many poses of each spot, from the rest and back."""
+        there = (straight((*self._foreseen(spot, count), self.rest_rad)) for spot in range(len(self.spots)))
+        tours = [pace.along(self.rest_rad, ways) for pace, ways in zip(self.paces, there, strict=True)]
+        return sum(tours[1:], start=tours[0])
+
+    def _foreseen(self, spot: int, count: int) -> tuple[Joints, ...]:
+        pool = self.pools[spot]
+        return tuple(pool[index] for index in (self.best[spot] or range(len(pool)))[:count])
 
     @property
     def rest_rad(self) -> Joints:

@@ -9,7 +9,6 @@ from procedures.survey.survey import Survey, SurveyState, recorded_wire
 from procedures.survey.survey_choice import expected_at_least
 
 _CAREFUL = 4  # times the readings, or a fourth of the scale's uncertainty: what more care is taken to be
-MEAN_TRAVEL_RAD = 1.5  # of the slowest joint, from one pose to the next
 
 
 def lacking(known: Knowledge) -> tuple[str, ...]:
@@ -58,7 +57,7 @@ def survey_forecast(survey: Survey, what: str, known: Knowledge) -> Forecast:
     origin_u_m, angle_u_rad = expected_at_least(survey, low)
     captures = low * len(plan.spots)
     after = f"after {captures} captures"
-    each_s = MEAN_TRAVEL_RAD / plan.speed_rad_s + known.limits.settle_s + rules.samples * SAMPLE_S
+    paced, each_s = plan.paced(low), known.limits.settle_s + rules.samples * SAMPLE_S
     predictions = [
         Prediction(
             f"{what} origin", origin_u_m, "m", {name: limits.origin_m for name, limits in FRAME.items()},
@@ -74,9 +73,9 @@ def survey_forecast(survey: Survey, what: str, known: Knowledge) -> Forecast:
         for k, index in enumerate(plan.best[spot][:low])
     )
     return Forecast(
-        duration_s=math.ceil(captures * each_s + len(plan.spots) * PERSON_S),
+        duration_s=math.ceil(paced.moving_s + captures * each_s + len(plan.spots) * PERSON_S),
         poses=poses,
-        speed_rad_s=plan.speed_rad_s,
+        speed_rad_s=paced.fastest_rad_s,
         predictions=tuple(predictions),
         assumed=()
         if survey.state.recorded

@@ -182,17 +182,6 @@ def way_is_free(model_name: str, wire: Wire | None, room: Room, here_rad: Joints
     return bool(_collisions(model_name, wire, room.surroundings).ways_free(ends).all())
 
 
-def capped_speed(
-    model_name: str, wire: Wire, room: Room, poses: tuple[Joints, ...], speed_rad_s: float
-) -> float:
-    """Return the joint speed at which no tip is faster than its cap, wherever the ways between these poses lead."""
-    model, limits = load_model(model_name), survey_limits(wire, room, speed_rad_s)
-    ways = np.array(poses)
-    verdict = check_moves(model, ways[0], ways[1:], limits, speed_rad_s=speed_rad_s, tip_in_flange_m=wire[1])
-    fastest = max((f.found / f.limit for f in verdict.findings if f.check == "tip speed"), default=1.0)
-    return speed_rad_s / (fastest * 1.2) if fastest > 1.0 else speed_rad_s
-
-
 def unchecked(model_name: str, wire: Wire, room: Room) -> tuple[str, ...]:
     """Return in sentences what no check of the ways sees."""
     words = list(_collisions(model_name, wire, room.surroundings).not_checked)

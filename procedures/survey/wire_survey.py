@@ -7,6 +7,7 @@ capture the survey knows how well the frame sought would be known; it goes on wh
 from calibration.wires.network_fit import WireNetwork
 from drivers.interfaces import Joints, Readiness
 from procedures.cell import Cell
+from procedures.motion.pace import Pace
 from procedures.run import NeedsUnmetError, RefusalError, Run
 from procedures.steps.ask import ask
 from procedures.steps.length import LengthCapture, capture_length
@@ -95,7 +96,7 @@ class _Walk:
         """Bring the robot where the wire can be moved: every pose gone to has a free way there."""
         plan = self._survey.plan
         way_rad = plan.way_to_rest_rad if spot == 0 else (plan.rest_rad,)
-        await self._run.move(f"go to rest {spot + 1}", follow, way_rad, plan.speed_rad_s)
+        await self._go(f"go to rest {spot + 1}", way_rad, plan.paces[spot])
         self._here_rad = plan.rest_rad
 
     async def measure(self, spot: int) -> None:
@@ -122,11 +123,14 @@ class _Walk:
 
     async def _visit(self, spot: int, way_rad: tuple[Joints, ...]) -> LengthCapture:
         self._poses += 1
-        number, speed = self._poses, self._survey.plan.speed_rad_s
-        await self._run.move(f"go to pose {number}", follow, way_rad, speed)
+        number = self._poses
+        await self._go(f"go to pose {number}", way_rad, self._survey.plan.paces[spot])
         self._here_rad = way_rad[-1]
         label = f"spot {spot + 1}, pose {number}"
         return await self._run.step(f"capture {number}", capture_length, label, self._survey.rules.samples)
+
+    async def _go(self, name: str, way_rad: tuple[Joints, ...], pace: Pace) -> None:
+        await self._run.move(name, follow, way_rad, pace.joint_speed_rad_s, pace=pace)
 
     async def _look(self, spot: int) -> None:
         """Fit what is there; take again the length that the others contradict; refuse what stays contradictory."""

@@ -226,7 +226,7 @@ def _validation(series: ArmSeries, kept: Chosen, robust: RobustFit) -> Validatio
     rows = (
         series.captures[: series.in_force] if (kept == series.signed_choice()).all() else _taken(series, kept)
     )
-    nominal = placed(task, observed(task, rows), {})
+    nominal = placed(task, observed(task, rows), {}).state
     before, after = (_sizes(series, state, checks) for state in (nominal, robust.fit.state))
     freedom = len(checks) * task.channels
     return Validation(

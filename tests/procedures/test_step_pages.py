@@ -11,6 +11,7 @@ from calibration.geometry import Pose, exp_rotation, quaternion_from_rotation
 from drivers.interfaces import Answer, Instruction
 from procedures.catalogue import entry_named
 from procedures.cell import Cell
+from procedures.motion.pace import Paced
 from procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
 from procedures.run import DeclinedError, Run
 from procedures.shown import StepKind, on_page, page_of
@@ -61,11 +62,11 @@ def test_a_page_is_json_and_grows_without_losing_what_it_had() -> None:
 
 
 def test_a_plan_says_how_long_on_its_page_what_it_says_in_words() -> None:
-    tour = Tour(stops=9, travel_rad=6.0, speed_rad_s=0.02)
+    tour = Tour(stops=9, paced=Paced(travel_rad=6.0, moving_s=300.0, fastest_rad_s=0.02))
     asked = Instruction("accept_plan", plan_words("the robot", tour, ()))
     moves = Moves(straight([(0.1, 0.2), (0.3, 0.4)]), 0.02, ("joint_limits",), ())
     told = plan_page(asked, tour, moves).page.data["plan"]
-    assert told["duration_s"] == 6.0 / 0.02 + 9 * PER_POSE_S
+    assert told["duration_s"] == 300.0 + 9 * PER_POSE_S
     assert f"about {told['duration_s'] / 60.0:.0f} minutes" in asked.text
     assert [pose["joints_rad"] for pose in told["poses"]] == [[0.1, 0.2], [0.3, 0.4]]
 

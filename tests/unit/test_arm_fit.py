@@ -74,7 +74,7 @@ def test_a_known_arm_is_only_placed() -> None:
         for i in range(6)
         for k, what in enumerate(("offset", "d", "a", "alpha", "beta"))
     }
-    nominal, known = placed(POINTS, rows, {}), placed(POINTS, rows, names)
+    nominal, known = placed(POINTS, rows, {}).state, placed(POINTS, rows, names).state
     assert np.std(errors_at(known, rows)) < 1.3 * POINTS.sigma_m
     assert np.std(errors_at(nominal, rows)) > 5 * POINTS.sigma_m
 

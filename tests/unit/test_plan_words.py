@@ -5,11 +5,14 @@ import re
 from pathlib import Path
 
 import procedures
-from procedures.motion.plan_words import PER_POSE_S, Tour, guessed_tour, plan_words, travel_of
+from procedures.motion.pace import Paced
+from procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
 
 
 def test_three_lines_and_what_nobody_checked() -> None:
-    words = plan_words("the robot, to 3 poses", Tour(3, math.pi, 0.1), ("no workspace box known",))
+    words = plan_words(
+        "the robot, to 3 poses", Tour(3, Paced(math.pi, 60.0, 0.1)), ("no workspace box known",)
+    )
     lines = words.splitlines()
     assert [line.split(":")[0] for line in lines] == ["What moves", "How far", "How long", "Not checked"]
     assert "180 deg" in lines[1]
@@ -18,15 +21,9 @@ def test_three_lines_and_what_nobody_checked() -> None:
     assert lines[3].endswith("May it move?")
 
 
-def test_the_way_is_that_of_the_slowest_joint_along_every_corner() -> None:
-    ways = (((0.1, 0.0), (0.1, -0.4)), ((0.0, 0.0),))
-    assert travel_of((0.0, 0.0), ways) == 0.1 + 0.4 + 0.4
-    assert travel_of((0.0, 0.0), ()) == 0.0
-
-
 def test_time_counts_the_stops_and_names_the_hands() -> None:
-    tour = guessed_tour(10, 0.5, "hang the hook into each point")
-    assert tour.minutes == (10 * 1.5 / 0.5 + 10 * PER_POSE_S) / 60.0
+    tour = Tour(10, Paced(15.0, 30.0, 0.5), "hang the hook into each point")
+    assert tour.minutes == (30.0 + 10 * PER_POSE_S) / 60.0
     assert "hang the hook" in plan_words("the robot", tour, ())
 
 

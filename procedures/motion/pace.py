@@ -1,0 +1,80 @@
+"""How fast an arm goes along a way: as fast as no part of it exceeds a cap, on that leg and not on every other."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from calibration.arm.kinematics import load_model
+from calibration.motion.motion_check import MotionLimits, check_moves
+from drivers.interfaces import Joints
+from procedures.motion.approach import from_below
+
+_MARGIN = 1.02  # a way is looked at in samples, and gone from where the arm really stands
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """What no leg of a series exceeds; hashable, so that a leg is looked at once."""
+
+    model: str
+    tip_in_flange_m: tuple[float, float, float]
+    joint_speed_rad_s: float
+    tip_speed_m_s: float  # of tip, flange and every joint's centre
+
+    def on_legs(self, here_rad: Sequence[float], way_rad: Sequence[Sequence[float]]) -> tuple[float, ...]:
+        """Return the speed of the fastest joint on the leg to each corner of a way [rad/s].
+
+        Raises
+        ------
+        CalibrationError
+            The corners are not of this arm's axes.
+        """
+        return _on_legs(self, tuple(here_rad), tuple(tuple(corner) for corner in way_rad))
+
+    def along(self, here_rad: Joints, ways_rad: Iterable[Sequence[Joints]]) -> "Paced":
+        """Return how long ways take that are gone one after the other, each to its end from below."""
+        travel_rad = moving_s = fastest_rad_s = 0.0
+        for way in ways_rad:
+            corners = (*way[:-1], *from_below(way[-2] if len(way) > 1 else here_rad, way[-1]))
+            turns = np.abs(np.diff(np.array([here_rad, *corners]), axis=0)).max(axis=1)
+            speeds = np.array(self.on_legs(here_rad, corners))
+            travel_rad += float(turns.sum())
+            moving_s += float((turns / speeds).sum())
+            fastest_rad_s = max(fastest_rad_s, float(speeds[turns > 0].max(initial=0.0)))
+            here_rad = way[-1]
+        return Paced(travel_rad, moving_s, fastest_rad_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Paced:
+    """Ways at their pace: the way of the slowest joint in all, the time, and the fastest that a joint turns."""
+
+    travel_rad: float
+    moving_s: float
+    fastest_rad_s: float
+
+    def __add__(self, other: "Paced") -> "Paced":
+        fastest_rad_s = max(self.fastest_rad_s, other.fastest_rad_s)
+        return Paced(self.travel_rad + other.travel_rad, self.moving_s + other.moving_s, fastest_rad_s)
+
+    def times(self, count: int) -> "Paced":
+        """Return the same ways so many times."""
+        return Paced(count * self.travel_rad, count * self.moving_s, self.fastest_rad_s if count else 0.0)
+
+
+@lru_cache(maxsize=8192)
+def _on_legs(pace: Pace, here_rad: Joints, way_rad: tuple[Joints, ...]) -> tuple[float, ...]:
+    model = load_model(pace.model)
+    speed_rad_s = min(pace.joint_speed_rad_s, float(np.min(model.max_speed_rad_s)))
+    limits = MotionLimits(joint_speed_rad_s=speed_rad_s, tip_speed_m_s=pace.tip_speed_m_s)
+    verdict = check_moves(
+        model, here_rad, np.array(way_rad), limits,
+        speed_rad_s=speed_rad_s, tip_in_flange_m=pace.tip_in_flange_m,
+    )  # fmt: skip
+    over = np.ones(len(way_rad))
+    for finding in verdict.findings:
+        if finding.check == "tip speed":
+            over[finding.target] = max(over[finding.target], _MARGIN * finding.found / finding.limit)
+    return tuple(float(v) for v in speed_rad_s / over)
