@@ -29,6 +29,7 @@ _CORNERS = 80
 _TRIED, _LOOKS = 12, 9  # postures tried as a hub; places looked at on a way
 _WINDING_LOOKS = 40  # along a joint move, of at most one turn of a joint
 _WOUND_RAD, _SAME_WINDING_RAD = 3.5, 0.5  # from where the series begins; the gate allows more
+_ANY_SPEED_RAD_S = 0.5  # to compare ways by
 _HUBS, _WORTH_A_HUB = 8, 0.1  # and the share of what is left that a hub must seem to reach
 
 
@@ -215,13 +216,14 @@ def way_between(reach: Reach, roads: Roadmap, here_rad: Joints, there_rad: Joint
 def ordered_ways(
     reach: Reach, roads: Roadmap, here_rad: Joints, poses: tuple[Joints, ...]
 ) -> tuple[tuple[Joints, ...], ...]:
-    """Return a way to each of these poses of a roadmap, the nearest next."""
-    left, order, here = list(poses), [], here_rad
+    """Return a way to each of these poses of a roadmap, the one that is reached soonest next."""
+    left, ways, pace = list(poses), [], reach.pace(_ANY_SPEED_RAD_S)
     while left:
-        left.sort(key=lambda pose: max(abs(a - b) for a, b in zip(pose, here, strict=True)))
-        here = left.pop(0)
-        order.append(here)
-    return ways_through(reach, roads, here_rad, tuple(order))
+        roads_there = [way_between(reach, roads, here_rad, pose) for pose in left]
+        soonest = int(np.argmin([pace.along(here_rad, (way,)).moving_s for way in roads_there]))
+        ways.append(roads_there[soonest])
+        here_rad = left.pop(soonest)
+    return tuple(ways)
 
 
 def ways_through(

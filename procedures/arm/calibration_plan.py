@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
@@ -177,10 +178,7 @@ def plan_series(bench: Bench, goal: Goal, rules: SeriesRules) -> CalibrationPlan
         tests=_poses(tests.joints_rad),
         reserved=kept,
         way_to_rest_rad=to_rest,
-        foreseen_rad=(
-            *ways_through(reach, roads, to_rest[-1], best),
-            *ordered_ways(reach, roads, best[-1], checks),
-        ),
+        foreseen_rad=_foreseen(reach, roads, rules, (best, checks)),
         pace=reach.pace(bench.limits.speed_rad_s),
         expected_captures=len(order),
         tip_u_m=u_m,
@@ -189,6 +187,18 @@ def plan_series(bench: Bench, goal: Goal, rules: SeriesRules) -> CalibrationPlan
         shortfall="" if found is None else found.sentence,
         not_checked=reach.not_checked(),
     )
+
+
+def _foreseen(
+    reach: Reach, roads: Roadmap, rules: SeriesRules, poses: tuple[tuple[Joints, ...], tuple[Joints, ...]]
+) -> tuple[tuple[Joints, ...], ...]:
+    """Return the ways to the best poses, a few at a time as they will be chosen, then to those that verify."""
+    best, checks = poses
+    cuts = [0, *range(rules.first, len(best), rules.batch), len(best)]
+    ways: list[tuple[Joints, ...]] = []
+    for some in (*(best[a:b] for a, b in pairwise(cuts)), checks):
+        ways += ordered_ways(reach, roads, ways[-1][-1] if ways else roads.hubs_rad[0], some)
+    return tuple(ways)
 
 
 def choose_poses(series: Series, standing: Standing) -> Choice:
@@ -203,7 +213,12 @@ def choose_poses(series: Series, standing: Standing) -> Choice:
     doubted = _doubted(series, standing)
     if doubted:
         poses = tuple(_nearest(plan.pool, standing.captures[k]) for k in doubted)
-        return replace(done, ways_rad=_through(series, standing.here_rad, poses), again=doubted, enough=False)
+        return replace(
+            done,
+            ways_rad=ways_through(series.reach(), plan.roads, standing.here_rad, poses),
+            again=doubted,
+            enough=False,
+        )
     if enough or taken >= rules.max_captures:
         return done if enough else _ended(done, f"{taken} captures were allowed (max_captures)")
     found = shortfall(now, np.array(plan.pool), plan.goal.acceptance(), series.test_poses())
@@ -221,7 +236,7 @@ def _next_ways(series: Series, standing: Standing, now: Outlook, wanted: int, do
         return done
     turn = best_in_turn(now, left, tests, lambda *_: False, most=wanted, criterion=_criterion(now, series))
     poses = tuple(tuple(float(q) for q in left[k]) for k in turn.order)
-    ways = _through(series, standing.here_rad, poses)
+    ways = ordered_ways(series.reach(), series.plan.roads, standing.here_rad, poses)
     return Choice(ways, (-1,) * len(ways), False, done.tip_u_m, done.tip_u_max_m)
 
 
@@ -281,11 +296,6 @@ def _doubted(series: Series, standing: Standing) -> tuple[int, ...]:
     rejected = fitted(task, standing.captures).rejected
     left = series.rules.retakes - len(standing.retaken)
     return tuple(int(k) for k in rejected if int(k) not in standing.retaken)[: max(left, 0)]
-
-
-def _through(series: Series, here_rad: Joints, poses: tuple[Joints, ...]) -> tuple[tuple[Joints, ...], ...]:
-    """Return ways to poses in this order."""
-    return ways_through(series.reach(), series.plan.roads, here_rad, poses)
 
 
 def _nearest(pool: tuple[Joints, ...], capture: ArmCapture) -> Joints:
