@@ -241,6 +241,8 @@ async def test_a_run_from_its_start_to_its_place_in_the_history(looking: Looking
         async with looking.page(locale=locale) as page:
             await speaks(page, locale)
             await hold_to_rules(page, f"the run in {locale}")
+    async with looking.page(f"#/history/{session['run']['id']}") as page:
+        await expect(page.get_by_test_id("verdict")).to_have_attribute("data-verdict", "running")
     await looking.order(op="stop")
     run_id = (await looking.until(lambda session: session["run"]["outcome"]))["run"]["id"]
     assert run_id == session["run"]["id"]

@@ -87,6 +87,12 @@ class Wire {
     return this.control.holder !== null && !this.control.mine;
   }
 
+  /** Whether this run goes on just now: its journal has no end, and is not broken off either. */
+  goesOn(run_id: string): boolean {
+    const run = this.session?.run;
+    return run?.id === run_id && run.state !== "ended";
+  }
+
   /** Whether an order (other than a stop) has a chance: the link, the role, the control, and none on its way. */
   get mayOrder(): boolean {
     return this.mayHold && this.#settled;
