@@ -88,6 +88,14 @@ class MotionVerdict:
     findings: tuple[MotionFinding, ...]
     not_checked: tuple[str, ...]
 
+    def times_too_fast(self, legs: int, margin: float) -> Array:
+        """Return (legs,): 1 where no part of the arm exceeds its cap, else how many times slower a leg must be."""
+        times = np.ones(legs)
+        for finding in self.findings:
+            if finding.check == "tip speed":
+                times[finding.target] = max(1.0, margin * finding.found / finding.limit)
+        return times
+
 
 def check_moves(  # noqa: PLR0913 - one move needs all of it
     model: RobotModel,

@@ -88,14 +88,12 @@ class CalibrationPlan:
     tests: tuple[Joints, ...]
     reserved: tuple[Joints, ...]  # for verification; never fitted; spread over the work
     way_to_rest_rad: tuple[Joints, ...]
-    foreseen_rad: tuple[
-        tuple[Joints, ...], ...
-    ]  # the ways as expected: to the best poses, then to those that verify
+    # The ways as expected: to the poses that tell most, then to those that verify.
+    foreseen_rad: tuple[tuple[Joints, ...], ...]
     pace: Pace
     expected_captures: int
     tip_u_m: float  # expected after them, k = 2
     tip_u_max_m: float
-    best: tuple[int, ...]  # of the pool, in the order in which they are expected to tell most
     shortfall: str  # why the goal is not reachable, empty if it is
     not_checked: tuple[str, ...]
 
@@ -183,7 +181,6 @@ def plan_series(bench: Bench, goal: Goal, rules: SeriesRules) -> CalibrationPlan
         expected_captures=len(order),
         tip_u_m=u_m,
         tip_u_max_m=u_max_m,
-        best=order,
         shortfall="" if found is None else found.sentence,
         not_checked=reach.not_checked(),
     )

@@ -202,11 +202,8 @@ def _capped(
             f"the way is not free: {broken[0].sentence}",
             remedy="Nothing has moved. Look whether the robot stands where it should, then start a new run.",
         )
-    speeds = [speed] * len(way_rad)
-    for finding in verdict.findings:
-        slower = speed * finding.limit / (1.01 * finding.found)
-        speeds[finding.target] = max(min(speeds[finding.target], slower), SLOWEST_RAD_S)
-    return tuple(speeds)
+    slower = verdict.times_too_fast(len(way_rad), 1.01)
+    return tuple(max(speed / float(times), SLOWEST_RAD_S) if times > 1.0 else speed for times in slower)
 
 
 def _refuse_no_number(numbers: Sequence[float]) -> None:

@@ -73,8 +73,4 @@ def _on_legs(pace: Pace, here_rad: Joints, way_rad: tuple[Joints, ...]) -> tuple
         model, here_rad, np.array(way_rad), limits,
         speed_rad_s=speed_rad_s, tip_in_flange_m=pace.tip_in_flange_m,
     )  # fmt: skip
-    over = np.ones(len(way_rad))
-    for finding in verdict.findings:
-        if finding.check == "tip speed":
-            over[finding.target] = max(over[finding.target], _MARGIN * finding.found / finding.limit)
-    return tuple(float(v) for v in speed_rad_s / over)
+    return tuple(float(v) for v in speed_rad_s / verdict.times_too_fast(len(way_rad), _MARGIN))

@@ -362,10 +362,7 @@ def _checked(
     refuse_broken(verdict)
     way_of = np.repeat(np.arange(len(ways)), [len(way) for way in ways])
     fastest = np.ones(len(ways))  # tip speed over its cap, at the speed asked for
-    for finding in verdict.findings:
-        if finding.check == "tip speed":
-            way = way_of[finding.target]
-            fastest[way] = max(fastest[way], 1.01 * finding.found / finding.limit)
+    np.maximum.at(fastest, way_of, verdict.times_too_fast(len(corners), 1.01))
     steps = np.abs(np.diff(np.vstack([np.array(start_rad), corners]), axis=0)).max(axis=1)
     return MotionPlan(
         poses_rad=as_way([way[-1] for way in ways]),

@@ -38,11 +38,11 @@ def _off_by_a_zero(made: Scene) -> CalibratedArm:
 
 @pytest.mark.parametrize("method", ["tracker", "wire"])
 async def test_a_perfect_robot_is_as_accurate_as_its_device_can_tell(method: Any) -> None:
-    made = going_round(method)
+    made = going_round(method, rules=replace(QUICK_ROUND, placing=20))  # ten readings leave the device open
     result = await _check(made)
     assert result.identified is None
     assert len(result.nominal.poses) == 5
-    assert result.nominal.ap_m < 4e-4
+    assert result.nominal.ap_m < 3e-4
     assert all(pose.ap_m < 3 * pose.ap_sigma_m for pose in result.nominal.poses)
     assert result.nominal.rp_m < 1e-4
     assert ENTRY.verdict is not None
