@@ -33,6 +33,10 @@ STEPS = ("ask", "teach", "review", "approve", "capture")  # kinds that are shot 
 # what a browser answers where no camera is
 NO_CAMERA = """() => { navigator.mediaDevices.getUserMedia =
     () => Promise.reject(new DOMException("Requested device not found", "NotFoundError")); }"""
+# whether the step that is current is seen in the list of steps, which scrolls
+IN_ITS_LIST = """line => {
+    const list = line.parentElement.getBoundingClientRect(), at = line.getBoundingClientRect();
+    return at.top >= list.top && at.bottom <= list.bottom; }"""
 FRAME = {"frame_number": 3, "tip_in_flange_m": TIP_IN_FLANGE_M.tolist(), "check_above": True}
 
 
@@ -138,6 +142,7 @@ async def test_a_tool_is_taught_and_nothing_is_recorded_that_tells_nothing(
 
         await asked(page, "accept_tool")
         await page.get_by_test_id("review-changes").wait_for()
+        assert await page.locator("[aria-current=step]").evaluate(IN_ITS_LIST)
         await _shoot(page, tmp_path, "review")
         await expect(page.get_by_test_id("displacement")).to_contain_text("mm")
         await expect(page.get_by_test_id("review-changes").locator("tbody tr")).to_have_count(4)
