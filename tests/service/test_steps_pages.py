@@ -154,6 +154,10 @@ async def test_a_tool_is_taught_and_nothing_is_recorded_that_tells_nothing(
         await page.mouse.up()
         outcome = (await pendant.looks.session())["run"]["outcome"]
         assert outcome["verdict"] == "passed"
+        judged = [one for one in outcome["judgement"]["characteristics"] if one["decision"]]
+        assert judged
+        await expect(page.get_by_test_id("outcome").locator("tbody tr")).to_have_count(len(judged))
+        await _shoot(page, tmp_path, "ended")
         found = outcome["result"]["flange_tool"]["position_m"]
         assert np.allclose(found, TIP_IN_FLANGE_M, atol=2e-3)
 

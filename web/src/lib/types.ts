@@ -21,6 +21,7 @@ export interface Characteristic {
   coverage: number; // U is coverage times standard_uncertainty
   limit: number | null;
   decision: string | null;
+  rule?: string;
 }
 
 export interface Outcome {
@@ -103,15 +104,10 @@ export interface Changed {
   unit: string;
 }
 
-export interface Judged extends Characteristic {
-  rule: string;
-  expanded_uncertainty: number;
-}
-
 export interface Review {
   word: string;
   limits_from: string;
-  characteristics: Judged[];
+  characteristics: Characteristic[];
   changes: Changed[];
   displacement?: { most_m: number; at: string; lever_m?: number } | null;
   set_aside: { step: string; reason: string }[];
