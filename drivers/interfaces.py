@@ -11,6 +11,7 @@ flag                           Protocol
 ``writes_tool_frame``          ``ToolFrameStore``
 ``writes_user_frame``          ``UserFrameStore``
 ``tells_active_frames``        ``KnowsActiveFrames``
+``tells_mode``                 ``KnowsMode``
 ``measures_poses``             ``MeasuresPoses``
 =============================  ==========================
 
@@ -104,6 +105,7 @@ class RobotCapabilities:
     writes_tool_frame: bool = False
     writes_user_frame: bool = False
     tells_active_frames: bool = False
+    tells_mode: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,6 +218,14 @@ class KnowsActiveFrames(Protocol):
         ...
 
 
+class KnowsMode(Protocol):
+    """Robots with capabilities.tells_mode."""
+
+    async def controller_mode(self) -> str:
+        """Return how the controller is switched, as its maker calls it. Fresh: read after the call began."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class GaugeCapabilities:
     """What a length gauge can do."""
@@ -223,6 +233,9 @@ class GaugeCapabilities:
     range_m: float
     resolution_m: float
     sigma_m: float
+    answers_alone: bool = (
+        True  # false: a reading takes a person or another program, so nobody asks for one in vain
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,6 @@
 """What a procedure's steps are lent: the devices of one cell, and what is known about them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
@@ -11,11 +12,13 @@ from calibration.points.alignment import Alignment
 from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import (
     ActiveFrames,
+    Device,
     DistanceGauge,
     Identity,
     JogsAxes,
     Joints,
     KnowsActiveFrames,
+    KnowsMode,
     MasteringData,
     MasteringStore,
     Operator,
@@ -158,16 +161,19 @@ class Cell:
     tool_frames: ToolFrameStore | None = None
     user_frames: UserFrameStore | None = None
     frames: KnowsActiveFrames | None = None
+    mode: KnowsMode | None = None
     named_frames: ActiveFrames = field(default_factory=ActiveFrames)  # what the cell file wants active
     gauge: DistanceGauge | None = None
     gauge_setup: GaugeSetup | None = None
-    gauge_certificate: HeldCertificate | None = None  # None: no traceability is claimed
     tracker: Tracker | None = None
     tracker_setup: TrackerSetup | None = None
     probe: TouchProbe | None = None
     probe_setup: ProbeSetup | None = None
     dial: DistanceGauge | None = None  # its length is how far the plunger is pushed in
     dial_setup: ProbeSetup | None = None
+    certificates: Mapping[str, HeldCertificate] = field(
+        default_factory=dict
+    )  # of instruments, by their roles
     model: RobotModel | None = None  # nominal kinematics
     record: MasteringRecord | None = None  # the latest of this robot
     backups: tuple[MasteringBackup, ...] = ()  # of this robot's mastering before each write, oldest first
@@ -182,18 +188,23 @@ class Cell:
     motion: MotionMemory = field(default_factory=MotionMemory)
     config_sha256: str = ""
 
+    @property
+    def instruments(self) -> dict[str, Device]:
+        """What measures in this cell, by its role."""
+        there: tuple[tuple[str, Device | None], ...] = (
+            ("gauge", self.gauge),
+            ("tracker", self.tracker),
+            ("probe", self.probe),
+            ("dial", self.dial),
+        )
+        return {role: device for role, device in there if device is not None}
+
 
 async def fingerprint(cell: Cell) -> Fingerprint:
     """Ask every device who it is."""
     marks = [DeviceMark("robot", await cell.robot.identify())]
-    if cell.gauge is not None:
-        marks.append(DeviceMark("gauge", await cell.gauge.identify()))
-    if cell.tracker is not None:
-        marks.append(DeviceMark("tracker", await cell.tracker.identify()))
-    if cell.probe is not None:
-        marks.append(DeviceMark("probe", await cell.probe.identify()))
-    if cell.dial is not None:
-        marks.append(DeviceMark("dial", await cell.dial.identify()))
+    for role, device in cell.instruments.items():
+        marks.append(DeviceMark(role, await device.identify()))
     epoch = await cell.mastering.encoder_epoch() if cell.mastering is not None else None
     frames = await cell.frames.active_frames() if cell.frames is not None else None
     return Fingerprint(cell.name, tuple(marks), cell.config_sha256, epoch, frames)

@@ -42,6 +42,7 @@ class Finding:
     step: str
     inputs: Any
     value: Any
+    instruments: tuple[str, ...] = ()  # roles of those that were read for it
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,11 @@ class Past:
     attempts: Mapping[str, int] = field(default_factory=dict)
     in_doubt: str | None = None  # a step that may have acted without an outcome
     resumed: bool = False
+
+    @property
+    def instruments(self) -> tuple[str, ...]:
+        """Roles of the instruments whose readings count."""
+        return tuple(sorted({role for finding in self.findings for role in finding.instruments}))
 
 
 def fold(events: Iterable[tuple[str, Mapping[str, Any]]]) -> Past:
@@ -67,7 +73,8 @@ def fold(events: Iterable[tuple[str, Mapping[str, Any]]]) -> Past:
         if kind == Kind.INTENT:
             in_doubt = body["step"]
         elif kind == Kind.FINDING:
-            findings.append(Finding(body["step"], body["inputs"], body["value"]))
+            read = tuple(body.get("instruments", ()))
+            findings.append(Finding(body["step"], body["inputs"], body["value"], read))
             in_doubt = None if in_doubt == body["step"] else in_doubt
         elif kind == Kind.FAILED:
             in_doubt = _doubt_after_failure(in_doubt, body)

@@ -104,7 +104,8 @@ class FileGauge(_Instrument):
 
     @property
     def capabilities(self) -> GaugeCapabilities:
-        return GaugeCapabilities(self._options.range_m, _STEP_M, self._options.sigma_m)
+        options = self._options
+        return GaugeCapabilities(options.range_m, _STEP_M, options.sigma_m, answers_alone=False)
 
     async def distance(self) -> Reading:
         row = await self._row()

@@ -74,7 +74,6 @@ def _switches(position: Block, program: ProgramState) -> list[tuple[Readiness, s
         remedy = "Look at the cell, release the emergency stop and reset on the pendant."
         found.append((Readiness.STOPPED, "the emergency stop is pressed", remedy))
     if program.mode != Mode.AUTO:
-        mode = Mode(program.mode).name if program.mode in set(Mode) else f"mode {program.mode}"
         remedy = "Switch the teach pendant off and the mode switch to AUTO."
-        found.append((Readiness.NOT_READY, f"the controller is in {mode}, not in AUTO", remedy))
+        found.append((Readiness.NOT_READY, f"the controller is in {program.mode_name}, not in AUTO", remedy))
     return found

@@ -60,6 +60,11 @@ class ProgramState:
     emergency: bool
     counter: int
 
+    @property
+    def mode_name(self) -> str:
+        """The mode switch as the maker calls its places."""
+        return Mode(self.mode).name if self.mode in set(Mode) else f"mode {self.mode}"
+
 
 @dataclass(frozen=True, slots=True)
 class Request:

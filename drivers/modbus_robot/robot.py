@@ -63,6 +63,7 @@ def capabilities_of(profile: Profile) -> RobotCapabilities:
         writes_tool_frame=True,
         writes_user_frame=True,
         tells_active_frames=True,
+        tells_mode=True,
     )
 
 
@@ -207,6 +208,11 @@ class ModbusRobot:
         async with self._deadline("reading the active tool"):
             # selections need no look at the program's counter: a run also begins while it does not run
             return await active_frames(self._panel, await self._panel.block("position"))
+
+    async def controller_mode(self) -> str:
+        async with self._deadline("reading the mode"):
+            _, program = await self._status()
+            return program.mode_name
 
     async def _status(self) -> tuple[Block, ProgramState]:
         """Read position and counts between two looks at the program's counter."""

@@ -71,7 +71,7 @@ class MotionOptions:
     tolerances: Tolerances
 
 
-CAPABILITIES = RobotCapabilities(axes=6, hand_guiding=True, tells_active_frames=True)
+CAPABILITIES = RobotCapabilities(axes=6, hand_guiding=True, tells_active_frames=True, tells_mode=True)
 
 
 class UniversalRobot:
@@ -132,6 +132,11 @@ class UniversalRobot:
             raise RefusedError(self.name, "the controller tells a tool or payload that is not a number.",
                                remedy="Set TCP and payload anew on the pendant.")  # fmt: skip
         return ActiveFrames(None, _pose(sample.tcp_offset), 0, sample.payload_kg)  # poses are in the base
+
+    async def controller_mode(self) -> str:
+        async with deadline(self.name, self._options.deadline_s, "asking its mode"):
+            remote = await self._contact.in_remote_control()
+        return "remote control" if remote else "local control"
 
     async def factory_kinematics(self) -> FactoryKinematics:
         """Return the arm's kinematics as measured by the maker and used by the controller."""

@@ -20,16 +20,30 @@ from service.certificates.points import airs, answers, raw_data_sha256, readings
 from service.certificates.sign_offs import sign_offs
 from service.certificates.signing import Finding, StationKey, check, station_key
 from service.certificates.text import as_text
-from service.configuration.cell_file import CellConfig, GaugeCertificate
+from service.configuration.cell_file import CellConfig, InstrumentCertificate
 from service.files import replace_file
 from service.runs.cell import open_journal
 from service.runs.conduct import Verdict
+from service.runs.instruments import instruments_behind
 from service.runs.journal import Event, Journal
 from service.runs.pictures import told_pictures
 from service.runs.store import RunView, Store
 
 FORMAT, REFUSAL_FORMAT = "cellcal certificate 1", "cellcal refusal record 1"
 NO_TRACEABILITY = "No metrological traceability is claimed."
+NOTHING_ELSE = "Nothing else is claimed to be traceable."
+_CLAIMS = {
+    "gauge": "Lengths refer to certificate",
+    "tracker": "Places seen by the tracker refer to certificate",
+    "probe": "Touches of the probe refer to certificate",
+    "dial": "Travels of the dial gauge refer to certificate",
+}
+_CERTIFICATES = {
+    "gauge": "The gauge's certificate",
+    "tracker": "The tracker's certificate",
+    "probe": "The touch probe's certificate",
+    "dial": "The dial gauge's certificate",
+}
 SAFETY = (
     "This software performs no safety function. Emergency stop, protective stop, enabling device, speed and space "
     "monitoring are functions of the robot controller and the cell. Do not rely on this screen to stop the robot."
@@ -130,6 +144,11 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
         "cell": {"name": view.cell["cell"], "config_sha256": view.cell["config_sha256"]},
         "devices": view.cell["devices"],
         "encoder_epoch_at_start": view.cell["encoder_epoch"],
+        "controller_at_start": {
+            "active_frames": view.cell.get("active_frames"),
+            "motion_level": view.motion_level,
+            "controller_mode": view.controller_mode,
+        },
         "settings": view.spec,
         "environment": airs(points),
         "points": points,
@@ -171,28 +190,34 @@ def _ended(events: list[Event]) -> Event:
 
 
 def _traceability(config: CellConfig, view: RunView, entry: Entry, end: Event) -> str:
-    """Return what may be said of the gauge's own calibration on the day of the run."""
-    if not entry.reads_gauge(view.spec.get("method"), view.spec.get("evidence")):
+    """Return what may be said of the calibration of each instrument that was read, on the day of the run."""
+    ways = view.spec.get("method"), view.spec.get("evidence")
+    used = instruments_behind(entry, ways, view.past)
+    if not used:
         return NO_TRACEABILITY
     if view.cell["config_sha256"] != config.sha256:
         return f"{NO_TRACEABILITY} The cell file has been edited since the run."
     serial = view.cell["devices"][0]["identity"]["serial"]
     robot = next((robot.name for robot in config.robots if robot.serial == serial), "")
-    gauge = config.gauge_for(robot)
-    held = None if gauge is None else gauge.setup.certificate
-    return NO_TRACEABILITY if held is None else _claim(held, date.fromisoformat(end.wall_utc[:10]))
+    there, day = config.instruments_for(robot), date.fromisoformat(end.wall_utc[:10])
+    held = {role: there[role].setup.certificate for role in used if role in there}
+    known = {role: one for role, one in held.items() if one is not None}
+    claims = [_claim(role, one) for role, one in known.items() if one.issued <= day <= one.due]
+    lapsed = [_not_valid(role, one, day) for role, one in known.items() if not one.issued <= day <= one.due]
+    told = [*claims, NOTHING_ELSE] if claims else [NO_TRACEABILITY]
+    return " ".join([*told, *lapsed])
 
 
-def _claim(held: GaugeCertificate, day: date) -> str:
-    if not held.issued <= day <= held.due:
-        return (
-            f"{NO_TRACEABILITY} The gauge's certificate {held.number} was not valid on {day}: due {held.due}."
-        )
+def _claim(role: str, held: InstrumentCertificate) -> str:
     accredited = f", {held.accreditation}" if held.accreditation else ""
     return (
-        f"Lengths refer to certificate {held.number} of {held.laboratory}{accredited}, issued {held.issued}, due "
-        f"{held.due}, U = {held.expanded_uncertainty_mm:g} mm. Nothing else is claimed to be traceable."
+        f"{_CLAIMS[role]} {held.number} of {held.laboratory}{accredited}, issued {held.issued}, due {held.due}, "
+        f"U = {held.expanded_uncertainty_mm:g} mm."
     )
+
+
+def _not_valid(role: str, held: InstrumentCertificate, day: date) -> str:
+    return f"{_CERTIFICATES[role]} {held.number} was not valid on {day}: due {held.due}."
 
 
 def _keep(path: Path, signed: str, sha256: str) -> str:

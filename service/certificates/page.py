@@ -16,6 +16,7 @@ from service.certificates.words import (
     answers_by_person,
     at_time,
     change_rows,
+    controller_rows,
     figure_in_words,
     file_stem,
     head_rows,
@@ -61,6 +62,7 @@ def page_of(content: Mapping[str, Any], sha256: str, public_key: str, words: Say
     figures, points, say = verdict["characteristics"], content["points"], words.say
     sections = (
         Section(say("What was examined"), (Facts(tuple(head_rows(content, words))),)),
+        *_controller(content, words),
         *_refusal(content, words),
         *_figures(figures, words),
         *_listed(say("Not verified"), [*verdict.get("not_verified", []), *_unknown_air(content)], words),
@@ -97,6 +99,11 @@ def page_of(content: Mapping[str, Any], sha256: str, public_key: str, words: Say
         qr=code_of(file_stem(content), sha256),
         sections=sections,
     )
+
+
+def _controller(content: Mapping[str, Any], words: Sayings) -> tuple[Section, ...]:
+    rows = tuple(controller_rows(content, words))
+    return (Section(words.say("The controller when the run began"), (Facts(rows),)),) if rows else ()
 
 
 def _rule(verdict: Mapping[str, Any], words: Sayings) -> str:

@@ -13,6 +13,7 @@ from service.certificates.words import (
     answers_by_person,
     at_time,
     change_rows,
+    controller_rows,
     figure_in_words,
     file_stem,
     head_rows,
@@ -31,6 +32,7 @@ def as_text(content: Mapping[str, Any], sha256: str, public_key: str) -> str:
     run, verdict, refusal = content["run"], content["verdict"], content.get("refusal")
     sections = (
         ("", _head(content)),
+        ("The controller when the run began", _named(controller_rows(content))),
         ("Verdict", [WORDS[verdict["word"]], *_optional("judged by ", verdict.get("limits_from"))]),
         ("Why it was refused", _optional("", refusal and refusal["reason"])),
         ("What to do next", _optional("", refusal and refusal["remedy"])),
@@ -59,8 +61,11 @@ def as_text(content: Mapping[str, Any], sha256: str, public_key: str) -> str:
 
 
 def _head(content: Mapping[str, Any]) -> list[str]:
-    lines = [*head_rows(content), ("status", content["status"])]
-    return [line for name, value in lines for line in _wrapped(value, f"{name:<16}")]
+    return _named([*head_rows(content), ("status", content["status"])])
+
+
+def _named(rows: Iterable[tuple[str, str]]) -> list[str]:
+    return [line for name, value in rows for line in _wrapped(value, f"{name:<18}")]
 
 
 def _figures(characteristics: Iterable[Mapping[str, Any]]) -> list[str]:

@@ -16,6 +16,13 @@ WORDS = {
     None: "-",
 }
 NO_TEMPERATURE = "No temperature was recorded: nothing is corrected for it."
+NOT_TOLD = "not verified, this robot does not tell it"
+_SAID_MODES = ("remote control", "local control")  # others are names on a switch
+_LEVELS = {
+    "observe": "a person with the pendant (observe)",
+    "program": "a program that a person ran on the pendant (program)",
+    "commanded": "this software (commanded)",
+}
 WHOLE_RESULT = "The whole result is in the JSON file of the same name."
 
 
@@ -78,6 +85,42 @@ def head_rows(content: Mapping[str, Any], words: Sayings = ENGLISH) -> list[tupl
         ("from, to (UTC)", f"{at_time(run['started_utc'])}, {at_time(run['ended_utc'])}"),
     ]
     return [(words.say(name), value) for name, value in rows]
+
+
+def controller_rows(content: Mapping[str, Any], words: Sayings = ENGLISH) -> list[tuple[str, str]]:
+    """Return what was selected on the controller when the run began, and who moved the robot.
+
+    Nothing for certificates from before this was part of what is signed.
+    """
+    told = content.get("controller_at_start")
+    if told is None:
+        return []
+    frames = told["active_frames"] or {}
+    payload, mode = frames.get("payload_kg"), told["controller_mode"]
+    rows = (
+        ("active tool", _tool(frames, words)),
+        ("active user frame", _user_frame(frames.get("user_frame_number"), words)),
+        ("payload", "" if payload is None else f"{payload:.3f} kg"),
+        ("controller mode", words.say(mode) if mode in _SAID_MODES else mode),
+    )
+    moved = words.say(_LEVELS.get(told["motion_level"], "not recorded"))
+    shown = [(words.say(name), value or words.say(NOT_TOLD)) for name, value in rows]
+    return [*shown, (words.say("moved by"), moved)]
+
+
+def _tool(frames: Mapping[str, Any], words: Sayings) -> str:
+    number, pose = frames.get("tool_number"), frames.get("flange_tool")
+    parts = (
+        "" if number is None else words.say(f"number {number}"),
+        pose_in_words(pose, words) if pose else "",
+    )
+    return ": ".join(part for part in parts if part)
+
+
+def _user_frame(number: int | None, words: Sayings) -> str:
+    if number is None:
+        return ""
+    return words.say(f"number {number}") if number else words.say("number 0, the base itself")
 
 
 def change_rows(changes: Iterable[Mapping[str, Any]], words: Sayings = ENGLISH) -> list[tuple[str, str, str]]:

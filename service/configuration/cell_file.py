@@ -60,8 +60,8 @@ class CellTable(_Table):
 _INSIDE_EVERY_BASE_MM = 20.0
 
 
-class GaugeCertificate(_Table):
-    """Who calibrated a gauge, and until when that holds. Without it no traceability is claimed."""
+class InstrumentCertificate(_Table):
+    """Who calibrated an instrument, and until when that holds. Without it no traceability is claimed."""
 
     number: str = Field(min_length=1, max_length=64)
     laboratory: str = Field(min_length=1, max_length=120)
@@ -80,7 +80,7 @@ class GaugeSetup(_Table):
     anchor_sigma_mm: float = Field(default=10.0, ge=1e-4)
     hook_sigma_mm: float = Field(default=2.0, ge=1e-4)
     mouth_at_mm: Triple | None = None  # a place straight in front of the wire's exit, in the base
-    certificate: GaugeCertificate | None = None
+    certificate: InstrumentCertificate | None = None
 
     @field_validator("anchor_in_base_mm")
     @classmethod
@@ -123,6 +123,7 @@ class TrackerSetup(_Table):
     robot: str
     target_in_flange_mm: Triple
     target_sigma_mm: float = Field(default=2.0, ge=1e-4)
+    certificate: InstrumentCertificate | None = None
 
     @property
     def target_in_flange_m(self) -> Triple:
@@ -145,6 +146,7 @@ class ProbeSetup(_Table):
     tip_in_flange_mm: Triple
     tip_sigma_mm: float = Field(default=1.0, ge=1e-4)
     axis_in_flange: Triple = (0.0, 0.0, 1.0)  # from the flange to the tip; of a dial gauge, along its plunger
+    certificate: InstrumentCertificate | None = None
 
     @field_validator("axis_in_flange")
     @classmethod
@@ -160,6 +162,14 @@ class ProbeEntry:
 
     device: ProbeConfig
     setup: ProbeSetup
+
+    @property
+    def role(self) -> str:
+        """What it is in the cell: ``probe`` or ``dial``."""
+        return "probe" if self.device.driver == "touch_probe" else "dial"
+
+
+InstrumentEntry = GaugeEntry | TrackerEntry | ProbeEntry
 
 
 @dataclass(frozen=True)
@@ -207,6 +217,17 @@ class CellConfig:
     def probes_for(self, robot: str) -> tuple[ProbeEntry, ...]:
         """Return the touch probe and the dial gauge that the robot carries, as far as there are any."""
         return tuple(entry for entry in self.probes if entry.setup.robot == robot)
+
+    @property
+    def instruments(self) -> tuple[InstrumentEntry, ...]:
+        """Everything that measures in this cell."""
+        return (*self.gauges, *self.trackers, *self.probes)
+
+    def instruments_for(self, robot: str) -> dict[str, InstrumentEntry]:
+        """Return what measures at that robot, by its role."""
+        found: dict[str, InstrumentEntry] = {entry.role: entry for entry in self.probes_for(robot)}
+        one_of_a_kind = (("gauge", self.gauge_for(robot)), ("tracker", self.tracker_for(robot)))
+        return {role: entry for role, entry in one_of_a_kind if entry is not None} | found
 
 
 def read_cell_file(path: str | os.PathLike[str]) -> CellConfig:

@@ -28,7 +28,7 @@ from service.configuration.cell_file import CellConfig
 from service.desk.answering import Answering
 from service.desk.asking import DeskOperator
 from service.desk.held import HeldRobot, Hold
-from service.desk.live import Glance, SharedGauge
+from service.desk.live import Glance
 from service.desk.memory import UnderWay
 from service.desk.messages import (
     UNGUARDED,
@@ -143,10 +143,14 @@ class Desk:
     async def _attend_once(self) -> None:
         try:
             async with open_cell(self._config, self._operator, self._robot) as cell:
-                self._cell, self._trouble, self._remedy = self._shared(cell), "", ""
+                glance = self._glance = Glance(self._held(cell), reads=self._reads, clock=self._clock)
+                self._cell, self._trouble, self._remedy = glance.cell, "", ""
                 self._decided()
                 self._go_on_where_it_broke_off()
-                await self._look_until_left(self._cell)
+                try:
+                    await self._look_until_left(glance)
+                finally:
+                    await glance.leave()
         except CellError as error:
             if error.message != self._trouble:
                 _log.warning("the cell cannot be used: %s", error)
@@ -155,23 +159,23 @@ class Desk:
             self._cell = None
             await self._end_run()
 
-    def _shared(self, cell: Cell) -> Cell:
+    def _held(self, cell: Cell) -> Cell:
         robot: Any = HeldRobot(cell.robot, self._hold)
-        return replace(
-            cell,
-            robot=cast(Robot, robot),
-            jogs=None if cell.jogs is None else cast(JogsAxes, robot),
-            gauge=None if cell.gauge is None else cast(Any, SharedGauge(cell.gauge)),
-            dial=None if cell.dial is None else cast(Any, SharedGauge(cell.dial)),
-        )
+        jogs = None if cell.jogs is None else cast(JogsAxes, robot)
+        return replace(cell, robot=cast(Robot, robot), jogs=jogs)
 
-    async def _look_until_left(self, cell: Cell) -> None:
-        self._glance, gone_since_s = Glance(cell, clock=self._clock), None
-        glance = self._glance
+    def _reads(self, role: str) -> None:
+        """Note for the screens which instrument the run asks."""
+        if self._run is not None and self._run.instrument != role:
+            self._run.instrument = role
+            self._show()
+
+    async def _look_until_left(self, glance: Glance) -> None:
+        cell, gone_since_s = glance.cell, None
         while not self._leave.is_set():
             began_s = self._clock()
             busy = self._busy
-            await glance.look(busy=busy)
+            await glance.look()
             await self._recording.look(cell, self._operator.prompt, glance.standing(), self._clock())
             told = {**glance.as_json(), "record": self._recording.as_json()}
             self._tell("live", {"rev": self.rev, "at_s": time.time(), **told})

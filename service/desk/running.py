@@ -27,6 +27,7 @@ class Running:
     outcome: dict[str, Any] | None = None
     hold_to_move: bool = False
     does: str = ""  # what the present step does: read, move, write, solve
+    instrument: str = ""  # the role of the one that was asked for a reading last
     time_left: TimeLeft = field(default_factory=TimeLeft)
 
     @property
@@ -76,5 +77,6 @@ class Running:
             "outcome": self.outcome,
             "hold_to_move": self.hold_to_move,
             "does": self.does,
+            "instrument": self.instrument,
             "left_s": None if self.ended else self.time_left.seconds(),
         }

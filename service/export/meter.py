@@ -190,7 +190,7 @@ def _devices(devices: list[dict[str, Any]]) -> Iterator[Family]:
         labels = {"device": device["name"], "role": device["role"]}
         ready.add(device["state"] == "ready", labels)
         state.add(1, labels | {"state": device["state"]})
-        age.add(_figure(device["age_s"]), labels)
+        age.add(_figure(device["value_age_s"]), labels)
     yield from (ready, state, age)
 
 

@@ -14,6 +14,7 @@ from drivers.interfaces import (
     GaugeCapabilities,
     JogsAxes,
     KnowsActiveFrames,
+    KnowsMode,
     MasteringStore,
     Operator,
     Robot,
@@ -151,10 +152,11 @@ def _lend(
         tool_frames=cast(ToolFrameStore, arm) if can.writes_tool_frame else None,
         user_frames=cast(UserFrameStore, arm) if can.writes_user_frame else None,
         frames=cast(KnowsActiveFrames, arm) if can.tells_active_frames else None,
+        mode=cast(KnowsMode, arm) if can.tells_mode else None,
         named_frames=motion.active,
         gauge=gauge,
         gauge_setup=None if at is None else _setup(at),
-        gauge_certificate=None if at is None else _held(at),
+        certificates=_held(config, entry.name),
         model=load_model(entry.model),
         limits=MotionLimits(speed_rad_s=entry.speed_limit_rad_s, settle_s=getattr(entry, "settle_s", 1.0)),
         level=motion.level,
@@ -164,11 +166,13 @@ def _lend(
     )
 
 
-def _held(entry: GaugeEntry) -> HeldCertificate | None:
-    held = entry.setup.certificate
-    return (
-        None if held is None else HeldCertificate(held.number, held.issued.isoformat(), held.due.isoformat())
-    )
+def _held(config: CellConfig, robot: str) -> dict[str, HeldCertificate]:
+    named = ((role, entry.setup.certificate) for role, entry in config.instruments_for(robot).items())
+    return {
+        role: HeldCertificate(held.number, held.issued.isoformat(), held.due.isoformat())
+        for role, held in named
+        if held is not None
+    }
 
 
 def _setup(entry: GaugeEntry) -> GaugeSetup:
@@ -196,6 +200,6 @@ def _with_probe(cell: Cell, probe: Any, entry: ProbeEntry) -> Cell:
     x, y, z = entry.setup.tip_in_flange_mm
     tip_in_flange_m = (x * 1e-3, y * 1e-3, z * 1e-3)
     setup = ProbeSetup(tip_in_flange_m, entry.setup.tip_sigma_mm * 1e-3, entry.setup.axis_in_flange)
-    if entry.device.driver == "touch_probe":
+    if entry.role == "probe":
         return replace(cell, probe=probe, probe_setup=setup)
     return replace(cell, dial=probe, dial_setup=setup)

@@ -15,10 +15,11 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 
 from calibration.errors import CalibrationError, CellError
+from drivers.errors import DeviceError
 from drivers.interfaces import ActiveFrames, Answer, Instruction, Operator, Question
 from procedures.canonical import alike
 from procedures.catalogue import entry_named
-from procedures.cell import Cell, Fingerprint, MotionMemory, fingerprint
+from procedures.cell import Cell, Fingerprint, HeldCertificate, MotionMemory, fingerprint
 from procedures.entry import Entry, Phase, refuse_unmet
 from procedures.motion.active_frames import changes, cure, refuse_unnamed, told, untold
 from procedures.past import Kind, Past
@@ -33,12 +34,15 @@ from procedures.run import (
 )
 from procedures.verdict import Characteristic, enough
 from service.runs.definition import software
+from service.runs.instruments import instruments_behind, shared
 from service.runs.journal import Journal, NewEvent, StoreError
 from service.runs.lease import Lease, lease
 from service.runs.store import RunView, Store, stored_body
 
 _log = logging.getLogger(__name__)
 FREE_BYTES = 200_000_000
+NO_MODE = "In which mode the controller was: this robot does not tell it."
+_OUTCOMES = (Kind.FINDING, Kind.CONDITION, Kind.FAILED)
 OnEvent = Callable[[Progress], None]
 OnBegin = Callable[[str, tuple[Phase, ...]], None]
 
@@ -84,13 +88,23 @@ class Conditions:
 
 
 class JournalLedger:
-    """A run's end of the journal."""
+    """A run's end of the journal. A finding names the instruments that were read for it."""
 
     def __init__(self, journal: Journal, run_id: str, actor: str) -> None:
         self._journal, self._run_id, self._actor = journal, run_id, actor
+        self._read: set[str] = set()
+
+    def hear(self, role: str, reading: Any) -> None:
+        """Note an instrument that gave a reading."""
+        if reading is not None:
+            self._read.add(role)
 
     def record(self, kind: Kind, body: Mapping[str, Any], *, key: str = "") -> None:
         """Store one fact durably."""
+        if kind is Kind.FINDING and self._read:
+            body = {**body, "instruments": sorted(self._read)}
+        if kind in _OUTCOMES:
+            self._read.clear()
         self._journal.append(self._run_id, kind, body, key=key, actor=self._actor)
 
 
@@ -134,6 +148,8 @@ async def run_procedure(
             "version": entry.version,
             "spec": to_jsonable_python(spec),
             "cell": to_jsonable_python(mark),
+            "motion_level": cell.level.value,
+            "controller_mode": await _mode_of(cell),
             **software(),
         }
         journal.append(run_id, Kind.STARTED, header, key="started", actor=how.actor)
@@ -205,7 +221,8 @@ class _Conductor:
     async def conduct(self, spec: Any, past: Past) -> Outcome:
         ledger = JournalLedger(self._journal, self._run_id, self._how.actor)
         expected = self._entry.expected_steps(spec)
-        run = Run(self._cell, ledger, past, expected=expected, announce=self._announce, gate=self._how.gate)
+        cell = shared(self._cell, ledger.hear)
+        run = Run(cell, ledger, past, expected=expected, announce=self._announce, gate=self._how.gate)
         try:
             result = await self._entry.procedure(run, spec)
         except CellError as error:
@@ -222,22 +239,22 @@ class _Conductor:
             return None
         try:
             verdict = self._entry.verdict(spec, result)
-            unseen = untold(self._cell.motion.frames)
-            figures = (*verdict.characteristics, *self._lapsed(spec))
+            run = Store(self._journal).run(self._run_id)
+            figures = (*verdict.characteristics, *self._lapsed(spec, run.past))
+            unseen = (*untold(self._cell.motion.frames), *(() if run.controller_mode else (NO_MODE,)))
             verdict = replace(verdict, characteristics=figures, not_verified=(*verdict.not_verified, *unseen))
             return verdict.as_object()
         except Exception:  # noqa: BLE001  a result that was written to a robot is journalled, judged or not
             _log.exception("the verdict of run %s could not be given", self._run_id)
             return None
 
-    def _lapsed(self, spec: Any) -> tuple[Characteristic, ...]:
-        """Return what keeps a result from a PASS where the gauge's own calibration does not hold today."""
-        held, day = self._cell.gauge_certificate, datetime.now(UTC).date().isoformat()
-        reads = self._entry.reads_gauge(getattr(spec, "method", ""), getattr(spec, "evidence", ""))
-        if held is None or not reads or held.holds_on(day):
-            return ()
-        rule = f"certificate {held.number} holds from {held.issued} to {held.due}, this is {day}: calibrate the gauge"
-        return (enough("the gauge's calibration is valid", False, rule, found=0.0, limit=1.0),)
+    def _lapsed(self, spec: Any, past: Past) -> tuple[Characteristic, ...]:
+        """Return what keeps a result from a PASS: instruments behind it whose own calibration does not hold today."""
+        day = datetime.now(UTC).date().isoformat()
+        ways = getattr(spec, "method", ""), getattr(spec, "evidence", "")
+        used = instruments_behind(self._entry, ways, past)
+        held = {role: self._cell.certificates[role] for role in used if role in self._cell.certificates}
+        return tuple(_out_of_date(role, one, day) for role, one in held.items() if not one.holds_on(day))
 
     def _end(self, outcome: Outcome, spec: Any = None) -> Outcome:
         passed = outcome.verdict is Verdict.PASSED
@@ -287,6 +304,19 @@ class _Conductor:
             self._how.on_event(progress)
         except Exception:  # noqa: BLE001  a screen that fails must not stop a robot in mid-procedure
             _log.exception("a listener failed and missed %s", progress.kind)
+
+
+def _out_of_date(role: str, held: HeldCertificate, day: str) -> Characteristic:
+    words = {
+        "gauge": "the gauge's calibration is valid",
+        "tracker": "the tracker's calibration is valid",
+        "probe": "the touch probe's calibration is valid",
+        "dial": "the dial gauge's calibration is valid",
+    }[role]
+    rule = (
+        f"certificate {held.number} holds from {held.issued} to {held.due}, this is {day}: have it calibrated"
+    )
+    return enough(words, False, rule, found=0.0, limit=1.0)
 
 
 class _AnnouncingOperator:
@@ -377,6 +407,17 @@ def _difference(key: str, was: object, present: object) -> str:
     if key == "encoder_epoch":
         return f"the robot lost its position during this run (encoder epoch {was}, now {present})"
     return f"{key} was {was}, is {present}"
+
+
+async def _mode_of(cell: Cell) -> str | None:
+    """Return how the controller is switched; what it does not tell keeps no run from its beginning."""
+    if cell.mode is None:
+        return None
+    try:
+        return await cell.mode.controller_mode()
+    except DeviceError as error:
+        _log.warning("the mode of %s is not known: %s", cell.robot.name, error)
+        return None
 
 
 def _refuse_small_disk(path: Path, needed: int) -> None:

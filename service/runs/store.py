@@ -43,6 +43,8 @@ class RunView:
     result: Any
     judgement: Any  # what the procedure claims of its result; None where it says nothing
     past: Past
+    motion_level: str = ""  # who moved the robot; empty in journals that do not say it
+    controller_mode: str | None = None  # at the start, as the maker calls it; None: nobody told
     software: tuple[Mapping[str, str], ...] = ()  # that began the run, and any other that went on with it
 
 
@@ -183,6 +185,8 @@ def _view(events: list[Event]) -> RunView:
         result=ended.get("result"),
         judgement=ended.get("judgement"),
         past=fold(bodies),
+        motion_level=header.get("motion_level", ""),
+        controller_mode=header.get("controller_mode"),
         software=_software(bodies),
     )
 

@@ -122,7 +122,7 @@ class Publisher:
         facts = {key: device[key] for key in ("name", "role", "age_s")}
         if value is not None and device["role"] == "robot":
             station.tell_value(keys.joints, facts | value)
-        elif value is not None:
+        elif value is not None and device["live"]:  # a reading of a tracker is told by the run that took it
             station.tell_value(keys.device(device["name"], "value"), facts | value)
         state = {key: device[key] for key in ("name", "role", "state", "message", "remedy")}
         told_at_s, before = self._devices.get(device["name"], (float("-inf"), None))

@@ -13,16 +13,16 @@ from service.site.ledger import Ledger
 
 
 class DueDates:
-    """What becomes due in a cell: calibrations of gauges, its certificate where it is on a bus, and drift checks.
+    """What becomes due in a cell: calibrations, its certificate where it is on a bus, and drift checks.
 
     Drift checks move on whenever one was run; the rest stands as it was at the start.
     """
 
     def __init__(self, config: CellConfig, link_certificate: Path | None = None) -> None:
         self._fixed = [
-            {"what": f"calibration of {gauge.device.name}", "due": gauge.setup.certificate.due.isoformat()}
-            for gauge in config.gauges
-            if gauge.setup.certificate is not None
+            {"what": f"calibration of {entry.device.name}", "due": entry.setup.certificate.due.isoformat()}
+            for entry in config.instruments
+            if entry.setup.certificate is not None
         ]
         if link_certificate is not None:
             ends = valid_until(link_certificate).date()

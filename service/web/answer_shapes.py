@@ -179,6 +179,7 @@ class RunSeen(Shape):
     outcome: OutcomeSeen | None
     hold_to_move: bool
     does: str
+    instrument: str
     left_s: float | None
 
 

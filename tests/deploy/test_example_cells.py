@@ -70,3 +70,17 @@ def test_one_that_is_wrong_is_refused(tmp_path: Path) -> None:
         broken = tmp_path / path.name
         broken.write_text(path.read_text(encoding="utf-8").replace('driver = "', 'driver = "x', 1))
         assert run_command_line(["check", str(broken)]) == 2
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_every_instrument_has_an_example_of_its_certificate(path: Path, tmp_path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    told = re.sub(
+        r"(?m)^# (?=\[\w+\.certificate\]|(?:number|laboratory|accreditation|issued|due|expanded_\w+) = )",
+        "",
+        text,
+    )
+    (tmp_path / path.name).write_text(told, encoding="utf-8")
+    instruments = read_cell_file(tmp_path / path.name).instruments
+    missing = [entry.device.name for entry in instruments if entry.setup.certificate is None]
+    assert not missing, missing

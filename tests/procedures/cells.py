@@ -67,6 +67,7 @@ def scene(spec: Any = None) -> Scene:
         tool_frames=arm,
         user_frames=arm,
         frames=arm,
+        mode=arm,
         gauge=wire,
         tracker=IdealTracker(arm),
         tracker_setup=TrackerSetup(TARGET),

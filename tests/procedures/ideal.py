@@ -85,6 +85,7 @@ class IdealArm:
             writes_tool_frame=True,
             writes_user_frame=True,
             tells_active_frames=True,
+            tells_mode=True,
         )
 
     def lose_encoders(self, turns: Counts) -> None:
@@ -219,6 +220,9 @@ class IdealArm:
     async def active_frames(self) -> ActiveFrames:
         tool = await self.read_tool_frame(self.active_tool)
         return ActiveFrames(self.active_tool, tool, self.user_frame, self.payload_kg)
+
+    async def controller_mode(self) -> str:
+        return "AUTO"
 
     async def read_user_frame(self, number: int) -> Pose:
         await asyncio.sleep(0)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry import Pose
+from procedures.arm.arm_bench import Method
 from procedures.catalogue import CATALOGUE, ENTRIES
 from procedures.cell import HeldCertificate
 from procedures.forecast import Knowledge
@@ -21,13 +22,15 @@ from procedures.recovery.recovery_verdict import saving, verdict_on_recovery
 from service.certificates.certificate import NO_TRACEABILITY, SAFETY, CertificateError, content_of, issue
 from service.certificates.journal_end import missing_end
 from service.certificates.signing import Finding, check
-from service.configuration.cell_file import CellConfig, GaugeCertificate
-from service.runs.cell import journal_path, open_journal
+from service.configuration.cell_file import CellConfig, InstrumentCertificate
+from service.runs.cell import journal_path, on_paper, open_journal
 from service.runs.conduct import Outcome, Verdict, forget_from, resume
 from service.runs.store import Store
+from service.site.standing import DueDates
 from tests.procedures.cells import (
     TARGETS,
     Scene,
+    drifting,
     hanging,
     pointing,
     recording,
@@ -36,6 +39,7 @@ from tests.procedures.cells import (
     touching,
 )
 from tests.procedures.certified import HOW, cell_config, run_in
+from tests.procedures.test_record_by_places import without_wire
 from tests.service.printed import verify_paper
 
 NAMES = [entry.name for entry in ENTRIES]
@@ -234,7 +238,7 @@ async def test_traceability_only_with_a_certificate_that_is_valid_on_the_day(tmp
     today = datetime.now(UTC).date()
     for from_days, to_days, claims in ((-10, 10, True), (-10, -1, False), (2, 10, False)):
         issued, due = (today + timedelta(days=days) for days in (from_days, to_days))
-        held = GaugeCertificate(
+        held = InstrumentCertificate(
             number="C-77",
             laboratory="Lab",
             accreditation="D-K-1",
@@ -258,11 +262,136 @@ async def test_a_gauge_whose_calibration_has_lapsed_gives_no_pass(
     tmp_path: Path, due: str, word: str
 ) -> None:
     made = hanging(TARGETS[:1])
-    made.cell = replace(made.cell, gauge_certificate=HeldCertificate("C-77", "2000-02-03", due))
+    made.cell = replace(made.cell, certificates={"gauge": HeldCertificate("C-77", "2000-02-03", due)})
     outcome = await run_in(cell_config(tmp_path), made, "end_effector_points")
     told = {figure["name"]: figure for figure in outcome.judgement["characteristics"]}
     assert outcome.judgement["word"] == word
     assert ("the gauge's calibration is valid" in told) == (word == "undecided")
+
+
+TRACKER = """
+[[tracker]]
+name = "at"
+driver = "laser_tracker"
+address = "127.0.0.1"
+serial = 390793
+station = 1
+robot = "fanuc"
+target_in_flange_mm = [80.0, 40.0, 100.0]
+[tracker.certificate]
+number = "T-12"
+laboratory = "Other lab"
+issued = 2000-01-01
+due = {due}
+expanded_uncertainty_mm = 0.02
+"""
+PROBE_AND_DIAL = """
+[[probe]]
+name = "{name}"
+driver = "{driver}"
+address = "127.0.0.1"
+serial = "00:30:DE:0A:0B:0C"
+robot = "fanuc"
+tip_in_flange_mm = [0.0, 0.0, 160.0]
+sigma_mm = 0.003
+{more}
+[probe.certificate]
+number = "{name}-1"
+laboratory = "Lab"
+issued = 2000-01-01
+due = 2050-06-07
+expanded_uncertainty_mm = 0.004
+"""
+LAPSED, HOLDS = "2001-02-03", "2999-12-31"
+
+
+@pytest.mark.parametrize(
+    ("method", "gauge_due", "tracker_due", "word"),
+    [
+        ("tracker", LAPSED, HOLDS, "pass"),  # the wire was there and was not read
+        ("tracker", HOLDS, LAPSED, "undecided"),
+        ("wire", HOLDS, LAPSED, "pass"),
+        ("wire", LAPSED, HOLDS, "undecided"),
+    ],
+)
+async def test_the_instrument_that_was_read_decides_and_not_one_that_is_there(
+    tmp_path: Path, method: Method, gauge_due: str, tracker_due: str, word: str
+) -> None:
+    config = cell_config(
+        tmp_path, more=GAUGE_CERTIFICATE.replace("2100-01-01", gauge_due) + TRACKER.format(due=tracker_due)
+    )
+    made = await drifting(method)
+    held = {
+        role: HeldCertificate(role, "2000-01-01", due)
+        for role, due in (("gauge", gauge_due), ("tracker", tracker_due))
+    }
+    made.cell = replace(made.cell, certificates=held)
+    outcome = await run_in(config, made, "drift_check")
+    assert outcome.judgement["word"] == word
+    told = certified(config)["traceability"]
+    name = "gauge" if method == "wire" else "tracker"
+    if word == "pass":
+        said = (
+            "Lengths refer to certificate C-77 of Lab"
+            if method == "wire"
+            else "Places seen by the tracker refer to certificate T-12 of Other lab"
+        )
+        assert told.startswith(said)
+        assert told.endswith("Nothing else is claimed to be traceable.")
+    else:
+        assert f"the {name}'s calibration is valid" in {
+            figure["name"] for figure in outcome.judgement["characteristics"]
+        }
+        assert told.startswith(NO_TRACEABILITY)
+        assert f"The {name}'s certificate" in told
+    verify_certificate(config, outcome)
+
+
+async def test_a_probe_whose_calibration_has_lapsed_gives_no_pass(tmp_path: Path) -> None:
+    words = {}
+    for due in (LAPSED, HOLDS):
+        made = without_wire(probe=True)
+        made.cell = replace(made.cell, certificates={"probe": HeldCertificate("P-1", "2000-01-01", due)})
+        outcome = await run_in(cell_config(tmp_path / due), made, "mastering_record")
+        words[due] = outcome.judgement["word"]
+        named = {figure["name"] for figure in outcome.judgement["characteristics"]}
+        assert ("the touch probe's calibration is valid" in named) == (due == LAPSED)
+    assert words == {LAPSED: "undecided", HOLDS: "pass"}
+
+
+async def test_a_reading_that_a_redo_discarded_is_behind_nothing(tmp_path: Path) -> None:
+    """What counts is folded from the journal: which instruments a finding rests on, and whether it still counts."""
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, await drifting("tracker"), "drift_check")
+    with open_journal(config) as journal:
+        past = Store(journal).run(outcome.run_id).past
+        assert past.instruments == ("tracker",)
+        read = [finding.step for finding in past.findings if finding.instruments]
+        assert read
+        assert all(step.startswith("capture") for step in read)
+        forget_from(journal, outcome.run_id, read[0])
+        assert Store(journal).run(outcome.run_id).past.instruments == ()
+
+
+def test_every_instrument_of_a_cell_becomes_due(tmp_path: Path) -> None:
+    probes = "".join(
+        PROBE_AND_DIAL.format(name=name, driver=driver, more=more)
+        for name, driver, more in (
+            (
+                "probe",
+                "touch_probe",
+                "contact_input = 1\ntip_radius_mm = 1.5\novertravel_mm = 3.0\n"
+                "delay_ms = 6.0\ndelay_tolerance_ms = 3.0",
+            ),
+            ("dial", "dial_gauge", "dial_input = 1\nrange_mm = 12.5"),
+        )
+    )
+    config = cell_config(tmp_path, more=GAUGE_CERTIFICATE + TRACKER.format(due=HOLDS) + probes)
+    due = {told["what"]: told["due"] for told in DueDates(config).at(0.0)}
+    assert due["calibration of wire"] == "2100-01-01"
+    assert due["calibration of at"] == HOLDS
+    assert due["calibration of probe"] == due["calibration of dial"] == "2050-06-07"
+    assert on_paper(config).certificates.keys() == {"gauge", "tracker", "probe", "dial"}
 
 
 async def test_a_run_without_the_gauge_claims_nothing_of_its_certificate(tmp_path: Path) -> None:

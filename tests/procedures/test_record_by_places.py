@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry import Pose
-from drivers.interfaces import ProbeCapabilities
+from drivers.interfaces import Identity, ProbeCapabilities
 from procedures.catalogue import CATALOGUE
 from procedures.cell import Cell, ProbeSetup
 from procedures.entry import lacking
@@ -33,6 +33,9 @@ class IdealProbe:
 
     name, closed = "probe", True
     capabilities = ProbeCapabilities(0.0015, 2e-5, 3e-6, 0.006, 0.006, 0.003, 0.2)
+
+    async def identify(self) -> Identity:
+        return Identity("ideal", "probe", "P-1", "1.0")
 
     async def contact(self) -> "IdealProbe":
         return self

@@ -180,7 +180,7 @@ def live_of(
         "message": "" if state == "ready" else "E-stop.",
     }
     wire = {"role": "gauge", "name": "wire", "state": "ready", "message": ""}
-    rest = {"remedy": "", "age_s": 0.01}
+    rest = {"remedy": "", "live": True, "asked": False, "age_s": 0.01, "value_age_s": 0.01}
     return {
         "rev": 1,
         "at_s": at_s,

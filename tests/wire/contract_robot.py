@@ -19,6 +19,7 @@ ABILITIES = {
     "writes_tool_frame": ("read_tool_frame", "write_tool_frame"),
     "writes_user_frame": ("read_user_frame", "write_user_frame"),
     "tells_active_frames": ("active_frames",),
+    "tells_mode": ("controller_mode",),
 }
 
 

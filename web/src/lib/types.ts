@@ -56,6 +56,7 @@ export interface Run {
   outcome: Outcome | null;
   hold_to_move: boolean;
   does: "" | "read" | "move" | "write" | "solve";
+  instrument: string; // the role of the one that was read last
   left_s: number | null;
 }
 
@@ -191,15 +192,28 @@ export interface Session {
   losses: Loss[];
 }
 
+export interface DeviceValue {
+  joints_rad?: number[];
+  moving?: boolean;
+  length_m?: number;
+  sigma_m?: number;
+  position_m?: [number, number, number];
+  station?: number;
+  closed?: boolean; // a probe's contact
+}
+
 export interface Device {
   role: string;
   name: string;
   state: string;
   message: string;
   remedy: string;
-  age_s: number | null;
+  live: boolean; // it tells values by itself; of others the state is asked, and a run's last reading is kept
+  asked: boolean; // by a run, just now
+  age_s: number | null; // since it was heard: its value, or its state where it tells no values
+  value_age_s: number | null;
   due?: string; // until when its calibration holds; empty where nobody has told
-  value: { joints_rad?: number[]; moving?: boolean; length_m?: number; sigma_m?: number } | null;
+  value: DeviceValue | null;
   settle?: { std_m: number | null; limit_m: number; settled: boolean } | null;
 }
 

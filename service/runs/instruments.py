@@ -1,0 +1,102 @@
+"""A cell's instruments as a run and a screen share them, and who is told of each reading that a run takes."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any, TypeVar, cast
+
+from procedures.cell import Cell
+from procedures.entry import Entry
+from procedures.past import Past
+
+T = TypeVar("T")
+Tell = Callable[[str, Any], None]  # a role and its reading; None: a run asks for one just now
+
+
+class SharedInstrument:
+    """An instrument that a run reads and a screen looks at; neither ever comes between a question and its answer.
+
+    A run waits at most for one look that is under way; while it asks, nobody looks.
+    """
+
+    def __init__(self, device: Any, tell: Callable[[Any], None]) -> None:
+        self._device, self._tell = device, tell
+        self._asking = 0
+        self._looking = asyncio.Lock()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._device, name)
+
+    @property
+    def asked(self) -> bool:
+        """Whether a run asks it just now."""
+        return self._asking > 0
+
+    async def glimpse(self, question: Callable[[Any], Awaitable[T]]) -> T | None:
+        """Ask for a screen; None while a run asks."""
+        if self.asked or self._looking.locked():
+            return None
+        async with self._looking:
+            return await question(self._device)
+
+    async def identify(self) -> Any:
+        return await self._ask(self._device.identify)
+
+    async def condition(self) -> Any:
+        return await self._ask(self._device.condition)
+
+    async def distance(self) -> Any:
+        return await self._read(self._device.distance)
+
+    async def point(self) -> Any:
+        return await self._read(self._device.point)
+
+    async def pose(self) -> Any:
+        return await self._read(self._device.pose)
+
+    async def contact(self) -> Any:
+        return await self._read(self._device.contact)
+
+    async def touched(self) -> Any:
+        return await self._read(self._device.touched)
+
+    async def _read(self, question: Callable[[], Awaitable[T]]) -> T:
+        self._tell(None)
+        reading = await self._ask(question)
+        self._tell(reading)
+        return reading
+
+    async def _ask(self, question: Callable[[], Awaitable[T]]) -> T:
+        self._asking += 1
+        try:
+            async with self._looking:  # a look that is under way ends first; no other begins
+                pass
+            return await question()
+        finally:
+            self._asking -= 1
+
+
+def shared(cell: Cell, tell: Tell) -> Cell:
+    """Return the cell with every instrument shared; ``tell`` hears what a run reads of them."""
+
+    def lent(role: str) -> Any:
+        device = cell.instruments.get(role)
+        return None if device is None else SharedInstrument(device, partial(tell, role))
+
+    return replace(cell, gauge=lent("gauge"), tracker=lent("tracker"), probe=lent("probe"), dial=lent("dial"))
+
+
+def sharing(cell: Cell) -> dict[str, SharedInstrument]:
+    """Return the instruments of a shared cell by their roles."""
+    return cast(dict[str, SharedInstrument], cell.instruments)
+
+
+def instruments_behind(entry: Entry, ways: tuple[object, ...], past: Past) -> tuple[str, ...]:
+    """Return the roles of the instruments whose readings are behind a run's result.
+
+    Journals from before findings named them tell only by the card that a gauge was read; ``ways`` are the method
+    and the evidence of the run's settings.
+    """
+    gauge = ("gauge",) if entry.reads_gauge(*ways) else ()
+    return tuple(sorted({*past.instruments, *gauge}))

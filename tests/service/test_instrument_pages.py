@@ -1,0 +1,93 @@
+"""The pages of a cell with a wire, a tracker, a touch probe and a dial gauge: each shows what it has, and no more."""
+
+import re
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import expect
+
+from service.web.app import Settings, create_app
+from tests.service.browsers import LOCALES, comes, hold_to_rules
+from tests.service.instruments import full_cell
+from tests.service.test_pages import Looking, looking_at
+from tests.service.test_view3d import feed
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("instrument_pages")]
+RULES = {"poses": 5, "first": 4, "candidates": 40, "samples": 1}
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
+    with full_cell(tmp_path_factory.mktemp("cell"), tracker_due="2020-01-31") as (path, _):
+        async with looking_at(create_app(Settings(path, open_access=True))) as looks:
+            yield looks
+
+
+def of(live: dict[str, Any], role: str) -> dict[str, Any]:
+    found: dict[str, Any] = next(device for device in live["devices"] if device["role"] == role)
+    return found
+
+
+async def test_the_panel_warns_of_no_value_that_an_instrument_does_not_tell(looking: Looking) -> None:
+    changed: dict[str, Any] = {}
+    async with looking.page("#/devices") as page:
+        for role in ("robot", "gauge", "tracker", "probe", "dial"):
+            await expect(page.get_by_test_id(f"panel-{role}")).to_have_attribute("data-state", "ready")
+            age = page.get_by_test_id(f"age-{role}")
+            await expect(age).to_have_attribute("data-silent", "false")
+            await expect(age).to_contain_text(re.compile(r"\d\.\d s"))
+        await expect(page.get_by_test_id("panel-dial")).to_contain_text("plunger is free")
+        await expect(page.get_by_test_id("panel-tracker")).to_contain_text("none yet")
+        await expect(page.get_by_test_id("due-tracker")).to_have_attribute("data-lapsed", "true")
+        # a state that is old, or bad, is warned of
+        await feed(page, None, lambda live: of(live, "tracker").update(changed))
+        await page.reload()
+        changed |= {"age_s": 60.0}
+        age = page.get_by_test_id("age-tracker")
+        await expect(age).to_have_attribute("data-silent", "true")
+        await expect(age).to_contain_text("not heard for a while")
+        changed |= {"asked": True}  # a reading may take its time
+        await expect(age).to_have_attribute("data-silent", "false")
+        await expect(age).to_contain_text("being read by the run")
+        changed |= {
+            "asked": False,
+            "age_s": 0.1,
+            "state": "not_ready",
+            "message": "No reflector in the beam.",
+        }
+        await expect(page.get_by_test_id("panel-tracker")).to_have_attribute("data-state", "not_ready")
+        await expect(page.get_by_test_id("panel-tracker")).to_contain_text("No reflector in the beam")
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+async def test_the_panel_is_held_to_the_rules_in_every_language(looking: Looking, locale: str) -> None:
+    async with looking.page("#/devices", locale=locale, size=(800, 1280)) as page:
+        await expect(page.get_by_test_id("age-tracker")).to_have_attribute("data-silent", "false")
+        await hold_to_rules(page, f"every kind of instrument, {locale}")
+
+
+async def test_a_capture_by_the_tracker_shows_the_tracker_and_not_the_wire(looking: Looking) -> None:
+    """The run is a real one; the page follows the instrument that it reads."""
+    settings = {"method": "tracker", "rules": RULES}
+    await looking.order(op="start", procedure="drift_check", settings=settings, hold_to_move=False)
+
+    async def ready() -> str:
+        session = await looking.session()
+        if prompt := session["prompt"]:
+            await looking.order(op="answer", prompt_id=prompt["id"], value="yes")
+        assert session["run"]["outcome"] is None, session["run"]["outcome"]
+        return str(session["run"]["instrument"])
+
+    assert await comes(ready) == "tracker"
+    async with looking.page("#/run") as page:
+        gauge = page.locator("aside [data-testid=gauge]")
+        await expect(gauge).to_have_attribute("data-role", "tracker")
+        await expect(gauge).to_contain_text(
+            re.compile(r"x -?\d+\.\d{3}\s+y .* mm\s+\(station 1\), \d+(\.\d)? s ago")
+        )
+        await expect(page.get_by_test_id("working")).to_be_visible()
+    await looking.order(op="stop")
+    await looking.until(lambda session: session["run"]["outcome"])
+    await looking.order(op="dismiss")

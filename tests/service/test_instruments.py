@@ -1,0 +1,217 @@
+"""What is shown of each instrument of a cell: never a value that it does not have, never an age of something else."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from drivers.interfaces import (
+    Condition,
+    GaugeCapabilities,
+    Operator,
+    PointReading,
+    Readiness,
+    Reading,
+    TrackerCapabilities,
+)
+from procedures.cell import Cell, HeldCertificate
+from procedures.steps.measure_point import measure_point
+from service.configuration.cell_file import read_cell_file
+from service.demo.door import Door
+from service.desk.live import Glance
+from service.runs.cell import open_cell
+from tests.procedures.cells import scene
+from tests.procedures.fake_hands import FakeHands
+from tests.service.instruments import full_cell
+
+DEADLINE_S = 60.0
+
+
+@asynccontextmanager
+async def glancing(folder: Path, **how: Any) -> AsyncIterator[tuple[Glance, Door, list[str]]]:
+    asked: list[str] = []
+    with full_cell(folder, **how) as (path, door):
+        hands: Operator = FakeHands(door, "targets")
+        async with open_cell(read_cell_file(path), hands) as cell:
+            glance = Glance(cell, reads=asked.append)
+            try:
+                yield glance, door, asked
+            finally:
+                await glance.leave()
+
+
+def seen(glance: Glance, role: str) -> dict[str, Any]:
+    devices: list[dict[str, Any]] = glance.as_json()["devices"]
+    return next(device for device in devices if device["role"] == role)
+
+
+async def look_until(glance: Glance, true: Callable[[], Any]) -> None:
+    async with asyncio.timeout(DEADLINE_S):
+        while not true():
+            await glance.look()
+            await asyncio.sleep(0.01)
+
+
+async def test_every_instrument_of_a_cell_says_what_it_can(tmp_path: Path) -> None:
+    async with glancing(tmp_path, tracker_due="2999-12-31") as (glance, door, asked):
+        roles = ("robot", "gauge", "tracker", "probe", "dial")
+        await look_until(glance, lambda: all(seen(glance, role)["state"] == "ready" for role in roles))
+        assert [seen(glance, role)["live"] for role in roles] == [True, True, False, False, True]
+        for role in roles:
+            assert seen(glance, role)["age_s"] is not None, role
+        assert seen(glance, "gauge")["value"]["length_m"] > 0.0
+        assert "plunger is free" in seen(glance, "dial")["message"]
+        assert seen(glance, "dial")["value"] is None
+        await door.fault("push_in", device="dial", m=0.004)
+        await look_until(glance, lambda: seen(glance, "dial")["value"])
+        assert seen(glance, "dial")["value"]["length_m"] == pytest.approx(0.004, abs=5e-5)
+        for role in (
+            "tracker",
+            "probe",
+        ):  # nobody has read them: there is nothing to show, and that is no fault
+            assert (seen(glance, role)["value"], seen(glance, role)["value_age_s"]) == (None, None)
+        assert seen(glance, "tracker")["due"] == "2999-12-31"
+        assert asked == []  # looking is not reading
+
+        read = await measure_point(glance.cell, "pose 1")
+        assert asked == ["tracker"]
+        told = seen(glance, "tracker")["value"]
+        assert told == {"position_m": list(read.readings[-1].position_m), "station": read.station}
+        assert seen(glance, "gauge")["value"].keys() == {"length_m", "sigma_m"}
+        contact = await cast(Any, glance.cell.probe).contact()
+        assert seen(glance, "probe")["value"] == {"closed": contact.closed}
+
+
+async def test_a_tracker_that_does_not_answer_is_said_and_holds_up_nobody(tmp_path: Path) -> None:
+    async with glancing(tmp_path, wired=False) as (glance, door, _):
+        await look_until(glance, lambda: seen(glance, "tracker")["state"] == "ready")
+        shown = next(each for each in glance.others if each.role == "tracker")
+        heard_at_s = shown.heard_at_s
+        assert heard_at_s is not None
+        await door.fault("silent", device="at")
+        looks = 0
+
+        def told() -> bool:
+            nonlocal looks
+            looks += seen(glance, "tracker")["state"] == "ready" and seen(glance, "tracker")["age_s"] > 2.0
+            return bool(seen(glance, "tracker")["state"] == "unreachable")
+
+        await look_until(glance, told)
+        assert looks > 2  # of the robot, while the tracker kept silent
+        assert seen(glance, "tracker")["message"]
+        assert seen(glance, "tracker")["age_s"] > 2.0  # its silence is not heard from it
+        assert glance.robot.heard_at_s is not None
+
+
+class Clock:
+    """A clock that a test turns."""
+
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+class SlowTracker:
+    """A tracker whose answers come when the test lets them."""
+
+    name, capabilities = "at", TrackerCapabilities(measures_poses=False, range_m=9.0, sigma_m=1e-5)
+
+    def __init__(self) -> None:
+        self.answers = asyncio.Semaphore(0)  # that it may give
+        self.doing: list[str] = []
+
+    async def condition(self) -> Condition:
+        return await self._said("condition", Condition(Readiness.READY))
+
+    async def point(self) -> PointReading:
+        return await self._said("point", PointReading((1.0, 2.0, 3.0), (1e-5,) * 3, 0.0, 1))
+
+    async def _said(self, what: str, answer: Any) -> Any:
+        assert not self.doing, "a second question during one"
+        self.doing.append(what)
+        try:
+            await self.answers.acquire()
+        finally:
+            self.doing.remove(what)
+        return answer
+
+
+def slow_cell() -> tuple[Cell, SlowTracker]:
+    tracker = SlowTracker()
+    made = scene().cell
+    return Cell("c", made.robot, made.operator, tracker=cast(Any, tracker)), tracker
+
+
+async def _until(true: Callable[[], Any], do: Callable[[], Awaitable[Any]]) -> None:
+    async with asyncio.timeout(DEADLINE_S):
+        while not true():
+            await do()
+            await asyncio.sleep(0)
+
+
+async def test_a_reading_waits_for_a_look_and_no_look_comes_between() -> None:
+    cell, tracker = slow_cell()
+    clock = Clock()
+    glance = Glance(cell, clock=clock)
+    await glance.look()
+    assert tracker.doing == ["condition"]
+    reading = asyncio.create_task(cast(Any, glance.cell.tracker).point())
+    await asyncio.sleep(0)
+    assert tracker.doing == ["condition"]
+    assert seen(glance, "tracker")["asked"]
+    tracker.answers.release()
+    await _until(lambda: tracker.doing == ["point"], lambda: asyncio.sleep(0))
+    clock.now_s += 60.0
+    await glance.look()  # a run asks: nobody else does
+    assert tracker.doing == ["point"]
+    tracker.answers.release()
+    assert (await reading).station == 1
+    assert not seen(glance, "tracker")["asked"]
+    await glance.leave()
+
+
+async def test_the_age_of_a_reading_is_not_that_of_the_state() -> None:
+    cell, tracker = slow_cell()
+    for _ in range(2):
+        tracker.answers.release()
+    clock = Clock()
+    glance = Glance(cell, clock=clock)
+    await cast(Any, glance.cell.tracker).point()
+    clock.now_s += 30.0
+    await _until(lambda: seen(glance, "tracker")["state"] == "ready", glance.look)
+    told = seen(glance, "tracker")
+    assert (told["value_age_s"], told["age_s"]) == (30.0, 0.0)
+    await glance.leave()
+
+
+class TypedGauge:
+    """A gauge whose readings a person types: each question would be asked of somebody."""
+
+    name = "tape"
+    capabilities = GaugeCapabilities(range_m=3.0, resolution_m=1e-9, sigma_m=2e-5, answers_alone=False)
+    asked = 0
+
+    async def condition(self) -> Condition:
+        return Condition(Readiness.READY)
+
+    async def distance(self) -> Reading:
+        self.asked += 1
+        return Reading(1.25, 2e-5, 0.0, 1_250_000_000)
+
+
+async def test_nobody_is_asked_to_type_what_only_a_screen_would_show() -> None:
+    made, gauge = scene().cell, TypedGauge()
+    held = {"gauge": HeldCertificate("C-1", "2001-02-03", "2999-12-31")}
+    cell = Cell("c", made.robot, made.operator, gauge=cast(Any, gauge), certificates=held)
+    glance = Glance(cell)
+    await _until(lambda: seen(glance, "gauge")["state"] == "ready", glance.look)
+    assert gauge.asked == 0
+    assert glance.standing().settled is None  # nothing swings, and nothing waits for it
+    assert (await cast(Any, glance.cell.gauge).distance()).value_m == 1.25
+    assert seen(glance, "gauge")["value"]["length_m"] == 1.25
+    assert seen(glance, "gauge")["due"] == "2999-12-31"
+    await glance.leave()
