@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.errors import CalibrationError
 from calibration.geometry import Pose
-from calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points, u_of
+from calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_through
+from calibration.points.fixture import PlacedPoints, Triple
 from calibration.wires.network import Place
 from calibration.wires.network_fit import WireNetwork
 from drivers.interfaces import Instruction
@@ -36,6 +35,7 @@ from procedures.past import Finding
 from procedures.refit import Refit, Refitted, pose_values, values_of
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
+from procedures.steps.end_effector import bad_shape, to_point
 from procedures.steps.mastering import same_epoch
 from procedures.steps.pages import frame_displacement, plan_page, with_changes
 from procedures.steps.write import read_tool_frame, write_and_read_back
@@ -132,7 +132,7 @@ async def end_effector_points(run: Run, spec: EndEffectorPoints) -> MeasuredTool
     captures = await measure_spots(run, survey)
 
     tool = await run.solve("locate the tool", locate_tool, survey, spec, captures)
-    first_of((_bad_shape(tool), _badly_known(tool, spec)), spec.write_anyway)
+    first_of((bad_shape(tool.placed, tool), _badly_known(tool, spec)), spec.write_anyway)
     verdict = _judge(spec, tool)
     refuse_failed(verdict, spec.write_anyway, tool)
     shown = _shown_tool(tool, spec, before, verdict)
@@ -159,16 +159,9 @@ async def end_effector_points(run: Run, spec: EndEffectorPoints) -> MeasuredTool
 def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
     """Plan spots and the poses to choose from; refuse what cannot succeed before anything moves."""
     points, at, room = spec.points_in_tool_m, state.gauge_setup, spec.rules.room
-    if len(points) == 2:
-        raise CalibrationError(
-            "two points leave the turn about their line open.",
-            remedy="Give three points that lie on no line, or one for x, y, z only.",
-        )
-    if len(points) > 2:
-        refuse_bad_points(points, "points on the end-effector")
+    refuse_tool_points(points)
     rough = spec.rough_flange_tool
-    hooks = [rough.rotation() @ np.array(p) + np.array(rough.position_m) for p in points]
-    places = tuple(_place(hook, spec.rough_sigma_m) for hook in hooks)
+    places = tuple(Place(hook, spec.rough_sigma_m) for hook in points_in_flange(rough, points))
     wires: tuple[Wire, ...] = tuple((at.anchor_in_base_m, p.at_m, state.gauge_range_m) for p in places)
     pools = tuple(
         draw_pool(state.model, wire, room, None, (spec.rules.candidates, spec.rules.seed + k))
@@ -179,7 +172,7 @@ def plan_tool(state: SurveyState, spec: EndEffectorPoints) -> SurveyPlan:
         goal=Goal(rough, points, spec.tip_u_m, spec.angle_u_rad),
         exits=(Place(at.anchor_in_base_m, at.sigma_anchor_m),),
         hooks=(Place(at.hook_in_flange_m, at.sigma_hook_m), *places),
-        spots=tuple(Spot(0, k, False, _hang(k, points[k - 1])) for k in range(1, len(points) + 1)),
+        spots=tuple(Spot(0, k, False, to_point("wire", k, points[k - 1])) for k in range(1, len(points) + 1)),
         mouth_at_m=state.gauge_setup.mouth_at_m,  # the housing stays where it is
         way_to_rest_rad=way_to_rest(state.model, room, state.joints_rad, rests),
         pools=pools,
@@ -201,34 +194,14 @@ def fit_tool(survey: Survey, spec: EndEffectorPoints, captures: Captures) -> Too
     """Fit the tool frame to its points with all that the lengths say; with one point, its place only."""
     network, count = fit_survey(survey, captures), sum(map(len, captures))
     hooks = tuple(range(1, len(spec.points_in_tool_m) + 1))
-    found, covariance = [network.hooks_m[k] for k in hooks], network.hook_covariance(hooks)
-    if len(hooks) == 1:
-        rough = spec.rough_flange_tool
-        x, y, z = np.array(found[0]) - rough.rotation() @ np.array(spec.points_in_tool_m[0])
-        flange_tool, placed = Pose((float(x), float(y), float(z)), rough.quaternion), None
-        tip_u_m = u_of(covariance + spec.rules.point_sigma_m**2 * np.eye(3))
-        reached = (tip_u_m, 0.0)
-    else:
-        placed = place_points(
-            spec.points_in_tool_m, found, covariance, sigma_point_m=spec.rules.point_sigma_m
-        )
-        flange_tool, reached = placed.outer_inner, (placed.origin_u_m, placed.angle_u_rad)
-    return ToolFound(flange_tool, *reached, placed, network, count, None)
-
-
-def _bad_shape(tool: ToolFound) -> RefusalError | None:
-    placed = tool.placed
-    if placed is None or placed.consistent():
-        return None
-    i, j = placed.worst_pair
-    return RefusalError(
-        f"points {i + 1} and {j + 1} of the end-effector were found {abs(placed.worst_gap_m) * 1e3:.2f} mm "
-        f"{'further from' if placed.worst_gap_m > 0 else 'nearer to'} each other than on the drawing "
-        f"({placed.worst_deviation:.1f} deviations)",
-        code="procedure.wrong_shape",
-        remedy="See that the hook hung in the points in the order of the drawing, and that nothing is bent.",
-        evidence=tool,
+    tool = tool_through(
+        spec.rough_flange_tool,
+        spec.points_in_tool_m,
+        [network.hooks_m[k] for k in hooks],
+        network.hook_covariance(hooks),
+        spec.rules.point_sigma_m,
     )
+    return ToolFound(tool.flange_tool, tool.tip_u_m, tool.angle_u_rad, tool.placed, network, count, None)
 
 
 def _badly_known(tool: ToolFound, spec: EndEffectorPoints) -> RefusalError | None:
@@ -241,20 +214,6 @@ def _badly_known(tool: ToolFound, spec: EndEffectorPoints) -> RefusalError | Non
         code="procedure.undecided",
         remedy="Use points further apart, a mastering record with more poses, or more captures (max_captures).",
         evidence=tool,
-    )
-
-
-def _place(point: np.ndarray, sigma_m: float) -> Place:
-    x, y, z = (float(v) for v in point)
-    return Place((x, y, z), sigma_m)
-
-
-def _hang(number: int, point_m: Triple) -> Instruction:
-    x, y, z = (value * 1e3 for value in point_m)
-    return Instruction(
-        f"hook_wire_{number}",
-        f"Hang the wire's hook into point {number} of the end-effector (x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the "
-        "tip). Nothing may touch the wire; the robot moves next.",
     )
 
 

@@ -53,7 +53,7 @@ class Entry:
     spec_type: type
     needs: tuple[str, ...]
     outline: Callable[[Any], tuple[Phase, ...]]
-    keeps: Callable[[Any, Any], Keepsake | None]  # spec, result
+    keeps: Callable[[Any, Any], Keepsake | tuple[Keepsake, ...] | None]  # spec, result
     epoch_may_change: bool = False  # it expects a lost position; it checks the epoch itself
     wants: tuple[str, ...] = ()  # what its steps will refuse without; told beforehand in lists and dry runs
     verdict: Callable[[Any, Any], Verdict] | None = None  # spec, result: what it claims and what it does not

@@ -13,11 +13,28 @@ from pydantic import Field
 from pydantic_core import to_jsonable_python
 
 from calibration.errors import CalibrationError
+from calibration.geometry import Pose
 from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import Instruction, MasteringData
-from procedures.arm.arm_bench import READY, ArmCapture, Bench, Method, bench_before, read_bench, same_robot
+from procedures.arm.arm_bench import (
+    READY,
+    ArmCapture,
+    Bench,
+    Method,
+    Triple,
+    bench_before,
+    of_target,
+    read_bench,
+    same_robot,
+)
 from procedures.arm.arm_motion import Reach, ordered_ways
-from procedures.arm.arm_pages import series_moves, zero_changes, zero_displacement
+from procedures.arm.arm_pages import (
+    series_moves,
+    tool_predictions,
+    tool_ways,
+    zero_changes,
+    zero_displacement,
+)
 from procedures.arm.arm_series import Visits
 from procedures.arm.calibration_plan import (
     CalibrationPlan,
@@ -25,22 +42,33 @@ from procedures.arm.calibration_plan import (
     Goal,
     ModelName,
     Series,
-    SeriesRules,
     Standing,
     choose_poses,
     plan_series,
 )
 from procedures.arm.calibration_result import Identified, after_mastering, errors_after, identify_arm
+from procedures.arm.series_rules import SeriesRules
+from procedures.arm.tool_plan import ToolGoal
+from procedures.arm.tool_series import measure_points
+from procedures.arm.tool_write import (
+    UNTOLD_AXES,
+    ToolOrder,
+    WrittenTool,
+    tool_figures,
+    tool_words,
+    why_not_written,
+    write_tool,
+)
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
-from procedures.judged_write import refuse_failed, with_verdict
-from procedures.limits import CHECK, AccuracyClass, CheckLimits, chosen, told
+from procedures.judged_write import WriteAnyway, frame_changes, refuse_failed, with_verdict
+from procedures.limits import CHECK, TOOL, AccuracyClass, CheckLimits, ToolLimits, chosen, told
 from procedures.motion.plan_words import Tour, plan_words
 from procedures.run import NeedsUnmetError, RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.pages import plan_page, with_changes
-from procedures.steps.write import restore_mastering, write_mastering
+from procedures.steps.write import read_tool_frame, restore_mastering, write_mastering
 from procedures.verdict import (
     FAIL,
     Change,
@@ -73,6 +101,14 @@ class RobotCalibration:
     accuracy_class: AccuracyClass = "B"
     limits: CheckLimits | None = None
     write_zeros: bool = False  # as mastering, where zeros alone explain the readings
+    # Of the end-effector, from the tip, measured in between: three for the whole tool frame, one for x, y, z only.
+    points_in_tool_m: Annotated[tuple[Triple, ...], Field(max_length=12)] = ()
+    rough_flange_tool: Pose | None = (
+        None  # by drawing or tape measure; with one point its orientation is kept
+    )
+    tool_number: Annotated[int, Field(ge=0, le=99)] | None = None  # to write it to; none: it is not written
+    tool_limits: ToolLimits | None = None
+    write_anyway: WriteAnyway = ""  # the tool frame
     rules: SeriesRules = field(default_factory=SeriesRules)
 
     def goal(self) -> Goal:
@@ -83,7 +119,23 @@ class RobotCalibration:
                 remedy="Set one of them.",
                 code="usage",
             )
-        return Goal(self.tip_u_m, self.offset_sigma_rad, self.offsets_of, self.model)
+        return Goal(self.tip_u_m, self.offset_sigma_rad, self.offsets_of, self.model, self._tool_goal())
+
+    def _tool_goal(self) -> ToolGoal | None:
+        points, rough, limits = self.points_in_tool_m, self.rough_flange_tool, self.limits_of_tool()
+        if not points and self.tool_number is None:
+            return None
+        if rough is None or not points:
+            raise CalibrationError(
+                "a tool frame is found by points of the end-effector and roughly known places of them.",
+                remedy="Set points_in_tool_m and rough_flange_tool, or leave tool_number out.",
+                code="usage",
+            )
+        return ToolGoal(rough, points, limits.tip_m, limits.orientation_rad, self.rules.point_sigma_m)
+
+    def limits_of_tool(self) -> ToolLimits:
+        """Return by what the tool frame is judged."""
+        return chosen(TOOL, self.accuracy_class, self.tool_limits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +151,15 @@ class CalibrationResult:
     written: MasteringData | None = None
     final_rms_m: float | None = None  # at poses gone to again after the zeros were written
     moved_m: float | None = None  # the first pose, measured again at the end
+    tool: WrittenTool | None = None
+    tool_not_written: str = ""  # why, where it was to be
 
 
 async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResult:
     """Identify a robot's parameters with as few poses as it takes, and verify them."""
     await run.ensure("the device is ready", ask, READY[spec.method])
     bench = await run.step("read the robot", read_bench, spec.method)
+    order = await _tool_before(run, spec)
     await run.ensure("the robot kept its position", same_robot, bench.epoch)
 
     plan = await run.solve("plan the poses", plan_series, bench, spec.goal(), spec.rules)
@@ -113,8 +168,8 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
     series = Series(bench, plan, spec.rules)
     visits = Visits(run, bench, plan.pace, spec.rules.samples, bench.joints_rad)
     await visits.rest(plan.way_to_rest_rad)
-    ended = await _measure(run, series, visits)
-    checks = await _verify(run, series, visits)
+    ended, of_points = await _measure(run, series, visits)
+    checks = (*await _verify(run, series, visits), *of_points)
     moved_m = await visits.hold_device(_way_back(series, visits))
 
     identified = await run.solve("identify the arm", identify_arm, series, visits.captures(), checks)
@@ -130,26 +185,51 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
     shown = with_verdict(_shown_result(result), _verdict(spec, result), "Keep the parameters?")
     await run.step("accept the result", accept, shown, sha256_of(to_jsonable_python(identified)))
     if spec.write_zeros:
-        return await _write_zeros(run, spec, series, visits, result)
-    return result
+        result = await _write_zeros(run, spec, series, visits, result)
+    return result if order is None else await _with_tool(run, spec, result, order)
 
 
-async def _measure(run: Run, series: Series, visits: Visits) -> Choice:
-    """Capture, look, choose; until it is enough, or shown not to be reachable."""
+async def _tool_before(run: Run, spec: RobotCalibration) -> ToolOrder | None:
+    if spec.tool_number is None:
+        return None
+    before = await run.step("read the tool frame", read_tool_frame, spec.tool_number)
+    return ToolOrder(spec.tool_number, before, spec.write_anyway)
+
+
+async def _with_tool(
+    run: Run, spec: RobotCalibration, result: CalibrationResult, order: ToolOrder
+) -> CalibrationResult:
+    """Write the tool frame where it is proved; else say in the result why it stays as it is: the arm is found."""
+    found, verdict = result.identified.tool, _verdict(spec, result)
+    assert found is not None  # a number is refused without points
+    why_not = why_not_written(found, verdict, order)
+    if why_not:
+        return replace(result, tool_not_written=why_not)
+    return replace(result, tool=await write_tool(run, found, verdict, order))
+
+
+async def _measure(run: Run, series: Series, visits: Visits) -> tuple[Choice, tuple[ArmCapture, ...]]:
+    """Capture, look, choose; until it is enough, or shown not to be reachable. Return checks at points, too.
+
+    The end-effector's points come after the first poses: what they tell is known when the others are chosen.
+    """
     looks = 0
+    checks: tuple[ArmCapture, ...] = ()
     while True:
         looks += 1
         standing = Standing(visits.captures(), tuple(visits.retaken), visits.here_rad)
         choice = await run.solve(f"choose poses {looks}", choose_poses, series, standing)
         if not choice.ways_rad:
-            return choice
+            return choice, checks
         for way, again in zip(choice.ways_rad, choice.again, strict=True):
             await visits.visit(way, again)
+        if looks == 1 and series.plan.tool is not None:
+            checks = await measure_points(run, series, visits)
 
 
 async def _verify(run: Run, series: Series, visits: Visits) -> tuple[ArmCapture, ...]:
     """Capture at poses that no fit will see."""
-    wanted = series.rules.checks_for(len(visits.taken))
+    wanted = series.rules.checks_for(len(of_target(visits.captures(), 0)))
     ways = await run.solve("choose check poses", check_ways, series, visits.here_rad, wanted)
     if len(ways) < min(wanted, series.rules.checks):
         raise RefusalError(
@@ -230,7 +310,16 @@ def _shown_plan(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
         f"time, and to {checks} more that verify. Expected then: target known within {plan.tip_u_m * 1e3:.3f} mm "
         f"over the work (k=2, RMS), {plan.tip_u_max_m * 1e3:.3f} mm at worst{doubt}"
     )
-    tour = Tour(expected + checks, plan.foreseen())
+    stops, hands = expected + checks, ""
+    if plan.tool is not None:
+        points = len(plan.tool.points)
+        stops += sum(plan.tool.captures) + points * rules.point_checks
+        what += (
+            f"; and to about {sum(plan.tool.captures)} poses with {points} points of the end-effector. Expected: "
+            f"tip within {plan.tool.tip_u_m * 1e3:.3f} mm, axes within {math.degrees(plan.tool.angle_u_rad):.3f} deg"
+        )
+        hands = f"change the target {points + 1} times"
+    tour = Tour(stops, plan.foreseen(), hands)
     asked = Instruction("accept_plan", plan_words(what, tour, plan.not_checked))
     return plan_page(asked, tour, series_moves(plan, spec.rules, wired=spec.method == "wire"))
 
@@ -242,7 +331,8 @@ def _shown_result(result: CalibrationResult) -> Instruction:
         "accept_parameters",
         f"At {out.captures} poses that were not fitted the error fell from {out.before_rms_m * 1e3:.3f} to "
         f"{out.after_rms_m * 1e3:.3f} mm RMS a coordinate; the target is known within "
-        f"{found.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS). {found.saving}.{ended}",
+        f"{found.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS). {found.saving}.{ended}"
+        + (f" Tool: {tool_words(found.tool)}" if found.tool else ""),
     )
 
 
@@ -256,7 +346,7 @@ def _shown_zeros(found: Identified) -> Instruction:
 
 def _outline(spec: RobotCalibration) -> tuple[Phase, ...]:
     expected = max(spec.rules.min_captures, min(45, spec.rules.max_captures))
-    looks = 1 + max(0, math.ceil((expected - spec.rules.first) / spec.rules.batch)) + 1
+    looks = 1 + max(0, expected - spec.rules.first) + 1
     checks = spec.rules.checks_for(expected)
     writing = (
         *(
@@ -266,21 +356,43 @@ def _outline(spec: RobotCalibration) -> tuple[Phase, ...]:
         ),
         Phase("capture final", FINAL_POSES, adaptive=True),
     )
+    writing_tool = (Phase("accept the tool", adaptive=True), Phase("write the tool frame", adaptive=True))
     return (
-        *(Phase("read the robot"), Phase("plan the poses"), Phase("accept the plan"), Phase("go to rest")),
+        *(
+            Phase("read the robot"),
+            *((Phase("read the tool frame"),) if spec.tool_number is not None else ()),
+        ),
+        *(Phase("plan the poses"), Phase("accept the plan"), Phase("go to rest")),
         *(Phase("choose poses", looks, adaptive=True), Phase("go to pose", expected, adaptive=True)),
-        *(Phase("capture", expected, adaptive=True), Phase("choose check poses")),
+        *(Phase("capture", expected, adaptive=True), *_point_phases(spec), Phase("choose check poses")),
         *(Phase("go to check", checks, adaptive=True), Phase("capture check", checks, adaptive=True)),
         *(Phase("go to station", 1), Phase("capture station", 1)),
         *(Phase("identify the arm"), Phase("accept the result")),
         *(writing if spec.write_zeros else ()),
+        *(writing_tool if spec.tool_number is not None else ()),
     )
 
 
-def _keeps(spec: RobotCalibration, result: CalibrationResult) -> Keepsake | None:
+def _point_phases(spec: RobotCalibration) -> tuple[Phase, ...]:
+    points, rules = len(spec.points_in_tool_m), spec.rules
+    if not points:
+        return ()
+    expected = points * max(rules.point_min, min(8, rules.point_max))
+    checks = points * rules.point_checks
+    return (
+        *(Phase(name, points + 1) for name in ("find the way back", "go to change", "change the target")),
+        *(Phase(name, expected, adaptive=True) for name in ("choose a point pose", "go to point pose")),
+        *(Phase("capture point", expected, adaptive=True), Phase("choose point checks", points)),
+        *(Phase(name, checks) for name in ("go to point check", "capture point check")),
+    )
+
+
+def _keeps(spec: RobotCalibration, result: CalibrationResult) -> tuple[Keepsake, ...]:
+    tool = result.tool
+    kept = () if tool is None else (Keepsake("tool_frame", str(tool.tool_number), tool),)
     if _verdict(spec, result).word is FAIL:
-        return None
-    return Keepsake("parameter_set", result.arm.robot_serial, result.arm)
+        return kept
+    return (Keepsake("parameter_set", result.arm.robot_serial, result.arm), *kept)
 
 
 def _verdict(spec: RobotCalibration, result: CalibrationResult) -> Verdict:
@@ -299,6 +411,7 @@ def _verdict(spec: RobotCalibration, result: CalibrationResult) -> Verdict:
                 "chi square of the errors against what was predicted, 99.9 %", found=out.chi_square,
             ),
             *_goals(spec, found),
+            *(() if found.tool is None else tool_figures(found.tool, spec.limits_of_tool())),
             stated("largest error at poses that were not fitted", out.after_max_m, "m"),
             stated("residual of the fit", found.residual_rms_m, "m", rule="no accuracy"),
             stated("first pose, measured again at the end", result.moved_m or 0.0, "m", rule="else refused"),
@@ -306,10 +419,11 @@ def _verdict(spec: RobotCalibration, result: CalibrationResult) -> Verdict:
         ),
         limits_from=told(spec.accuracy_class, spec.limits),
         not_verified=_not_verified(spec, result),
-        remarks=(found.saving, *((result.why_ended,) if result.why_ended else ())),
+        remarks=(found.saving, *((result.why_ended,) if result.why_ended else ()), *_of_tool(result)),
         changes=(
             Change("RMS error at check poses", out.before_rms_m, out.after_rms_m, "m"),
             Change("largest error at check poses", out.before_max_m, out.after_max_m, "m"),
+            *(() if result.tool is None else frame_changes(result.tool.before, result.tool.read_back)),
         ),
         set_aside=result.set_aside,
         to_sign=("Taught positions were checked after the zeros were written.",) if result.written else (),
@@ -336,6 +450,15 @@ def _goals(spec: RobotCalibration, found: Identified) -> tuple[Characteristic, .
     return tuple(figures)
 
 
+def _of_tool(result: CalibrationResult) -> tuple[str, ...]:
+    found, not_written = result.identified.tool, result.tool_not_written
+    if found is None:
+        return ()
+    counts = ", ".join(map(str, found.captures))
+    told = f"Tool in the flange: {tool_words(found)} Captures at the points of the end-effector: {counts}"
+    return (told, *((f"The tool frame was not written: {not_written}",) if not_written else ()))
+
+
 def _zeros(found: Identified) -> tuple[Characteristic, ...]:
     known = (offset for offset in found.offsets if offset.known)
     return tuple(stated(f"{o.name}, true minus shown", o.value_rad, "rad", u=o.u_rad / 2.0) for o in known)
@@ -346,6 +469,8 @@ def _not_verified(spec: RobotCalibration, result: CalibrationResult) -> tuple[st
         f"{h.parameter} cannot be told{f' from {h.partner}' if h.partner else ''}: {h.cure}"
         for h in result.identified.hidden
     )
+    if result.identified.tool is not None and result.identified.tool.placed is None:
+        hidden = (UNTOLD_AXES, *hidden)
     if spec.method == "wire":
         scale = "lengths of the arm and the scale of the wire are told apart by the wire's certificate only"
         return ("The check poses saw the error along the wire, not across it.", scale, *hidden)
@@ -359,16 +484,21 @@ def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
     plan = plan_series(bench, spec.goal(), spec.rules)
     ends = [way[-1] for way in plan.foreseen_rad]
     poses, checks = ends[: plan.expected_captures], ends[plan.expected_captures :]
+    stops = len(ends) + len(tool_ways(plan.tool))
     paced, each_s = plan.foreseen(), known.limits.settle_s + spec.rules.samples * SAMPLE_S
     after = f"after {plan.expected_captures} captures; each pose is chosen anew as readings come in"
     return Forecast(
-        duration_s=math.ceil(paced.moving_s + len(ends) * each_s + 3 * ANSWER_S),
+        duration_s=math.ceil(paced.moving_s + stops * each_s + 3 * ANSWER_S),
         poses=(
             *(PlannedPose(f"pose {k}", pose) for k, pose in enumerate(poses, 1)),
             *(PlannedPose(f"check {k}", pose) for k, pose in enumerate(checks, 1)),
+            *(PlannedPose(name, way[-1]) for name, way in tool_ways(plan.tool)),
         ),
         speed_rad_s=paced.fastest_rad_s,
-        predictions=(Prediction("target over the work, RMS", plan.tip_u_m, "m", {}, after),),
+        predictions=(
+            Prediction("target over the work, RMS", plan.tip_u_m, "m", {}, after),
+            *tool_predictions(plan.tool),
+        ),
         assumed=(
             f"the arm leaves {spec.rules.arm_sigma_m * 1e3:.2f} mm a coordinate that no parameter describes",
             *((plan.shortfall,) if plan.shortfall else ()),
@@ -380,7 +510,7 @@ def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="robot_calibration",
     title="Robot calibration with draw-wire or tracker",
-    version=3,
+    version=4,
     procedure=robot_calibration,
     spec_type=RobotCalibration,
     needs=("moves_joints", "model", "sees_the_flange"),

@@ -91,7 +91,7 @@ def whitened_residuals(state: ArmState, problem: Problem) -> Array:
         values = problem.values(rows)
         rotations, origins = _frames(state, _placements(state, mounting), problem.angles_rad[:, rows], values)
         tip = origins[-1], rotations[-1]
-        residuals[:, rows] = observations.residuals(tip, state.devices[mounting], rows)
+        residuals[:, rows] = observations.residuals(tip, state.device_of(mounting), rows)
     return residuals
 
 
@@ -256,8 +256,8 @@ class _Chain:
 def _placements(state: ArmState, mounting: int) -> Array:
     """Return those of `ArmState.seen_from`, without a model around them."""
     placements = state.arm.placements.copy()
-    placements[0] = state.devices[mounting].device_base @ placements[0]
-    placements[-1] = placements[-1] @ state.flange_tool
+    placements[0] = state.device_of(mounting).device_base @ placements[0]
+    placements[-1] = placements[-1] @ state.target_of(mounting)
     return placements
 
 
@@ -282,7 +282,7 @@ class _Equations:
         deviations = layout.deviations(state) / layout.prior
         information, gradient = np.eye(len(layout)), -deviations
         cost = float(deviations @ deviations)
-        for mounting in range(len(state.devices)):
+        for mounting in range(state.mountings):
             chain = _Chain.of(layout, state, mounting)
             products = self._products(state, chain, mounting)
             tangent = chain.tangent * layout.prior[:, None]
@@ -311,7 +311,7 @@ class _Equations:
 def _system(state: ArmState, chain: _Chain, problem: Problem, block: Block) -> Array:
     """Return the whitened columns of a block and, in the last row, its residuals (P + K + D + 1, channels, N)."""
     observations, (mounting, rows) = problem.observations, block
-    device, count = state.devices[mounting], chain.turns.shape[1]
+    device, count = state.device_of(mounting), chain.turns.shape[1]
     values = problem.values(rows)
     rotations, origins = _frames(state, chain.placements, problem.angles_rad[:, rows], values)
     tip, rows_taken = (origins[-1], rotations[-1]), origins.shape[-1]

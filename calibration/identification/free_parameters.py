@@ -5,7 +5,7 @@ once is expected to be that arm still.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from calibration.identification.parameters import (
     Parameter,
     Priors,
     make_layout,
+    with_further,
 )
 
 # To the eighth: the same orders predict another series of one arm better, higher ones only the series they are from.
@@ -202,11 +203,13 @@ def prepared(
 
     ``places`` tells where devices and tool are; its arm does not matter.
     """
-    state = state_of(model, start, places.devices, places.flange_tool, terms)
+    known = state_of(model, start, places.devices, places.flange_tool, terms)
+    state = replace(known, further=places.further)
     if start.is_nominal:
         return layout, state
     count = len(places.devices)
     whole = make_layout(model, layout.kind, count, level=GEOMETRY, terms=state.terms, priors=priors)
+    whole = with_further(whole, layout.further, priors)
     names = {p.name for p in layout.parameters}
     free = [i for i, p in enumerate(whole.parameters) if p.name in names and start.frees(p)]
     return _part_of(whole, np.array(free, dtype=np.intp), state), state
@@ -219,6 +222,7 @@ def _part_of(whole: Layout, free: Rows, state: ArmState) -> PartLayout:
         whole.mountings,
         whole.geometry,
         whole.terms,
+        further=whole.further,
         whole=whole,
         free=free,
         means=whole.deviations(state)[free],

@@ -5,13 +5,14 @@ derivatives by right twists of the placements (`calibration.arm.kinematics`). So
 twists, and a small constant matrix turns twists into parameters.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from calibration.arm.joint_terms import JointTerm
 from calibration.arm.kinematics import RobotModel
+from calibration.errors import CalibrationError
 from calibration.geometry import Array, adjoint, exp_twist, inverse_transform
 from calibration.identification.observations import Device, Rows
 
@@ -67,6 +68,20 @@ class ArmState:
     coefficients: Array  # (K,)
     flange_tool: Array  # (4, 4)
     devices: tuple[Device, ...]
+    further: tuple[Array, ...] = ()  # (4, 4) targets of mountings 1 and on, before one device that stays
+
+    @property
+    def mountings(self) -> int:
+        """How many mountings rows may have: of a device that moves, or of targets before one that stays."""
+        return len(self.devices) + len(self.further)
+
+    def device_of(self, mounting: int) -> Device:
+        """Return the device that a mounting's rows are from."""
+        return self.devices[0 if self.further else mounting]
+
+    def target_of(self, mounting: int) -> Array:
+        """Return the target in the flange (4, 4) that a mounting's rows see."""
+        return self.further[mounting - 1] if self.further and mounting else self.flange_tool
 
     @cached_property
     def arm(self) -> RobotModel:
@@ -80,8 +95,8 @@ class ArmState:
     def seen_from(self, mounting: int) -> RobotModel:
         """Return the arm whose base is the device's frame and whose flange is the target."""
         placements = self.arm.placements.copy()
-        placements[0] = self.devices[mounting].device_base @ placements[0]
-        placements[-1] = placements[-1] @ self.flange_tool
+        placements[0] = self.device_of(mounting).device_base @ placements[0]
+        placements[-1] = placements[-1] @ self.target_of(mounting)
         return replace(self.arm, dh=None, placements=placements)
 
     def moved_joints(self, joints_rad: Array, values: Array) -> Array:
@@ -113,6 +128,7 @@ class Layout:
     mountings: int
     geometry: tuple[tuple[int, int], ...]  # entries of ArmState.geometry that are free
     terms: int
+    further: int = field(default=0, kw_only=True)  # targets behind the first; then the device stays
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -135,6 +151,15 @@ class Layout:
         """How many parameters stand before the tool: places of the device, and zero and scale of a wire."""
         return self._place_size * self.mountings + (2 if self._has_wire else 0)
 
+    @property
+    def _behind_tools(self) -> int:
+        return self.shared + self._tool_size * (1 + self.further)
+
+    def target(self, mounting: int) -> slice:
+        """Return which parameters are the place of a mounting's target."""
+        first = self.shared + (self._tool_size * mounting if self.further else 0)
+        return slice(first, first + self._tool_size)
+
     @cached_property
     def _has_wire(self) -> bool:
         return any(parameter.role == "wire" for parameter in self.parameters)
@@ -150,7 +175,7 @@ class Layout:
         if self._has_wire:
             device = state.devices[0]
             deviation[self.shared - 2 : self.shared] = device.zero_m, device.scale - 1.0
-        first = self.shared + self._tool_size
+        first = self._behind_tools
         if self.geometry:
             deviation[first : first + len(self.geometry)] = state.geometry[self._entries]
         if self.terms:
@@ -162,20 +187,20 @@ class Layout:
         n = state.nominal.axes
         own = 5 if self.kind == "length" else 0
         matrix = np.zeros((len(self), 6 * (n + 1) + len(state.terms) + own))
-        place = slice(self._place_size * mounting, self._place_size * (mounting + 1))
+        device = 0 if self.further else mounting
+        place = slice(self._place_size * device, self._place_size * (device + 1))
         if self.kind == "length":
             matrix[place, -5:-2] = np.eye(3)
             if self._has_wire:
                 matrix[self.shared - 2 : self.shared, -2:] = np.eye(2)
         else:
             matrix[place, :6] = adjoint(inverse_transform(state.arm.placements[0])).T
-        tool = self.shared
-        matrix[tool : tool + self._tool_size, 6 * n : 6 * n + self._tool_size] = np.eye(self._tool_size)
-        first = tool + self._tool_size
+        matrix[self.target(mounting), 6 * n : 6 * n + self._tool_size] = np.eye(self._tool_size)
+        first = self._behind_tools
         if self.geometry:
             rows, columns = self._entries
             matrix[first : first + len(self.geometry), : 6 * (n + 1)] = geometry_twists(
-                state.arm, state.flange_tool
+                state.arm, state.target_of(mounting)
             )[rows, columns]
         if self.terms:
             rows = np.arange(len(self) - self.terms, len(self))
@@ -184,8 +209,9 @@ class Layout:
 
     def step(self, state: ArmState, change: Array) -> ArmState:
         """Return the state after a step of the parameters (p,)."""
-        moves = self._moves(change)
-        first = self.shared + self._tool_size
+        frames = 0 if self.kind == "length" else self.mountings
+        moves = self._moves(change, frames)
+        first = self._behind_tools
         geometry = state.geometry
         if self.geometry:
             geometry = geometry.copy()
@@ -196,16 +222,17 @@ class Layout:
             geometry,
             state.terms,
             coefficients,
-            state.flange_tool @ moves[-1],
+            state.flange_tool @ moves[frames],
             tuple(self._moved(device, i, change, moves) for i, device in enumerate(state.devices)),
+            tuple(target @ moves[frames + 1 + i] for i, target in enumerate(state.further)),
         )
 
-    def _moves(self, change: Array) -> Array:
-        """Return the small motions (4, 4) of every device frame, then of the tool, all at once."""
-        frames = 0 if self.kind == "length" else self.mountings
-        twists = np.zeros((frames + 1, 6))
+    def _moves(self, change: Array, frames: int) -> Array:
+        """Return the small motions (4, 4) of so many device frames, then of every target, all at once."""
+        twists = np.zeros((frames + 1 + self.further, 6))
         twists[:frames] = change[: 6 * frames].reshape(frames, 6)
-        twists[-1, : self._tool_size] = change[self.shared : self.shared + self._tool_size]
+        targets = change[self.shared : self._behind_tools].reshape(-1, self._tool_size)
+        twists[frames:, : self._tool_size] = targets
         return exp_twist(twists)
 
     def _moved(self, device: Device, mounting: int, change: Array, moves: Array) -> Device:
@@ -235,11 +262,31 @@ def make_layout(
     extra = term_parameters(terms, priors)
     parameters = [
         *_device_parameters(kind, mountings, level, priors),
-        *_tool_parameters(kind, priors),
+        *_tool_parameters("tool", kind, priors),
         *geometry,
         *extra,
     ]
     return Layout(tuple(parameters), kind, mountings, tuple(entries), len(extra))
+
+
+def with_further(layout: Layout, further: int, priors: Priors) -> Layout:
+    """Return a layout of one target with the unknown places of so many more behind it.
+
+    Raises
+    ------
+    CalibrationError
+        Further targets before a device that moves: a mounting tells one of both.
+    """
+    if not further:
+        return layout
+    if layout.mountings > 1:
+        raise CalibrationError("several targets are fitted together before one device that stays")
+    behind = layout.target(0).stop
+    more = [
+        each for k in range(1, further + 1) for each in _tool_parameters(f"point {k}", layout.kind, priors)
+    ]
+    parameters = (*layout.parameters[:behind], *more, *layout.parameters[behind:])
+    return replace(layout, parameters=parameters, further=further)
 
 
 def term_parameters(terms: tuple[JointTerm, ...], priors: Priors) -> list[Parameter]:
@@ -295,9 +342,9 @@ def _device_parameters(kind: str, mountings: int, level: int, priors: Priors) ->
     return found
 
 
-def _tool_parameters(kind: str, priors: Priors) -> list[Parameter]:
+def _tool_parameters(what: str, kind: str, priors: Priors) -> list[Parameter]:
     names = _AXES if kind == "pose" else _AXES[:3]
-    return [Parameter(f"tool {axis}", *_place(axis, priors), "tool") for axis in names]
+    return [Parameter(f"{what} {axis}", *_place(axis, priors), "tool") for axis in names]
 
 
 def _place(axis: str, priors: Priors) -> tuple[str, float]:

@@ -34,6 +34,7 @@ from calibration.identification.parameters import (
     Priors,
     make_layout,
     nominal_state,
+    with_further,
 )
 from calibration.identification.robust import RobustFit, fit_robustly
 from calibration.identification.series_breaks import (
@@ -115,6 +116,7 @@ def fit_level(
     layout = make_layout(
         model, observations.kind, len(places.devices), level=level, terms=terms, priors=priors
     )
+    layout = with_further(layout, len(places.further), priors)
     start = start or StartingPoint()
     layout, state = prepared(layout, terms, model, places, start, priors)
     if start.covariance is not None and not start.free and isinstance(layout, PartLayout):

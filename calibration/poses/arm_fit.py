@@ -1,5 +1,6 @@
 """An arm fitted to one device's readings while they are being taken: what is known so far, and how surely."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from calibration.arm.kinematics import RobotModel, load_model
 from calibration.errors import CalibrationError
-from calibration.geometry import Array
+from calibration.geometry import Array, homogeneous
 from calibration.identification.estimator import Fit, Problem, whitened_residuals
 from calibration.identification.free_parameters import StartingPoint, values_of
 from calibration.identification.identifiability import correlations
@@ -16,6 +17,7 @@ from calibration.identification.observations import (
     LengthObservations,
     Observations,
     PointObservations,
+    Rows,
 )
 from calibration.identification.parameters import GRAVITY, OFFSETS, ArmState, Priors, nominal_state
 from calibration.identification.robust import RobustFit
@@ -28,6 +30,7 @@ from calibration.poses.measurement_poses import (
     outlook_after,
     outlook_on,
     predict,
+    with_targets,
 )
 from calibration.registration import best_fit_transform
 
@@ -59,6 +62,7 @@ class ArmTask:
     anchor_in_base_m: Triple = (0.0, 0.0, 0.0)  # lengths only, by a tape measure
     level: int = GRAVITY
     priors: Priors = field(default_factory=maker_priors)
+    points_in_flange_m: tuple[Triple, ...] = ()  # further targets, roughly: mountings 1 and on
 
     @property
     def channels(self) -> int:
@@ -73,10 +77,14 @@ class ArmTask:
         """Return what the device would say of one posture."""
         return Instrument(self.kind, self.sigma_m, anchor_in_base_m=self.anchor_in_base_m)
 
-    def observations(self, joints_rad: Array, values_m: Array) -> Observations:
-        """Return readings (N, 1) or (N, 3) [m] at these joints as rows of a fit."""
+    def observations(
+        self, joints_rad: Array, values_m: Array, targets: Sequence[int] | None = None
+    ) -> Observations:
+        """Return readings (N, 1) or (N, 3) [m] at these joints as rows of a fit; without targets, of the first."""
         joints, values = np.asarray(joints_rad, dtype=float), np.asarray(values_m, dtype=float)
         sigma, mounting = np.full(len(joints), self.sigma_m), np.zeros(len(joints), dtype=np.intp)
+        if targets is not None:
+            mounting[:] = targets
         if self.kind == "length":
             return LengthObservations(joints, values.reshape(-1), sigma, mounting)
         return PointObservations(joints, values, sigma, mounting)
@@ -124,6 +132,7 @@ def outlook_of(task: ArmTask, joints_rad: Array) -> Outlook:
         level=task.level,
         priors=task.priors,
     )
+    nominal = with_targets(nominal, task.points_in_flange_m, task.priors)
     joints = np.asarray(joints_rad, dtype=float).reshape(-1, task.nominal().axes)
     return nominal.with_measured(joints) if len(joints) else nominal
 
@@ -131,11 +140,52 @@ def outlook_of(task: ArmTask, joints_rad: Array) -> Outlook:
 def outlook_from(task: ArmTask, robust: RobustFit) -> Outlook:
     """Return what is known after a fit; further readings are expected to be as good as those before."""
     expected = replace(task, sigma_m=believed_sigma(task, robust))
-    joints = robust.problem.observations.joints_rad
-    before = replace(
-        outlook_of(task, joints[:0]), state=robust.fit.state, observe=expected.instrument().observe
-    )
-    return before.with_measured(np.delete(joints, robust.rejected, axis=0))
+    seen = robust.problem.observations
+    observe = expected.instrument().observe
+    known = replace(outlook_of(task, seen.joints_rad[:0]), state=robust.fit.state, observe=observe)
+    kept = np.delete(np.arange(len(seen)), robust.rejected)
+    return with_readings(known, seen.joints_rad[kept], seen.mounting[kept])
+
+
+def with_readings(outlook: Outlook, joints_rad: Array, targets: Rows) -> Outlook:
+    """Return the outlook once readings of several targets (N,) at these joints (N, n) are taken, too."""
+    known = outlook
+    for target in np.unique(targets):
+        known = known.of_target(int(target)).with_measured(joints_rad[targets == target])
+        known = replace(known, observe=outlook.observe)
+    return known
+
+
+def points_found(state: ArmState) -> tuple[Triple, ...]:
+    """Return where the further targets are in the flange [m]."""
+    places = (target[:3, 3] for target in state.further)
+    return tuple((float(x), float(y), float(z)) for x, y, z in places)
+
+
+def point_covariance(outlook: Outlook) -> Array:
+    r"""Return the covariance (3 k, 3 k) [m^2] of the further targets in the flange, as the controller has the flange.
+
+    What stands behind the last axis and where that axis has its zero cannot be told from where the targets are: no
+    reading is of the flange itself. The controller's last link and zero are what a tool frame is written on top of;
+    so they are held, and what they are wrong by is in the tool.
+    """
+    layout, last = outlook.layout, outlook.state.nominal.axes - 1
+    roles = ("offset",) if outlook.state.nominal.dh is None else ("offset", "geometry")
+    held = [i for i, p in enumerate(layout.parameters) if p.joint == last and p.role in roles]
+    free = np.delete(np.arange(len(layout)), held)
+    covariance = np.linalg.inv(outlook.information[np.ix_(free, free)])
+    rows = point_rows(outlook)
+    at = np.searchsorted(free, rows)
+    scales = outlook.scales[rows]
+    found: Array = covariance[np.ix_(at, at)] * np.outer(scales, scales)
+    return found
+
+
+def point_rows(outlook: Outlook) -> Rows:
+    """Return which parameters are the places of the further targets (3 k,)."""
+    layout = outlook.layout
+    places = [np.arange(len(layout))[layout.target(k)] for k in range(1, 1 + layout.further)]
+    return np.concatenate(places) if places else np.zeros(0, dtype=np.intp)
 
 
 def target_u(outlook: Outlook, tests: TestPoses) -> tuple[float, float]:
@@ -150,9 +200,9 @@ def errors_at(state: ArmState, observations: Observations) -> Array:
     return np.asarray(whitened_residuals(state, problem) * observations.sigma_m)
 
 
-def predicted_sigma(fit: Fit, task: ArmTask, joints_rad: Array) -> Array:
+def predicted_sigma(fit: Fit, task: ArmTask, joints_rad: Array, target: int = 0) -> Array:
     """Return the standard uncertainty (N,) [m] with which a fit predicts readings, RMS of their coordinates."""
-    outlook = outlook_after(fit, task.instrument().observe)
+    outlook = outlook_after(fit, task.instrument().observe).of_target(target)
     rows = outlook.rows(np.asarray(joints_rad, dtype=float)) * task.sigma_m
     scaled = fit.covariance / np.outer(outlook.scales, outlook.scales)
     variance = np.einsum("pcn,pq,qcn->n", rows, scaled, rows, optimize=True) / task.channels
@@ -187,10 +237,12 @@ def placed(task: ArmTask, observations: Observations, values: dict[str, float]) 
 
 def _places(task: ArmTask, model: RobotModel, observations: Observations) -> ArmState:
     """Return the nominal arm with device and target where they roughly are."""
-    tool = np.eye(4)
-    tool[:3, 3] = task.target_in_flange_m
+    tool = homogeneous(np.eye(3), np.array(task.target_in_flange_m))
+    further = tuple(homogeneous(np.eye(3), np.array(place)) for place in task.points_in_flange_m)
     if not isinstance(observations, PointObservations):
-        return nominal_state(model, (Device(np.eye(4), np.array(task.anchor_in_base_m)),), tool)
-    in_base = model.tip_positions(observations.joints_rad, np.array(task.target_in_flange_m))
-    seen = best_fit_transform(in_base.tolist(), observations.positions_m.tolist()).target_source
-    return nominal_state(model, (Device(seen.matrix(), np.zeros(3)),), tool)
+        device = Device(np.eye(4), np.array(task.anchor_in_base_m))
+        return replace(nominal_state(model, (device,), tool), further=further)
+    first = np.flatnonzero(observations.mounting == 0)
+    in_base = model.tip_positions(observations.joints_rad[first], np.array(task.target_in_flange_m))
+    seen = best_fit_transform(in_base.tolist(), observations.positions_m[first].tolist()).target_source
+    return replace(nominal_state(model, (Device(seen.matrix(), np.zeros(3)),), tool), further=further)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from calibration.arm.joint_terms import gravity_terms, term_values
 from calibration.arm.kinematics import RobotModel, chain_frames, placement_columns
 from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array
+from calibration.geometry import Array, homogeneous
 from calibration.identification.base_parameters import base_subset
 from calibration.identification.estimator import Fit, Problem, place_columns
 from calibration.identification.identifiability import NotIdentified, not_identified
@@ -24,6 +24,7 @@ from calibration.identification.observations import (
     LengthObservations,
     Observations,
     PointObservations,
+    with_mounting,
 )
 from calibration.identification.observations import pose_from_points as with_attitudes
 from calibration.identification.parameters import (
@@ -34,6 +35,7 @@ from calibration.identification.parameters import (
     Priors,
     make_layout,
     nominal_state,
+    with_further,
 )
 from calibration.mastering.pose_design import candidate_joints
 from calibration.motion.motion_check import MotionLimits
@@ -103,6 +105,10 @@ class Outlook:
         problem = Problem.of(self.state, self.observe(joints_rad))
         return place_columns(self.layout, self.state, problem)[0] * self.scales[:, None, None]
 
+    def of_target(self, mounting: int) -> "Outlook":
+        """Return the outlook on readings of another of the targets; 0 is the first."""
+        return replace(self, observe=lambda joints: seen_at(self.observe(joints), mounting))
+
     def with_measured(self, joints_rad: Array, *, times: float = 1.0) -> "Outlook":
         """Return the outlook once these joints are measured, too, so many times each."""
         rows = self.rows(joints_rad).reshape(len(self.scales), -1)
@@ -146,8 +152,24 @@ def outlook_on(
     if drop_redundant:
         postures = candidate_joints(model, MotionLimits(), _STRUCTURE_POSTURES)
         layout = base_subset(layout, state, instrument.observe(postures))
+    return _before(layout, state, instrument.observe)
+
+
+def with_targets(outlook: Outlook, places: Sequence[Place], priors: Priors) -> Outlook:
+    """Return an outlook before anything is measured with further targets on the flange, seen from the same place."""
+    further = tuple(homogeneous(np.eye(3), np.array(place)) for place in places)
+    layout = with_further(outlook.layout, len(places), priors)
+    return _before(layout, replace(outlook.state, further=further), outlook.observe)
+
+
+def _before(layout: Layout, state: ArmState, observe: Observe) -> Outlook:
     scales = _design_scales(layout)
-    return Outlook(layout, state, instrument.observe, scales, np.diag((scales / layout.prior) ** 2))
+    return Outlook(layout, state, observe, scales, np.diag((scales / layout.prior) ** 2))
+
+
+def seen_at(observations: Observations, mounting: int) -> Observations:
+    """Return the rows as those of one mounting."""
+    return with_mounting(observations, np.full(len(observations), mounting))
 
 
 def outlook_after(fit: Fit, observe: Observe) -> Outlook:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.geometry import Array
+from calibration.identification.observations import Rows
 from calibration.poses.measurement_poses import Criterion, Outlook, TestPoses, design_task
 from calibration.poses.optimal_design import DesignTask
 
@@ -54,6 +55,24 @@ def best_in_turn(
     V. V. Fedorov, Theory of optimal experiments, 1972.
     """
     task = design_task(outlook, np.asarray(candidates_rad, dtype=float), criterion, tests)
+    return _in_turn(task, outlook, enough, most)
+
+
+def best_for(
+    outlook: Outlook,
+    candidates_rad: Array,
+    unknowns: Rows,
+    enough: Callable[[int, Outlook], bool],
+    *,
+    most: int,
+) -> Turn:
+    """Choose one candidate after the other as `best_in_turn`, for what is told of some unknowns (their numbers)."""
+    columns = np.ascontiguousarray(outlook.rows(np.asarray(candidates_rad, dtype=float)))
+    interest = np.eye(len(outlook.layout))[:, unknowns]
+    return _in_turn(DesignTask(columns, outlook.information, interest), outlook, enough, most)
+
+
+def _in_turn(task: DesignTask, outlook: Outlook, enough: Callable[[int, Outlook], bool], most: int) -> Turn:
     order: list[int] = []
     while len(order) < min(most, task.count) and not enough(len(order), outlook):
         worth = _gains(task, outlook.information)

@@ -5,7 +5,7 @@ and what captures mean to the mathematics.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -78,20 +78,7 @@ class Bench:
             anchor_in_base_m=self.anchor_in_base_m,
             level=level,
         )
-        return task if priors is None else replace_priors(task, priors)
-
-
-def replace_priors(task: ArmTask, priors: Priors) -> ArmTask:
-    """Return the task with what else is known of the arm beforehand."""
-    return ArmTask(
-        task.model,
-        task.kind,
-        task.sigma_m,
-        task.target_in_flange_m,
-        task.anchor_in_base_m,
-        task.level,
-        priors,
-    )
+        return task if priors is None else replace(task, priors=priors)
 
 
 async def read_bench(cell: Cell, method: Method) -> Bench:
@@ -162,11 +149,11 @@ async def same_robot(cell: Cell, epoch: int | None) -> int | None:
     return found
 
 
-async def capture_arm(cell: Cell, label: str, samples: int, method: Method) -> ArmCapture:
+async def capture_arm(cell: Cell, label: str, samples: int, method: Method, *, target: int = 0) -> ArmCapture:
     """Let the arm settle and measure its target once more, several readings averaged."""
     if method == "wire":
-        return await capture_length(cell, label, samples)
-    return await measure_point(cell, label, samples)
+        return replace(await capture_length(cell, label, samples), target=target)
+    return replace(await measure_point(cell, label, samples), target=target)
 
 
 def values_of(captures: tuple[ArmCapture, ...]) -> Array:
@@ -206,7 +193,13 @@ def joints_of(captures: tuple[ArmCapture, ...], axes: int) -> Array:
 
 def observed(task: ArmTask, captures: tuple[ArmCapture, ...]) -> Observations:
     """Return captures as rows of a fit."""
-    return task.observations(joints_of(captures, task.nominal().axes), values_of(captures))
+    targets = [capture.target for capture in captures]
+    return task.observations(joints_of(captures, task.nominal().axes), values_of(captures), targets)
+
+
+def of_target(captures: tuple[ArmCapture, ...], target: int) -> tuple[ArmCapture, ...]:
+    """Return the captures of one target: 0 is that on the flange, then come the points of the end-effector."""
+    return tuple(capture for capture in captures if capture.target == target)
 
 
 def apart_m(one: ArmCapture, other: ArmCapture) -> float:

@@ -4,7 +4,7 @@ With a wire the rules are those of a survey (`procedures.survey.survey_motion`);
 bar that carries it are kept clear of each other, and nobody knows where the tracker's beam goes.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -48,6 +48,17 @@ class Reach:
         wire = (bench.anchor_in_base_m, bench.target_in_flange_m, bench.range_m)
         return cls(bench.model, bench.target_in_flange_m, wire if bench.method == "wire" else None, room)
 
+    def with_target(self, target_in_flange_m: Triple) -> "Reach":
+        """Return what limits the motion with wire or target at another place of the flange."""
+        wire = None if self.wire is None else (self.wire[0], target_in_flange_m, self.wire[2])
+        return replace(self, target_in_flange_m=target_in_flange_m, wire=wire)
+
+    def mouth_at_m(self, seed: int) -> Triple | None:
+        """Return where a wire's mouth looks at best: to the middle of the work; None without a wire."""
+        if self.wire is None:
+            return None
+        return survey_motion.middle_of_work(self.model, (self.wire,), self.room, seed)
+
     def targets_m(self, joints_rad: Array) -> Array:
         """Return where the target is in these postures (N, 3), by the drawing."""
         return load_model(self.model).tip_positions(joints_rad, np.array(self.target_in_flange_m))
@@ -74,8 +85,7 @@ def draw_poses(reach: Reach, count: int, seed: int, mouth_at_m: Triple | None = 
         Fewer than eight are left.
     """
     if reach.wire is not None:
-        wires = (reach.wire,)
-        mouth = mouth_at_m or survey_motion.middle_of_work(reach.model, wires, reach.room, seed)
+        mouth = mouth_at_m or reach.mouth_at_m(seed)
         return survey_motion.draw_pool(reach.model, reach.wire, reach.room, mouth, (count, seed))
     model, limits = load_model(reach.model), survey_motion.survey_limits(None, reach.room, 0.5)
     drawn = candidate_joints(model, limits, 4 * count, seed=seed, hook_in_flange_m=reach.target_in_flange_m)
@@ -88,9 +98,18 @@ def draw_poses(reach: Reach, count: int, seed: int, mouth_at_m: Triple | None = 
     return tuple(tuple(float(q) for q in pose) for pose in pool)
 
 
+Spots = tuple[
+    tuple[Reach, tuple[Joints, ...]], ...
+]  # other targets on the flange, and postures drawn for each
+
+
 @lru_cache(maxsize=32)
-def way_to_rest(reach: Reach, here_rad: Joints, pool: tuple[Joints, ...]) -> tuple[Joints, ...]:
+def way_to_rest(
+    reach: Reach, here_rad: Joints, pool: tuple[Joints, ...], spots: Spots = ()
+) -> tuple[Joints, ...]:
     """Return the corners of a free way to the posture from which most of the pool can be reached.
+
+    With other targets it is clear for each of them, too: there one is exchanged for the other.
 
     Raises
     ------
@@ -98,11 +117,22 @@ def way_to_rest(reach: Reach, here_rad: Joints, pool: tuple[Joints, ...]) -> tup
         There is none.
     """
     if reach.wire is not None:
-        rests = survey_motion.resting_poses(reach.model, (reach.wire,), reach.room, (pool,))
+        wires = tuple(one.wire for one in (reach, *(r for r, _ in spots)) if one.wire is not None)
+        rests = survey_motion.resting_poses(reach.model, wires, reach.room, (pool, *(p for _, p in spots)))
     else:
         shares = [_coarse_share(reach, pose, pool[:_TRIED]) for pose in pool[:_TRIED]]
-        rests = tuple(pool[k] for k in np.argsort(-np.array(shares), kind="stable"))
+        best = (pool[k] for k in np.argsort(-np.array(shares), kind="stable"))
+        rests = tuple(pose for pose in best if all(_clear(other, pose) for other, _ in spots))
+    if not rests:
+        raise DegenerateDataError(
+            "no posture keeps the arm clear of itself with the target in every point.",
+            remedy="Use points on one side of the end-effector, or fewer of them.",
+        )
     return way_to_one(reach, here_rad, rests, pool)
+
+
+def _clear(reach: Reach, pose_rad: Joints) -> bool:
+    return bool(_collisions(reach).free(np.array([pose_rad])).all())
 
 
 def way_to_one(
@@ -157,8 +187,11 @@ class Roadmap:
         while len(up) > 1 and len(down) > 1 and up[-2] == down[-2]:
             up, down = up[:-1], down[:-1]
         hubs = [self.hubs_rad[k] for k in (*up, *reversed(down[:-1]))]
-        corners = [hub for hub in hubs if hub not in (here_rad, there_rad)]
-        return (*corners, there_rad)
+        if here_rad in hubs:  # a hub hangs on another one: the way begins or ends where the line passes it
+            hubs = hubs[hubs.index(here_rad) + 1 :]
+        if there_rad in hubs:
+            hubs = hubs[: hubs.index(there_rad)]
+        return (*hubs, there_rad)
 
     def _line(self, hub: int) -> list[int]:
         line = [hub]

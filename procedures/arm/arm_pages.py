@@ -1,9 +1,13 @@
 """What a screen draws of procedures on a whole arm: their plans, and what new joint zeros change."""
 
+from drivers.interfaces import Joints
 from procedures.arm.arm_bench import Bench
-from procedures.arm.calibration_plan import CalibrationPlan, SeriesRules
+from procedures.arm.calibration_plan import CalibrationPlan
 from procedures.arm.calibration_result import Identified
+from procedures.arm.series_rules import SeriesRules
+from procedures.arm.tool_plan import ToolPlan
 from procedures.forecast import Prediction
+from procedures.limits import TOOL
 from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, joint_displacement
 from procedures.verdict import Change
 
@@ -13,21 +17,45 @@ _POSTURES = 40  # of those that stand for the whole work
 def series_moves(plan: CalibrationPlan, rules: SeriesRules, *, wired: bool) -> Moves:
     """Return a calibration's plan as it is shown: the poses that are expected to tell most, and those that verify."""
     checks = len(plan.foreseen_rad) - plan.expected_captures
+    points = 0 if plan.tool is None else len(plan.tool.points) * (rules.point_max + rules.point_checks)
     return Moves(
-        ways_rad=plan.foreseen_rad,
+        ways_rad=(*plan.foreseen_rad, *(way for _, way in tool_ways(plan.tool))),
         speed_rad_s=plan.foreseen().fastest_rad_s,
         checked=WIRE_CHECKS if wired else ARM_CHECKS,
         not_checked=(*plan.not_checked, plan.shortfall),
-        most=rules.max_captures + rules.checks_for(rules.max_captures),
+        most=rules.max_captures + rules.checks_for(rules.max_captures) + points,
         predictions=(
             Prediction("target over the work, RMS", plan.tip_u_m, "m"),
             Prediction("target over the work, at worst", plan.tip_u_max_m, "m"),
+            *tool_predictions(plan.tool),
         ),
         names=(
             *(str(k) for k in range(1, plan.expected_captures + 1)),
             *(f"C{k}" for k in range(1, checks + 1)),
+            *(name for name, _ in tool_ways(plan.tool)),
         ),
     )
+
+
+def tool_ways(plan: ToolPlan | None) -> tuple[tuple[str, tuple[Joints, ...]], ...]:
+    """Return the names of the poses of the end-effector's points with the ways to them, as they are expected."""
+    points = () if plan is None else plan.points
+    return tuple(
+        (f"{k}.{number}", way)
+        for k, point in enumerate(points, 1)
+        for number, way in enumerate(point.foreseen_rad[:-1], 1)
+    )
+
+
+def tool_predictions(plan: ToolPlan | None) -> tuple[Prediction, ...]:
+    """Return how well the tool frame is expected to be known."""
+    if plan is None:
+        return ()
+    tip = Prediction("tip", plan.tip_u_m, "m", {name: limits.tip_m for name, limits in TOOL.items()})
+    if len(plan.points) == 1:
+        return (tip,)
+    limits = {name: limits.orientation_rad for name, limits in TOOL.items()}
+    return (tip, Prediction("axes", plan.angle_u_rad, "rad", limits))
 
 
 def zero_changes(bench: Bench, found: Identified) -> tuple[Change, ...]:

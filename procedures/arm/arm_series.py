@@ -34,6 +34,7 @@ class Visits:
     retaken: list[int] = field(default_factory=list)
     set_aside: list[SetAside] = field(default_factory=list)
     count: int = 0
+    target: int = 0  # which point of the end-effector is measured; 0: the target on the flange
     first_rad: Joints | None = None  # the pose that was gone to first
 
     def captures(self) -> tuple[ArmCapture, ...]:
@@ -68,6 +69,17 @@ class Visits:
         else:
             self.set_aside.append(SetAside(source, "measured again, and the same as before"))
 
+    async def visit_point(self, number: int, way_rad: tuple[Joints, ...]) -> None:
+        """Go along a way and measure the end-effector's point at its end; its captures have numbers of their own."""
+        source, label = f"capture point {number}", f"point {self.target}, pose {number}"
+        self.taken.append(await self._measure(f"go to point pose {number}", source, label, way_rad))
+        self.sources.append(source)
+
+    async def change(self, number: int, target: int, pace: Pace, way_rad: tuple[Joints, ...]) -> None:
+        """Go to where hook or target can be changed; from then on the other one is measured, at its own pace."""
+        await self._go(f"go to change {number}", way_rad)
+        self.target, self.pace = target, pace
+
     async def check(self, kind: str, number: int, way_rad: tuple[Joints, ...]) -> ArmCapture:
         """Go along a way and measure at its end for a check; the capture takes part in no fit."""
         label = f"{kind} {number}"
@@ -86,11 +98,16 @@ class Visits:
 
     async def _measure(self, move: str, step: str, label: str, way_rad: tuple[Joints, ...]) -> ArmCapture:
         await self._go(move, way_rad)
-        return await self.run.step(step, capture_arm, label, self.samples, self.bench.method)
+        return await self.run.step(
+            step, capture_arm, label, self.samples, self.bench.method, target=self.target
+        )
 
     async def _go(self, move: str, way_rad: tuple[Joints, ...]) -> None:
         planned = (self.here_rad, *way_rad)
-        await self.run.move(move, go_on, planned, self.pace, wired=self.bench.method == "wire")
+        wired = (
+            self.bench.method == "wire" and not self.target
+        )  # the gate knows the hook of the cell file only
+        await self.run.move(move, go_on, planned, self.pace, wired=wired)
         self.here_rad = way_rad[-1]
 
 

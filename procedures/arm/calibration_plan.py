@@ -1,64 +1,39 @@
 """The plan of a robot calibration, and the choice of its next poses. Pure functions of what was measured."""
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from calibration.geometry import Array
 from calibration.identification.parameters import GEOMETRY, GRAVITY, OFFSETS
 from calibration.identification.robust import RobustFit
-from calibration.poses.arm_fit import ArmTask, fit_arm, outlook_from, outlook_of, target_u
+from calibration.poses.arm_fit import ArmTask, fit_arm, outlook_from, outlook_of, target_u, with_readings
 from calibration.poses.enough_poses import Acceptance, gaps
 from calibration.poses.measurement_poses import Criterion, Outlook, TestPoses, predict
 from calibration.poses.next_pose import best_in_turn, drawn_need, spread_order
 from calibration.poses.shortfall import shortfall
 from drivers.interfaces import Joints
-from procedures.arm.arm_bench import ARM_SIGMA_M, ArmCapture, Bench, Triple, observed
+from procedures.arm.arm_bench import ArmCapture, Bench, observed, of_target
 from procedures.arm.arm_motion import (
     Reach,
     Roadmap,
+    Spots,
     draw_poses,
     map_roads,
     ordered_ways,
     way_to_rest,
     ways_through,
 )
+from procedures.arm.series_rules import SeriesRules
+from procedures.arm.tool_plan import ToolGoal, ToolPlan, draw_points, plan_points, unseen
 from procedures.motion.pace import Pace, Paced
-from procedures.motion.plans import Room
 
 ModelName = Literal["offsets", "geometry", "sag"]
 LEVEL: dict[str, int] = {"offsets": OFFSETS, "geometry": GEOMETRY, "sag": GRAVITY}
-_SAME_POSE_RAD = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class SeriesRules:
-    """How many poses, how carefully, and what motion must keep to."""
-
-    first: Annotated[int, Field(ge=1, le=100)] = 12  # before the first look at the readings
-    batch: Annotated[int, Field(ge=1, le=50)] = 4  # between two looks
-    min_captures: Annotated[int, Field(ge=4, le=200)] = 16
-    max_captures: Annotated[int, Field(ge=4, le=400)] = 90
-    checks: Annotated[int, Field(ge=8, le=100)] = 8  # poses that are never fitted, at least
-    check_share: Annotated[float, Field(ge=0.3, le=1.0)] = 0.3  # of the captures that are fitted
-    candidates: Annotated[int, Field(ge=32, le=4000)] = 600
-    tests: Annotated[int, Field(ge=8, le=500)] = 80  # postures that stand for the whole work
-    samples: Annotated[int, Field(ge=1, le=1000)] = 5
-    retakes: Annotated[int, Field(ge=0, le=50)] = 5  # of readings that the others contradict
-    arm_sigma_m: Annotated[float, Field(gt=0, le=0.005)] = ARM_SIGMA_M
-    seed: Annotated[int, Field(ge=0)] = 1
-    mouth_at_m: Triple | None = None  # where the wire's mouth looks; None: the middle of the work
-    room: Room = field(default_factory=Room)
-
-    def checks_for(self, captures: int) -> int:
-        """Return how many poses verify a fit of so many captures."""
-        return max(self.checks, math.ceil(self.check_share * captures))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +44,7 @@ class Goal:
     offset_sigma_rad: float | None  # acceptance angular standard deviation
     offsets_of: tuple[str, ...]
     model: ModelName
+    tool: ToolGoal | None = None  # what is sought besides, by points of the end-effector
 
     def acceptance(self) -> Acceptance:
         """Return the goal in standard deviations."""
@@ -96,10 +72,12 @@ class CalibrationPlan:
     tip_u_max_m: float
     shortfall: str  # why the goal is not reachable, empty if it is
     not_checked: tuple[str, ...]
+    tool: ToolPlan | None = None
 
     def foreseen(self) -> Paced:
         """Return how far and how long the arm is expected to go."""
-        return self.pace.along(self.way_to_rest_rad[-1], self.foreseen_rad)
+        flange = self.pace.along(self.way_to_rest_rad[-1], self.foreseen_rad)
+        return flange if self.tool is None else flange + self.tool.foreseen(self.way_to_rest_rad[-1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,14 +124,16 @@ class Choice:
 
 def task_of(bench: Bench, goal: Goal, rules: SeriesRules) -> ArmTask:
     """Return what the fits of such a series are about."""
-    return bench.task(LEVEL[goal.model], arm_sigma_m=rules.arm_sigma_m)
+    task = bench.task(LEVEL[goal.model], arm_sigma_m=rules.arm_sigma_m)
+    return task if goal.tool is None else replace(task, points_in_flange_m=goal.tool.points_m())
 
 
 def plan_series(bench: Bench, goal: Goal, rules: SeriesRules) -> CalibrationPlan:
     """Draw poses, put some aside for verification, and foresee how many of the others will do."""
     reach = Reach.of(bench, rules.room)
     postures = draw_poses(reach, rules.candidates, rules.seed, rules.mouth_at_m)
-    to_rest = way_to_rest(reach, bench.joints_rad, postures)
+    spots = () if goal.tool is None else draw_points(reach, goal.tool, rules)
+    to_rest = way_to_rest(reach, bench.joints_rad, postures, spots)
     roads = map_roads(reach, to_rest[-1], postures)
     drawn, work = roads.poses_rad[1:], np.array(postures)  # the first is where the series begins
     every = np.array(drawn)
@@ -169,6 +149,7 @@ def plan_series(bench: Bench, goal: Goal, rules: SeriesRules) -> CalibrationPlan
     found = shortfall(before, pool, goal.acceptance(), tests)
     best = tuple(poses[index] for index in order)
     checks = kept[: rules.checks_for(len(order))]
+    tool = None if goal.tool is None else plan_points((to_rest[-1], spots), goal.tool, rules, after)
     return CalibrationPlan(
         goal=goal,
         roads=roads,
@@ -183,7 +164,12 @@ def plan_series(bench: Bench, goal: Goal, rules: SeriesRules) -> CalibrationPlan
         tip_u_max_m=u_max_m,
         shortfall="" if found is None else found.sentence,
         not_checked=reach.not_checked(),
+        tool=None if tool is None else replace(tool, paces=_paces(bench, rules, spots)),
     )
+
+
+def _paces(bench: Bench, rules: SeriesRules, spots: Spots) -> tuple[Pace, ...]:
+    return tuple(reach.pace(bench.limits.speed_rad_s) for reach, _ in spots)
 
 
 def _foreseen(
@@ -200,8 +186,8 @@ def _foreseen(
 
 def choose_poses(series: Series, standing: Standing) -> Choice:
     """Choose what to measure next: doubted captures again, else the poses that tell most; or end the series."""
-    plan, rules, taken = series.plan, series.rules, len(standing.captures)
-    now = _known(series, standing.captures)
+    plan, rules, taken = series.plan, series.rules, len(of_target(standing.captures, 0))
+    now = known_so_far(series, standing.captures)
     u_m, u_max_m = target_u(now, series.test_poses())
     enough = taken >= rules.min_captures and not gaps(
         predict(now, series.test_poses()), plan.goal.acceptance()
@@ -228,18 +214,26 @@ def choose_poses(series: Series, standing: Standing) -> Choice:
 
 def _next_ways(series: Series, standing: Standing, now: Outlook, wanted: int, done: Choice) -> Choice:
     """Choose poses one after the other, as if those before were measured."""
-    left, tests = _unseen(series.plan.pool, standing.captures), series.test_poses()
+    left, tests = unseen(series.plan.pool, of_target(standing.captures, 0)), series.test_poses()
     if not len(left):
         return done
     turn = best_in_turn(now, left, tests, lambda *_: False, most=wanted, criterion=_criterion(now, series))
     poses = tuple(tuple(float(q) for q in left[k]) for k in turn.order)
     ways = ordered_ways(series.reach(), series.plan.roads, standing.here_rad, poses)
+    ways = ways[:1] if standing.captures else ways  # before the first look nothing can change the others
     return Choice(ways, (-1,) * len(ways), False, done.tip_u_m, done.tip_u_max_m)
 
 
 def fixed_plan_captures(series: Series, captures: tuple[ArmCapture, ...], tip_u_m: float) -> int | None:
-    """Return how many evenly drawn poses would be needed for the same U, median of a few draws; None if too many."""
+    """Return how many evenly drawn poses would be needed for the same U, median of a few draws; None if too many.
+
+    Points of the end-effector would be measured as they were.
+    """
     tests, base = series.test_poses(), _sigma_found(series, captures)
+    points = tuple(capture for capture in captures if capture.target)
+    if points:
+        rows = observed(series.task(), points)
+        base = with_readings(base, rows.joints_rad, rows.mounting)
     return drawn_need(base, np.array(series.plan.pool), lambda known: target_u(known, tests)[0] <= tip_u_m)
 
 
@@ -259,12 +253,14 @@ def _stop(goal: Goal, rules: SeriesRules, tests: TestPoses) -> Callable[[int, Ou
     return enough
 
 
-def _known(series: Series, captures: tuple[ArmCapture, ...]) -> Outlook:
+def known_so_far(series: Series, captures: tuple[ArmCapture, ...]) -> Outlook:
     """Return what is known: from a fit as soon as that tells more than the priors."""
     task = series.task()
     if task.enough_for_a_fit(len(captures)):
         return outlook_from(task, fitted(task, captures))
-    return outlook_of(task, np.array([c.joints_rad for c in captures]))
+    rows = observed(task, captures) if captures else None
+    before = outlook_of(task, np.empty((0, task.nominal().axes)))
+    return before if rows is None else with_readings(before, rows.joints_rad, rows.mounting)
 
 
 def _sigma_found(series: Series, captures: tuple[ArmCapture, ...]) -> Outlook:
@@ -290,7 +286,8 @@ def _doubted(series: Series, standing: Standing) -> tuple[int, ...]:
     task = series.task()
     if not task.enough_for_a_fit(len(standing.captures)):
         return ()
-    rejected = fitted(task, standing.captures).rejected
+    flange = [k for k, capture in enumerate(standing.captures) if capture.target == 0]
+    rejected = [k for k in fitted(task, standing.captures).rejected if k in flange]
     left = series.rules.retakes - len(standing.retaken)
     return tuple(int(k) for k in rejected if int(k) not in standing.retaken)[: max(left, 0)]
 
@@ -303,16 +300,6 @@ def _nearest(pool: tuple[Joints, ...], capture: ArmCapture) -> Joints:
 
 def _ended(done: Choice, why: str) -> Choice:
     return Choice((), (), False, done.tip_u_m, done.tip_u_max_m, why)
-
-
-def _unseen(pool: tuple[Joints, ...], captures: tuple[ArmCapture, ...]) -> Array:
-    poses = np.array(pool)
-    if not captures:
-        return poses
-    seen = np.array([capture.joints_rad for capture in captures])
-    apart = np.abs(poses[:, None, :] - seen[None]).max(axis=2).min(axis=1)
-    unseen: Array = poses[apart > _SAME_POSE_RAD]
-    return unseen
 
 
 def _poses(joints_rad: Array) -> tuple[Joints, ...]:

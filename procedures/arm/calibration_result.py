@@ -27,8 +27,9 @@ from calibration.poses.arm_fit import (
 from calibration.poses.calibrated_arm import CalibratedArm
 from calibration.uncertainty import chi_square_limit
 from drivers.interfaces import Counts
-from procedures.arm.arm_bench import ArmCapture, joints_of, observed, values_of
+from procedures.arm.arm_bench import ArmCapture, joints_of, observed, of_target, values_of
 from procedures.arm.calibration_plan import Series, fitted, fixed_plan_captures
+from procedures.arm.tool_result import FoundTool, find_tool
 
 OFFSETS_EXPLAIN = (
     1.15  # of the whole model's RMS at the check poses: above, zeros alone are not the whole story
@@ -97,6 +98,7 @@ class Identified:
     fixed_plan_captures: int | None  # evenly drawn poses for the same U; None: more than were drawn
     mastering: Counts  # counts at zero that would take the joint zeros away; empty if that cannot be said
     written_offsets_rad: tuple[float, ...]  # joint by joint, what those counts change
+    tool: FoundTool | None = None  # where points of the end-effector were measured, too
 
     @property
     def saving(self) -> str:
@@ -143,11 +145,14 @@ def identify_arm(
         tip_u_max_m=u_max_m,
         residual_rms_m=_rms(kept),
         rejected=tuple(int(k) for k in robust.rejected),
-        hold_out=_hold_out(task, captures, checks),
-        captures=len(captures),
+        hold_out=_hold_out(task, captures, of_target(checks, 0)),
+        captures=len(of_target(captures, 0)),
         fixed_plan_captures=fixed_plan_captures(series, captures, u_m),
         mastering=zero,
         written_offsets_rad=turned,
+        tool=None
+        if goal.tool is None
+        else find_tool(task, goal.tool, robust, captures, tuple(c for c in checks if c.target)),
     )
 
 

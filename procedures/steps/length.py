@@ -23,6 +23,9 @@ class LengthCapture:
     sigma_m: float  # of the mean: noise only, what the wire gets wrong every time is the fit's business
     readings_m: tuple[float, ...]
     raw: tuple[int, ...]
+    target: int = (
+        0  # which of the end-effector's points had the hook, counted from 1; 0: its place on the flange
+    )
 
 
 async def capture_length(cell: Cell, label: str, samples: int) -> LengthCapture:

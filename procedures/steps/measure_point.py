@@ -41,6 +41,9 @@ class PointCapture:
     station: int
     readings: tuple[PointReading, ...]
     air: Air | None = None  # with the last reading
+    target: int = (
+        0  # which of the end-effector's points it is, counted from 1; 0: the target's place on the flange
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from drivers.interfaces import ActiveFrames, Answer, Instruction, Operator, Ques
 from procedures.canonical import alike
 from procedures.catalogue import entry_named
 from procedures.cell import Cell, Fingerprint, HeldCertificate, MotionMemory, fingerprint
-from procedures.entry import Entry, Phase, refuse_unmet
+from procedures.entry import Entry, Keepsake, Phase, refuse_unmet
 from procedures.motion.active_frames import changes, cure, refuse_unnamed, told, untold
 from procedures.past import Kind, Past
 from procedures.progress import Gate, Progress, ignore
@@ -282,13 +282,14 @@ class _Conductor:
         return outcome
 
     def _kept(self, spec: Any, result: Any, passed: bool) -> list[NewEvent]:
-        keepsake = self._entry.keeps(spec, result) if passed else None
-        if keepsake is None:
-            return []
+        kept = self._entry.keeps(spec, result) if passed else None
+        keepsakes = kept if isinstance(kept, tuple) else (kept,)
+        return [self._stored(keepsake) for keepsake in keepsakes if keepsake is not None]
+
+    def _stored(self, keepsake: Keepsake) -> NewEvent:
         value = to_jsonable_python(keepsake.value)
-        serial = self._robot_serial()
-        body = stored_body(keepsake.what, keepsake.subject, serial, value)
-        return [NewEvent(Kind.STORED, body, f"stored {keepsake.what}")]
+        body = stored_body(keepsake.what, keepsake.subject, self._robot_serial(), value)
+        return NewEvent(Kind.STORED, body, f"stored {keepsake.what}")
 
     def _robot_serial(self) -> str:
         header = Store(self._journal).run(self._run_id).cell

@@ -14,8 +14,8 @@ from calibration.points.alignment import Alignment
 from drivers.interfaces import Counts, MasteringData
 from procedures.accuracy_check import AccuracyCheck, CheckRules
 from procedures.arm.arm_bench import Method
-from procedures.arm.calibration_plan import SeriesRules
 from procedures.arm.drift_plan import DriftRules
+from procedures.arm.series_rules import SeriesRules
 from procedures.base_to_base import BaseToBaseSpec
 from procedures.cell import Cell, GaugeSetup, MasteringBackup, MotionLevel, MotionLimits, TrackerSetup
 from procedures.drift_check import DriftCheck, drift_check
@@ -260,7 +260,10 @@ def through_a_fixture() -> Scene:
 OTHER_BASE_FIXTURE = Pose((0.9, 0.2, -0.2), (0.0, 0.0, 0.0, 1.0))
 
 
-FEW = SeriesRules(first=6, batch=2, min_captures=10, max_captures=10, candidates=50, tests=8, samples=1)
+FEW = SeriesRules(
+    first=6, batch=2, min_captures=10, max_captures=10, candidates=50, tests=8, samples=1,
+    point_min=4, point_max=5, point_checks=1, point_candidates=24,
+)  # fmt: skip
 WRONG_ZEROS = (0, 20_000, -30_000, 9_000, 8_000, 0)  # counts by which the arm's mastering is off
 
 
@@ -269,6 +272,27 @@ def calibrating(**more: Any) -> Scene:
     spec = replace(RobotCalibration("tracker", "offsets", tip_u_m=0.002, write_zeros=True, rules=FEW), **more)
     made = scene(spec)
     made.arm.true_zero = tuple(zero + off for zero, off in zip(ZERO, WRONG_ZEROS, strict=True))
+    return made
+
+
+def calibrating_a_tool(points: tuple[Triple, ...] = TARGETS, **more: Any) -> Scene:
+    """Return such a cell whose technician puts hook or target into points of the end-effector in between."""
+    rough = {"points_in_tool_m": points, "rough_flange_tool": Pose((0.0, 0.0, 0.2)), "tool_number": 4}
+    made = calibrating(**({"write_zeros": False} | rough | more))
+    tracker = made.cell.tracker
+    assert isinstance(tracker, IdealTracker)
+    homes = made.wire.hook_in_flange_m, tracker.target_in_flange_m
+
+    def put(hook: Triple, target: Triple) -> Callable[[], None]:
+        def act() -> None:
+            made.wire.hook_in_flange_m, tracker.target_in_flange_m = hook, target
+
+        return act
+
+    for number, point in enumerate(points, 1):
+        hole = at(FLANGE_TOOL, point)
+        made.hands.does[f"hook_wire_{number}"] = made.hands.does[f"target_to_point_{number}"] = put(hole, hole)
+    made.hands.does["hook_wire_back"] = made.hands.does["target_back"] = put(*homes)
     return made
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from procedures.arm.calibration_plan import SeriesRules
 from procedures.arm.calibration_result import HoldOut
+from procedures.arm.series_rules import SeriesRules
 from procedures.forecast import Knowledge
 from procedures.progress import Progress
 from procedures.robot_calibration import ENTRY, CalibrationResult, RobotCalibration, robot_calibration

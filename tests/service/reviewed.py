@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.geometry import Pose, homogeneous
 from drivers.interfaces import PointReading
-from procedures.arm.calibration_plan import SeriesRules
+from procedures.arm.series_rules import SeriesRules
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.parameters.parameter_sets import ParameterSets
 from service.runs.calibrated_runs import keep_calibration

@@ -19,6 +19,7 @@ from calibration.motion.motion_check import MotionLimits, WirePath
 from calibration.poses.calibrated_arm import CalibratedArm
 from calibration.registration import best_fit_transform
 from fake_devices.cell import FakeCell
+from fake_devices.fixture import own_flange
 from procedures.cell import Cell
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.runs.cell import open_cell
@@ -84,6 +85,10 @@ deadline_s = 10.0
 robot = "fanuc"
 target_in_flange_mm = [80.0, 40.0, 100.0]
 
+[fake.end_effector]
+targets_mm = [[0.0, 0.0, 0.0], [160.0, 0.0, -50.0], [0.0, 160.0, -50.0]]
+flange_tool = [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]
+
 [fake]
 seed = {seed}
 time_factor = {time_factor}
@@ -98,6 +103,29 @@ class Bench:
     cell: Cell
     fake: FakeCell
     config: CellConfig
+    hands: Hands
+
+    def hang_where_asked(self) -> None:
+        """Let the technician put hook or reflector where an instruction wants it, as long as this cell is open."""
+        gauge, sensor = self.fake.gauges[0].gauge, self.fake.trackers[0].sensor
+        holes, homes = self.fake.world.end_effector, (gauge.hook_in_flange_m, sensor.target_in_flange_m)
+        assert holes is not None
+
+        def put(number: int) -> None:
+            gauge.hook_in_flange_m, sensor.target_in_flange_m = (
+                (holes.hole_in_flange(number),) * 2 if number else homes
+            )
+
+        for number in range(1, 1 + len(holes.targets_m)):
+            for key in ("hook_wire", "target_to_point"):
+                self.hands.does[f"{key}_{number}"] = lambda number=number: put(number)
+        self.hands.does["hook_wire_back"] = self.hands.does["target_back"] = lambda: put(0)
+
+    def flange_tool(self) -> np.ndarray:
+        """Return where the tool truly is in the flange that the arm's last axis and its zero define, (4, 4)."""
+        holes = self.fake.world.end_effector
+        assert holes is not None
+        return own_flange(self.fake.world.arms["fanuc"]) @ holes.flange_tool
 
     def spec(self, procedure: str, **settings: Any) -> Any:
         """Return a procedure's spec as the service makes it: it knows what stands in the cell."""
@@ -158,8 +186,9 @@ async def cell_behind_sockets(
     text = CELL.format(folder=folder, address=address, seed=seed, time_factor=time_factor)
     path.write_text(text, encoding="utf-8")
     config = read_cell_file(path)
-    async with FakeCell.from_file(path) as fake, open_cell(config, Hands()) as cell:
-        yield Bench(cell, fake, config)
+    hands = Hands()
+    async with FakeCell.from_file(path) as fake, open_cell(config, hands) as cell:
+        yield Bench(cell, fake, config, hands)
 
 
 def work() -> np.ndarray:

@@ -1,0 +1,96 @@
+"""The tool frame that a calibration found beside the arm: from the places of its points in the same fit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.geometry import Pose
+from calibration.identification.robust import RobustFit
+from calibration.points.end_effector import tool_through
+from calibration.points.fixture import PlacedPoints, Triple
+from calibration.poses.arm_fit import (
+    ArmTask,
+    believed_sigma,
+    errors_at,
+    outlook_from,
+    point_covariance,
+    points_found,
+    predicted_sigma,
+)
+from calibration.uncertainty import chi_square_limit
+from procedures.arm.arm_bench import ArmCapture, observed, of_target
+from procedures.arm.tool_plan import ToolGoal
+
+
+@dataclass(frozen=True, slots=True)
+class PointChecks:
+    """Errors of readings of the points at poses that took no part in the fit, a coordinate [m]."""
+
+    captures: int
+    rms_m: float
+    max_m: float
+    chi_square: float  # against what was predicted
+    degrees_of_freedom: int
+
+    @property
+    def as_predicted(self) -> bool:
+        """Whether the errors are no larger than the stated uncertainty allows, at 99.9 %."""
+        return self.chi_square <= chi_square_limit(self.degrees_of_freedom)
+
+
+@dataclass(frozen=True, slots=True)
+class FoundTool:
+    """The tool frame in the flange as the controller has it, with all that may be believed of it."""
+
+    flange_tool: Pose
+    covariance: tuple[
+        tuple[float, ...], ...
+    ]  # of its right twist (v, w) [m, rad]; with one point of its place only
+    tip_u_m: float  # k = 2, worst direction
+    angle_u_rad: float  # k = 2, worst axis; 0 where it was not measured
+    placed: PlacedPoints | None  # None with one point: the orientation is the rough frame's
+    points_in_flange_m: tuple[Triple, ...]
+    captures: tuple[int, ...]  # of each point
+    checks: PointChecks
+
+
+def find_tool(
+    task: ArmTask,
+    goal: ToolGoal,
+    robust: RobustFit,
+    captures: tuple[ArmCapture, ...],
+    checks: tuple[ArmCapture, ...],
+) -> FoundTool:
+    """Return the tool frame through the points as the fit of everything has them."""
+    points, covariance = points_found(robust.fit.state), point_covariance(outlook_from(task, robust))
+    tool = tool_through(goal.rough_flange_tool, goal.points_in_tool_m, points, covariance, goal.point_sigma_m)
+    alone = covariance + goal.point_sigma_m**2 * np.eye(len(covariance))
+    turn = tool.flange_tool.rotation()
+    own = turn.T @ alone @ turn if tool.placed is None else np.array(tool.placed.covariance)
+    return FoundTool(
+        flange_tool=tool.flange_tool,
+        covariance=tuple(tuple(float(v) for v in row) for row in own),
+        tip_u_m=tool.tip_u_m,
+        angle_u_rad=tool.angle_u_rad,
+        placed=tool.placed,
+        points_in_flange_m=points,
+        captures=tuple(len(of_target(captures, k)) for k in range(1, 1 + len(points))),
+        checks=_checked(task, robust, checks),
+    )
+
+
+def _checked(task: ArmTask, robust: RobustFit, checks: tuple[ArmCapture, ...]) -> PointChecks:
+    seen = observed(task, checks)
+    errors = errors_at(robust.fit.state, seen)
+    known = np.zeros(len(seen))
+    for target in np.unique(seen.mounting):
+        rows = seen.mounting == target
+        known[rows] = predicted_sigma(robust.fit, task, seen.joints_rad[rows], int(target))
+    sigma = np.hypot(known, believed_sigma(task, robust))
+    return PointChecks(
+        captures=len(checks),
+        rms_m=float(np.sqrt(np.mean(errors**2))),
+        max_m=float(np.linalg.norm(errors, axis=0).max()),
+        chi_square=float(((errors / sigma) ** 2).sum()),
+        degrees_of_freedom=int(errors.size),
+    )

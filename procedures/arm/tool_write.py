@@ -1,0 +1,123 @@
+"""A tool frame that a calibration found beside the arm: what may be claimed of it, and how it gets into the robot."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from pydantic_core import to_jsonable_python
+
+from calibration.geometry import Pose
+from calibration.points.fixture import PlacedPoints
+from drivers.interfaces import Instruction
+from procedures.arm.tool_result import FoundTool
+from procedures.canonical import sha256_of
+from procedures.judged_write import frame_changes, shift_told, with_verdict
+from procedures.limits import ToolLimits
+from procedures.run import Run
+from procedures.steps.ask import accept
+from procedures.steps.end_effector import bad_shape
+from procedures.steps.pages import frame_displacement, with_changes
+from procedures.steps.write import write_and_read_back
+from procedures.verdict import FAIL, PASS, Characteristic, Verdict, held, known_within, stated
+
+UNTOLD_AXES = "the orientation: one point tells x, y, z only"
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenTool:
+    """The tool frame as written and read back, and how well it is known."""
+
+    tool_number: int
+    flange_tool: Pose
+    position_only: bool  # from one point: the orientation is the rough frame's
+    tip_u_m: float  # k = 2, worst direction
+    angle_u_rad: float  # k = 2, worst axis; 0 where it was not measured
+    placed: PlacedPoints | None
+    before: Pose
+    read_back: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class ToolOrder:
+    """Which tool frame is to be written, what it was, and by whose order even if it is not proved."""
+
+    number: int
+    before: Pose
+    write_anyway: str
+
+
+def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, ...]:
+    """Return what is claimed of the tool frame."""
+    figures = [known_within("tip", "m", u=found.tip_u_m / 2.0, limit=limits.tip_m)]
+    if found.placed is not None:
+        figures += [
+            known_within("axes", "rad", u=found.angle_u_rad / 2.0, limit=limits.orientation_rad),
+            held(
+                "shape of the points",
+                found.placed.consistent(),
+                "chi square of the points found against the drawing, 99.9 %",
+                found=found.placed.chi_square,
+            ),
+            stated("points found against the drawing, RMS a coordinate", found.placed.rms_m, "m"),
+        ]
+    checks = found.checks
+    rule = "chi square of the errors against what was predicted, 99.9 %"
+    return (
+        *figures,
+        held(
+            "the points' check poses agree with the stated uncertainty",
+            checks.as_predicted,
+            rule,
+            found=checks.chi_square,
+        ),
+        stated("RMS error at the points' check poses", checks.rms_m, "m"),
+    )
+
+
+def tool_words(found: FoundTool) -> str:
+    """Return where the tool is, in words."""
+    x, y, z = (value * 1e3 for value in found.flange_tool.position_m)
+    axes = (
+        "One point tells x, y, z only: the axes are those of the rough frame"
+        if found.placed is None
+        else f"Axes within {math.degrees(found.angle_u_rad):.3f} deg"
+    )
+    return f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within {found.tip_u_m * 1e3:.3f} mm (k=2). {axes}."
+
+
+def why_not_written(found: FoundTool, verdict: Verdict, order: ToolOrder) -> str:
+    """Return why the tool frame stays as it is; empty where it may be written."""
+    if order.write_anyway:
+        return ""
+    shape = bad_shape(found.placed, found)
+    if shape is not None:
+        return str(shape)
+    if verdict.word is FAIL:
+        return "the verdict is FAIL"
+    open_left = [f.name for f in _of_tool(verdict.characteristics) if f.decision is not PASS]
+    return f"measure more: {', '.join(open_left)}" if open_left else ""
+
+
+async def write_tool(run: Run, found: FoundTool, verdict: Verdict, order: ToolOrder) -> WrittenTool:
+    """Show the tool frame old and new, and write it once somebody accepted it."""
+    told = f"Tool {order.number}: {tool_words(found)} {shift_told(order.before, found.flange_tool)}"
+    question = "Write it to the controller?"
+    asked = with_verdict(Instruction("accept_tool", told), verdict, question, order.write_anyway, writes=True)
+    moved = frame_displacement(order.before, found.flange_tool, lever_m=0.0)
+    shown = with_changes(asked, frame_changes(order.before, found.flange_tool), **moved)
+    await run.step("accept the tool", accept, shown, sha256_of(to_jsonable_python(found.flange_tool)))
+    read_back = await run.write("write the tool frame", write_and_read_back, order.number, found.flange_tool)
+    return WrittenTool(
+        order.number,
+        found.flange_tool,
+        found.placed is None,
+        found.tip_u_m,
+        found.angle_u_rad,
+        found.placed,
+        order.before,
+        read_back,
+    )
+
+
+def _of_tool(figures: Iterable[Characteristic]) -> list[Characteristic]:
+    return [figure for figure in figures if figure.name in ("tip", "axes") and figure.decision is not None]
