@@ -7,14 +7,26 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
+from calibration.geometry import Pose
+from procedures.arm.arm_motion import Roadmap
 from procedures.arm.calibration_result import HoldOut
 from procedures.arm.series_rules import SeriesRules
 from procedures.forecast import Knowledge
+from procedures.limits import ToolLimits
 from procedures.progress import Progress
 from procedures.robot_calibration import ENTRY, CalibrationResult, RobotCalibration, robot_calibration
 from procedures.run import RefusalError, Run
 from procedures.steps.measure_point import StationMovedError
-from tests.procedures.cells import FEW, ZERO, Scene, calibrating
+from tests.procedures.cells import (
+    FEW,
+    FLANGE_TOOL,
+    TARGETS,
+    ZERO,
+    Scene,
+    at,
+    calibrating,
+    calibrating_a_tool,
+)
 from tests.procedures.ideal import IdealTracker
 from tests.procedures.ledgers import MemoryLedger
 from tests.soak.calibration_campaign import calibrate
@@ -78,8 +90,112 @@ async def test_with_a_wire_the_error_falls_and_hidden_zeros_are_named_not_writte
     assert verdict.word == "pass"
     assert "saved" in verdict.remarks[0]
     kept = ENTRY.keeps(made.spec, result)
-    assert kept is not None
-    assert kept.what == "parameter_set"
+    assert isinstance(kept, tuple)
+    assert [one.what for one in kept] == ["parameter_set"]
+
+
+async def test_a_tool_is_found_written_and_kept_beside_the_arm() -> None:
+    made = calibrating_a_tool()
+    result = await _calibrate(made)
+    found = result.identified.tool
+    assert found is not None
+    assert found.placed is not None
+    assert result.tool is not None
+    away = np.abs(np.array(found.flange_tool.position_m) - np.array(FLANGE_TOOL.position_m))
+    u = 2.0 * np.sqrt(np.diag(np.array(found.covariance)))
+    assert (away <= u[:3]).all()
+    assert found.angle_u_rad < np.radians(0.2)
+    assert made.arm.tools[4] == found.flange_tool == result.tool.read_back
+    assert found.checks.captures == 3
+    assert found.checks.as_predicted
+    kept = ENTRY.keeps(made.spec, result)
+    assert isinstance(kept, tuple)
+    assert [one.what for one in kept] == ["parameter_set", "tool_frame"]
+    assert ENTRY.verdict is not None
+    verdict = ENTRY.verdict(made.spec, result)
+    assert {"tip", "axes", "shape of the points"} <= {figure.name for figure in verdict.characteristics}
+    assert verdict.word == "pass"
+    asked = [key for key in made.hands.asked if key.startswith("target_")]
+    assert asked == [
+        "target_is_mounted",
+        *(f"target_to_point_{k}" for k in (1, 2, 3)),
+        "target_back",
+    ]
+
+
+async def test_one_point_tells_the_place_and_says_that_the_axes_are_not_known() -> None:
+    made = calibrating_a_tool(TARGETS[:1], rough_flange_tool=Pose((0.0, 0.0, 0.2), (0.8, 0.6, 0.0, 0.0)))
+    result = await _calibrate(made)
+    found = result.identified.tool
+    assert found is not None
+    assert found.placed is None
+    assert found.flange_tool.quaternion == (0.8, 0.6, 0.0, 0.0)
+    assert np.linalg.norm(np.subtract(found.flange_tool.position_m, FLANGE_TOOL.position_m)) <= found.tip_u_m
+    assert ENTRY.verdict is not None
+    verdict = ENTRY.verdict(made.spec, result)
+    assert "the orientation: one point tells x, y, z only" in verdict.not_verified
+    assert "axes" not in {figure.name for figure in verdict.characteristics}
+
+
+async def test_a_tool_of_another_shape_than_the_drawing_is_not_written() -> None:
+    made = calibrating_a_tool()
+    tracker = made.cell.tracker
+    assert isinstance(tracker, IdealTracker)
+    bent = at(FLANGE_TOOL, (0.0, 0.163, -0.05))
+    made.hands.does["target_to_point_3"] = lambda: setattr(tracker, "target_in_flange_m", bent)
+    result = await _calibrate(made)
+    assert result.tool is None
+    assert "further from each other than on the drawing" in result.tool_not_written
+    assert made.arm.tools == {}
+    assert ENTRY.verdict is not None
+    verdict = ENTRY.verdict(made.spec, result)
+    assert verdict.word == "fail"
+    assert any(remark.startswith("The tool frame was not written") for remark in verdict.remarks)
+    assert ENTRY.keeps(made.spec, result) == ()
+
+
+async def test_a_tool_that_is_not_known_well_enough_is_not_written_unless_somebody_orders_it() -> None:
+    strict = {"tool_limits": ToolLimits(1e-5, 1e-3, 1e-5)}
+    made = calibrating_a_tool(**strict)
+    result = await _calibrate(made)
+    assert (result.tool, made.arm.tools) == (None, {})
+    assert result.tool_not_written == "measure more: tip, axes"
+    ordered = calibrating_a_tool(**strict, write_anyway="trial fit on Monday")
+    assert (await _calibrate(ordered)).tool is not None
+    assert "trial fit on Monday" in ordered.hands.read["accept_tool"]
+
+
+def test_points_without_a_rough_tool_and_a_number_without_points_are_refused() -> None:
+    for settings in ({"points_in_tool_m": TARGETS}, {"tool_number": 3}):
+        with pytest.raises(CalibrationError, match="roughly known places"):
+            RobotCalibration(**settings).goal()
+    with pytest.raises(CalibrationError, match="two points"):
+        RobotCalibration(points_in_tool_m=TARGETS[:2], rough_flange_tool=Pose((0.0, 0.0, 0.2))).goal()
+
+
+def test_a_dry_run_foretells_how_well_the_tool_will_be_known() -> None:
+    made = calibrating_a_tool()
+    known = Knowledge(
+        made.cell.model,
+        tracker_setup=made.cell.tracker_setup,
+        tracker=IdealTracker(made.arm).capabilities,
+        limits=made.cell.limits,
+    )
+    assert ENTRY.forecast is not None
+    told = ENTRY.forecast(made.spec, known)
+    assert [one.name for one in told.predictions] == ["target over the work, RMS", "tip", "axes"]
+    assert told.predictions[1].expanded < 0.0004
+    assert sum(pose.label.startswith("3.") for pose in told.poses) >= 5
+    plain = ENTRY.forecast(calibrating(write_zeros=False).spec, known)
+    assert told.duration_s > plain.duration_s
+
+
+def test_a_way_that_ends_where_a_hub_hangs_goes_no_further() -> None:
+    hubs = tuple((float(k), 0.0) for k in range(3))
+    roads = Roadmap(hubs, (0, 0, 1), (*hubs, (2.0, 1.0)), (0, 0, 1, 2), (0.0,) * 4)
+    assert roads.through((2.0, 1.0), hubs[1]) == (hubs[2], hubs[1])
+    assert roads.through(hubs[1], (2.0, 1.0)) == (hubs[2], (2.0, 1.0))
+    assert roads.through((2.0, 1.0), hubs[0]) == (hubs[2], hubs[1], hubs[0])
 
 
 async def test_check_poses_take_no_part_in_the_fit() -> None:

@@ -55,6 +55,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "bases": (fixtures.bases, 200),
     "tcp": (tcp.tcp, 2000),
     "calibrations": (calibration_campaign.calibrations, 40),
+    "tool_in_calibration": (calibration_campaign.tool_in_calibration, 20),
     "drifts": (calibration_campaign.drifts, 20),
     "clones": (clones.clones, 100),
     "compensation": (compensation.compensation, 1_000_000),

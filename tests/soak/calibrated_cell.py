@@ -19,7 +19,6 @@ from calibration.motion.motion_check import MotionLimits, WirePath
 from calibration.poses.calibrated_arm import CalibratedArm
 from calibration.registration import best_fit_transform
 from fake_devices.cell import FakeCell
-from fake_devices.fixture import own_flange
 from procedures.cell import Cell
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.runs.cell import open_cell
@@ -107,14 +106,18 @@ class Bench:
 
     def hang_where_asked(self) -> None:
         """Let the technician put hook or reflector where an instruction wants it, as long as this cell is open."""
-        gauge, sensor = self.fake.gauges[0].gauge, self.fake.trackers[0].sensor
-        holes, homes = self.fake.world.end_effector, (gauge.hook_in_flange_m, sensor.target_in_flange_m)
+        wire: Any = self.fake.gauges[0]
+        tracker: Any = self.fake.trackers[0]
+        holes, home = self.fake.world.end_effector, tracker.sensor.flange_probe.copy()
         assert holes is not None
 
         def put(number: int) -> None:
-            gauge.hook_in_flange_m, sensor.target_in_flange_m = (
-                (holes.hole_in_flange(number),) * 2 if number else homes
-            )
+            if number:
+                wire.gauge.hook_to(number)
+                tracker.sensor.flange_probe = homogeneous(home[:3, :3], holes.hole_in_flange(number))
+            else:
+                wire.gauge.go_home()
+                tracker.sensor.flange_probe = home
 
         for number in range(1, 1 + len(holes.targets_m)):
             for key in ("hook_wire", "target_to_point"):
@@ -123,9 +126,8 @@ class Bench:
 
     def flange_tool(self) -> np.ndarray:
         """Return where the tool truly is in the flange that the arm's last axis and its zero define, (4, 4)."""
-        holes = self.fake.world.end_effector
-        assert holes is not None
-        return own_flange(self.fake.world.arms["fanuc"]) @ holes.flange_tool
+        wire: Any = self.fake.gauges[0]
+        return np.asarray(wire.gauge.tool_in_flange())
 
     def spec(self, procedure: str, **settings: Any) -> Any:
         """Return a procedure's spec as the service makes it: it knows what stands in the cell."""

@@ -17,6 +17,7 @@ from procedures.run import Run
 from tests.procedures.ledgers import MemoryLedger
 from tests.soak.calibrated_cell import cell_behind_sockets, errors_m, work
 from tests.soak.figures import Figures
+from tests.unit.helpers.fixture_world import TARGETS, error_of, stated_u
 
 MOST_MEAN_M, LEAST_SAVED = 0.00025, 0.25
 WITHIN_U = 0.9  # of all seeds: U is a claim at 95 %
@@ -75,6 +76,62 @@ def calibrations(seeds: int) -> Figures:
     )
     reached = means.mean() <= MOST_MEAN_M * 1e3 and saved.mean() >= LEAST_SAVED and within >= WITHIN_U
     return Figures(line, bool(reached))
+
+
+@dataclass(frozen=True)
+class ToolFound:
+    """A tool frame found inside a calibration against the truth, along and about its axes."""
+
+    error: np.ndarray  # x, y, z, rx, ry, rz
+    u: np.ndarray
+    not_written: str  # why it was not written, else empty
+    captures: int
+    verdict: str
+    target_m: float  # RMS error of the target over the work
+    target_u_m: float
+
+
+async def find_tool(seed: int, folder: Path, method: Method) -> ToolFound:
+    """Calibrate one fake robot with three points of its end-effector measured in between, and look at the truth."""
+    async with cell_behind_sockets(folder, seed) as bench:
+        bench.hang_where_asked()
+        points = {"points_in_tool_m": TARGETS, "rough_flange_tool": {"position_m": [0.0, 0.0, 0.2]}}
+        spec = bench.spec("robot_calibration", method=method, tool_number=3, **points)
+        result = await robot_calibration(Run(bench.cell, MemoryLedger()), spec)
+        found, truth = result.identified.tool, bench.flange_tool()
+        errors = errors_m(bench, result.arm, bench.target_m(method), work())
+    assert found is not None
+    assert ENTRY.verdict is not None
+    return ToolFound(
+        error=error_of(found.flange_tool, truth),
+        u=stated_u(found.covariance),
+        not_written=result.tool_not_written,
+        captures=sum(found.captures),
+        verdict=ENTRY.verdict(spec, result).word,
+        target_m=float(np.sqrt(np.mean(errors**2))),
+        target_u_m=result.identified.tip_u_m,
+    )
+
+
+def tool_in_calibration(seeds: int) -> Figures:
+    """Tool frames found inside calibrations with wire and tracker in turn: the error, and whether U holds it."""
+    with tempfile.TemporaryDirectory() as folder:
+        runs = [
+            asyncio.run(find_tool(seed, Path(folder), "tracker" if seed % 2 else "wire"))
+            for seed in _seeds("tools in calibrations", seeds)
+        ]
+    covered = float(np.mean([np.abs(run.error) <= run.u for run in runs]))
+    tips = np.array([np.linalg.norm(run.error[:3]) for run in runs]) * 1e3
+    turns = np.degrees([np.linalg.norm(run.error[3:]) for run in runs])
+    within = float(np.mean([run.target_m <= run.target_u_m for run in runs]))
+    written = sum(not run.not_written for run in runs)
+    line = (
+        f"tool in calibration: inside U per axis {covered:.0%} (at least {WITHIN_U:.0%}); tip off {tips.mean():.3f} "
+        f"mm, worst {tips.max():.3f}; axes by {turns.mean():.3f} deg, worst {turns.max():.3f}; "
+        f"{np.mean([run.captures for run in runs]):.0f} captures at its points; written in {written} of {seeds}; "
+        f"target over the work inside U in {within:.0%}; {sum(run.verdict == 'pass' for run in runs)} PASS"
+    )
+    return Figures(line, covered >= WITHIN_U and within >= WITHIN_U)
 
 
 @dataclass(frozen=True)
