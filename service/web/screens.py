@@ -96,5 +96,11 @@ class Screens:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            with contextlib.suppress(RuntimeError, ConnectionError, WebSocketDisconnect):  # it left by itself
-                await screen.socket.close()
+            await let_go(screen.socket)
+
+
+async def let_go(socket: Socket) -> None:
+    """Close a socket; one that takes nothing takes no goodbye either, and is not waited for."""
+    with contextlib.suppress(RuntimeError, ConnectionError, WebSocketDisconnect, TimeoutError):
+        async with asyncio.timeout(SLOW_S):
+            await socket.close()  # one that left by itself says so

@@ -1,0 +1,128 @@
+"""Screens over real sockets: one that takes nothing keeps one message, holds nobody up, and is dropped."""
+
+import asyncio
+import base64
+import json
+import re
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.asyncio.client import ClientConnection, connect
+
+from service.demo.fake_cell import write_cell_file
+from service.web import screens as rules
+from service.web.app import Settings, create_app
+from service.web.screens import Screen, Screens
+from tests.service.browsers import PATIENCE_S, comes, served
+
+LIVE = 1_000_000  # bytes of a message, so that a link that nobody reads is full after a few
+_NUMBER = re.compile(rb'"n":(\d+)')
+
+
+class Watched(Screens):
+    """The screens, and how many the service is done with."""
+
+    done = 0
+
+    async def attend(self, screen: Screen, receive: Callable[[], Awaitable[None]]) -> None:
+        await super().attend(screen, receive)
+        self.done += 1
+
+    async def says(self, number: int) -> None:
+        self.show("live", {"n": number, "pad": "x" * LIVE})
+        await asyncio.sleep(0.01)
+        assert all(set(screen.newest) <= {"live", "person", "control"} for screen in self.open)
+
+
+@dataclass
+class Hall:
+    screens: Watched
+    port: int
+
+    @contextmanager
+    def deaf(self) -> Iterator[socket.socket]:
+        """Open a screen by hand, and read nothing of what it is sent."""
+        key = base64.b64encode(b"0123456789abcdef").decode()
+        with socket.socket() as screen:
+            screen.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            screen.settimeout(PATIENCE_S)
+            screen.connect(("127.0.0.1", self.port))
+            screen.sendall(
+                f"GET /api/screen HTTP/1.1\r\nHost: 127.0.0.1:{self.port}\r\nUpgrade: websocket\r\n"
+                f"Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+            )
+            yield screen
+
+    def hears(self) -> connect:
+        return connect(f"ws://127.0.0.1:{self.port}/api/screen", max_size=None)
+
+    async def open(self, count: int) -> None:
+        await comes(lambda: asyncio.sleep(0, len(self.screens)), lambda open_now: open_now == count)
+
+
+@asynccontextmanager
+async def a_hall(folder: Path) -> AsyncIterator[Hall]:
+    """Serve the pages' service without its desk: what its screens are shown, the test says."""
+    path = write_cell_file(folder, "127.0.0.1", seed=1, time_factor=1.0)
+    app = create_app(Settings(path, open_access=True))
+    screens = Watched()
+    app.state.house = replace(app.state.house, screens=screens)
+    async with served(app, lifespan="off") as url:
+        yield Hall(screens, int(url.rpartition(":")[2]))
+
+
+async def numbers(screen: ClientConnection, heard: list[int]) -> None:
+    async for text in screen:
+        message: dict[str, Any] = json.loads(text)
+        if message["kind"] == "live":
+            heard.append(message["content"]["n"])
+
+
+async def test_a_screen_that_never_reads_is_dropped_and_the_others_go_on_hearing(tmp_path: Path) -> None:
+    heard: list[int] = []
+    async with a_hall(tmp_path) as hall, hall.hears() as screen:
+        hearing = asyncio.create_task(numbers(screen, heard))
+        with hall.deaf():
+            await hall.open(2)
+            said = 0
+            async with asyncio.timeout(PATIENCE_S):
+                while len(hall.screens) == 2:
+                    await hall.screens.says(said := said + 1)
+            await comes(lambda: asyncio.sleep(0, hall.screens.done), lambda done: done == 1)
+            while_it_was_deaf = len(heard)
+            await hall.screens.says(said := said + 1)
+            await comes(lambda: asyncio.sleep(0, heard), lambda told: said in told)
+            assert while_it_was_deaf > 0
+            assert len(hall.screens) == 1
+        hearing.cancel()
+
+
+async def test_a_screen_that_reads_late_is_shown_the_newest_and_not_what_it_missed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rules, "SLOW_S", PATIENCE_S)  # it has all the time it wants
+    last = 40
+    async with a_hall(tmp_path) as hall:
+        with hall.deaf() as screen:
+            await hall.open(1)
+            for number in range(1, last + 1):
+                await hall.screens.says(number)
+            (kept,) = hall.screens.open
+            assert _NUMBER.findall(kept.newest["live"].encode()) == [str(last).encode()]
+            heard = await asyncio.to_thread(_read_until, screen, last)
+        assert heard == sorted(heard)
+        assert len(heard) < last, "a link that nobody reads took all of them: this test shows nothing"
+
+
+def _read_until(screen: socket.socket, last: int) -> list[int]:
+    read = b""
+    while f'"n":{last},'.encode() not in read:
+        got = screen.recv(1 << 20)
+        assert got, "the screen was dropped"
+        read += got
+    return [int(number) for number in _NUMBER.findall(read)]
