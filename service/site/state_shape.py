@@ -9,7 +9,9 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore", strict=True, allow_inf_nan=False)
 
 
-class _Alarm(_Part):
+class StateAlarm(_Part):
+    """Something that is wrong in a cell."""
+
     id: str
     code: str
     source: str
@@ -17,7 +19,9 @@ class _Alarm(_Part):
     remedy: str = ""
 
 
-class _Run(_Part):
+class StateRun(_Part):
+    """The run that is under way in a cell, or has just ended."""
+
     procedure: str
     state: str
     step: str
@@ -26,12 +30,16 @@ class _Run(_Part):
     verdict: str | None
 
 
-class _Asks(_Part):
+class StateAsks(_Part):
+    """What a cell asks of a person."""
+
     key: str
     step: str
 
 
-class _Drift(_Part):
+class StateDrift(_Part):
+    """What a drift check found: how far the robot's points have moved."""
+
     run_id: str
     ended_utc: str
     change_rms_m: float
@@ -39,34 +47,38 @@ class _Drift(_Part):
     word: str
 
 
-class _Certificate(_Part):
+class StateCertificate(_Part):
+    """A cell's newest certificate, or record of a refusal."""
+
     run_id: str
     procedure: str
     word: str
     ended_utc: str
 
 
-class _Due(_Part):
+class StateDue(_Part):
+    """What becomes due in a cell, and on which day."""
+
     what: str
     due: str
 
 
 class _State(_Part):
     cell: str
-    alarms: list[_Alarm] = Field(max_length=_MOST)
-    run: _Run | None
-    asks: _Asks | None
+    alarms: list[StateAlarm] = Field(max_length=_MOST)
+    run: StateRun | None
+    asks: StateAsks | None
     attended: bool
-    drift: list[_Drift] = Field(max_length=_MOST)
-    certificate: _Certificate | None
-    due: list[_Due] = Field(max_length=_MOST)
+    drift: list[StateDrift] = Field(max_length=_MOST)
+    certificate: StateCertificate | None
+    due: list[StateDue] = Field(max_length=_MOST)
     outbox: dict[str, int]
 
 
 def is_alarm(body: object) -> bool:
     """Whether an alarm's event can be shown."""
     try:
-        _Alarm.model_validate(body)
+        StateAlarm.model_validate(body)
     except ValidationError:
         return False
     return True

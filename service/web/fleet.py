@@ -25,10 +25,13 @@ from service.people.entrance import Entrance
 from service.people.errors import NotSignedInError
 from service.site.fleet import Fleet
 from service.site.keys import SiteError
-from service.web.answers import not_understood, told
+from service.web.answer_shapes import SignedDocument, answering
+from service.web.answers import REFUSALS, not_understood, told
 from service.web.door import Who, person_of
+from service.web.fleet_shapes import FleetSeen
 from service.web.guard import Guard
 from service.web.pages import DIST, BuiltFiles
+from service.web.screens import let_go
 from service.web.sign_in import console
 
 PERIOD_S = 0.5
@@ -94,14 +97,17 @@ class FleetHouse:
 router = APIRouter(prefix="/api")
 
 
-@router.get("/fleet")
+@router.get("/fleet", **answering(FleetSeen, "every cell as it stands"))
 async def fleet(request: Request, who: Who) -> Response:
     """Return every cell as it stands."""
     del who
     return Response(_house(request).message({}), media_type="application/json")
 
 
-@router.get("/fleet/{cell}/certificates/{run_id}.json")
+@router.get(
+    "/fleet/{cell}/certificates/{run_id}.json",
+    **answering(SignedDocument, "the signed document, as its cell sent it"),
+)
 async def certificate(cell: str, run_id: str, request: Request, who: Who) -> Response:
     """Return a certificate from its cell, after it was checked against the cell's key."""
     del who
@@ -136,8 +142,7 @@ async def live(socket: WebSocket) -> None:
         leaving.cancel()
         with contextlib.suppress(asyncio.CancelledError, RuntimeError):
             await leaving
-        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
-            await socket.close()
+        await let_go(socket)
 
 
 async def _left(socket: WebSocket) -> None:
@@ -159,7 +164,9 @@ def create_fleet_app(
         looking.cancel()
         await asyncio.gather(looking, return_exceptions=True)
 
-    app = FastAPI(title="cellcal monitor", lifespan=lifespan, docs_url=None, redoc_url=None)
+    app = FastAPI(
+        title="cellcal monitor", lifespan=lifespan, docs_url=None, redoc_url=None, responses=REFUSALS
+    )
     app.state.house = house
     app.add_exception_handler(CellError, told)
     app.add_exception_handler(RequestValidationError, not_understood)

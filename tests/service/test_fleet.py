@@ -27,6 +27,7 @@ from service.site.sealed import Sealer
 from service.web.fleet import PAGE, FleetHouse, create_fleet_app
 from service.web.pages import DIST
 from tests.service.browsers import PATIENCE_MS, PATIENCE_S, chromium, comes, hold_to_rules, served, speaks
+from tests.service.doors import another_browser
 from tests.service.sites import SITE, Site, free_port, live_of, session_of, until
 
 ROOT = Path(__file__).parents[2]
@@ -312,8 +313,7 @@ async def test_nobody_comes_in_unasked_and_there_is_nothing_to_command(tmp_path:
             assert (context.methods or set()) <= {"GET", "HEAD"}, route.path
         else:
             assert isinstance(route, APIWebSocketRoute) or route.name in ("assets", "openapi"), route
-    transport = httpx.ASGITransport(app, raise_app_exceptions=False)
-    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as browser:
+    async with another_browser(app) as browser:
         app.state.house.look()
         for path in ("/api/fleet", "/api/fleet/cell-000/certificates/x.json", "/openapi.json"):
             assert (await browser.get(path)).status_code == 401, path

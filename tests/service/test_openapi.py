@@ -12,7 +12,9 @@ from pydantic import BaseModel
 
 from service.demo.fake_cell import write_cell_file
 from service.web.app import Settings, create_app
+from service.web.fleet import create_fleet_app
 from tests.service.described import Described
+from tests.service.test_fleet import Hall
 
 
 class Length(BaseModel):
@@ -22,8 +24,10 @@ class Length(BaseModel):
     names: list[str] = []
 
 
-@pytest.fixture
-def spec(tmp_path: Path) -> dict[str, Any]:
+@pytest.fixture(params=["a cell's service", "the monitor of a site"])
+def spec(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Any]:
+    if request.param == "the monitor of a site":
+        return create_fleet_app(Hall(tmp_path, 1), tmp_path).openapi()
     path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
     return create_app(Settings(path, open_access=True)).openapi()
 
