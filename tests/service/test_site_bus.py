@@ -15,6 +15,7 @@ from calibration.errors import CellError
 from service.certificates.signing import Finding, station_key
 from service.cli.app import run_command_line
 from service.exit_codes import ExitCode
+from service.site.access import MOST_JOINTS_HZ
 from service.site.authority import new_authority, read_authority
 from service.site.keys import MONITOR_NAME
 from service.site.link_files import MONITOR_FILE, read_link_folder
@@ -223,6 +224,45 @@ def test_a_message_that_was_changed_or_moved_is_named_and_dropped(tmp_path: Path
         assert all(words in told for words in bad)
         assert listener.numbers("cell-07") == [1]
         assert [alarm["text"] for alarm in view(listener, "cell-07").alarms] == ["true"]
+
+
+def test_a_cell_that_floods_its_joints_is_heard_as_often_as_others_and_its_events_all(tmp_path: Path) -> None:
+    """1000 a second from one cell, ten from another; events of the one that floods go between."""
+    site = Site(tmp_path, "cell-07", "cell-08")
+    many, few, step_s = 3000, 30, 1e-3
+    with (
+        site.router(),
+        opened(site.zenoh_of_monitor()) as monitor,
+        opened(site.zenoh_of("cell-07")) as flooding,
+        opened(site.zenoh_of("cell-08")) as healthy,
+    ):
+        ear = Ear(monitor)
+        loud, calm = (
+            one.declare_publisher(site.keys(cell).joints)
+            for one, cell in ((flooding, "cell-07"), (healthy, "cell-08"))
+        )
+        event = flooding.declare_publisher(
+            site.keys("cell-07").session_event(RUN), congestion_control=zenoh.CongestionControl.BLOCK
+        )
+        until(lambda: all(each.matching_status.matching for each in (loud, calm, event)))
+        began_s = time.monotonic()
+        for k in range(many):
+            loud.put(f"{k}")
+            event.put(f"{k}")
+            if k % (many // few) == 0:
+                calm.put(f"{k}")
+            time.sleep(max(0.0, began_s + (k + 1) * step_s - time.monotonic()))
+        took_s = time.monotonic() - began_s
+
+        def heard(key: str) -> int:
+            return sum(line.startswith(key) for line in ear.heard)
+
+        until(lambda: heard(site.keys("cell-07").session_event(RUN)) == many)
+        until(
+            lambda: heard(site.keys("cell-08").joints) >= few / 2
+        )  # its ten a second come a little unevenly
+        of_flood = heard(site.keys("cell-07").joints)
+        assert 2 <= of_flood <= took_s * MOST_JOINTS_HZ + 2  # so few of so many, however long it took
 
 
 def test_a_router_takes_in_a_new_cell_while_it_runs(tmp_path: Path) -> None:
