@@ -302,8 +302,11 @@ class Desk:
             refuse_paths(entry.spec_type, order.settings)
         else:
             with open_journal(self._config) as journal:
-                entry = entry_named(Store(journal).run(order.run_id).procedure)
+                view = Store(journal).run(order.run_id)
+            entry = entry_named(view.procedure)
         self._run = Running(entry.name, entry.title, hold_to_move=order.hold_to_move)
+        if isinstance(order, Resume) and order.redo_from is None:
+            self._run.found = [finding.step for finding in view.past.findings]
         self._task = asyncio.create_task(self._conduct(self._cell, order, who, self._run), name="run")
         self._decided()
 

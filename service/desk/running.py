@@ -23,7 +23,7 @@ class Running:
     index: int = 0
     expected: int = 0
     events: list[dict[str, Any]] = field(default_factory=list)
-    found: list[str] = field(default_factory=list)
+    found: list[str] = field(default_factory=list)  # of a run that goes on, from its journal: before it is replayed
     outcome: dict[str, Any] | None = None
     hold_to_move: bool = False
     does: str = ""  # what the present step does: read, move, write, solve
@@ -42,7 +42,7 @@ class Running:
         self.time_left.take(progress)
         if progress.kind == "started":
             self.does = progress.does
-        if progress.kind in ("finding", "replayed"):
+        if progress.kind in ("finding", "replayed") and progress.step not in self.found:
             self.found.append(progress.step)
         if progress.kind in ("paused", "resumed"):
             self.state = "paused" if progress.kind == "paused" else "running"

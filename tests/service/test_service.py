@@ -86,6 +86,8 @@ async def test_a_killed_service_comes_back_to_the_same_step_with_every_point(tmp
                 client, lambda session: (session["prompt"] or {}).get("key") == "wire_is_hooked"
             )
             assert again["run"]["id"] == seen["run"]["id"]
+            shown = again["run"]["found"]  # before anybody has agreed to a condition anew
+            assert shown[: len(seen["run"]["found"])] == seen["run"]["found"]
             await _answer(client, "wire_is_hooked")
             goes_on = await _until(
                 client, lambda session: len(session["run"]["found"]) >= len(seen["run"]["found"])
