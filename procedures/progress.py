@@ -4,6 +4,9 @@ import asyncio
 from dataclasses import dataclass
 from typing import Any
 
+from drivers.interfaces import Joints
+from procedures.shown import Page
+
 
 @dataclass(frozen=True, slots=True)
 class Progress:
@@ -15,7 +18,9 @@ class Progress:
     expected: int
     message: str = ""
     value: Any = None  # JSON
-    does: str = ""  # of a step that started: read, move, write, solve
+    does: str = ""  # of a step: read, move, write, solve
+    page: Page | None = None  # what a step shows whom it asks
+    goal_rad: Joints | None = None  # where a step that moves wants to be
 
 
 class Gate:

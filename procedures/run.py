@@ -13,7 +13,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, get_type_hints
 
@@ -22,12 +22,12 @@ from pydantic_core import to_jsonable_python
 
 from calibration.errors import CellError
 from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
-from drivers.interfaces import Instruction
+from drivers.interfaces import Instruction, Joints
 from procedures.canonical import alike, sha256_of
 from procedures.cell import Cell
 from procedures.past import Effect, Finding, Kind, Past
 from procedures.progress import Gate, Progress, ignore
-from procedures.shown import Shown
+from procedures.shown import Page, Shown
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -119,6 +119,8 @@ class _Task:
     codec: TypeAdapter[Any]
     act: Callable[[Cell], Awaitable[Any]]
     solves: bool = False
+    page: Page | None = None
+    goal_rad: Joints | None = None
 
     @property
     def does(self) -> str:
@@ -218,8 +220,19 @@ class Run:
         async def act(cell: Cell) -> R:
             return await work(cell, *args, **kwargs)
 
+        page = next((each.page for each in (*args, *kwargs.values()) if isinstance(each, Shown)), None)
+        goal_rad = _goal_of(*args) if effect is Effect.MOVE else None
         result: R = await self._answer(
-            _Task(self._claim(name), effect, Kind.FINDING, inputs, _codec(work), act)
+            _Task(
+                self._claim(name),
+                effect,
+                Kind.FINDING,
+                inputs,
+                _codec(work),
+                act,
+                page=page,
+                goal_rad=goal_rad,
+            )
         )
         return result
 
@@ -233,7 +246,7 @@ class Run:
         else:
             stored = await self._perform(task)
         book.done += 1
-        self._announce("replayed" if replayed else "finding", task.name, value=stored)
+        self._announce("replayed" if replayed else "finding", task.name, value=stored, task=task)
         return task.codec.validate_python(stored)  # a live step and a replayed one answer alike
 
     def _claim(self, name: str) -> str:
@@ -261,7 +274,7 @@ class Run:
         body = {"step": name, "attempt": attempt, "effect": task.effect.value, "inputs": task.inputs}
         opening = Kind.ENTERED if task.effect is Effect.NONE else Kind.INTENT
         book.ledger.record(opening, body, key=f"{name}/{attempt}/{opening}")
-        self._announce("started", name, does=task.does)
+        self._announce("started", name, task=task)
         try:
             stored = task.codec.dump_python(await task.act(book.cell), mode="json")
             book.ledger.record(task.kind, body | {"value": stored}, key=f"{name}/{attempt}/{task.kind}")
@@ -338,11 +351,14 @@ class Run:
         )
 
     def _announce(
-        self, kind: str, step: str, *, message: str = "", value: Any = None, does: str = ""
+        self, kind: str, step: str, *, message: str = "", value: Any = None, task: _Task | None = None
     ) -> None:
         book = self._book
         index = min(book.done + (kind not in ("finding", "replayed")), max(book.expected, book.done + 1))
-        book.announce(Progress(kind, step, index, max(book.expected, index), message, value, does))
+        told = Progress(kind, step, index, max(book.expected, index), message, value)
+        if task is not None:
+            told = replace(told, does=task.does, page=task.page, goal_rad=task.goal_rad)
+        book.announce(told)
 
 
 async def _stopped(cell: Cell) -> bool:
@@ -361,6 +377,12 @@ def _asked_for(args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Any:
         return given.words if isinstance(given, Shown) else given
 
     return to_jsonable_python([[*map(words, args)], {name: words(given) for name, given in kwargs.items()}])
+
+
+def _goal_of(way: Any, *_: Any) -> Joints | None:
+    """Return where a move ends by its first input: a pose, or a way whose last corner is one."""
+    end = way[-1] if isinstance(way, tuple) and way and isinstance(way[-1], tuple) else way
+    return end if isinstance(end, tuple) and all(isinstance(angle, float) for angle in end) else None
 
 
 def _refuse_mismatch(finding: Finding, task: _Task) -> None:

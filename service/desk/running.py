@@ -5,6 +5,7 @@ from typing import Any
 
 from procedures.entry import Phase
 from procedures.progress import Progress
+from service.desk.series import Series
 from service.desk.time_left import TimeLeft
 
 _KEPT = 200  # events; the journal has them all
@@ -29,6 +30,7 @@ class Running:
     does: str = ""  # what the present step does: read, move, write, solve
     instrument: str = ""  # the role of the one that was asked for a reading last
     time_left: TimeLeft = field(default_factory=TimeLeft)
+    series: Series = field(default_factory=Series)
 
     @property
     def ended(self) -> bool:
@@ -40,6 +42,7 @@ class Running:
         self.step, self.index, self.expected = progress.step, progress.index, progress.expected
         self.time_left.phases = self.phases
         self.time_left.take(progress)
+        self.series.take(progress)
         if progress.kind == "started":
             self.does = progress.does
         if progress.kind in ("finding", "replayed") and progress.step not in self.found:
@@ -79,4 +82,5 @@ class Running:
             "does": self.does,
             "instrument": self.instrument,
             "left_s": None if self.ended else self.time_left.seconds(),
+            "series": None if self.ended else self.series.as_json(),
         }

@@ -163,6 +163,24 @@ class OutcomeSeen(Shape):
     signed: Signed | None = None
 
 
+class SeriesPose(Shape):
+    """A pose of the plan that a run works off."""
+
+    name: str
+    joints_rad: list[float]
+
+
+class SeriesSeen(Shape):
+    """Where a run stands in the plan that was approved last."""
+
+    poses: list[SeriesPose]
+    next: Annotated[int | None, Field(description="the pose that is gone to or measured at just now")]
+    elsewhere_rad: Annotated[
+        list[float] | None, Field(description="gone to just now, where that is none of them")
+    ]
+    measured: list[int]
+
+
 class RunSeen(Shape):
     """The run that is under way, or has just ended."""
 
@@ -181,6 +199,7 @@ class RunSeen(Shape):
     does: str
     instrument: str
     left_s: float | None
+    series: SeriesSeen | None
 
 
 class PromptSeen(Shape):

@@ -35,6 +35,9 @@ SERVED: dict[str, Any] = {
 NO_WEBGL = """{ const drawn = HTMLCanvasElement.prototype.getContext;
     HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
         return kind.startsWith('webgl') ? null : drawn.call(this, kind, ...more); } }"""
+# Chooses a language, also where a dialog lies over the page and nobody can reach the choice.
+CHOOSE = """([choice, locale]) => {
+    choice.value = locale; choice.dispatchEvent(new Event('change', {bubbles: true})); }"""
 Told = TypeVar("Told")
 
 expect.set_options(timeout=PATIENCE_MS)
@@ -164,3 +167,12 @@ async def hold_to_rules(page: Page, where: str) -> None:
     """Hold a page at rest to its accessibility, to targets for gloves and their gaps, and to texts that fit."""
     wrong = [*await violations(page), *await cramped(page)]
     assert not wrong, (where, wrong)
+
+
+async def hold_to_rules_in_every_language(page: Page, where: str) -> None:
+    """Hold a page to the rules in one language after the other, and bring it back to English."""
+    choice = page.get_by_test_id("language")
+    for locale in (*LOCALES[1:], LOCALES[0]):
+        await page.evaluate(CHOOSE, [await choice.element_handle(), locale])
+        await speaks(page, locale)
+        await hold_to_rules(page, f"{where} in {locale}")

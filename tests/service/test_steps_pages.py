@@ -14,7 +14,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
-from tests.service.browsers import comes, hold_to_rules
+from tests.service.browsers import comes, hold_to_rules_in_every_language
 from tests.service.steps import (
     TIP_IN_FLANGE_M,
     Pendant,
@@ -48,13 +48,13 @@ async def pendant(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Pen
 
 @asynccontextmanager
 async def a_run(
-    pendant: Pendant, procedure: str, *, locale: str = "en", **settings: object
+    pendant: Pendant, procedure: str, *, hold: bool = False, **settings: object
 ) -> AsyncIterator[Page]:
     """Start a run and look at it; end it afterwards, whatever came of it."""
     looks = pendant.looks
     pendant.nobody_has_control()
-    async with looks.page(locale=locale) as page:
-        await looks.order(op="start", procedure=procedure, settings=settings, hold_to_move=False)
+    async with looks.page() as page:
+        await looks.order(op="start", procedure=procedure, settings=settings, hold_to_move=hold)
         try:
             yield page
         finally:
@@ -70,7 +70,7 @@ async def _shoot(page: Page, folder: Path, name: str) -> None:
         await page.set_viewport_size({"width": width, "height": height})
         await page.screenshot(path=folder / f"{name}_{width}.png")
     await page.set_viewport_size({"width": 1280, "height": 800})
-    await hold_to_rules(page, name)
+    await hold_to_rules_in_every_language(page, name)
     if name in STEPS:
         await _tells_one_thing(page)
 
@@ -273,6 +273,43 @@ async def test_a_plan_is_looked_at_before_the_robot_moves(pendant: Pendant, tmp_
         await _shoot(page, tmp_path, "motion")
 
 
+async def test_the_approved_plan_is_drawn_until_the_run_has_left_it(pendant: Pendant, tmp_path: Path) -> None:
+    """U3: the next pose stands out, those measured are dimmed, for a reload and a second tablet as well."""
+    await pendant.bring(pendant.start_rad)
+    async with a_run(pendant, "mastering_record", hold=True, poses=12) as page:
+        await asked(page, "wire_is_hooked")
+        await expect(page.get_by_test_id("ghosts")).to_have_count(0)
+        await record(page)
+        await asked(page, "accept_plan")
+        await page.get_by_test_id("yes").click()
+        await page.locator("[data-testid=working][data-page=motion]").wait_for()
+        ghosts = page.get_by_test_id("ghosts")
+        await expect(ghosts).to_have_attribute("data-next", "1")
+        await expect(ghosts).to_have_attribute("data-measured", "0")
+        await page.get_by_test_id("hold").hover()
+        await page.mouse.down()
+        await pendant.looks.until(lambda session: len(session["run"]["series"]["measured"]) >= 3)
+        await page.mouse.up()
+        waits = await pendant.looks.until(lambda session: session["waits_for_hold"])
+        taken = len(waits["run"]["series"]["measured"])
+        assert taken < 12, "the fake cell is too fast to let go of the button"
+        async with pendant.looks.page() as second:
+            for tablet in (page, second):
+                await tablet.reload()
+                await expect(tablet.get_by_test_id("ghosts")).to_have_attribute("data-next", str(taken + 1))
+                drawn = await comes(lambda tablet=tablet: tablet.evaluate("window.__robot?.ghosts"))  # type: ignore[misc]
+                states = ["measured"] * taken + ["next"] + ["to_do"] * (11 - taken)
+                assert [ghost["state"] for ghost in drawn] == states
+        await page.get_by_test_id("legend").locator("summary").click()
+        await _shoot(page, tmp_path, "series")
+        await page.locator("aside").screenshot(path=tmp_path / "series_drawn.png")
+        await page.get_by_test_id("hold").hover()
+        await page.mouse.down()
+        await page.get_by_test_id("outcome").wait_for()
+        await page.mouse.up()
+        await expect(ghosts).to_have_count(0)
+
+
 async def test_a_photo_is_taken_with_the_camera_or_the_page_says_what_else_to_do(pendant: Pendant) -> None:
     """Witness marks: a real picture of the browser's camera; no camera, a forbidden one, and one out of reach."""
     async with a_run(pendant, "mastering_record", poses=12) as page:
@@ -284,7 +321,7 @@ async def test_a_photo_is_taken_with_the_camera_or_the_page_says_what_else_to_do
         await opens.click()
         await expect(told).to_have_count(0)
         await expect(page.get_by_test_id("shoot")).to_be_enabled()
-        await hold_to_rules(page, "camera")
+        await hold_to_rules_in_every_language(page, "camera")
         await page.get_by_test_id("shoot").click()
         picture = page.get_by_test_id("photo").locator("img")
         await expect(picture).to_have_count(1)

@@ -13,7 +13,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import expect
 
-from tests.service.browsers import comes, go, hold_to_rules
+from tests.service.browsers import comes, go, hold_to_rules_in_every_language
 from tests.service.floor import Floor, a_floor, can, held, press, seen, touch
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
@@ -61,7 +61,7 @@ async def test_one_orders_the_other_sees_and_takes_over(floor: Floor) -> None:
     await tina.get_by_test_id("take-over").click()
     await expect(tom.get_by_test_id("asked-for")).to_contain_text("Tina")
     for page in (tom, tina):
-        await hold_to_rules(page, "a request to take over")
+        await hold_to_rules_in_every_language(page, "a request to take over")
     await tom.get_by_test_id("refuse").click()
     await tina.get_by_test_id("take-over").click()  # refused, she may ask again
     await tina.get_by_test_id("withdraw").click()

@@ -18,7 +18,7 @@ from service.configuration.cell_file import CellConfig, read_cell_file
 from service.runs.backups import mastering_backups
 from service.runs.cell import open_journal
 from service.runs.journal import Journal
-from tests.service.browsers import comes, hold_to_rules
+from tests.service.browsers import comes, hold_to_rules_in_every_language
 from tests.service.steps import Pendant, asked, at_the_pages, let_go_early
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
@@ -100,7 +100,7 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
         await expect(page.get_by_test_id("displacement")).to_have_text(re.compile(r"[1-9]\d*\.\d\d mm"))
         await expect(page.get_by_test_id("levers").locator("li")).to_have_count(6)
         await page.screenshot(path=tmp_path / "undo_1280.png")
-        await hold_to_rules(page, "undo")
+        await hold_to_rules_in_every_language(page, "undo")
         assert await on_the_robot(pendant) == original
         await let_go_early(page)
         assert await on_the_robot(pendant) == original  # one second is not two

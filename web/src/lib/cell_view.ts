@@ -1,8 +1,11 @@
 // What is drawn over the robot: planned poses, frames that runs found, how surely the tool's tip is known.
 
+import type { Prompt, Series } from "./types";
+
 export interface PlannedPose {
   name: string;
   joints_rad: number[];
+  state: "to_do" | "next" | "measured";
 }
 
 export interface FrameSeen {
@@ -26,14 +29,22 @@ export interface ToolDoubt {
 const DRAWN_M = 0.25; // at most so long is the longest half axis in the picture
 const MOST_POSES = 400;
 
-/** The poses of the plan that a question shows; none where it shows no plan. */
-export function plannedPoses(prompt: unknown): PlannedPose[] {
-  const poses = (prompt as { data?: { plan?: { poses?: unknown } } } | null)?.data?.plan?.poses;
-  if (!Array.isArray(poses)) return [];
+/** The poses of the plan that a question shows; else those of the series that a run is in; none where there is neither. */
+export function plannedPoses(prompt: Prompt | null, series: Series | null): PlannedPose[] {
+  const shown = prompt?.data?.plan?.poses;
+  if (Array.isArray(shown) && !(series && prompt?.data.target)) return drawable(shown); // a pose asked for by hand is in its series
+  if (!series) return [];
+  const poses = drawable(series.poses);
+  for (const place of series.measured) if (poses[place]) poses[place].state = "measured";
+  if (series.next !== null && poses[series.next]) poses[series.next]!.state = "next";
+  return series.elsewhere_rad ? [...poses, { name: "", joints_rad: series.elsewhere_rad, state: "next" }] : poses;
+}
+
+function drawable(poses: { name?: unknown; joints_rad?: unknown }[]): PlannedPose[] {
   return poses
     .filter((pose) => Array.isArray(pose?.joints_rad) && pose.joints_rad.every(Number.isFinite))
     .slice(0, MOST_POSES)
-    .map((pose) => ({ name: String(pose.name ?? ""), joints_rad: pose.joints_rad as number[] }));
+    .map((pose) => ({ name: String(pose.name ?? ""), joints_rad: pose.joints_rad as number[], state: "to_do" }));
 }
 
 /** How many times larger than life an ellipsoid is drawn: 1, 2 or 5 times a power of ten. */

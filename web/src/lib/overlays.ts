@@ -35,7 +35,7 @@ const AXIS_RADIUS_M = 0.006;
 const LETTER_PX = 17; // on the screen, however far away
 const NAME_PX = 20;
 const FIELD_RAD = (FIELD_DEG * Math.PI) / 180;
-const GHOST = 0x2f6fb5;
+const GHOSTS = { to_do: 0x2f6fb5, next: 0x00897b, measured: 0xa9b5c0 }; // by where the series stands
 const DOUBT = 0x8e24aa;
 
 /** Set an arm's description to the controller's joints [rad]. */
@@ -107,20 +107,26 @@ export function fitTexts(root: Object3D, picture_px: number) {
   });
 }
 
+export interface GhostShown {
+  name: string;
+  state: PlannedPose["state"];
+  flange_m: number[];
+}
+
 /** Every planned pose as a thin skeleton, one of them as a whole translucent arm. */
 export class Ghosts {
   readonly group = new Group();
-  shown: { name: string; flange_m: number[] }[] = [];
+  shown: GhostShown[] = [];
   #arm: URDFRobot;
+  #cloth = new MeshLambertMaterial({ transparent: true, opacity: 0.32, depthWrite: false });
   #seen: CellSeen;
 
   constructor(arm: URDFRobot, seen: CellSeen) {
     this.#arm = arm;
     this.#seen = seen;
-    const cloth = new MeshLambertMaterial({ color: GHOST, transparent: true, opacity: 0.32, depthWrite: false });
     arm.traverse((part) => {
       part.matrixAutoUpdate = true;
-      if ((part as Mesh).isMesh) (part as Mesh).material = cloth;
+      if ((part as Mesh).isMesh) (part as Mesh).material = this.#cloth;
     });
     for (const joint of Object.values(arm.joints)) joint.ignoreLimits = true;
     this.group.visible = false;
@@ -131,19 +137,22 @@ export class Ghosts {
     this.group.clear();
     this.shown = [];
     this.group.visible = poses.length > 0;
-    const bones: Vector3[] = [];
+    const bones = { to_do: [] as Vector3[], next: [] as Vector3[], measured: [] as Vector3[] };
     for (const pose of poses) {
       bend(this.#arm, this.#seen, pose.joints_rad);
       const joints = this.#seen.joints.map((name) => this.#arm.joints[name]!.getWorldPosition(new Vector3()));
       const flange = this.#arm.links["flange"]!.getWorldPosition(new Vector3());
       const chain = [...joints, flange];
-      for (let i = 1; i < chain.length; i++) bones.push(chain[i - 1]!, chain[i]!);
-      this.shown.push({ name: pose.name, flange_m: flange.toArray() });
+      for (let i = 1; i < chain.length; i++) bones[pose.state].push(chain[i - 1]!, chain[i]!);
+      this.shown.push({ name: pose.name, state: pose.state, flange_m: flange.toArray() });
     }
-    if (bones.length) this.group.add(lines(bones, GHOST));
+    for (const state of ["measured", "to_do", "next"] as const)
+      if (bones[state].length) this.group.add(lines(bones[state], GHOSTS[state]));
     const whole = poses[chosen];
     if (!whole) return;
     bend(this.#arm, this.#seen, whole.joints_rad);
+    this.#cloth.color.set(GHOSTS[whole.state]);
+    this.#cloth.opacity = whole.state === "next" ? 0.5 : 0.32;
     this.group.add(this.#arm);
   }
 }

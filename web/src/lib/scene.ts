@@ -29,7 +29,7 @@ import {
 } from "three";
 import URDFLoader, { type URDFRobot } from "urdf-loader";
 import type { FrameSeen, PlannedPose, ToolDoubt } from "./cell_view";
-import { axes, bend, Doubt, FIELD_DEG, fitTexts, frame, Ghosts, release, text } from "./overlays";
+import { axes, bend, Doubt, FIELD_DEG, fitTexts, frame, Ghosts, release, text, type GhostShown } from "./overlays";
 import type { CellSeen } from "./types";
 
 const LEAST_MS = 1000 / 12;
@@ -43,7 +43,7 @@ export interface Shown {
   joints_rad: number[];
   flange_m: number[];
   frames: number; // pictures drawn so far
-  ghosts: { name: string; flange_m: number[] }[];
+  ghosts: GhostShown[];
   axes: string[]; // names of the frames that are drawn
   wire_m: number[][]; // its two ends, where there is one
   ellipsoid: { semi_axes_m: number[]; times: number } | null;

@@ -58,6 +58,15 @@ export interface Run {
   does: "" | "read" | "move" | "write" | "solve";
   instrument: string; // the role of the one that was read last
   left_s: number | null;
+  series: Series | null;
+}
+
+/** Where a run stands in the plan that was approved last. */
+export interface Series {
+  poses: { name: string; joints_rad: number[] }[];
+  next: number | null; // gone to or measured at just now
+  elsewhere_rad: number[] | null; // gone to just now, where that is none of them
+  measured: number[];
 }
 
 export type StepKind = "ask" | "enter" | "teach" | "capture" | "approve" | "motion" | "review" | "sign";
@@ -134,6 +143,7 @@ export interface PromptData {
   plan?: Plan;
   review?: Review;
   axes?: AxisLever[];
+  count?: number; // of numbers that are asked for
   usual?: number; // of a number that is asked for, in the unit shown
   target?: { joints_rad: number[]; tolerance_rad: number };
 }
