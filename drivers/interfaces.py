@@ -392,6 +392,7 @@ class Question:
     key: str
     text: str
     unit: str = ""
+    count: int = 1  # of numbers, where it has a unit
 
 
 @dataclass(frozen=True, slots=True)

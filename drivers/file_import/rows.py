@@ -50,7 +50,8 @@ class TypedRows:
             )
         text = self._text
         for _ in range(_TRIES):
-            answer = await self._operator.enter(Question(f"reading:{self._device}", text, self._unit))
+            asked = Question(f"reading:{self._device}", text, self._unit, self._count)
+            answer = await self._operator.enter(asked)
             try:
                 return Row(typed(answer.value, self._count), 0, f"{answer.value.strip()} ({answer.who})")
             except TextError as fault:

@@ -52,7 +52,8 @@ class DeskOperator:
         return await self._ask("confirm", instruction.key, instruction.text, "", page_of(instruction))
 
     async def enter(self, question: Question) -> Answer:
-        return await self._ask("enter", question.key, question.text, question.unit, Page("enter"))
+        page = Page("enter", {"count": question.count})
+        return await self._ask("enter", question.key, question.text, question.unit, page)
 
     def answer(self, prompt_id: str, who: str, value: str) -> None:
         """Answer what is asked; StalePromptError where something else, or nothing, is."""

@@ -19,6 +19,14 @@ from service.desk.messages import Command
 
 COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
 PATIENCE_S = 90.0
+_TYPED = """driver = "file_import"
+source = "typed"
+instrument = "a wire with a display of its own"
+serial = "D-1"
+unit = "mm"
+range_m = 3.0
+sigma_m = 0.0002
+"""
 RECORD = {"op": "start", "procedure": "mastering_record", "settings": {}}
 
 
@@ -82,13 +90,27 @@ async def a_cell(folder: Path, *, time_factor: float = 500.0) -> AsyncIterator[t
 
 @asynccontextmanager
 async def at_desk(folder: Path, *, time_factor: float = 500.0) -> AsyncIterator[AtDesk]:
-    async with a_cell(folder, time_factor=time_factor) as (path, door):
-        person = AtDesk(path, door)
-        attending = asyncio.create_task(person.desk.attend())
-        try:
-            await person.until(lambda session: session["connection"]["connected"])
-            yield person
-        finally:
-            attending.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await attending
+    async with a_cell(folder, time_factor=time_factor) as (path, door), at_the_desk_of(path, door) as person:
+        yield person
+
+
+@asynccontextmanager
+async def at_the_desk_of(path: Path, door: Door) -> AsyncIterator[AtDesk]:
+    """Stand at a desk that is opened on a cell file."""
+    person = AtDesk(path, door)
+    attending = asyncio.create_task(person.desk.attend())
+    try:
+        await person.until(lambda session: session["connection"]["connected"])
+        yield person
+    finally:
+        attending.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await attending
+
+
+def without_a_wire_to_the_gauge(cell_file: Path) -> None:
+    """Let the service know of the first robot's gauge only what a person types; the fakes go on as they are."""
+    head, _, rest = cell_file.read_text(encoding="utf-8").partition("[[gauge]]")
+    name, place = re.search(r'name = ".*"', rest), rest[rest.index('robot = "fanuc"') :]
+    assert name is not None
+    cell_file.write_text(f"{head}[[gauge]]\n{name[0]}\n{_TYPED}{place}", encoding="utf-8")

@@ -10,7 +10,15 @@ from service.configuration.cell_file import read_cell_file
 from service.runs.cell import open_journal
 from service.runs.store import Store
 from service.watching.watch import LastHealthyCounts
-from tests.service.desks import COMMAND, RECORD, AtDesk, at_desk
+from tests.service.desks import (
+    COMMAND,
+    RECORD,
+    AtDesk,
+    a_cell,
+    at_desk,
+    at_the_desk_of,
+    without_a_wire_to_the_gauge,
+)
 
 
 async def test_an_order_is_obeyed_once_and_only_for_what_its_sender_saw(tmp_path: Path) -> None:
@@ -90,6 +98,50 @@ async def test_a_stopped_run_is_journalled_and_goes_on_where_it_was(tmp_path: Pa
         with open_journal(read_cell_file(tmp_path / "cell.toml")) as journal:
             steps = [finding.step for finding in Store(journal).run(run["id"]).past.findings]
         assert len(steps) == len(set(steps))
+
+
+async def test_the_approved_plan_is_told_until_the_run_has_left_it_also_after_a_restart(
+    tmp_path: Path,
+) -> None:
+    async with at_desk(tmp_path) as person:
+        await person.order(RECORD | {"hold_to_move": False, "settings": {"poses": 12}})
+        await person.answer("wire_is_hooked")
+        plan = await person.until(lambda session: ((session["prompt"] or {}).get("data") or {}).get("plan"))
+        assert person.session["run"]["series"] is None
+        await person.answer("accept_plan")
+        series = await person.until(lambda session: session["run"]["series"])
+        assert [pose["name"] for pose in series["poses"]] == [pose["name"] for pose in plan["poses"]]
+        await person.until(lambda session: len(session["run"]["series"]["measured"]) >= 2)
+        await person.order({"op": "stop"})
+        run = await person.until(lambda session: session["run"]["outcome"] and session["run"])
+        assert run["series"] is None
+        taken = sum(step.startswith("capture") for step in run["found"])
+        await person.order({"op": "resume", "run_id": run["id"], "hold_to_move": False})
+        await person.answer("wire_is_hooked")
+        await person.until(lambda session: (session["prompt"] or {}).get("key") == "may_move")
+        told = person.session["run"]["series"]
+        assert (told["measured"], told["poses"]) == (list(range(taken)), series["poses"])
+        await person.answer("may_move")
+        moved = await person.until(
+            lambda session: session["run"]["series"]["next"] is not None and session["run"]
+        )
+        assert moved["series"]["next"] >= taken
+        assert moved["series"]["elsewhere_rad"] is None
+        outcome = await person.until(lambda session: session["run"]["outcome"])
+        assert (outcome["verdict"], person.session["run"]["series"]) == ("passed", None)
+
+
+async def test_nobody_is_asked_for_a_length_that_no_step_wants(tmp_path: Path) -> None:
+    """A gauge that is read by a person is not looked at ten times a second, nor is a row of a file taken so."""
+    async with a_cell(tmp_path) as (path, door):
+        without_a_wire_to_the_gauge(path)
+        async with at_the_desk_of(path, door) as person:
+            await person.until(lambda _: person.live)
+            person.live = {}
+            await person.until(lambda _: person.live)
+            assert person.session["prompt"] is None
+            gauge = next(device for device in person.live["devices"] if device["role"] == "gauge")
+            assert (gauge["value"], gauge["settle"], gauge["message"]) == (None, None, "")
 
 
 async def test_what_cannot_be_done_just_now_is_said(tmp_path: Path) -> None:
