@@ -16,7 +16,7 @@ from service.measured.carried import file_of, is_carried
 from service.measured.columns import Layout, detect_layout
 from service.measured.table import MeasurementError, Table, read_table
 
-_LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 25.4e-3, "um": 1e-6}
+LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 25.4e-3, "um": 1e-6}
 _ANGLES = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
 _NAMES = ("name", "tag", "tag_name", "tagname", "point", "point_name", "label", "id", "target")
 _MOST_METRES = 20.0  # from a cell's frames; beyond, coordinates are millimetres
@@ -85,7 +85,7 @@ def read_tags(path: Path, options: TagOptions | None = None) -> ReadTags:
     _refuse_gaps(path, table, numbers)
     units = {**layout.units, **options.units}
     joints = _scaled(layout.joints, numbers, _unit("joints", units, _ANGLES, _MOST_RADIANS, guesses))
-    positions = _scaled(layout.position, numbers, _unit("position", units, _LENGTHS, _MOST_METRES, guesses))
+    positions = _scaled(layout.position, numbers, _unit("position", units, LENGTHS, _MOST_METRES, guesses))
     return ReadTags(
         TagPath(
             source=path.name,

@@ -45,6 +45,11 @@ def file_settings(kind: type) -> tuple[str, ...]:
     return tuple(name for name, hint in get_type_hints(kind).items() if hint in (TagPath, Description))
 
 
+def tag_settings(kind: type) -> tuple[str, ...]:
+    """Return the names of those settings that are files of tags, whose unit can be told."""
+    return tuple(name for name, hint in get_type_hints(kind).items() if hint is TagPath)
+
+
 def refuse_paths(kind: type, settings: dict[str, Any]) -> None:
     """Refuse settings of a screen that name files of this computer: who looks from afar may not read them.
 

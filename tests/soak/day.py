@@ -1,6 +1,7 @@
 """A working day in a browser: every procedure of the catalogue, from its page to its certificate, over sockets."""
 
 import asyncio
+import os
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,12 +18,7 @@ from tests.stories.days import Ended, Story, working_day
 
 def day(days: int) -> Figures:
     """Every procedure passes, its certificate holds; the recovery after every battery was lost. Pictures are kept."""
-    wanted, passed, missed, pictures = (
-        set(CATALOGUE),
-        set(),
-        [],
-        Path(tempfile.mkdtemp(prefix="cellcal-day-")),
-    )
+    wanted, passed, missed, pictures = set(CATALOGUE), set(), [], _kept_in()
     for _ in range(days):
         for end in asyncio.run(_whole_day(pictures)):
             if end.verdict == "pass" and end.certificate is not None:
@@ -34,6 +30,14 @@ def day(days: int) -> Figures:
         f"pictures in {pictures}{'; '.join(['', *missed])}"
     )
     return Figures(line, passed == wanted and not missed)
+
+
+def _kept_in() -> Path:
+    """Return the folder for the pictures: the one that CELLCAL_PICTURES names, else a new one."""
+    if not (named := os.environ.get("CELLCAL_PICTURES")):
+        return Path(tempfile.mkdtemp(prefix="cellcal-day-"))
+    Path(named).mkdir(parents=True, exist_ok=True)
+    return Path(named)
 
 
 async def _whole_day(pictures: Path) -> list[Ended]:

@@ -8,22 +8,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from playwright.async_api import Page
+from playwright.async_api import Page, expect
 from playwright.async_api import TimeoutError as NotThere
 
 from service.web.app import Settings, create_app
 from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium, served
 from tests.stories.day_cell import day_cell
+from tests.stories.forms import fill_in
 from tests.stories.hands import Hands
 
 PATIENCE_S = 600.0
 PRESS_MS = 4000
 LOOKS_S = 0.15
-PRESSED = """async (asked) => {
-    const headers = {'content-type': 'application/json'};
-    const told = await fetch('/api/commands', {method: 'POST', body: JSON.stringify(asked), headers});
-    return [told.status, await told.text()];
-}"""
 
 
 @dataclass(frozen=True)
@@ -57,7 +53,15 @@ class Day:
         self._holds = False
 
     async def tell(self, story: Story) -> Ended:
-        """Run one procedure from its page to its end, and come back to the start page."""
+        """Run one procedure from its page to its end, sign what it leaves to a person, and close it."""
+        ended = await self.to_its_end(story)
+        await self.sign()
+        await self.page.get_by_test_id("dismiss").click()
+        await self._until(lambda seen: seen["run"] is None)
+        return ended
+
+    async def to_its_end(self, story: Story) -> Ended:
+        """Run one procedure from its page until the page tells how it ended."""
         await self._choose(story.robot)
         self.hands.places = story.places
         await self._start(story)
@@ -82,10 +86,20 @@ class Day:
         await self._picture(f"{story.procedure}_ended")
         outcome = run["outcome"]
         words = f"{outcome['verdict']}: {outcome['reason']} {outcome['remedy']}"
-        ended = Ended(story, self._word(outcome), words, outcome.get("certificate"), tuple(asked))
-        await self.page.get_by_test_id("dismiss").click()
-        await self._until(lambda seen: seen["run"] is None)
-        return ended
+        return Ended(story, self._word(outcome), words, outcome.get("certificate"), tuple(asked))
+
+    async def sign(self) -> None:
+        """Tick every line that a person has to do by hand, and sign; nothing where a run left none."""
+        lines = self.page.get_by_test_id("sign").get_by_role("checkbox")
+        if not await lines.count():
+            return
+        sign = self.page.get_by_test_id("sign-off")
+        for line in await lines.all():
+            await expect(sign).to_be_disabled()
+            await line.check()
+        await sign.click()
+        await self.page.get_by_test_id("signed").wait_for()
+        await self._picture("signed")
 
     async def _keep_the_finger(self, wanted: bool, prompt: dict[str, Any] | None) -> None:
         """Hold the button from when a move waits for it until something is asked."""
@@ -124,23 +138,11 @@ class Day:
         await self.page.evaluate(f"location.hash = '#/procedure/{story.procedure}'")
         await self.page.get_by_test_id("start").wait_for()
         await self._picture(f"{story.procedure}_before")
-        if story.hold or not story.settings:
-            await self.page.get_by_test_id("hold-to-move").set_checked(story.hold)
-        if not story.settings:
-            await self._press_start()
-        else:  # points and poses of a drawing come from a file of the engineer's, not from a form
-            order = {
-                "op": "start",
-                "procedure": story.procedure,
-                "settings": story.settings,
-                "hold_to_move": story.hold,
-            }
-            rev = (await self.session())["rev"]
-            told = await self.page.evaluate(
-                PRESSED,
-                {"id": f"start {story.procedure} {rev}", "rev": rev, "order": order},
-            )
-            assert told[0] == 200, told[1]
+        await fill_in(self.page, story.settings)
+        await self.page.get_by_test_id("hold-to-move").set_checked(story.hold)
+        if story.settings:
+            await self._picture(f"{story.procedure}_filled_in")
+        await self._press_start()
         await self._until(lambda session: session["run"] is not None)
 
     async def _press_start(self) -> None:
@@ -158,6 +160,8 @@ class Day:
         """Press what the page offers until the page has gone on; some buttons want to be held."""
         asks = self.page.locator(f"[data-testid=prompt][data-key={json.dumps(prompt['key'])}]")
         yes = asks.get_by_test_id("yes")  # and not what the page has gone on to
+        if prompt["kind"] == "enter":
+            await asks.get_by_test_id("value").fill(await self.hands.reads(prompt))
         for _ in range(40):
             try:
                 await yes.hover(timeout=PRESS_MS)

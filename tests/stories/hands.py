@@ -47,6 +47,12 @@ class Hands:
         elif hook := _HOOK.fullmatch(key):
             await self.door.fault("hook_wire", target=int(hook[1]), device=wire)
 
+    async def reads(self, prompt: dict[str, Any]) -> str:
+        """Read the instrument that has no wire to this computer, and write down what it shows, in millimetres."""
+        name = str(prompt["key"]).removeprefix("reading:")
+        told = (await self.door.truth())["gauges"][name]["reading_m"]
+        return f"{1e3 * told:.2f}".replace(".", ",")
+
     def _jogged(self, base_flange: Array) -> list[float]:
         missed = base_flange.copy()
         missed[:3, 3] += self._dice.normal(scale=MISSED_M, size=3)

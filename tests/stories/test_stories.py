@@ -1,14 +1,36 @@
 """The short stories of the day; the whole day is a campaign (``make soak ARGS=day``)."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
+from playwright.async_api import Page, expect
 
 from service.cli.certificate import verify
+from service.demo.door import Door
+from service.web.app import Settings, create_app
+from tests.service.browsers import hold_to_rules_in_every_language
+from tests.service.desks import without_a_wire_to_the_gauge
+from tests.service.doors import Clock
+from tests.service.shop import a_shop
+from tests.service.test_pages import looking_at
 from tests.stories.catalogue_day import QUICK, stories
-from tests.stories.days import working_day
+from tests.stories.day_cell import day_cell
+from tests.stories.days import Day, Ended, Story, working_day
+from tests.stories.hands import Hands
 
 pytestmark = pytest.mark.xdist_group("pages")
+RECORD = Story("mastering_record", {"poses": 12})
+
+
+def certificate_of(folder: Path, ended: Ended) -> tuple[Path, dict[str, Any]]:
+    """Return the certificate of a run that has one that holds, and what is signed in it."""
+    assert ended.certificate is not None, ended.words
+    path = folder / "data" / "certificates" / ended.certificate
+    assert verify(path) == 0
+    content: dict[str, Any] = json.loads(path.read_bytes())["content"]
+    return path, content
 
 
 async def test_a_technician_teaches_tool_frame_and_workpiece_and_places_a_simulated_base(
@@ -18,5 +40,62 @@ async def test_a_technician_teaches_tool_frame_and_workpiece_and_places_a_simula
         ended = [await day.tell(story) for story in stories() if story.procedure in QUICK]
     assert [(end.story.procedure, end.verdict) for end in ended] == [(name, "pass") for name in QUICK]
     for end in ended:
-        assert end.certificate is not None
-        assert verify(tmp_path / "data" / "certificates" / end.certificate) == 0
+        certificate_of(tmp_path, end)
+
+
+async def test_a_recovered_mastering_is_signed_line_by_line_and_the_certificate_says_by_whom(
+    tmp_path: Path,
+) -> None:
+    async with (
+        day_cell(tmp_path) as (path, door),
+        a_shop(path, clock=Clock()) as shop,
+        shop.tablet("Emil") as page,
+    ):
+        day = Day(page, Hands(door, {}), None)
+        assert (await day.tell(RECORD)).verdict == "pass"
+        await door.fault("battery_loss", device="fanuc")
+        ended = await day.to_its_end(Story("mastering_recovery"))
+        assert ended.verdict == "pass", ended.words
+        _, before = certificate_of(tmp_path, ended)
+        assert "signed" not in [one["did"] for one in before["sign_off"]]
+        await hold_to_rules_in_every_language(page, "the end of a run with lines to sign")
+        await day.sign()
+        await expect(page.get_by_test_id("signed")).to_contain_text("Emil")
+        await hold_to_rules_in_every_language(page, "the end of a run that is signed")
+        await page.reload()
+        await expect(page.get_by_test_id("signed")).to_contain_text("Emil")
+        kept, content = certificate_of(tmp_path, ended)
+        given = [one for one in content["sign_off"] if one["did"] == "signed"]
+        assert [one["what"] for one in given] == content["verdict"]["to_sign"]
+        assert {(one["who"], one["people"][0]["role"]) for one in given} == {("Emil", "engineer")}
+        assert "by Emil (engineer)" in kept.with_suffix(".txt").read_text(encoding="utf-8")
+        assert shop.complaints == []
+
+
+async def test_lengths_are_typed_from_an_instrument_that_has_no_wire_to_the_cell(tmp_path: Path) -> None:
+    async with day_cell(tmp_path) as (path, door):
+        without_a_wire_to_the_gauge(path)
+        async with looking_at(create_app(Settings(path, open_access=True))) as looks, looks.page() as page:
+            day = Day(page, _Clumsy(door, page), None)
+            ended = await day.tell(Story("mastering_record", {"poses": 8, "samples": 1}))
+    assert ended.asked.count("reading:wire of fanuc") == 8
+    assert ended.verdict in ("pass", "undecided"), ended.words  # eight lengths are few
+    _, content = certificate_of(tmp_path, ended)
+    assert "typed" in json.dumps(content)
+
+
+class _Clumsy(Hands):
+    """Reads a display whose wire is closed, and types a word at first."""
+
+    def __init__(self, door: Door, page: Page) -> None:
+        super().__init__(door, {})
+        self._page, self._begun = page, False
+
+    async def reads(self, prompt: dict[str, Any]) -> str:
+        if not self._begun:
+            self._begun = True
+            await self._page.get_by_test_id("value").fill("about a metre")
+            await expect(self._page.get_by_role("alert")).to_be_visible()
+            await expect(self._page.get_by_test_id("yes")).to_be_disabled()
+            await hold_to_rules_in_every_language(self._page, "a length that is typed")
+        return await super().reads(prompt)

@@ -13,6 +13,7 @@ export interface Field {
   minItems?: number;
   maxItems?: number;
   "x-file"?: boolean;
+  "x-units"?: string[]; // of the coordinates in a file
 }
 
 export type Kind =
