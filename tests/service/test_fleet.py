@@ -200,6 +200,8 @@ async def test_no_one_is_shut_out_in_any_language(tmp_path: Path) -> None:
             await hold_to_rules(page, locale)
             assert await page.evaluate("document.documentElement.scrollWidth <= innerWidth"), locale
             assert not re.search(r"fleet_|verdict_|\{\w+\}", await page.locator("body").inner_text()), locale
+            words = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
+            await expect(page.get_by_test_id("safety")).to_have_text(words["safety"])
 
 
 async def test_what_cells_say_is_said_in_the_language_of_the_page(tmp_path: Path) -> None:

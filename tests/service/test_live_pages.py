@@ -24,6 +24,22 @@ WATCH = """() => { window.__lengths = [];
     new MutationObserver(() => window.__lengths.push(shown.textContent))
         .observe(shown, {subtree: true, childList: true, characterData: true}); }"""
 
+# A screen that says which locks were asked for: the browser takes one back when its page is hidden.
+WAKE = """{ window.__locks = [];
+    const request = async (kind) => {
+        const lock = {kind, released: false, release: async () => { lock.released = true; }};
+        document.addEventListener('visibilitychange', () => { lock.released ||= document.hidden; });
+        window.__locks.push(lock); return lock; };
+    Object.defineProperty(Navigator.prototype, 'wakeLock', {value: {request}, configurable: true}); }"""
+NO_WAKE = {
+    "unknown": "Object.defineProperty(Navigator.prototype, 'wakeLock', {value: undefined})",
+    "refused": """Object.defineProperty(Navigator.prototype, 'wakeLock', {value: {request: async () => {
+        window.__refused = (window.__refused ?? 0) + 1; throw new DOMException('low', 'NotAllowedError'); }}})""",
+}
+HELD = "window.__locks.filter(lock => !lock.released).map(lock => lock.kind)"
+HIDDEN = """(hidden) => { Object.defineProperty(document, 'hidden', {value: hidden, configurable: true});
+    document.dispatchEvent(new Event('visibilitychange')); }"""
+
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
@@ -117,3 +133,46 @@ async def test_the_picture_has_the_joints_that_the_service_tells(looking: Lookin
             lambda seen: seen and told and np.allclose(seen, told[-1], rtol=0.0, atol=1e-3),
         )
         assert np.abs(told[-1]).max() > 0.01  # not the posture in which every arm is drawn first
+
+
+async def test_the_screen_stays_on_while_a_run_goes_on_and_no_longer(looking: Looking) -> None:
+    async with looking.page() as page:
+        await page.add_init_script(WAKE)
+        await page.reload()
+        await page.get_by_test_id("device-robot").wait_for()
+
+        async def held() -> list[str]:
+            found: list[str] = await page.evaluate(HELD)
+            return found
+
+        assert await page.evaluate("window.__locks") == []
+        await looking.order(op="start", procedure="mastering_record", settings={}, hold_to_move=False)
+        await page.get_by_test_id("prompt").wait_for()
+        await comes(held, lambda kinds: kinds == ["screen"])
+        await go(page, "#/history")  # whatever is looked at meanwhile
+        await page.evaluate(HIDDEN, True)
+        assert await held() == []
+        await page.evaluate(HIDDEN, False)
+        await comes(held, lambda kinds: kinds == ["screen"])
+        await looking.order(op="stop")
+        await comes(held, lambda kinds: not kinds)
+        await page.evaluate(HIDDEN, True)
+        await page.evaluate(HIDDEN, False)
+        assert await held() == []  # the page of a run that has ended keeps nothing on
+        await looking.order(op="dismiss")
+
+
+@pytest.mark.parametrize("how", NO_WAKE)
+async def test_a_browser_that_cannot_keep_its_screen_on_runs_as_any_other(looking: Looking, how: str) -> None:
+    async with looking.page() as page:
+        await page.add_init_script(NO_WAKE[how])
+        await looking.order(op="start", procedure="mastering_record", settings={}, hold_to_move=False)
+        await page.reload()
+        await page.get_by_test_id("prompt").wait_for()
+        if how == "refused":
+            await comes(lambda: page.evaluate("window.__refused"), lambda times: times == 1)
+            await page.evaluate(HIDDEN, False)
+            await comes(lambda: page.evaluate("window.__refused"), lambda times: times == 2)
+        await looking.order(op="stop")
+        await looking.until(lambda session: session["run"]["outcome"])
+        await looking.order(op="dismiss")

@@ -1,5 +1,7 @@
 """Judging in a real browser: residuals, what if, before and after, the map, comparisons, and the way back."""
 
+import asyncio
+import io
 import json
 import re
 from collections.abc import AsyncIterator
@@ -7,7 +9,8 @@ from typing import Any
 
 import pytest
 import pytest_asyncio
-from playwright.async_api import Page, expect
+from openpyxl import load_workbook
+from playwright.async_api import Locator, Page, expect
 
 from service.parameters.parameter_sets import ParameterSets
 from service.web.parameters import FOLDER
@@ -305,6 +308,32 @@ async def test_what_was_not_determined_is_said_in_words_and_not_drawn(
         await expect(section.get_by_test_id("trend")).to_have_count(0)
         row = page.get_by_test_id("changes").locator("tr", has=page.locator("td.soft")).first
         await expect(row).to_contain_text(words)
+
+
+async def test_tables_are_taken_away_from_the_pages_that_show_them(seen: Seen) -> None:
+    looks, past = seen
+    shown = {
+        "#/history": [past.spoilt, past.spoilt],  # in the table of runs, and in that of their results
+        f"#/history/{past.spoilt}": [SPOILT_STEP],
+        "#/parameters": [SERIAL],
+    }
+    async with looks.page() as page:
+        for place, words in shown.items():
+            await go(page, place)
+            links = page.get_by_test_id("exports").locator("a")
+            await expect(links).to_have_count(2 * len(words))
+            for k, word in enumerate(words):
+                table, book = [await taken(page, links.nth(2 * k + form)) for form in (0, 1)]
+                assert word in table.decode("utf-8-sig"), place
+                sheet = load_workbook(io.BytesIO(book)).active
+                assert len(list(sheet.iter_rows())) == table.count(b"\r\n"), place
+
+
+async def taken(page: Page, link: Locator) -> bytes:
+    """Press a link that takes a file away; return what is in the file."""
+    async with page.expect_download() as coming:
+        await link.click()
+    return await asyncio.to_thread((await (await coming.value).path()).read_bytes)
 
 
 def places_of(past: Past) -> tuple[str, ...]:
