@@ -21,7 +21,7 @@ from drivers.interfaces import Counts, Instruction
 from procedures.canonical import sha256_of
 from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, Forecast, Knowledge
+from procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
 from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
 from procedures.limits import FrameLimits
 from procedures.past import Finding
@@ -37,7 +37,7 @@ from procedures.refit import (
 )
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
-from procedures.verdict import Verdict, held, known_within, stated
+from procedures.verdict import NOTHING_MEASURED, Verdict, held, known_within, stated
 
 BASE_LIMITS = FrameLimits(0.0004, math.radians(0.02))
 
@@ -111,11 +111,8 @@ async def stored_alignments(cell: Cell, fixture: str) -> AlignmentsFound:
 
 def chain_bases(spec: BaseToBaseSpec, stored: AlignmentsFound) -> BasesResult:
     """Find every robot's base from the reference's by all their alignments in one fit, uncertainties included."""
-    latest = {alignment.robot_serial: alignment for alignment in stored.alignments}  # the newest comes last
-    wanted = spec.robots or tuple(sorted(latest))
-    missing = [serial for serial in wanted if serial not in latest]
-    if missing or len(set(wanted)) < 2:
-        lacking = ", ".join(missing) or "a second robot"
+    latest, wanted, lacking = _wanted(spec, stored.alignments)
+    if lacking:
         raise RefusalError(
             f"no alignment of {lacking} with {spec.fixture} is stored",
             code="procedure.no_alignment",
@@ -137,6 +134,17 @@ def chain_bases(spec: BaseToBaseSpec, stored: AlignmentsFound) -> BasesResult:
         found.chi_square,
         found.degrees_of_freedom,
     )
+
+
+def _wanted(
+    spec: BaseToBaseSpec, alignments: Sequence[Alignment]
+) -> tuple[dict[str, Alignment], tuple[str, ...], str]:
+    """Return each robot's newest alignment, the robots that are asked for, and which of them has none."""
+    latest = {alignment.robot_serial: alignment for alignment in alignments}  # the newest comes last
+    wanted = spec.robots or tuple(sorted(latest))
+    missing = [serial for serial in wanted if serial not in latest]
+    few = len(set(wanted)) < 2
+    return latest, wanted, ", ".join(missing) or ("a second robot" if few else "")
 
 
 def _refuse_other_drawing(alignments: tuple[Alignment, ...]) -> None:
@@ -264,12 +272,31 @@ def _judge(spec: BaseToBaseSpec, result: BasesResult) -> Verdict:
             "that the fixture stood still between the alignments: the technician's word",
             "the mastering of robots that are not connected",
         ),
+        remarks=(NOTHING_MEASURED,),
     )
 
 
 def _forecast(spec: BaseToBaseSpec, known: Knowledge) -> Forecast:
-    del spec, known
-    return Forecast(duration_s=2 * ANSWER_S, assumed=("each robot is aligned with the fixture",))
+    stored = tuple(a for a in known.alignments if a.fixture == spec.fixture)
+    lacking = _wanted(spec, stored)[2]
+    if lacking:
+        return Forecast(2 * ANSWER_S, lacks=(f"an alignment of {lacking} with {spec.fixture}",))
+    chained = chain_bases(spec, AlignmentsFound(stored, "", ()))
+    origin_mm, angle_deg = spec.limits.origin_m * 1e3, math.degrees(spec.limits.angle_rad)
+    words = f"{origin_mm:.3f} mm and {angle_deg:.4f} deg are asked for"
+    return Forecast(
+        duration_s=2 * ANSWER_S,
+        predictions=tuple(
+            prediction
+            for base in chained.bases
+            for prediction in (
+                Prediction(f"origin of {base.robot_serial}", base.pose.origin_u_m, "m", sentence=words),
+                Prediction(f"angle of {base.robot_serial}", base.pose.angle_u_rad, "rad", sentence=words),
+            )
+        ),
+        assumed=(f"the newest alignments still hold: {spec.fixture} and the bases have not moved",),
+        not_checked=("whether the connected robot was mastered anew since",),
+    )
 
 
 def _refit(spec: BaseToBaseSpec, findings: Sequence[Finding]) -> Refit | None:

@@ -40,11 +40,19 @@ from procedures.arm.arm_bench import (
     values_of,
 )
 from procedures.arm.arm_series import Visits
-from procedures.arm.drift_plan import REPEAT_M, DriftPlan, DriftRules, plan_check, plan_reference
+from procedures.arm.drift_plan import (
+    ASSUMED_DISTANCE_M,
+    REPEAT_M,
+    DriftPlan,
+    DriftRules,
+    noise_before_m,
+    plan_check,
+    plan_reference,
+)
 from procedures.canonical import sha256_of
 from procedures.cell import Cell
 from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose
+from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
 from procedures.motion.plan_words import Tour, plan_words
 from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
@@ -273,7 +281,7 @@ def _shown(plan: DriftPlan, what: str, method: Method, rounds: int = 1) -> Instr
 
 
 def _outline(spec: DriftCheck) -> tuple[Phase, ...]:
-    rules = spec.rules
+    poses, again = (spec.rules.poses, spec.rules.poses) if spec.renew else (spec.rules.first, 0)
     return (
         *(
             Phase("read the robot"),
@@ -281,9 +289,10 @@ def _outline(spec: DriftCheck) -> tuple[Phase, ...]:
             Phase("plan the poses"),
             Phase("accept the plan"),
         ),
-        *(Phase("go to rest"), Phase("go to pose", rules.first, adaptive=True)),
-        *(Phase("capture", rules.first, adaptive=True), Phase("go to again", 0, adaptive=True)),
-        *(Phase("capture again", 0, adaptive=True), Phase("look for changes", 1, adaptive=True)),
+        *(Phase("go to rest"), Phase("go to pose", poses, adaptive=True)),
+        *(Phase("capture", poses, adaptive=True), Phase("go to again", again, adaptive=True)),
+        Phase("capture again", again, adaptive=True),
+        Phase("look for changes", 0 if spec.renew else 1, adaptive=True),
     )
 
 
@@ -338,15 +347,43 @@ def _forecast(spec: DriftCheck, known: Knowledge) -> Forecast:
     bench = bench_before(known, spec.method)
     if bench is None:
         return Forecast(0.0, lacks=(f"a kinematic model, and where the {spec.method} is",))
-    plan, rules = plan_reference(bench, spec.rules), spec.rules
-    paced, each_s = plan.paced(rules.first), known.limits.settle_s + rules.samples * SAMPLE_S
+    of_this = [one for one in known.drift_references if one.method == spec.method]
+    reference = None if spec.renew or not of_this else of_this[-1]
+    rules = spec.rules
+    plan = plan_reference(bench, rules) if reference is None else plan_check(bench, reference, rules)
+    poses, rounds = (len(plan.ways_rad), 2) if reference is None else (rules.first, 1)
+    paced, each_s = plan.paced(poses), known.limits.settle_s + rules.samples * SAMPLE_S
+    moving_s = paced.times(rounds).moving_s
     return Forecast(
-        duration_s=math.ceil(paced.moving_s + rules.first * each_s + ANSWER_S),
+        duration_s=math.ceil(moving_s + rounds * poses * each_s + ANSWER_S),
         poses=tuple(PlannedPose(f"pose {k}", way[-1]) for k, way in enumerate(plan.ways_rad, 1)),
         speed_rad_s=paced.fastest_rad_s,
-        assumed=("there is a reference; taking one measures at all poses twice",),
+        predictions=_foretold(spec, noise_before_m(known, spec.method, rules.samples), reference),
+        assumed=(
+            *(
+                (f"the target is {ASSUMED_DISTANCE_M:g} m from the tracker",)
+                if spec.method == "tracker"
+                else ()
+            ),
+            f"an arm of this class comes back to a pose within {REPEAT_M * 1e3:.2f} mm a coordinate",
+            "no reference was taken yet, or a new one is asked for: this run takes it, at all poses twice"
+            if reference is None
+            else "the newest reference is compared with",
+        ),
         not_checked=plan.not_checked,
     )
+
+
+def _foretold(spec: DriftCheck, reading_m: float, reference: DriftReference | None) -> tuple[Prediction, ...]:
+    """Return how well a reading of the reference, or a change since it, will be known: as the run states it."""
+    taken_m = math.hypot(reading_m, REPEAT_M) / math.sqrt(2.0)  # of the mean of two rounds
+    if reference is None:
+        change_m = math.hypot(taken_m, reading_m, REPEAT_M)
+        later = f"a check against it would see changes to {2e3 * change_m:.3f} mm (k=2)"
+        return (Prediction("a reference reading", 2.0 * taken_m, "m", sentence=later),)
+    change_m = math.hypot(reference.sigma_m(REPEAT_M), reading_m, REPEAT_M)
+    words = f"a change of {spec.limit_m * 1e3:.2f} mm fails (limit_m)"
+    return (Prediction("change of a reading", 2.0 * change_m, "m", sentence=words),)
 
 
 ENTRY = Entry(

@@ -20,7 +20,7 @@ from calibration.wires.network_fit import WireNetwork
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import Forecast, Knowledge
+from procedures.forecast import Forecast, Knowledge, wire_lacking
 from procedures.judged_write import (
     WriteAnyway,
     first_of,
@@ -49,8 +49,8 @@ from procedures.survey.survey import (
     SurveyState,
     fit_survey,
 )
-from procedures.survey.survey_choice import fixed_plan_captures, order_pools
-from procedures.survey.survey_forecast import lacking, state_before, survey_forecast
+from procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving
+from procedures.survey.survey_forecast import state_before, survey_forecast
 from procedures.survey.survey_motion import (
     Wire,
     draw_pool,
@@ -279,17 +279,16 @@ def _judge(spec: EndEffectorPoints, result: MeasuredTool | ToolFound) -> Verdict
                 found=result.placed.chi_square,
             ),
         ]
-    fixed = result.fixed_plan_captures
     return Verdict(
         characteristics=(*figures, stated("residual of the lengths", result.network.residual_rms_m, "m")),
         limits_from="limits of the settings",
         not_verified=("the orientation: one point tells x, y, z only",) if result.placed is None else (),
-        remarks=(f"{result.captures} captures; evenly drawn poses: {fixed or 'not enough of them'}",),
+        remarks=(saving(result.captures, result.fixed_plan_captures),),
     )
 
 
 def _forecast(spec: EndEffectorPoints, known: Knowledge) -> Forecast:
-    lacks = lacking(known)
+    lacks = wire_lacking(known)
     if lacks:
         return Forecast(0.0, lacks=lacks)
     state = state_before(known)

@@ -27,7 +27,7 @@ from calibration.wires.network_fit import WireNetwork
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import Forecast, Knowledge
+from procedures.forecast import Forecast, Knowledge, wire_lacking
 from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
 from procedures.limits import FrameLimits
 from procedures.motion.plan_words import Tour, plan_words
@@ -56,8 +56,8 @@ from procedures.survey.survey import (
     fit_survey,
     uncertainties,
 )
-from procedures.survey.survey_choice import fixed_plan_captures, order_pools
-from procedures.survey.survey_forecast import lacking, state_before, survey_forecast
+from procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving
+from procedures.survey.survey_forecast import state_before, survey_forecast
 from procedures.survey.survey_motion import (
     Wire,
     draw_pool,
@@ -114,13 +114,7 @@ class AlignmentResult:
     @property
     def saving(self) -> str:
         """What choosing the poses saved, in words."""
-        if self.fixed_plan_captures is None:
-            return f"{self.captures} captures; evenly drawn poses do not reach this U at all"
-        share = 1.0 - self.captures / self.fixed_plan_captures
-        return (
-            f"{self.captures} captures; a fixed plan of evenly drawn poses needs {self.fixed_plan_captures} for the "
-            f"same U: {share:.0%} saved"
-        )
+        return saving(self.captures, self.fixed_plan_captures)
 
 
 _RESULT: TypeAdapter[AlignmentResult] = TypeAdapter(AlignmentResult)
@@ -363,7 +357,7 @@ def _base_figures(spec: FixtureAlignment, result: AlignmentResult) -> tuple[Char
 
 
 def _forecast(spec: FixtureAlignment, known: Knowledge) -> Forecast:
-    lacks = lacking(known)
+    lacks = wire_lacking(known)
     if lacks:
         return Forecast(0.0, lacks=lacks)
     state = state_before(known)

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from calibration.arm.kinematics import RobotModel
+from calibration.drift.reference import DriftReference
 from calibration.mastering.counts import MasteringRecord
+from calibration.points.alignment import Alignment
 from drivers.interfaces import Counts, GaugeCapabilities, Joints, TrackerCapabilities
 from procedures.cell import GaugeSetup, MotionLimits, TrackerSetup
 from procedures.instruments import Instruments
@@ -31,6 +33,8 @@ class Knowledge:
     tracker_setup: TrackerSetup | None = None
     tracker: TrackerCapabilities | None = None
     instruments: Instruments = field(default_factory=Instruments)  # what places can be found again with
+    alignments: tuple[Alignment, ...] = ()  # of every robot with every fixture, oldest first
+    drift_references: tuple[DriftReference, ...] = ()  # of this robot, oldest first
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,3 +71,13 @@ class Forecast:
     assumed: tuple[str, ...] = ()
     lacks: tuple[str, ...] = ()  # beyond the needs on the card, such as a record
     not_checked: tuple[str, ...] = ()
+
+
+def wire_lacking(known: Knowledge) -> tuple[str, ...]:
+    """Return what must be known of a cell before the lengths of a draw-wire can be foretold."""
+    lacks = (
+        ("a kinematic model", known.model),
+        ("a gauge", known.gauge),
+        ("where the wire is", known.gauge_setup),
+    )
+    return tuple(name for name, found in lacks if found is None)

@@ -7,22 +7,20 @@ Eq. 7-8: with the offset written into the user frame, every recorded point goes 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field, TypeAdapter
+from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
 from calibration.errors import CalibrationError
-from calibration.geometry import Pose, log_rotation
-from calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
-from calibration.points.frames import frame_offset as offset_between
+from calibration.geometry import Pose
+from calibration.points.fixture import Triple
+from calibration.points.offset_design import offset_outlook
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import PERSON_S, Forecast, Knowledge
+from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
 from procedures.judged_write import (
-    WriteAnyway,
     first_of,
     frame_changes,
     ordered,
@@ -47,7 +45,19 @@ from procedures.steps.meters import known_points_meter, tip_in_base
 from procedures.steps.pages import point_states, points_page, with_changes
 from procedures.steps.teach import TaughtPose, teach
 from procedures.steps.write import read_user_frame, write_user_frame
+from procedures.teaching.moved_frame import (
+    FoundOffset,
+    FrameOffset,
+    Touched,
+    find_offset,
+    further_touches,
+    outlook,
+    points_in_frame,
+    saving,
+)
 from procedures.verdict import Verdict, held, known_within, stated
+
+__all__ = ["ENTRY", "FrameOffset", "OffsetResult", "frame_offset"]
 
 POINTER = Instruction(
     "pointer_is_mounted", "Mount the pointer whose tip is known; clamp the workpiece in its new place."
@@ -55,40 +65,6 @@ POINTER = Instruction(
 ABOVE = Instruction(
     "touch_above", "Touch any point that lies above the workpiece's x-y plane, on the +z side."
 )
-
-
-@dataclass(frozen=True, slots=True)
-class FrameOffset:
-    """Which user frame moved, the points that are touched again, and with which pointer."""
-
-    frame_number: Annotated[int, Field(ge=0, le=99)]
-    tip_in_flange_m: Triple
-    points_in_frame_m: Annotated[tuple[Triple, ...], Field(max_length=50)] = ()  # in the user frame, or …
-    old_points_in_base_m: Annotated[
-        tuple[Triple, ...], Field(max_length=50)
-    ] = ()  # … as touched before the move
-    old_frame: Pose | None = None  # None: as the controller has it
-    far_point_in_frame_m: Triple | None = None  # the far end of the workpiece; None: the point furthest out
-    sigma_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0005  # of one coordinate of one touch, now
-    old_sigma_m: Annotated[float, Field(ge=0, le=0.1)] = 0.0005  # the same of the points given
-    origin_u_m: Annotated[float, Field(gt=0, le=0.1)] = 0.002
-    angle_u_rad: Annotated[float, Field(gt=0, le=1)] = math.radians(0.5)
-    check_above: bool = False  # one more touch, which catches points taken in the wrong order
-    write_anyway: WriteAnyway = ""
-
-
-@dataclass(frozen=True, slots=True)
-class FoundOffset:
-    """The frame before and after, and what lies between: ``old_new`` is UF_T_UF' of Eq. 7."""
-
-    base_frame_old: Pose
-    base_frame_new: Pose
-    old_new: Pose
-    shift_m: float  # of the origin
-    turn_rad: float
-    far_point_in_frame_m: Triple
-    far_shift_m: float  # by how much the far end of the workpiece moved
-    placed: PlacedPoints
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +78,7 @@ class OffsetResult:
 
 
 LEAST = 3
+ABOVE_STEP, AGAIN_STEP = "touch a point above", "touch a point again"
 _TAUGHT: TypeAdapter[TaughtPose] = TypeAdapter(TaughtPose)
 _FOUND: TypeAdapter[FoundOffset] = TypeAdapter(FoundOffset)
 
@@ -112,15 +89,16 @@ async def frame_offset(run: Run, spec: FrameOffset) -> OffsetResult:
     before = await run.step("read the user frame", read_user_frame, spec.frame_number)
     old = spec.old_frame or before
 
-    count = len(spec.points_in_frame_m or spec.old_points_in_base_m)
-    touches: list[TaughtPose] = []
-    for k in range(1, count + 1):
-        touches.append(await run.step(f"touch point {k}", teach, _on_page(spec, k, touches)))
-    above = await run.step("touch a point above", teach, _above_on_page(count)) if spec.check_above else None
+    points = points_in_frame(spec, old)  # those that fix no frame are refused before anybody touches them
 
-    flanges = tuple(taught.base_flange for taught in touches)
-    above_flange = None if above is None else above.base_flange
-    found = await run.solve("find the offset", find_offset, spec, old, flanges, above_flange)
+    touches = await _touch_points(run, spec, points)
+    above = None
+    if spec.check_above:
+        above = (
+            await run.step(ABOVE_STEP, teach, _above_on_page(spec.named, len(touches) - spec.named))
+        ).base_flange
+
+    found = await run.solve("find the offset", find_offset, spec, old, touches, above)
     first_of((_bad_shape(found), _badly_known(found, spec)), spec.write_anyway)
     verdict = _judge(spec, found)
     refuse_failed(verdict, spec.write_anyway, found)
@@ -131,61 +109,16 @@ async def frame_offset(run: Run, spec: FrameOffset) -> OffsetResult:
     return OffsetResult(spec.frame_number, found, before, read_back)
 
 
-def find_offset(
-    spec: FrameOffset, base_frame_old: Pose, flanges: tuple[Pose, ...], above: Pose | None
-) -> FoundOffset:
-    """Fit the moved frame to its points by least squares; compare it with the old one."""
-    points = points_in_frame(spec, base_frame_old)
-    touched = [tip_in_base(base_flange, spec.tip_in_flange_m) for base_flange in flanges]
-    variance = (spec.sigma_m**2 + spec.old_sigma_m**2) * np.eye(3 * len(points))
-    placed = place_points(points, touched, variance, sigma_point_m=0.0)
-    new = placed.outer_inner
-    if above is not None:
-        _refuse_below(new, tip_in_base(above, spec.tip_in_flange_m))
-    old_new = offset_between(base_frame_old, new)
-    far = spec.far_point_in_frame_m or max(points, key=lambda point: math.hypot(*point))
-    moved = old_new.rotation() @ np.array(far) + np.array(old_new.position_m) - np.array(far)
-    return FoundOffset(
-        base_frame_old=base_frame_old,
-        base_frame_new=new,
-        old_new=old_new,
-        shift_m=math.hypot(*old_new.position_m),
-        turn_rad=float(np.linalg.norm(log_rotation(old_new.rotation()))),
-        far_point_in_frame_m=far,
-        far_shift_m=float(np.linalg.norm(moved)),
-        placed=placed,
-    )
-
-
-def points_in_frame(spec: FrameOffset, base_frame_old: Pose) -> tuple[Triple, ...]:
-    """Return the workpiece's points in its user frame.
-
-    Raises
-    ------
-    CalibrationError
-        Neither or both kinds of points are given; too few, too close, or on one line.
-    """
-    if bool(spec.points_in_frame_m) == bool(spec.old_points_in_base_m):
-        raise CalibrationError(
-            "the points are given either in the user frame or as touched before the move.",
-            remedy="Set points_in_frame_m or old_points_in_base_m, not both.",
-        )
-    points = spec.points_in_frame_m
-    if not points:
-        back = base_frame_old.inverse()
-        in_frame = np.array(spec.old_points_in_base_m) @ back.rotation().T + np.array(back.position_m)
-        points = tuple((float(x), float(y), float(z)) for x, y, z in in_frame)
-    refuse_bad_points(points, "points of the workpiece")
-    return points
-
-
-def _refuse_below(base_frame: Pose, above_m: Triple) -> None:
-    height = float((np.array(above_m) - np.array(base_frame.position_m)) @ base_frame.rotation()[:, 2])
-    if not height > 0:
-        raise CalibrationError(
-            f"the check point lies {-height * 1e3:.1f} mm below the frame: z points the wrong way.",
-            remedy="The points were touched in another order than they are listed. Start a new run.",
-        )
+async def _touch_points(run: Run, spec: FrameOffset, points: tuple[Triple, ...]) -> tuple[Touched, ...]:
+    """Have every point touched, and those again that tell most, until the frame will be known well enough."""
+    touches: list[Touched] = []
+    for k in range(spec.named):
+        taught = await run.step(f"touch point {k + 1}", teach, _on_page(spec, k, touches))
+        touches.append(Touched(k, taught.base_flange))
+    for number, k in enumerate(further_touches(spec, points), 1):
+        taught = await run.step(f"{AGAIN_STEP} {number}", teach, _again_on_page(spec, k, touches))
+        touches.append(Touched(k, taught.base_flange))
+    return tuple(touches)
 
 
 def _bad_shape(found: FoundOffset) -> RefusalError | None:
@@ -217,27 +150,42 @@ def _badly_known(found: FoundOffset, spec: FrameOffset) -> RefusalError | None:
     )
 
 
-def _touch(spec: FrameOffset, number: int) -> Instruction:
+def _on_page(spec: FrameOffset, k: int, touches: list[Touched]) -> Instruction:
     in_frame = bool(spec.points_in_frame_m)
-    x, y, z = (v * 1e3 for v in (spec.points_in_frame_m or spec.old_points_in_base_m)[number - 1])
+    known = spec.points_in_frame_m or spec.old_points_in_base_m
+    x, y, z = (v * 1e3 for v in known[k])
     where = "in the user frame" if in_frame else "from the base before the move"
-    return Instruction(
-        f"touch_point_{number}",
-        f"Touch point {number} of the workpiece with the pointer (x {x:.1f}, y {y:.1f}, z {z:.1f} mm {where}).",
+    asked = Instruction(
+        f"touch_point_{k + 1}",
+        f"Touch point {k + 1} of the workpiece with the pointer (x {x:.1f}, y {y:.1f}, z {z:.1f} mm {where}).",
     )
+    names = [f"touch point {number}" for number in range(1, len(known) + 1)]
+    meter = known_points_meter(k, known, _tips(spec, touches), spec.tip_in_flange_m)
+    return points_page(asked, point_states(names, k), meter)
 
 
-def _on_page(spec: FrameOffset, number: int, touches: list[TaughtPose]) -> Instruction:
-    known, tip = spec.points_in_frame_m or spec.old_points_in_base_m, spec.tip_in_flange_m
-    touched = [tip_in_base(touch.base_flange, tip) for touch in touches]
-    names = [f"touch point {k}" for k in range(1, len(known) + 1)]
-    meter = known_points_meter(number - 1, known, touched, tip)
-    return points_page(_touch(spec, number), point_states(names, number - 1), meter)
+def _again_on_page(spec: FrameOffset, k: int, touches: list[Touched]) -> Instruction:
+    known = spec.points_in_frame_m or spec.old_points_in_base_m
+    asked = Instruction(
+        f"touch_point_{k + 1}_again",
+        f"Go away from point {k + 1} and touch it once more: it tells most of what is not known well enough yet.",
+    )
+    further = len(touches) - len(known) + 1
+    names = [f"touch point {number}" for number in range(1, len(known) + 1)]
+    names += [f"{AGAIN_STEP} {number}" for number in range(1, further + 1)]
+    seen = [known[touch.point] for touch in touches]
+    meter = known_points_meter(len(seen), [*seen, known[k]], _tips(spec, touches), spec.tip_in_flange_m)
+    return points_page(asked, point_states(names, len(touches)), meter)
 
 
-def _above_on_page(count: int) -> Instruction:
-    names = [*(f"touch point {k}" for k in range(1, count + 1)), "touch a point above"]
-    return points_page(ABOVE, point_states(names, count), None)
+def _tips(spec: FrameOffset, touches: list[Touched]) -> list[Triple]:
+    return [tip_in_base(touch.base_flange, spec.tip_in_flange_m) for touch in touches]
+
+
+def _above_on_page(touched: int, further: int) -> Instruction:
+    names = [f"touch point {k}" for k in range(1, touched + 1)]
+    names += [f"{AGAIN_STEP} {k}" for k in range(1, further + 1)]
+    return points_page(ABOVE, point_states([*names, ABOVE_STEP], touched + further), None)
 
 
 def _shown(spec: FrameOffset, found: FoundOffset, verdict: Verdict) -> Instruction:
@@ -258,12 +206,24 @@ def _shown(spec: FrameOffset, found: FoundOffset, verdict: Verdict) -> Instructi
 
 
 def _outline(spec: FrameOffset) -> tuple[Phase, ...]:
+    points = _known_points(spec)
     return (
         Phase("read the user frame"),
-        Phase("touch point", len(spec.points_in_frame_m or spec.old_points_in_base_m)),
+        Phase("touch point", spec.named),
+        Phase(
+            "touch a point again", 0 if points is None else len(further_touches(spec, points)), adaptive=True
+        ),
         *((Phase("touch a point above"),) if spec.check_above else ()),
         *(Phase("find the offset"), Phase("accept the result"), Phase("write the user frame")),
     )
+
+
+def _known_points(spec: FrameOffset) -> tuple[Triple, ...] | None:
+    """Return the points in the user frame as far as the settings tell them; None where they fix no frame."""
+    try:
+        return points_in_frame(spec, spec.old_frame or Pose((0.0, 0.0, 0.0)))
+    except CalibrationError:
+        return None  # refused when it is run
 
 
 def _keeps(spec: FrameOffset, result: OffsetResult) -> Keepsake:
@@ -292,14 +252,32 @@ def _judge(spec: FrameOffset, found: FoundOffset) -> Verdict:
         ),
         limits_from="limits of the settings",
         not_verified=("the workpiece's other points: only those touched were looked at",),
+        remarks=(saving(spec, found),) if found.touches else (),
     )
 
 
 def _forecast(spec: FrameOffset, known: Knowledge) -> Forecast:
     del known
-    touches = len(spec.points_in_frame_m or spec.old_points_in_base_m) + spec.check_above
+    framed = bool(spec.points_in_frame_m) or spec.old_frame is not None
+    points = points_in_frame(spec, spec.old_frame or Pose((0.0, 0.0, 0.0)))
+    planned = outlook(spec, points)
+    touches = spec.named + len(further_touches(spec, points))
+    told = planned if planned.reached else offset_outlook(points, [1] * len(points), spec.goal, spec.named)
+    origin_mm, angle_deg = spec.origin_u_m * 1e3, math.degrees(spec.angle_u_rad)
+    words = f"after {touches} touches; {origin_mm:.2f} mm and {angle_deg:.3f} deg are asked for"
+    at_origin = Prediction("frame's origin", told.origin_u_m, "m", sentence=words)
     return Forecast(
-        duration_s=(touches + 1) * PERSON_S, assumed=("a person brings the pointer to every point",)
+        duration_s=(touches + spec.check_above + 1) * PERSON_S + 2.0 * ANSWER_S,
+        predictions=(
+            *((at_origin,) if framed else ()),
+            Prediction("frame's angle", told.angle_u_rad, "rad", sentence=words),
+        ),
+        assumed=(
+            "a person brings the pointer to every point",
+            f"a touch is good to {spec.sigma_m * 1e3:.2f} mm per coordinate (sigma_m), "
+            f"a given point to {spec.old_sigma_m * 1e3:.2f} mm (old_sigma_m)",
+        ),
+        not_checked=() if framed else ("the frame's origin: where the frame is now is read in the run",),
     )
 
 
@@ -307,22 +285,32 @@ def _refit(spec: FrameOffset, findings: Sequence[Finding]) -> Refit:
     found = values_of(findings)
     recorded = _FOUND.validate_python(found["find the offset"])
     known, old = points_in_frame(spec, recorded.base_frame_old), recorded.base_frame_old
+    again = further_touches(spec, known)
     steps = tuple(f"touch point {k}" for k in range(1, len(known) + 1))
-    flanges = tuple(_TAUGHT.validate_python(found[step]).base_flange for step in steps)
-    above = _TAUGHT.validate_python(found["touch a point above"]).base_flange if spec.check_above else None
+    steps += tuple(f"{AGAIN_STEP} {k}" for k in range(1, len(again) + 1))
+    touches = tuple(
+        Touched(k, _TAUGHT.validate_python(found[step]).base_flange)
+        for k, step in zip((*range(len(known)), *again), steps, strict=True)
+    )
+    above = _TAUGHT.validate_python(found[ABOVE_STEP]).base_flange if spec.check_above else None
 
     def solve(use: Use) -> Refitted:
+        used = kept(touches, use)
+        left = sorted({touch.point for touch in used})
         fewer = replace(
             spec,
-            points_in_frame_m=kept(known, use),
+            points_in_frame_m=tuple(known[k] for k in left),
             old_points_in_base_m=(),
             far_point_in_frame_m=recorded.far_point_in_frame_m,
         )
-        offset = find_offset(fewer, old, kept(flanges, use), above)
+        renumbered = tuple(Touched(left.index(touch.point), touch.base_flange) for touch in used)
+        offset = find_offset(fewer, old, renumbered, above)
         back = offset.base_frame_new.inverse()
         gaps = [
-            np.subtract(tip_in_base(back @ flange, spec.tip_in_flange_m), point).tolist()
-            for flange, point in zip(flanges, known, strict=True)
+            np.subtract(
+                tip_in_base(back @ touch.base_flange, spec.tip_in_flange_m), known[touch.point]
+            ).tolist()
+            for touch in touches
         ]
         misses = misses_in_space(gaps, math.hypot(spec.sigma_m, spec.old_sigma_m), STANDS_OUT)
         values = pose_values(offset.base_frame_new, recorded.base_frame_new)
@@ -334,7 +322,7 @@ def _refit(spec: FrameOffset, findings: Sequence[Finding]) -> Refit:
 ENTRY = Entry(
     name="frame_offset",
     title="Offset of a user frame after the workpiece moved",
-    version=2,
+    version=3,
     procedure=frame_offset,
     spec_type=FrameOffset,
     needs=("writes_user_frame",),

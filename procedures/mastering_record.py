@@ -253,7 +253,10 @@ def verdict_on_record(result: RecordResult) -> Verdict:
             "The mastering itself was not checked: the record keeps it as it was found.",
             "The accuracy of the robot was not measured.",
         ),
-        remarks=("Take a new record after a motor, encoder, belt or gear was exchanged.",),
+        remarks=(
+            "Take a new record after a motor, encoder, belt or gear was exchanged.",
+            "The number of poses is fixed by the settings, their places by design: nothing to save.",
+        ),
         set_aside=tuple(
             SetAside(step, "contradicted by the others; measured again") for step in result.set_aside
         ),
@@ -295,7 +298,10 @@ def _verdict_on_places(result: RecordResult) -> Verdict:
             "The accuracy of the robot was not measured.",
             "Whether the places stay where they are: look after marks, seat and nests.",
         ),
-        remarks=("Take a new record after a motor, encoder, belt or gear was exchanged, or the tip.",),
+        remarks=(
+            "Take a new record after a motor, encoder, belt or gear was exchanged, or the tip.",
+            "The number of places is fixed by the kit, further ones by what it lacks: nothing to save.",
+        ),
     )
 
 

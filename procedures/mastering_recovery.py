@@ -18,11 +18,12 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
 from procedures.mastering_record import HOOK_WIRE
 from procedures.motion.plans import FinalPlan, plan_finals
-from procedures.recovery.mastering_forecasts import forecast_recovery
+from procedures.recovery.mastering_forecasts import forecast_place_recovery, forecast_recovery
 from procedures.recovery.place_recovery import OLD_RECORD, recover_by_places
 from procedures.recovery.recovery_campaign import (
     Campaign,
     check_the_memory,
+    compare_with_drawn,
     confirm_elsewhere,
     measure_until_decided,
 )
@@ -88,6 +89,7 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
     recovery = held
 
     finals = await _plan_finals(campaign)
+    await compare_with_drawn(campaign, recovery)
     await run.step("accept the correction", accept, told_correction(recovery, record), _hash_of(recovery))
     written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
     flanks = await _confirm_written(campaign, recovery, finals)
@@ -211,7 +213,7 @@ def _by_wire(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
         *(Phase(name, times, adaptive=True) for name, times in memory),
         *(Phase("plan the first poses", adaptive=True), Phase("accept the plan", adaptive=True)),
         *(Phase(name, times, adaptive=True) for name, times in measuring),
-        Phase("plan the final checks"),
+        *(Phase("plan the final checks"), Phase("compare with drawn poses")),
     )
 
 
@@ -224,19 +226,21 @@ def _keeps(spec: MasteringRecoverySpec, result: RecoveryResult) -> Keepsake | No
 
 def _verdict(spec: MasteringRecoverySpec, result: RecoveryResult) -> Verdict:
     verdict = verdict_on_recovery(spec.accuracy_class, spec.limits, result)
-    return replace(verdict, remarks=(*verdict.remarks, saving(spec, result)))
+    return replace(verdict, remarks=(*verdict.remarks, *saving(spec, result)))
 
 
 def _forecast(spec: MasteringRecoverySpec, known: Knowledge) -> Forecast:
     captures = (spec.first_captures, spec.check_captures, spec.final_captures)
     known = replace(known, last_counts=spec.last_counts)
+    if spec.evidence == "places" or (known.record is not None and known.record.wire is None):
+        return forecast_place_recovery(known, spec.index_speed_rad_s)
     return forecast_recovery(known, spec.room, captures, spec.samples, spec.index_speed_rad_s)
 
 
 ENTRY = Entry(
     name="mastering_recovery",
     title="Mastering recovery",
-    version=5,
+    version=6,
     procedure=mastering_recovery,
     spec_type=MasteringRecoverySpec,
     needs=("jogs_single_axes", "writes_mastering", "evidence", "model"),

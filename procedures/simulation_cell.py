@@ -7,7 +7,7 @@ Positioning Accuracy, 2008, section 5.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal, NewType
 
 from pydantic import Field, TypeAdapter
@@ -33,7 +33,7 @@ from procedures.run import Run
 from procedures.steps.ask import accept
 from procedures.teaching.simulation_refit import refit_place, refit_robot
 from procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
-from procedures.verdict import Verdict
+from procedures.verdict import NOTHING_MEASURED, Verdict
 
 Part = Literal["robot", "base", "workpiece"]
 Description = NewType("Description", str)  # the text of a URDF; who types settings names the file
@@ -199,9 +199,11 @@ def verdict_on_part(spec: SimulationCell, result: CalibratedPart) -> Verdict:
         check = chosen(CHECK, spec.accuracy_class, spec.robot_limits)
         tool = TOOL[spec.accuracy_class]
         from_where = told(spec.accuracy_class, spec.robot_limits)
-        return robot_verdict(result.found.found, check, tool, from_where)
-    limits = chosen(FRAME, spec.accuracy_class, spec.limits)
-    return placed_verdict(result.found, limits, told(spec.accuracy_class, spec.limits), spec.sigma_m)
+        verdict = robot_verdict(result.found.found, check, tool, from_where)
+    else:
+        limits = chosen(FRAME, spec.accuracy_class, spec.limits)
+        verdict = placed_verdict(result.found, limits, told(spec.accuracy_class, spec.limits), spec.sigma_m)
+    return replace(verdict, remarks=(*verdict.remarks, NOTHING_MEASURED))
 
 
 def _forecast(spec: SimulationCell, known: Knowledge) -> Forecast:

@@ -193,24 +193,28 @@ def _judge(spec: ThreePointFrame, found: FrameSetup) -> Verdict:
     )
 
 
-def _expected(spec: ThreePointFrame, sharper: float = 1.0) -> FrameOutlook:
+def _expected(spec: ThreePointFrame, sharper: float = 1.0, most: int | None = None) -> FrameOutlook:
     """Return what a triangle of usual size would take beyond the touches that are made in any case."""
     points = [FramePoint(role, _ASSUMED[role]) for _, role, _ in named_touches(spec.rules)]
     goal = spec.rules.goal
     goal = FrameGoal(goal.sigma_m, goal.origin_u_m / sharper, goal.angle_u_rad / sharper)
-    return frame_outlook(Pose((0.0, 0.0, 0.0)), points, goal, spec.rules.most)
+    return frame_outlook(Pose((0.0, 0.0, 0.0)), points, goal, most or spec.rules.most)
 
 
 def _forecast(spec: ThreePointFrame, known: Knowledge) -> Forecast:
     del known
     expected, best, most = _expected(spec), _expected(spec, sharper=1e3), spec.rules.most
-    further = len(expected.again) if expected.reached else 0
-    count = len(named_touches(spec.rules)) + further + spec.check_above
+    named = len(named_touches(spec.rules))
+    after = expected if expected.reached else _expected(spec, most=named)  # out of reach: none is asked for
+    touches = named + len(after.again)
+    count = touches + spec.check_above
     origin = {name: limit.origin_m for name, limit in FRAME.items()}
     turn = {name: limit.angle_rad for name, limit in FRAME.items()}
     return Forecast(
         duration_s=count * PERSON_S + 2.0 * ANSWER_S,
         predictions=(
+            Prediction(f"origin of the frame, after {touches} touches", after.origin_u_m, "m"),
+            Prediction(f"direction of the frame's axes, after {touches} touches", after.angle_u_rad, "rad"),
             Prediction(f"origin of the frame, after {most} touches at most", best.origin_u_m, "m", origin),
             Prediction(
                 f"direction of the frame's axes, after {most} touches at most", best.angle_u_rad, "rad", turn

@@ -20,6 +20,8 @@ from calibration.uncertainty import coverage_factor, decide
 
 PASS, FAIL, UNDECIDED = uncertainty.Verdict.PASS, uncertainty.Verdict.FAIL, uncertainty.Verdict.UNDECIDED
 
+NOTHING_MEASURED = "Nothing was measured in this run: nothing to save."
+
 
 @dataclass(frozen=True, slots=True)
 class Contribution:

@@ -10,13 +10,15 @@ from pydantic import Field
 from calibration.drift.causes import telling_order
 from calibration.drift.reference import DriftReference
 from drivers.interfaces import Joints
-from procedures.arm.arm_bench import Bench
+from procedures.arm.arm_bench import Bench, Method
 from procedures.arm.arm_motion import Reach, draw_poses, map_roads, way_is_free, way_to_one, way_to_rest
+from procedures.forecast import Knowledge
 from procedures.motion.pace import Pace, Paced
 from procedures.motion.plans import Room
 from procedures.run import RefusalError
 
 REPEAT_M = 3e-5  # how well an arm of this class comes back to a pose from the same side, one coordinate
+ASSUMED_DISTANCE_M = 3.0  # of a target from its tracker, in a dry run
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,3 +82,15 @@ def _planned(bench: Bench, reach: Reach, to_rest: tuple[Joints, ...], poses: tup
     rest = to_rest[-1]
     ways = tuple((rest, pose) for pose in poses)  # always by way of the rest: the same approach every time
     return DriftPlan(ways, to_rest, reach.pace(bench.limits.speed_rad_s), reach.not_checked())
+
+
+def noise_before_m(known: Knowledge, method: Method, samples: int) -> float:
+    """Return the standard deviation [m] of one coordinate of a capture, as its device will state it; 0 unknown."""
+    if method == "wire":
+        gauge = known.gauge
+        # noise alone: what a wire gets wrong every time is the same in both rounds
+        return (
+            0.0 if gauge is None else math.hypot(gauge.sigma_m / 2.0 / math.sqrt(samples), gauge.resolution_m)
+        )
+    sees = known.tracker
+    return 0.0 if sees is None else sees.sigma_m + sees.sigma_per_m * ASSUMED_DISTANCE_M

@@ -11,6 +11,7 @@ from calibration.arm.kinematics import RobotModel, load_model
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
 from calibration.mastering.counts import DriveTrain, MasteringRecord
+from calibration.mastering.drawn_walk import DrawnWalk, drawn_walk
 from calibration.mastering.pose_design import candidate_joints, kit_poses, next_poses
 from calibration.mastering.recovery_walk import Pace, WalkPlanner, nearby_joints
 from calibration.mastering.turn_recovery import verification_power
@@ -301,6 +302,17 @@ def plan_finals(
         ways.append(above if sides[-1] else corners_of(at, pose, False))
         at = pose
     return FinalPlan(_checked(model, checks[-1], ways, limits, state.limits.jog_speed_rad_s), tuple(sides))
+
+
+def compare_drawn(
+    record: MasteringRecord, state: MotorState, room: Room, measured: tuple[Joints, ...]
+) -> DrawnWalk | None:
+    """Compare the captures of a recovery with evenly drawn ones; None where there is no walk to compare."""
+    if len(measured) < 2:
+        return None
+    model, limits = load_model(record.model), motion_limits(state, record.drive, room)
+    walked = np.array(measured)
+    return drawn_walk(model, record, limits, walked[0], walked)
 
 
 def index_travel(record: MasteringRecord, here_rad: Joints, turns: float) -> Joints:

@@ -6,11 +6,22 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.arm.kinematics import RobotModel, load_model
-from calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
+from calibration.mastering.counts import DriveTrain, MasteringRecord, RecoveryKit, WireCapture
+from calibration.mastering.kit_design import KitOutlook, outlook
+from calibration.mastering.place_recovery import places_to_fit
 from calibration.mastering.pose_design import predict
 from calibration.wires.reference import fit_wire_reference
 from drivers.interfaces import Condition, Counts, Identity, Joints, MasteringData, Readiness
-from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
+from procedures.forecast import (
+    ANSWER_S,
+    PERSON_S,
+    SAMPLE_S,
+    Forecast,
+    Knowledge,
+    PlannedPose,
+    Prediction,
+    wire_lacking,
+)
 from procedures.limits import MASTERING
 from procedures.motion.approach import OVERSHOOT_RAD
 from procedures.motion.plans import MotionPlan, Room, index_travel, plan_first, plan_kit, wire_prior
@@ -65,7 +76,7 @@ def forecast_recovery(
     record = known.record
     state = state_of(known)
     if record is None or record.wire is None or state is None:
-        return Forecast(0.0, assumed=_assumed(known))
+        return Forecast(0.0, assumed=_assumed(known), lacks=wire_lacking(known))
     first, checks, finals = captures
     here = _here(record, known.last_counts)
     plan = plan_first(record, state, room, here, first)
@@ -75,16 +86,84 @@ def forecast_recovery(
     )  # every second axis, twice
     capture_s = (len(here) + 1) * known.limits.settle_s + samples * SAMPLE_S
     walk_s = share * (plan.travel_rad / plan.speed_rad_s + backwards_s + len(plan.poses_rad) * capture_s)
-    speed = min(index_speed_rad_s, known.limits.jog_speed_rad_s)
-    waking_s = POWER_CYCLE_S + sum(map(abs, index_travel(record, here, INDEX_TURNS))) / speed
     joints = np.array(plan.poses_rad)
     return Forecast(
-        duration_s=waking_s + walk_s + 4.0 * ANSWER_S,
+        duration_s=_waking_s(known, record, index_speed_rad_s) + walk_s + 4.0 * ANSWER_S,
         poses=_labelled(plan, "capture"),
         speed_rad_s=plan.speed_rad_s,
         predictions=(_turns(record, joints), _offsets(record, joints)),
-        assumed=(*_assumed(known), "the battery is exchanged and the power cycled within two minutes"),
+        assumed=(*_assumed(known), *_WAKING),
         not_checked=(*plan.not_checked, "check poses are chosen when the turns are known"),
+    )
+
+
+def forecast_place_recovery(known: Knowledge, index_speed_rad_s: float) -> Forecast:
+    """Tell which places of the record's kit would be found again after a loss, and what they would tell."""
+    record = known.record
+    lacks = _lacks(known)
+    if record is None or record.kit is None or lacks:
+        return Forecast(0.0, lacks=lacks)
+    kit, fitted = record.kit, places_to_fit(record)
+    seen = outlook(load_model(record.model), kit, (record.drive, record.counts_at_zero))
+    left = [place.place for place in kit.places if place.kind != "nest" and place.place not in fitted]
+    visits = [
+        *((f"place {k}", number) for k, number in enumerate(fitted, 1)),
+        *((f"check place {k}", number) for k, number in enumerate(left, 1)),
+        ("final place", left[-1] if left else fitted[-1]),
+    ]
+    by_hand = len(visits) + sum(place.kind == "nest" for place in kit.places)
+    return Forecast(
+        duration_s=_waking_s(known, record, index_speed_rad_s) + by_hand * PERSON_S + 3.0 * ANSWER_S,
+        poses=tuple(PlannedPose(label, _posture(record, kit, number)) for label, number in visits),
+        predictions=_by_places(seen),
+        assumed=(
+            *_WAKING,
+            "a person finds each place again within a minute; the postures are those of the record",
+            *(line for line in _assumed(known) if line.startswith("the robot stands")),
+        ),
+    )
+
+
+_WAKING = ("the battery is exchanged and the power cycled within two minutes",)
+
+
+def _lacks(known: Knowledge) -> tuple[str, ...]:
+    if known.record is None:
+        return ("a mastering record of this robot, taken before the loss",)
+    if known.record.kit is None:
+        return ("a recovery kit in the record: touched points, a keyed seat or targets",)
+    seen = any(place.kind in ("target", "nest") for place in known.record.kit.places)
+    if seen and known.tracker is None:
+        return ("the tracker that the record's targets were seen with",)
+    return ()
+
+
+def _waking_s(known: Knowledge, record: MasteringRecord, index_speed_rad_s: float) -> float:
+    """Return how long it takes until every motor has passed its index."""
+    here = _here(record, known.last_counts)
+    speed = min(index_speed_rad_s, known.limits.jog_speed_rad_s)
+    return POWER_CYCLE_S + sum(map(abs, index_travel(record, here, INDEX_TURNS))) / speed
+
+
+def _posture(record: MasteringRecord, kit: RecoveryKit, number: int) -> Joints:
+    place = next(place for place in kit.places if place.place == number)
+    joints = record.drive.joints(np.array(place.counts), np.array(record.counts_at_zero))
+    return tuple(float(q) for q in joints)
+
+
+def _by_places(seen: KitOutlook) -> tuple[Prediction, ...]:
+    words = (
+        f"the chance that all lost turns are found right with these places is {seen.success_probability:.6f}; "
+        f"a wrong turn would show at {seen.check_sigmas:.0f} deviations at the places for checking"
+    )
+    return (
+        Prediction("turns of the least known motor", 2.0 * max(seen.sigma_turns), "turn", sentence=words),
+        Prediction(
+            "new zero of the least known axis, were every motor exchanged",
+            max(seen.offset_u_rad),
+            "rad",
+            {name: limit.axis_rad for name, limit in MASTERING.items()},
+        ),
     )
 
 

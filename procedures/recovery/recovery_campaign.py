@@ -1,15 +1,24 @@
 """The measuring of a recovery by draw-wire: capture until the gate decides, then look where nothing was fitted."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from pydantic_core import to_jsonable_python
 
 from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.drawn_walk import DrawnWalk
 from calibration.mastering.turn_recovery import TurnRecovery
 from drivers.interfaces import Joints
 from procedures.canonical import sha256_of
 from procedures.mastering_record import shown
-from procedures.motion.plans import Known, MotionPlan, plan_checks, plan_finer, plan_first, plan_next
+from procedures.motion.plans import (
+    Known,
+    MotionPlan,
+    compare_drawn,
+    plan_checks,
+    plan_finer,
+    plan_first,
+    plan_next,
+)
 from procedures.recovery.recovery_result import (
     MEMORY_POWER,
     Effort,
@@ -49,6 +58,7 @@ class Campaign:
     again: int = 0
     set_aside: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    drawn: DrawnWalk | None = None
 
     async def jog_and_capture(self, pose: Joints, plan: MotionPlan, what: str, k: int) -> WireCapture:
         speed = plan.speed_rad_s
@@ -66,7 +76,8 @@ class Campaign:
         return still.wire
 
     def effort(self) -> Effort:
-        return Effort(self.taken, len(self.checks), self.again, self.seconds, tuple(self.set_aside))
+        effort = Effort(self.taken, len(self.checks), self.again, self.seconds, tuple(self.set_aside))
+        return replace(effort, drawn=self.drawn, jog_speed_rad_s=self.state.limits.jog_speed_rad_s)
 
     def refusal(self, recovery: TurnRecovery, reason: str, remedy: str, code: str) -> RefusalError:
         evidence = refused(self.record, recovery, self.effort(), reason)
@@ -206,3 +217,12 @@ async def confirm_elsewhere(campaign: Campaign, recovery: TurnRecovery) -> TurnR
             remedy = "Check the wire, then start the recovery again."
             raise campaign.refusal(verified, verified.reason, remedy, "procedure.not_confirmed")
         count = 2
+
+
+async def compare_with_drawn(campaign: Campaign, recovery: TurnRecovery) -> None:
+    """Find how many evenly drawn poses would have been as sure; nothing depends on it but a remark."""
+    record = campaign.record
+    mapping = CountsToJoints(record.drive, recovery.counts_at_zero, (0,) * len(recovery.turns))
+    walked = tuple(mapping.joints(capture.counts) for capture in campaign.kept)
+    known = (record, campaign.state, campaign.spec.room)
+    campaign.drawn = await campaign.run.solve("compare with drawn poses", compare_drawn, *known, walked)

@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.arm.kinematics import load_model
 from calibration.mastering.counts import MasteringRecord, WireCapture
+from calibration.mastering.drawn_walk import DrawnWalk
 from calibration.mastering.flank_check import FlankCheck, compare_flanks
 from calibration.mastering.turn_hypotheses import LossProblem
 from calibration.mastering.turn_recovery import (
@@ -61,6 +62,8 @@ class RecoveryResult:
     set_aside: tuple[str, ...] = ()  # captures that did not fit the others; measured again
     final_captures: int = 0
     flanks: FlankCheck | None = None  # check poses gone to again, some from the other side
+    drawn: DrawnWalk | None = None  # None by places, of memory alone, and in results older than it
+    jog_speed_rad_s: float = 0.0
 
 
 def widest_u_rad(recovery: TurnRecovery) -> float:
@@ -78,6 +81,8 @@ class Effort:
     robot_seconds: float
     set_aside: tuple[str, ...] = ()
     final_captures: int = 0
+    drawn: DrawnWalk | None = None
+    jog_speed_rad_s: float = 0.0
 
 
 def judge(
@@ -242,6 +247,8 @@ def _result(
         poses_needed=recovery.poses_needed,
         set_aside=effort.set_aside,
         final_captures=effort.final_captures,
+        drawn=effort.drawn,
+        jog_speed_rad_s=effort.jog_speed_rad_s,
     )
 
 

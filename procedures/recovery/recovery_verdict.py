@@ -47,19 +47,27 @@ def verdict_on_recovery(
     )
 
 
-def saving(spec: MasteringRecoverySpec, result: RecoveryResult) -> str:
-    """Say what stopping at the gate saved; a plan fixed beforehand would have to be as long as is allowed."""
-    by_places = result.record is not None and result.record.wire is None
-    if spec.evidence == "places" or by_places:
-        return "no saving: every place of the kit was visited, to fit or to check"
-    taken, checked = result.captures, result.check_captures
-    most, most_checks = spec.max_captures, spec.max_check_captures
-    share = 1.0 - (taken + checked) / (most + most_checks)
-    if share <= 0.0:
-        return f"no saving: {taken} captures and {checked} checks, as many as the settings allow"
+def saving(spec: MasteringRecoverySpec, result: RecoveryResult) -> tuple[str, ...]:
+    """Say what choosing the poses saved against evenly drawn ones that know the least known motor as well."""
+    if spec.evidence == "places" or (result.record is not None and result.record.wire is None):
+        return ("no saving: every place of the kit was visited, to fit or to check",)
+    taken, checked, drawn = result.captures, result.check_captures, result.drawn
+    if drawn is None:
+        return ()
+    took = drawn.travel_rad / result.jog_speed_rad_s / 60.0
+    if drawn.drawn_captures is None:
+        return (
+            f"{taken} captures and {checked} checks; evenly drawn poses do not tell the motors as surely at all",
+        )
+    needs, longer = drawn.drawn_captures, drawn.drawn_travel_rad / result.jog_speed_rad_s / 60.0
+    if longer <= took:
+        return (
+            f"no saving: evenly drawn poses need {needs} captures and {longer:.1f} minutes of moving for as much",
+        )
     return (
-        f"{taken} captures and {checked} checks; a fixed plan takes the most that the settings allow, "
-        f"{most} and {most_checks}: {share:.0%} saved"
+        f"{taken} captures, {took:.1f} minutes of moving, and {checked} checks; a fixed plan of evenly drawn poses "
+        f"needs {needs} captures and {longer:.1f} minutes of moving to be as sure: {1.0 - took / longer:.0%} of the "
+        "moving saved",
     )
 
 

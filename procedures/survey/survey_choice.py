@@ -91,6 +91,18 @@ def fixed_plan_captures(survey: Survey, factor: float, reached: tuple[float, flo
     return counts[0] * len(survey.plan.spots)
 
 
+def saving(captures: int, fixed: int | None) -> str:
+    """Return what choosing the poses saved against evenly drawn ones, as a sentence."""
+    if fixed is None:
+        return f"{captures} captures; evenly drawn poses do not reach this U at all"
+    if fixed <= captures:
+        return f"no saving: {captures} captures; evenly drawn poses need {fixed} for the same U"
+    return (
+        f"{captures} captures; a fixed plan of evenly drawn poses needs {fixed} for the same U: "
+        f"{1.0 - captures / fixed:.0%} saved"
+    )
+
+
 def _drawn_reach(survey: Survey, count: int, factor: float, reached: tuple[float, float]) -> bool:
     found = _with_planned(survey, [np.array(pool[:count]) for pool in survey.plan.pools], factor)
     return found[0] <= reached[0] and found[1] <= reached[1]

@@ -3,22 +3,20 @@
 import math
 from dataclasses import replace
 
-from procedures.forecast import PERSON_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
+from procedures.forecast import (
+    PERSON_S,
+    SAMPLE_S,
+    Forecast,
+    Knowledge,
+    PlannedPose,
+    Prediction,
+    wire_lacking,
+)
 from procedures.limits import FRAME
 from procedures.survey.survey import Survey, SurveyState, recorded_wire
 from procedures.survey.survey_choice import expected_at_least
 
 _CAREFUL = 4  # times the readings, or a fourth of the scale's uncertainty: what more care is taken to be
-
-
-def lacking(known: Knowledge) -> tuple[str, ...]:
-    """Return what must be known of a cell before a survey can be foretold."""
-    needed = (
-        ("a kinematic model", known.model),
-        ("a gauge", known.gauge),
-        ("where the wire is", known.gauge_setup),
-    )
-    return tuple(name for name, found in needed if found is None)
 
 
 def state_before(known: Knowledge) -> SurveyState:
@@ -27,10 +25,10 @@ def state_before(known: Knowledge) -> SurveyState:
     Raises
     ------
     ValueError
-        Something of ``lacking`` is not known.
+        Something of ``wire_lacking`` is not known.
     """
     if known.model is None or known.gauge is None or known.gauge_setup is None:
-        raise ValueError(f"not known: {', '.join(lacking(known))}")
+        raise ValueError(f"not known: {', '.join(wire_lacking(known))}")
     zero = () if known.record is None else known.record.counts_at_zero
     return SurveyState(
         serial="" if known.record is None else known.record.robot_serial,

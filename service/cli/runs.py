@@ -351,7 +351,7 @@ def tell(outcome: "Outcome", config: "CellConfig", *, as_json: bool) -> int:
 
 
 def tell_judgement(judgement: Any) -> None:
-    """Print the verdict, and what keeps it from being PASS."""
+    """Print the verdict, what keeps it from being PASS, and its remarks: what was saved among them."""
     from rich.markup import escape
 
     from service.cli.printing import EN_ROUTE
@@ -368,5 +368,7 @@ def tell_judgement(judgement: Any) -> None:
             found = f"{figure['name']}: {quantity(figure['value'], unit)}"
             found += "" if limit is None else f", limit {quantity(limit, unit)}"
             EN_ROUTE.print(escape(f"  {figure['decision'].upper()} {found}. {figure['rule']}"))
+    for line in judgement["remarks"]:
+        EN_ROUTE.print(escape(f"  {line}"))
     for line in judgement["to_sign"]:
         EN_ROUTE.print(f"[bold yellow]to be signed by hand:[/] {escape(line)}")

@@ -7,11 +7,13 @@ from typing import Any
 from pydantic_core import to_jsonable_python
 
 from calibration.errors import CalibrationError, CellError
+from drivers.interfaces import Counts
 from procedures.catalogue import ENTRIES, entry_named
 from procedures.cell import Cell
 from procedures.entry import Entry, Phase, lacking
 from procedures.forecast import Forecast, Knowledge
 from procedures.instruments import instruments_of
+from procedures.run import RefusalError
 from service.configuration.cell_file import CellConfig
 from service.quantities import quantity
 from service.runs.cell import journal_path, on_paper, open_journal
@@ -130,22 +132,29 @@ def refuse_class_out_of_reach(
             )
 
 
-def _forecast(entry: Entry, spec: Any, cell: Cell, config: CellConfig) -> tuple[Forecast | None, str]:
-    if entry.forecast is None:
-        return None, "this procedure foretells nothing but its steps"
-    healthy = LastHealthyCounts(config.cell.data_dir).load(cell.robot.name)
-    known = Knowledge(
+def known_of(cell: Cell, last_counts: Counts | None) -> Knowledge:
+    """Return what a cell, reached or on paper, tells without being asked."""
+    return Knowledge(
         model=cell.model,
         gauge_setup=cell.gauge_setup,
         gauge=None if cell.gauge is None else cell.gauge.capabilities,
         record=cell.record,
-        last_counts=None if healthy is None else healthy.counts,
+        last_counts=last_counts,
         limits=cell.limits,
         tracker_setup=cell.tracker_setup,
         tracker=None if cell.tracker is None else cell.tracker.capabilities,
         instruments=instruments_of(cell),
+        alignments=cell.alignments,
+        drift_references=cell.drift_references,
     )
+
+
+def _forecast(entry: Entry, spec: Any, cell: Cell, config: CellConfig) -> tuple[Forecast | None, str]:
+    if entry.forecast is None:
+        return None, "this procedure foretells nothing but its steps"
+    healthy = LastHealthyCounts(config.cell.data_dir).load(cell.robot.name)
+    known = known_of(cell, None if healthy is None else healthy.counts)
     try:
         return entry.forecast(spec, known), ""
-    except CalibrationError as error:
+    except (CalibrationError, RefusalError) as error:
         return None, str(error)

@@ -148,12 +148,19 @@ async def test_a_recovery_names_what_it_set_aside_and_what_must_be_signed(tmp_pa
     taken, checked = outcome.result.captures, outcome.result.check_captures
     assert taken + checked < 38  # 30 and 8 are what the settings allow
     (saved,) = [words for words in content["verdict"]["remarks"] if "saved" in words]
-    assert saved.startswith(f"{taken} captures and {checked} checks; a fixed plan takes")
-    no_less = MasteringRecoverySpec(max_captures=taken, max_check_captures=checked)
-    assert saving(no_less, outcome.result).startswith("no saving: ")
-    assert saving(MasteringRecoverySpec(evidence="places"), outcome.result).startswith(
-        "no saving: every place"
+    drawn, slow = outcome.result.drawn, outcome.result.jog_speed_rad_s
+    took, longer = (travel / slow / 60.0 for travel in (drawn.travel_rad, drawn.drawn_travel_rad))
+    assert saved.startswith(
+        f"{taken} captures, {took:.1f} minutes of moving, and {checked} checks; a fixed plan"
     )
+    assert f"needs {drawn.drawn_captures} captures and {longer:.1f} minutes" in saved
+    assert 0.0 < took < longer
+    (none,) = saving(MasteringRecoverySpec(evidence="places"), outcome.result)
+    assert none.startswith("no saving: every place")
+    worse = replace(outcome.result, drawn=replace(drawn, drawn_travel_rad=drawn.travel_rad))
+    assert saving(made.spec, worse)[0].startswith("no saving: evenly drawn poses need")
+    never = replace(outcome.result, drawn=replace(drawn, drawn_captures=None))
+    assert saving(made.spec, never)[0].endswith("do not tell the motors as surely at all")
     before = {change["name"]: change["before"] for change in content["verdict"]["changes"]}
     assert before["J1: counts at zero"] == made.arm.true_zero[0] - 0  # as it was mastered
     large = [point for point in content["points"] if "value_sha256" in point]
@@ -452,6 +459,8 @@ async def test_every_procedure_foretells_finite_figures_without_a_device(name: s
         limits=cell.limits,
         tracker_setup=cell.tracker_setup,
         tracker=cell.tracker.capabilities,
+        alignments=cell.alignments,
+        drift_references=cell.drift_references,
     )
     forecast = entry.forecast(made.spec, known)
     assert np.isfinite(forecast.duration_s)

@@ -125,4 +125,14 @@ def test_the_dry_run_tells_how_many_touches_it_takes() -> None:
     assert told.assumed[0].startswith(f"{len(steps)} points")
     assert len(steps) > 3
     assert all(np.isfinite(one.expanded) for one in told.predictions)
-    assert told.predictions[0].name == "origin of the frame, after 12 touches at most"
+    named = {one.name: one.expanded for one in told.predictions}
+    assert named[f"origin of the frame, after {len(steps)} touches"] <= 0.001  # the run ends there
+    assert "origin of the frame, after 12 touches at most" in named
+
+
+async def test_the_dry_run_foretells_what_the_run_states_also_where_the_limits_are_out_of_reach() -> None:
+    made = pointing(accuracy_class="A", write_anyway="a test")
+    setup, _ = await _taught(made)
+    told = ENTRY.forecast(made.spec, None)  # type: ignore[misc,arg-type]
+    origin = next(one for one in told.predictions if one.name == "origin of the frame, after 3 touches")
+    assert origin.expanded == pytest.approx(2.0 * max(setup.taught.origin_sigma_m), rel=0.05)

@@ -1,0 +1,174 @@
+"""A user frame that goes along with its workpiece: its points, which to touch again, where it is. Pure functions."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Pose, log_rotation
+from calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
+from calibration.points.frames import frame_offset as offset_between
+from calibration.points.offset_design import (
+    OffsetGoal,
+    OffsetOutlook,
+    offset_outlook,
+    point_covariance,
+    rounds_touches,
+)
+from procedures.judged_write import WriteAnyway
+from procedures.steps.meters import tip_in_base
+
+
+@dataclass(frozen=True, slots=True)
+class FrameOffset:
+    """Which user frame moved, the points that are touched again, and with which pointer."""
+
+    frame_number: Annotated[int, Field(ge=0, le=99)]
+    tip_in_flange_m: Triple
+    points_in_frame_m: Annotated[tuple[Triple, ...], Field(max_length=50)] = ()  # in the user frame, or …
+    old_points_in_base_m: Annotated[
+        tuple[Triple, ...], Field(max_length=50)
+    ] = ()  # … as touched before the move
+    old_frame: Pose | None = None  # None: as the controller has it
+    far_point_in_frame_m: Triple | None = None  # the far end of the workpiece; None: the point furthest out
+    sigma_m: Annotated[float, Field(gt=0, le=0.1)] = 0.0005  # of one coordinate of one touch, now
+    old_sigma_m: Annotated[float, Field(ge=0, le=0.1)] = 0.0005  # the same of the points given
+    origin_u_m: Annotated[float, Field(gt=0, le=0.1)] = 0.002
+    angle_u_rad: Annotated[float, Field(gt=0, le=1)] = math.radians(0.5)
+    max_touches: Annotated[int, Field(ge=3, le=100)] = 12  # further ones are asked for if so many can do it
+    check_above: bool = False  # one more touch, which catches points taken in the wrong order
+    write_anyway: WriteAnyway = ""
+
+    @property
+    def goal(self) -> OffsetGoal:
+        """What a touch is worth, and what is asked for."""
+        return OffsetGoal(self.sigma_m, self.old_sigma_m, self.origin_u_m, self.angle_u_rad)
+
+    @property
+    def named(self) -> int:
+        """How many points are touched in any case."""
+        return len(self.points_in_frame_m or self.old_points_in_base_m)
+
+    @property
+    def most(self) -> int:
+        """How many touches there are at most."""
+        return max(self.max_touches, self.named)
+
+
+@dataclass(frozen=True, slots=True)
+class Touched:
+    """One touch of a point of the workpiece, counted from 0."""
+
+    point: int
+    base_flange: Pose
+
+
+@dataclass(frozen=True, slots=True)
+class FoundOffset:
+    """The frame before and after, and what lies between: ``old_new`` is UF_T_UF' of Eq. 7."""
+
+    base_frame_old: Pose
+    base_frame_new: Pose
+    old_new: Pose
+    shift_m: float  # of the origin
+    turn_rad: float
+    far_point_in_frame_m: Triple
+    far_shift_m: float  # by how much the far end of the workpiece moved
+    placed: PlacedPoints
+    touches: tuple[int, ...] = ()  # of each point; none in results older than version 3
+
+
+def find_offset(
+    spec: FrameOffset, base_frame_old: Pose, touches: tuple[Touched, ...], above: Pose | None
+) -> FoundOffset:
+    """Fit the moved frame to its points by least squares; compare it with the old one."""
+    points = points_in_frame(spec, base_frame_old)
+    tips = [tip_in_base(touch.base_flange, spec.tip_in_flange_m) for touch in touches]
+    of = [
+        [tip for tip, touch in zip(tips, touches, strict=True) if touch.point == k]
+        for k in range(len(points))
+    ]
+    counts = tuple(map(len, of))
+    touched = [np.mean(each, axis=0) for each in of]
+    variance = point_covariance(counts, spec.sigma_m, spec.old_sigma_m)
+    placed = place_points(points, touched, variance, sigma_point_m=0.0)
+    new = placed.outer_inner
+    if above is not None:
+        _refuse_below(new, tip_in_base(above, spec.tip_in_flange_m))
+    old_new = offset_between(base_frame_old, new)
+    far = spec.far_point_in_frame_m or max(points, key=lambda point: math.hypot(*point))
+    moved = old_new.rotation() @ np.array(far) + np.array(old_new.position_m) - np.array(far)
+    return FoundOffset(
+        base_frame_old=base_frame_old,
+        base_frame_new=new,
+        old_new=old_new,
+        shift_m=math.hypot(*old_new.position_m),
+        turn_rad=float(np.linalg.norm(log_rotation(old_new.rotation()))),
+        far_point_in_frame_m=far,
+        far_shift_m=float(np.linalg.norm(moved)),
+        placed=placed,
+        touches=counts,
+    )
+
+
+def points_in_frame(spec: FrameOffset, base_frame_old: Pose) -> tuple[Triple, ...]:
+    """Return the workpiece's points in its user frame.
+
+    Raises
+    ------
+    CalibrationError
+        Neither or both kinds of points are given; too few, too close, or on one line.
+    """
+    if bool(spec.points_in_frame_m) == bool(spec.old_points_in_base_m):
+        raise CalibrationError(
+            "the points are given either in the user frame or as touched before the move.",
+            remedy="Set points_in_frame_m or old_points_in_base_m, not both.",
+        )
+    points = spec.points_in_frame_m
+    if not points:
+        back = base_frame_old.inverse()
+        in_frame = np.array(spec.old_points_in_base_m) @ back.rotation().T + np.array(back.position_m)
+        points = tuple((float(x), float(y), float(z)) for x, y, z in in_frame)
+    refuse_bad_points(points, "points of the workpiece")
+    return points
+
+
+def _refuse_below(base_frame: Pose, above_m: Triple) -> None:
+    height = float((np.array(above_m) - np.array(base_frame.position_m)) @ base_frame.rotation()[:, 2])
+    if not height > 0:
+        raise CalibrationError(
+            f"the check point lies {-height * 1e3:.1f} mm below the frame: z points the wrong way.",
+            remedy="The points were touched in another order than they are listed. Start a new run.",
+        )
+
+
+def outlook(spec: FrameOffset, points: tuple[Triple, ...]) -> OffsetOutlook:
+    """Return what is worth touching again once every point was touched."""
+    return offset_outlook(points, [1] * len(points), spec.goal, spec.most)
+
+
+def further_touches(spec: FrameOffset, points: tuple[Triple, ...]) -> tuple[int, ...]:
+    """Return the points to touch again, from 0; none where no number of touches that is allowed would do."""
+    planned = outlook(spec, points)
+    return planned.again if planned.reached else ()
+
+
+def saving(spec: FrameOffset, found: FoundOffset) -> str:
+    """Return what choosing the touches saved, or why nothing more was asked for, as a sentence."""
+    points, touches = points_in_frame(spec, found.base_frame_old), sum(found.touches)
+    planned, in_turn = outlook(spec, points), rounds_touches(points, spec.goal)
+    if not planned.reached or in_turn is None:
+        origin_mm, angle_deg = planned.origin_u_m * 1e3, math.degrees(planned.angle_u_rad)
+        return (
+            f"{touches} touches; further ones were not asked for: {spec.most} would leave the origin within "
+            f"{origin_mm:.2f} mm and the angle within {angle_deg:.3f} deg (k=2)"
+        )
+    if touches >= in_turn:
+        return f"no saving: {touches} touches, as many as the points in turn would take"
+    return (
+        f"{touches} touches, each further one where it tells most; the points touched in turn would take "
+        f"{in_turn} for the U of the limits"
+    )

@@ -1,0 +1,31 @@
+"""The plan that a recovery is compared with: evenly drawn poses, as sure of the least known motor."""
+
+import numpy as np
+
+from calibration.mastering.drawn_walk import drawn_walk
+from calibration.mastering.pose_design import candidate_joints, predict
+from procedures.motion.plans import Room, compare_drawn, motion_limits
+from procedures.steps.mastering import read_motors
+from tests.procedures.cells import record_of, scene
+
+
+async def test_more_captures_of_ones_own_ask_for_more_drawn_ones() -> None:
+    record, made = await record_of(scene()), scene()
+    state, room = await read_motors(made.cell), Room()
+    model, limits = made.arm.model, motion_limits(state, record.drive, room)
+    hook = record.lengths()[1].hook_in_flange_m
+    here = np.zeros(6)
+    own = candidate_joints(model, limits, 24, seed=11, hook_in_flange_m=hook)
+    few, many = (drawn_walk(model, record, limits, here, own[:count]) for count in (8, 24))
+    assert few.drawn_captures is not None
+    assert many.drawn_captures is not None
+    assert 4 <= few.drawn_captures <= 16  # one's own are evenly drawn, too: about as many
+    assert 16 <= many.drawn_captures <= 36
+    assert few.drawn_travel_rad < many.drawn_travel_rad
+    assert many.travel_rad > few.travel_rad > 0.0
+    worst = predict(model, record, own[:8])[1].max()
+    assert predict(model, record, own)[1].max() < worst
+
+    walked = tuple(tuple(float(q) for q in row) for row in own[:8])
+    assert compare_drawn(record, state, room, walked) is not None
+    assert compare_drawn(record, state, room, ()) is None  # a memory alone was lost: there is no walk
