@@ -332,7 +332,7 @@ def _shown_result(result: CalibrationResult) -> Instruction:
         f"At {out.captures} poses that were not fitted the error fell from {out.before_rms_m * 1e3:.3f} to "
         f"{out.after_rms_m * 1e3:.3f} mm RMS a coordinate; the target is known within "
         f"{found.tip_u_m * 1e3:.3f} mm over the work (k=2, RMS). {found.saving}.{ended}"
-        + (f" Tool: {tool_words(found.tool)}" if found.tool else ""),
+        + (" " + tool_words(found.tool) if found.tool else ""),
     )
 
 
@@ -455,7 +455,7 @@ def _of_tool(result: CalibrationResult) -> tuple[str, ...]:
     if found is None:
         return ()
     counts = ", ".join(map(str, found.captures))
-    told = f"Tool in the flange: {tool_words(found)} Captures at the points of the end-effector: {counts}"
+    told = f"Captures at the points of the end-effector: {counts}"
     return (told, *((f"The tool frame was not written: {not_written}",) if not_written else ()))
 
 

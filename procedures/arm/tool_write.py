@@ -48,7 +48,11 @@ class ToolOrder:
 
 def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, ...]:
     """Return what is claimed of the tool frame."""
-    figures = [known_within("tip", "m", u=found.tip_u_m / 2.0, limit=limits.tip_m)]
+    places = zip("xyz", found.flange_tool.position_m, strict=True)
+    figures = [
+        *(stated(f"tip {axis} in the flange", value, "m") for axis, value in places),
+        known_within("tip", "m", u=found.tip_u_m / 2.0, limit=limits.tip_m),
+    ]
     if found.placed is not None:
         figures += [
             known_within("axes", "rad", u=found.angle_u_rad / 2.0, limit=limits.orientation_rad),
@@ -74,7 +78,7 @@ def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, 
     )
 
 
-def tool_words(found: FoundTool) -> str:
+def tool_words(found: FoundTool, name: str = "Tool") -> str:
     """Return where the tool is, in words."""
     x, y, z = (value * 1e3 for value in found.flange_tool.position_m)
     axes = (
@@ -82,7 +86,8 @@ def tool_words(found: FoundTool) -> str:
         if found.placed is None
         else f"Axes within {math.degrees(found.angle_u_rad):.3f} deg"
     )
-    return f"x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within {found.tip_u_m * 1e3:.3f} mm (k=2). {axes}."
+    u_mm = found.tip_u_m * 1e3
+    return f"{name}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within {u_mm:.3f} mm (k=2). {axes}."
 
 
 def why_not_written(found: FoundTool, verdict: Verdict, order: ToolOrder) -> str:
@@ -100,7 +105,7 @@ def why_not_written(found: FoundTool, verdict: Verdict, order: ToolOrder) -> str
 
 async def write_tool(run: Run, found: FoundTool, verdict: Verdict, order: ToolOrder) -> WrittenTool:
     """Show the tool frame old and new, and write it once somebody accepted it."""
-    told = f"Tool {order.number}: {tool_words(found)} {shift_told(order.before, found.flange_tool)}"
+    told = " ".join((tool_words(found, f"Tool {order.number}"), shift_told(order.before, found.flange_tool)))
     question = "Write it to the controller?"
     asked = with_verdict(Instruction("accept_tool", told), verdict, question, order.write_anyway, writes=True)
     moved = frame_displacement(order.before, found.flange_tool, lever_m=0.0)

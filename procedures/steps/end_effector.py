@@ -21,15 +21,16 @@ BACK = {
 def to_point(method: str, number: int, point_m: Triple) -> Instruction:
     """Return what a person does so that a point of the end-effector can be measured."""
     x, y, z = (value * 1e3 for value in point_m)
-    where = f"point {number} of the end-effector (x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the tip)"
     if method == "tracker":
         return Instruction(
             f"target_to_point_{number}",
-            f"Put the tracker's target into {where}. The tracker must see it; the robot moves next.",
+            f"Put the tracker's target into point {number} of the end-effector (x {x:.1f}, y {y:.1f}, z {z:.1f} mm "
+            "from the tip). The tracker must see it; the robot moves next.",
         )
     return Instruction(
         f"hook_wire_{number}",
-        f"Hang the wire's hook into {where}. Nothing may touch the wire; the robot moves next.",
+        f"Hang the wire's hook into point {number} of the end-effector (x {x:.1f}, y {y:.1f}, z {z:.1f} mm from the "
+        "tip). Nothing may touch the wire; the robot moves next.",
     )
 
 

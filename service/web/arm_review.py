@@ -24,7 +24,7 @@ from calibration.identification.robust import RobustFit
 from calibration.poses.arm_fit import ArmTask, errors_at, outlook_from, placed, target_u
 from calibration.poses.measurement_poses import Outlook, TestPoses
 from calibration.registration import best_fit_transform
-from procedures.arm.arm_bench import ArmCapture, Bench, joints_of, observed, values_of
+from procedures.arm.arm_bench import ArmCapture, Bench, observed
 from procedures.arm.calibration_plan import fitted, task_of
 from procedures.robot_calibration import RobotCalibration
 from service.runs.store import RunView
@@ -42,7 +42,7 @@ Chosen = NDArray[np.bool_]
 _BENCH: TypeAdapter[Bench] = TypeAdapter(Bench)
 _CAPTURE: TypeAdapter[ArmCapture] = TypeAdapter(ArmCapture)
 _SPEC: TypeAdapter[RobotCalibration] = TypeAdapter(RobotCalibration)
-_FITTED, _CHECK = re.compile(r"capture \d+"), re.compile(r"capture check \d+")
+_FITTED, _CHECK = re.compile(r"capture (point )?\d+"), re.compile(r"capture check \d+")
 _ROUNDS = 3  # of scaling: the third changes nothing that is shown
 _SIGNED_COUNTS_AS = 10.0  # readings: how firmly the errors' size of the signed fit is believed
 
@@ -278,9 +278,7 @@ def _targets(state: ArmState, joints_rad: Array) -> Array:
 
 
 def _sizes(series: ArmSeries, state: ArmState, captures: tuple[ArmCapture, ...]) -> Array:
-    task = series.task
-    joints = joints_of(captures, task.nominal().axes)
-    sizes: Array = np.linalg.norm(errors_at(state, task.observations(joints, values_of(captures))), axis=0)
+    sizes: Array = np.linalg.norm(errors_at(state, observed(series.task, captures)), axis=0)
     return sizes
 
 

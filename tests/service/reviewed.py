@@ -13,7 +13,16 @@ from service.configuration.cell_file import CellConfig, read_cell_file
 from service.parameters.parameter_sets import ParameterSets
 from service.runs.calibrated_runs import keep_calibration
 from service.web.parameters import FOLDER
-from tests.procedures.cells import Scene, calibrating, going_round, moved_workpiece, pointing, touching
+from tests.procedures.cells import (
+    TARGETS,
+    Scene,
+    calibrating,
+    calibrating_a_tool,
+    going_round,
+    moved_workpiece,
+    pointing,
+    touching,
+)
 from tests.procedures.certified import run_in
 from tests.procedures.ideal import IdealArm, IdealTracker
 
@@ -92,7 +101,8 @@ async def with_a_past(cell_file: Path) -> Past:
     """Fill the journal of a cell file, and save two versions of the first robot's parameters."""
     config = read_cell_file(cell_file)
     sets = ParameterSets(cell_file.parent / FOLDER)
-    good = await run_in(config, _of_cell(calibrating(write_zeros=False, rules=QUICK)), "robot_calibration")
+    with_tool = calibrating_a_tool(TARGETS[:1], rules=QUICK, tool_number=None)
+    good = await run_in(config, _of_cell(with_tool), "robot_calibration")
     keep_calibration(config, ROBOT, sets, "Anna", "2026-11-01T08:00:00+00:00")
     made = _of_cell(calibrating(write_zeros=False, rules=QUICK))
     made.cell = replace(made.cell, tracker=Knocked(made.arm, 6))

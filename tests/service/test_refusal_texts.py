@@ -40,6 +40,7 @@ WHOLE = (
     "calibration/line_accuracy.py",
     "calibration/mastering/kit_design.py",
     "calibration/mastering/pose_design.py",
+    "calibration/points/end_effector.py",
     "calibration/points/fixture.py",
     "calibration/points/frames.py",
     "calibration/points/tool_point.py",

@@ -23,7 +23,7 @@ UNIT = re.compile(r"_(m|rad|s|rad_s|m_s)$")
 SAID = {"sigma_rad": "angle sigma"}
 
 # Sentences that carry words of the run beside figures: shown as they are said. Their figures stand on the page.
-ENGLISH_ONLY = 45  # at most; it may only fall
+ENGLISH_ONLY = 22  # at most; it may only fall
 
 
 def tables() -> dict[str, dict[str, str]]:
