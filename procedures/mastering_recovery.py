@@ -46,7 +46,7 @@ from procedures.steps.ask import accept, ask
 from procedures.steps.capture import capture
 from procedures.steps.mastering import MotorState, read_motors, same_epoch, stored_record
 from procedures.steps.motion import CountsToJoints, go_to, go_to_from_above
-from procedures.steps.write import restore_mastering, write_mastering
+from procedures.steps.write import restore_mastering, still_in_force, write_mastering
 from procedures.verdict import Verdict
 
 __all__ = ["ENTRY", "MasteringRecoverySpec", "mastering_recovery"]
@@ -92,6 +92,7 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
     await compare_with_drawn(campaign, recovery)
     await run.step("accept the correction", accept, told_correction(recovery, record), _hash_of(recovery))
     written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
+    await run.ensure("the written mastering is in force", still_in_force, recovery.counts_at_zero)
     flanks = await _confirm_written(campaign, recovery, finals)
     done = replace(campaign.effort(), final_captures=len(finals.motion.poses_rad))
     return replace(restored(record, recovery, done, written, state.epoch), flanks=flanks)

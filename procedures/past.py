@@ -22,6 +22,7 @@ class Kind(StrEnum):
     PAUSED = "paused"
     CONTINUED = "continued"
     FORGOTTEN = "forgotten"  # findings after the n-th no longer count; nothing is deleted
+    UNDONE = "undone"  # a mastering was put back before it was confirmed; findings from its write on no longer count
     STORED = "stored"  # a result that outlives its run: mastering record, tool, frame
     ENDED = "run_ended"
     SIGNED = "signed"  # afterwards: a person put a name to what had to be done by hand
@@ -78,8 +79,9 @@ def fold(events: Iterable[tuple[str, Mapping[str, Any]]]) -> Past:
             in_doubt = None if in_doubt == body["step"] else in_doubt
         elif kind == Kind.FAILED:
             in_doubt = _doubt_after_failure(in_doubt, body)
-        elif kind == Kind.FORGOTTEN:
+        elif kind in (Kind.FORGOTTEN, Kind.UNDONE):
             del findings[body["keep"] :]
+            in_doubt = None if kind == Kind.UNDONE else in_doubt
     return Past(tuple(findings), attempts, in_doubt, resumed=seen)
 
 

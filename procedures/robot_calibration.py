@@ -68,7 +68,7 @@ from procedures.motion.plan_words import Tour, plan_words
 from procedures.run import NeedsUnmetError, RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.pages import plan_page, with_changes
-from procedures.steps.write import read_tool_frame, restore_mastering, write_mastering
+from procedures.steps.write import read_tool_frame, restore_mastering, still_in_force, write_mastering
 from procedures.verdict import (
     FAIL,
     Change,
@@ -267,6 +267,7 @@ async def _write_zeros(
     shown = with_changes(shown, zero_changes(bench, found), **zero_displacement(bench, series.plan, found))
     await run.step("accept the zeros", accept, shown, sha256_of(to_jsonable_python(found.mastering)))
     written = await run.write("write the mastering", write_mastering, found.mastering)
+    await run.ensure("the written mastering is in force", still_in_force, found.mastering)
     ways = check_ways(series, visits.here_rad, FINAL_POSES)
     finals = tuple([await visits.check("final", number, way) for number, way in enumerate(ways, 1)])
     rms_m = errors_after(series, visits.captures(), found.written_offsets_rad, finals)

@@ -12,7 +12,7 @@
 """
 
 import asyncio
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, get_type_hints
@@ -301,14 +301,8 @@ class Run:
             error.add_note(f"and the failure could not be journalled: {second}")
 
     async def _stop_robot(self) -> bool:
-        """Ask the robot to stop and wait, whatever else is cancelled meanwhile; True once it stands still."""
-        stop = asyncio.ensure_future(_stopped(self._book.cell))
-        while not stop.done():
-            try:
-                await asyncio.wait({stop})
-            except asyncio.CancelledError:
-                continue  # the first one is re-raised by our caller, after the robot stands still
-        return stop.result()
+        """Ask the robot to stop and wait; True once it stands still."""
+        return await to_the_end(_stopped(self._book.cell))
 
     async def _wait_at_the_gate(self, name: str) -> None:
         gate = self._book.gate
@@ -359,6 +353,17 @@ class Run:
         if task is not None:
             told = replace(told, does=task.does, page=task.page, goal_rad=task.goal_rad)
         book.announce(told)
+
+
+async def to_the_end(work: Coroutine[Any, Any, R]) -> R:
+    """Wait for a clean-up, whatever else is cancelled meanwhile."""
+    cleaning = asyncio.ensure_future(work)
+    while not cleaning.done():
+        try:
+            await asyncio.wait({cleaning})
+        except asyncio.CancelledError:
+            continue  # the first one is re-raised by our caller, once all is settled
+    return cleaning.result()
 
 
 async def _stopped(cell: Cell) -> bool:

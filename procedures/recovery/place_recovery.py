@@ -27,7 +27,7 @@ from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept
 from procedures.steps.mastering import Motors, read_motors_alone, same_epoch
 from procedures.steps.place import PlaceKind, visit_place
-from procedures.steps.write import restore_mastering, write_mastering
+from procedures.steps.write import restore_mastering, still_in_force, write_mastering
 
 SAME_JOINT_RAD = 1e-4
 OLD_RECORD = (
@@ -94,6 +94,7 @@ async def recover_by_places(
     recovery = await _check(visits, fitted, recovery)
     await run.step("accept the correction", accept, *_question(visits.record, recovery))
     written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
+    await run.ensure("the written mastering is in force", still_in_force, recovery.counts_at_zero)
     await _look_again(visits, recovery, motors)
     return restored(record, recovery, visits.effort(), written, motors.epoch)
 

@@ -7,6 +7,7 @@ from calibration.geometry import Pose
 from drivers.interfaces import Counts, MasteringData
 from procedures.cell import Cell
 from procedures.run import NeedsUnmetError, ProcedureError
+from procedures.steps.mastering import motor_store
 
 WRITTEN_M = 5e-6  # controllers keep frames as float32 millimetres and degrees
 WRITTEN_RAD = 5e-6
@@ -16,6 +17,12 @@ class ReadBackError(ProcedureError):
     """The controller does not hold what was written."""
 
     code = "procedure.read_back"
+
+
+class MasteringChangedError(ProcedureError):
+    """The mastering that a run is about to confirm is not in force."""
+
+    code = "procedure.mastering_changed"
 
 
 async def write_and_read_back(cell: Cell, number: int, flange_tool: Pose) -> Pose:
@@ -60,9 +67,7 @@ async def write_user_frame(cell: Cell, number: int, base_user: Pose) -> Pose:
 
 async def write_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
     """Make the controller's mastering be ``counts_at_zero`` and effective; return what it then says."""
-    store = cell.mastering
-    if store is None:
-        raise NeedsUnmetError("this robot's mastering cannot be written", missing=("writes_mastering",))
+    store = motor_store(cell)
     goal = MasteringData(tuple(counts_at_zero), mastered=True)
     found = await store.mastering()
     if found != goal:
@@ -78,12 +83,22 @@ async def write_mastering(cell: Cell, counts_at_zero: Counts) -> MasteringData:
 
 async def restore_mastering(cell: Cell, data: MasteringData) -> MasteringData:
     """Put earlier mastering data back, the flag included; return what the controller then says."""
-    store = cell.mastering
-    if store is None:
-        raise NeedsUnmetError("this robot's mastering cannot be written", missing=("writes_mastering",))
+    store = motor_store(cell)
     if await store.mastering() != data:
         await store.restore_mastering(data)
     return await store.mastering()
+
+
+async def still_in_force(cell: Cell, written: Counts) -> MasteringData:
+    """Hold that the controller has the mastering that this run wrote, before anything is confirmed by it."""
+    found = await motor_store(cell).mastering()
+    if found != MasteringData(tuple(written), mastered=True):
+        raise MasteringChangedError(
+            "the controller no longer holds the mastering that this run wrote",
+            remedy="Find out who changed it. If the old data are back, resume this run: it writes them anew. Else "
+            "start a new run.",
+        )
+    return found
 
 
 def same_pose(left: Pose, right: Pose) -> bool:

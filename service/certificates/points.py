@@ -66,7 +66,7 @@ def _findings(events: Iterable[Event]) -> list[_Taken]:
         if event.kind == Kind.FINDING:
             counted.append(_Taken(body["step"], event.wall_utc, body))
             everything.append(counted[-1])
-        elif event.kind == Kind.FORGOTTEN:
+        elif event.kind in (Kind.FORGOTTEN, Kind.UNDONE):
             for taken in counted[body["keep"] :]:
                 taken.reason = f"discarded by {event.actor}: done again from {body['step']!r}"
             del counted[body["keep"] :]

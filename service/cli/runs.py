@@ -114,10 +114,13 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
 
     with _journal(cell) as (journal, store):
         views = store.runs()
-        damage = told_damage(journal.damage) if journal.damage else missing_end(read_cell_file(cell), journal)
+        config = read_cell_file(cell)
+        damage = told_damage(journal.damage) if journal.damage else missing_end(config, journal)
+        pending = () if journal.damage else _unconfirmed(store, config)
     if as_json:
         keys = ("run_id", "procedure", "started_utc", "state", "reason")
-        print_json({"runs": [{key: getattr(view, key) for key in keys} for view in views]})
+        told = [{key: getattr(view, key) for key in keys} for view in views]
+        print_json({"runs": told, "unconfirmed": [run_id for _, run_id in pending]})
         return _tell_damage(damage)
     table = Table(Column("run", no_wrap=True), Column("started (UTC)", min_width=10), "ended", "reason")
     for view in views:
@@ -127,6 +130,7 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
         Console().print(
             table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`."
         )
+    _tell_unconfirmed(Console(), pending)
     return _tell_damage(damage)
 
 
@@ -144,33 +148,32 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     """
     from rich.console import Console
     from rich.markup import escape
-    from rich.table import Table
     from rich.tree import Tree
 
     from service.cli.printing import print_json
+    from service.configuration.cell_file import read_cell_file
     from service.runs.check import told_damage
 
     with _journal(cell) as (journal, store):
         view = store.run(store.newest(run_id))
         damage = journal.verify()
         events = journal.events(view.run_id)
+        known = () if journal.damage else _unconfirmed(store, read_cell_file(cell))
+        pending = tuple(one for one in known if one[1] == view.run_id)
     if as_json:
         findings = [{"step": f.step, "value": f.value} for f in view.past.findings]
         print_json(
             {
                 "run_id": view.run_id, "procedure": view.procedure, "state": view.state,
                 "reason": view.reason, "spec": view.spec, "findings": findings, "result": view.result,
-                "judgement": view.judgement,
+                "judgement": view.judgement, "unconfirmed": bool(pending),
                 "journal": "unchanged" if damage is None else told_damage(damage),
             }
         )  # fmt: skip
         return _tell_damage(told_damage(damage) if damage else "")
     console = Console()
     console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {escape(view.reason)}")
-    table = Table("event", "time (UTC)", "kind", "step", "who")
-    for event in events:
-        table.add_row(str(event.seq), event.wall_utc[11:23], event.kind, _step_of(event.body), event.actor)
-    console.print(table)
+    console.print(_events_table(events))
     if isinstance(view.result, dict):
         tree = Tree("result")
         for key, value in view.result.items():
@@ -178,9 +181,34 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         console.print(tree)
     if view.judgement is not None:
         console.print(f"verdict: {view.judgement['word'].upper()}; `cellcal certificate` tells it whole")
+    _tell_unconfirmed(console, pending)
     if damage is None:
         console.print("journal: unchanged")
     return _tell_damage(told_damage(damage) if damage else "")
+
+
+def _events_table(events: Any) -> Any:
+    from rich.table import Table
+
+    table = Table("event", "time (UTC)", "kind", "step", "who")
+    for event in events:
+        table.add_row(str(event.seq), event.wall_utc[11:23], event.kind, _step_of(event.body), event.actor)
+    return table
+
+
+def _unconfirmed(store: Any, config: "CellConfig") -> tuple[tuple[str, str], ...]:
+    """Return robots and the runs that wrote their mastering and left it neither confirmed nor undone."""
+    return tuple(
+        (robot.name, one.of_run) for robot in config.robots for one in store.unconfirmed(robot.serial)
+    )
+
+
+def _tell_unconfirmed(console: Any, pending: tuple[tuple[str, str], ...]) -> None:
+    for name, run_id in pending:
+        console.print(
+            f"[bold red]{name}: the mastering that {run_id} wrote is not confirmed.[/] Do not move the robot in "
+            f"AUTO; resume that run, or undo it (cellcal run mastering_undo --set of_run={run_id})."
+        )
 
 
 def _tell_damage(damage: str) -> int:

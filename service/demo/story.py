@@ -26,7 +26,7 @@ from service.runs.check import check_cell
 from service.runs.conduct import Conditions, Outcome, Verdict, run_procedure
 from service.runs.journal import Journal
 from service.runs.specs import build_spec
-from service.watching.held_mastering import HeldMastering, newest_record
+from service.watching.held_mastering import HeldMastering, journalled_mastering
 from service.watching.watch import LastHealthyCounts, PositionLoss, Watch
 
 ROBOT = "fanuc"
@@ -168,7 +168,7 @@ async def _lose_and_notice(
 
     memory = LastHealthyCounts(config.cell.data_dir)
     robot: Any = cell.robot
-    held = HeldMastering(newest_record(config, config.robot(ROBOT).serial), look_every_s=0.0)
+    held = HeldMastering(journalled_mastering(config, config.robot(ROBOT).serial), look_every_s=0.0)
     watch = Watch(robot, memory, on_loss, period_s=config.watch.period_s, held=held)
     await watch.look()  # the healthy state is on disk before anything happens
     async with asyncio.TaskGroup() as tasks:

@@ -6,7 +6,7 @@ from drivers.errors import DeviceError
 from procedures.cell import Cell
 from service.configuration.cell_file import CellConfig
 from service.watching.answers_to_loss import PreparedAnswer, journal_detection, prepare_answer
-from service.watching.held_mastering import HeldMastering, newest_record
+from service.watching.held_mastering import HeldMastering, journalled_mastering
 from service.watching.watch import LastHealthyCounts, PositionLoss, Watch, WatchedRobot
 
 
@@ -65,7 +65,7 @@ class DeskWatch:
     def _new_watch(self, cell: Cell) -> Watch:
         memory = LastHealthyCounts(self._config.cell.data_dir)
         robot = cast(WatchedRobot, cell.robot)
-        held = HeldMastering(newest_record(self._config, self._config.robot(cell.robot.name).serial))
+        held = HeldMastering(journalled_mastering(self._config, self._config.robot(cell.robot.name).serial))
         return Watch(robot, memory, self._on_loss, period_s=self._config.watch.period_s, held=held)
 
     async def _on_loss(self, loss: PositionLoss) -> None:

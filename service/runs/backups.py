@@ -1,7 +1,7 @@
 """What controllers held before a run wrote their mastering: folded from the journal, nothing is stored twice."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from drivers.interfaces import MasteringData
@@ -28,17 +28,19 @@ def mastering_backups(events: Iterable[Event], robot_serial: str) -> tuple[Maste
 
 def _of_run(events: list[Event], robot_serial: str) -> Iterator[MasteringBackup]:
     told = [(event, json.loads(event.body)) for event in events]
-    if told[0][0].kind != Kind.STARTED or _serial(told[0][1]) != robot_serial:
+    if told[0][0].kind != Kind.STARTED or serial_of(told[0][1]) != robot_serial:
         return
     place = next(
         (k for k, (e, body) in enumerate(told) if e.kind == Kind.INTENT and body["step"] == WRITES), None
     )
-    before = None if place is None else _held_before(told[:place])
+    before = None if place is None else held_before(told[:place])
     if place is None or before is None:
         return
     data, epoch = before
     written = [
-        body["value"] for event, body in told[place:] if event.kind == Kind.FINDING and _is_mastering(body)
+        body["value"]
+        for event, body in told[place:]
+        if event.kind in (Kind.FINDING, Kind.UNDONE) and _is_mastering(body)
     ]
     if written and written[-1] == data:
         return
@@ -47,7 +49,7 @@ def _of_run(events: list[Event], robot_serial: str) -> Iterator[MasteringBackup]
     yield MasteringBackup(event.run_id, event.wall_utc, robot_serial, held, epoch, sha256_of(data))
 
 
-def _held_before(told: list[tuple[Event, dict[str, Any]]]) -> tuple[dict[str, Any], int] | None:
+def held_before(told: Sequence[tuple[Event, dict[str, Any]]]) -> tuple[dict[str, Any], int] | None:
     """Return the mastering that was read last before the write, and the encoders' epoch."""
     for event, body in reversed(told):
         value = body.get("value")
@@ -64,6 +66,7 @@ def _is_mastering(body: Mapping[str, Any]) -> bool:
     return isinstance(body["value"], dict) and body["value"].keys() == _KEYS
 
 
-def _serial(header: Mapping[str, Any]) -> str:
+def serial_of(header: Mapping[str, Any]) -> str:
+    """Return the serial number of the robot that a run's first event names."""
     devices = header["cell"]["devices"]
     return str(devices[0]["identity"]["serial"]) if devices else ""

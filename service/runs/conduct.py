@@ -37,7 +37,9 @@ from service.runs.definition import software
 from service.runs.instruments import instruments_behind, shared
 from service.runs.journal import Journal, NewEvent, StoreError
 from service.runs.lease import Lease, lease
+from service.runs.put_back import put_back_unconfirmed
 from service.runs.store import RunView, Store, stored_body
+from service.runs.unconfirmed import refuse_unconfirmed, unconfirmed_in_force
 
 _log = logging.getLogger(__name__)
 FREE_BYTES = 200_000_000
@@ -130,6 +132,8 @@ async def run_procedure(
         Another run has this robot.
     FramesChangedError
         Another tool, user frame or payload is active than the cell file names.
+    UnconfirmedMasteringError
+        The mastering in force was written by a run that has not confirmed it.
     StoreError
         The journal is damaged, or the disk has no room for a run.
     """
@@ -140,6 +144,7 @@ async def run_procedure(
     run_id = f"{name}-{uuid4().hex[:12]}"
     serial = (await cell.robot.identify()).serial
     with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
+        await _refuse_unconfirmed(cell, journal, entry, serial)
         mark = await fingerprint(cell)
         refuse_unnamed(cell.named_frames, mark.active_frames)
         cell = permitted(cell, held, mark)
@@ -166,6 +171,8 @@ async def resume(
     ------
     ReplayMismatchError
         The cell, its settings or the procedure are not those the run began with; the message says which.
+    UnconfirmedMasteringError
+        The mastering in force was written by another run, which has not confirmed it.
     """
     how = how or Conditions(on_event)
     view = Store(journal).run(run_id)
@@ -179,6 +186,7 @@ async def resume(
     spec = _spec_of(view, entry)
     serial = (await cell.robot.identify()).serial
     with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
+        await _refuse_unconfirmed(cell, journal, entry, serial, run_id)
         cell = permitted(cell, held, now)
         view = Store(journal).run(run_id)  # its holder may have gone on until the lease was ours
         body = {"cell": to_jsonable_python(now), **software()}
@@ -226,13 +234,22 @@ class _Conductor:
         try:
             result = await self._entry.procedure(run, spec)
         except CellError as error:
-            return self._end(_failed(self._run_id, self._entry.name, error))
+            failed = _failed(self._run_id, self._entry.name, error)
+            return self._end(replace(failed, remedy=_told(await self._put_back(), failed.remedy)))
         except asyncio.CancelledError:
-            self._end(Outcome(self._run_id, self._entry.name, Verdict.CANCELLED, reason="cancelled"))
+            ended = Outcome(self._run_id, self._entry.name, Verdict.CANCELLED, reason="cancelled")
+            self._end(replace(ended, remedy=await self._put_back()))
+            raise
+        except Exception:
+            await self._put_back()
             raise
         judgement = self._judged(spec, result)
         passed = Outcome(self._run_id, self._entry.name, Verdict.PASSED, result, judgement=judgement)
         return self._end(passed, spec)
+
+    async def _put_back(self) -> str:
+        """Undo what the run wrote and did not get to confirm; return what to tell of it."""
+        return await put_back_unconfirmed(self._cell, self._journal, self._run_id, self._how.actor)
 
     def _judged(self, spec: Any, result: Any) -> Any:
         if self._entry.verdict is None:
@@ -339,6 +356,10 @@ class _AnnouncingOperator:
         return answer
 
 
+def _told(*sentences: str) -> str:
+    return " ".join(sentence for sentence in sentences if sentence)
+
+
 def _failed(run_id: str, procedure: str, error: CellError) -> Outcome:
     evidence = error.evidence if isinstance(error, RefusalError) else None
     return Outcome(run_id, procedure, _verdict_of(error), evidence, error.message, error.remedy, error.code)
@@ -352,6 +373,12 @@ def _verdict_of(error: CellError) -> Verdict:
     if isinstance(error, RefusalError | ReplayMismatchError | NeedsUnmetError | CalibrationError):
         return Verdict.REFUSED
     return Verdict.CELL_FAILED
+
+
+async def _refuse_unconfirmed(
+    cell: Cell, journal: Journal, entry: Entry, serial: str, run_id: str = ""
+) -> None:
+    refuse_unconfirmed(await unconfirmed_in_force(cell, journal.events(), serial), entry, run_id)
 
 
 def _stored_outcome(view: RunView, entry: Entry) -> Outcome:

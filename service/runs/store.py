@@ -16,6 +16,7 @@ from procedures.cell import Cell
 from procedures.past import Kind, Past, fold
 from service.runs.backups import mastering_backups
 from service.runs.journal import Event, Journal, StoreError
+from service.runs.unconfirmed import Unconfirmed, unconfirmed_masterings
 
 RECORD = "mastering_record"
 _SOFTWARE = ("software", "solver", "definition_sha256")
@@ -143,6 +144,11 @@ class Store:
             calibrated=self.calibrated_arm(robot_serial),
             drift_references=self.drift_references(robot_serial),
         )
+
+    def unconfirmed(self, robot_serial: str) -> tuple[Unconfirmed, ...]:
+        """Return what was written as a robot's mastering and neither confirmed nor undone since; raises as `kept`."""
+        self._journal.refuse_damaged()
+        return unconfirmed_masterings(self._journal.events(), robot_serial)
 
     def put_mastering_record(self, record: MasteringRecord, *, actor: str) -> None:
         """Take in a record that was exported elsewhere; it is the one in force from then on."""

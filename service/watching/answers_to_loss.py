@@ -36,7 +36,10 @@ def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
     suspicion = loss.suspicion
     settings: dict[str, Any] = dict(suspicion.settings())
     procedure = suspicion.procedure
-    told = "".join(f" --set {key}={list(value)}".replace(", ", ",") for key, value in settings.items())
+    told = "".join(
+        f" --set {key}={value if isinstance(value, str) else list(value)}".replace(", ", ",")
+        for key, value in settings.items()
+    )
     command = f"cellcal run {procedure} --cell {config.path} --robot {loss.robot}{told}" if procedure else ""
     return PreparedAnswer(procedure, settings, command, tuple(_hindrances(config, loss)))
 

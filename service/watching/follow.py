@@ -10,7 +10,7 @@ from drivers.interfaces import Readiness, Robot
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import leases
 from service.runs.lease import DEVICES, is_held
-from service.watching.held_mastering import HeldMastering, newest_record
+from service.watching.held_mastering import HeldMastering, journalled_mastering
 from service.watching.loss_modes import wrong_robot
 from service.watching.watch import LastHealthyCounts, PositionLoss, Watch
 from service.watching.watched import watched
@@ -75,7 +75,7 @@ async def _tell_stops(config: CellConfig, entry: Any, robot: Robot, listener: Li
 
 async def _look_again_and_again(config: CellConfig, entry: Any, robot: Any, listener: Listener) -> None:
     memory = LastHealthyCounts(config.cell.data_dir)
-    held = HeldMastering(newest_record(config, entry.serial))
+    held = HeldMastering(journalled_mastering(config, entry.serial))
     period_s = config.watch.period_s
     watch = Watch(robot, memory, listener.on_loss, period_s=period_s, warn=listener.say, held=held)
     while True:

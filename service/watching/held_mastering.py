@@ -1,12 +1,13 @@
-"""Whether a controller still holds the mastering of the newest record: an old backup raises no alarm.
+"""Whether a controller still holds the mastering of the newest record, or one that a run wrote and never confirmed.
 
-Looked at on each connection, after each run and now and then in between. A difference is told, never acted upon: the
-robot may have been mastered on purpose, and then the record is what is old.
+Neither raises an alarm. Looked at on each connection, after each run and now and then in between. What is found is
+told, never acted upon: the robot may have been mastered on purpose, and then the record is what is old.
 """
 
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,28 +17,36 @@ from service.configuration.cell_file import CellConfig
 from service.runs.cell import journal_path, open_journal
 from service.runs.journal import StoreError
 from service.runs.store import Store
+from service.runs.unconfirmed import Unconfirmed
+from service.watching.loss_modes import Suspicion, old_backup, unconfirmed
 
 _LOG = logging.getLogger(__name__)
 LOOK_EVERY_S = 10.0
 
 
-class HeldMastering:
-    """Compares what one controller holds with the newest record of its robot."""
+@dataclass(frozen=True, slots=True)
+class Journalled:
+    """What the journal says of one robot's mastering: its newest record, and what runs left unconfirmed."""
 
-    def __init__(
-        self, newest: Callable[[], MasteringRecord | None], *, look_every_s: float = LOOK_EVERY_S
-    ) -> None:
+    record: MasteringRecord | None
+    unconfirmed: tuple[Unconfirmed, ...] = ()
+
+
+class HeldMastering:
+    """Compares what one controller holds with what the journal says of its robot."""
+
+    def __init__(self, newest: Callable[[], Journalled], *, look_every_s: float = LOOK_EVERY_S) -> None:
         self._newest, self._look_every_s = newest, look_every_s
         self._next_s = 0.0
         self._agreed: MasteringData | None = None
-        self._told: str | None = None
+        self._told: tuple[str, Suspicion] | None = None
 
     def look_anew(self) -> None:
         """Look at the next opportunity: a run may have changed the mastering, or the record."""
         self._next_s, self._agreed = 0.0, None
 
-    async def difference(self, encoders: MasteringStore) -> str | None:
-        """Return in words how the controller's mastering differs from the newest record; None where it does not.
+    async def trouble(self, encoders: MasteringStore) -> tuple[str, Suspicion] | None:
+        """Return in words what is wrong with the controller's mastering, and what is suspected; None: nothing.
 
         Between two looks the last answer stands.
         """
@@ -48,31 +57,43 @@ class HeldMastering:
         held = await encoders.mastering()
         if held == self._agreed:
             return self._told
-        record = self._newest()
-        agrees = record is None or not held.mastered or held.counts_at_zero == record.counts_at_zero
-        self._agreed = held if agrees and record is not None else None
-        self._told = None if agrees or record is None else _told(record, held.counts_at_zero)
+        known = self._newest()
+        self._told = _trouble(known, held)
+        self._agreed = held if self._told is None and known.record is not None else None
         return self._told
 
 
-def newest_record(config: CellConfig, serial: str) -> Callable[[], MasteringRecord | None]:
-    """Return what reads the newest mastering record of a robot from the cell's journal."""
-    told = ""
+def journalled_mastering(config: CellConfig, serial: str) -> Callable[[], Journalled]:
+    """Return what reads of a robot's mastering from the cell's journal."""
+    told, nothing = "", Journalled(None)
 
-    def read() -> MasteringRecord | None:
+    def read() -> Journalled:
         nonlocal told
         if not journal_path(config).exists():
-            return None
+            return nothing
         try:
             with open_journal(config) as journal:
-                return Store(journal).mastering_record(serial)
+                store = Store(journal)
+                return Journalled(store.mastering_record(serial), store.unconfirmed(serial))
         except StoreError as error:  # the eyes on the encoders matter more
             if str(error) != told:
                 _LOG.warning("the controller's mastering is not compared with its record: %s", error)
             told = str(error)
-            return None
+            return nothing
 
     return read
+
+
+def _trouble(known: Journalled, held: MasteringData) -> tuple[str, Suspicion] | None:
+    pending = next((one for one in reversed(known.unconfirmed) if one.may_be_in_force(held)), None)
+    if pending is not None:
+        return f"run {pending.of_run} wrote it, and ended or broke off before it was confirmed", unconfirmed(
+            pending.of_run
+        )
+    record = known.record
+    if record is None or not held.mastered or held.counts_at_zero == record.counts_at_zero:
+        return None
+    return _told(record, held.counts_at_zero), old_backup()
 
 
 def _told(record: MasteringRecord, held: Counts) -> str:

@@ -28,6 +28,7 @@ class What(StrEnum):
     LOST = "lost"
     HELD = "held"  # nothing says that it is lost; whether it is true has to be checked
     DIFFERS = "differs"  # the controller holds another mastering than the record
+    UNCONFIRMED = "unconfirmed"  # it holds what a run wrote and never confirmed
 
 
 _MODES = {
@@ -41,6 +42,7 @@ _HEADLINES = {
     What.LOST: "lost its position",
     What.HELD: "may no longer stand where it thinks",
     What.DIFFERS: "does not hold the mastering of its record",
+    What.UNCONFIRMED: "holds a mastering that nobody confirmed",
 }
 _TOLD = {
     LossMode.MEMORY: "the controller forgot its mastering; no alarm says that the encoders lost anything",
@@ -57,6 +59,9 @@ _NOT_LOST = (
 _OLD_BACKUP = (
     "an old backup was loaded; or the robot was mastered on purpose since: take a new mastering record then"
 )
+_NOT_CONFIRMED = (
+    "the mastering in force was never confirmed: do not move the robot in AUTO; resume that run, or undo it"
+)
 _ALONE = frozenset({LossMode.MEMORY, LossMode.TURNS})  # what may be recovered without a person's judgement
 
 
@@ -70,10 +75,13 @@ class Suspicion:
     position_lost: bool = True
     record_differs: bool = False  # from what the controller holds, and no alarm tells of it
     not_known: tuple[str, ...] = ()  # codes of alarms that nobody here knows
+    of_run: str = ""  # that wrote a mastering and never confirmed it
 
     @property
     def what(self) -> What:
         """Return what happened to the robot's position."""
+        if self.of_run:
+            return What.UNCONFIRMED
         if self.record_differs:
             return What.DIFFERS
         return What.LOST if self.position_lost else What.HELD
@@ -86,6 +94,8 @@ class Suspicion:
     @property
     def procedure(self) -> str | None:
         """Which procedure answers it; None where a person must act first. A recovery refuses a bent arm itself."""
+        if self.of_run:
+            return "mastering_undo"
         if self.mode is LossMode.WRONG_ROBOT and not self.record_differs:
             return None
         return "mastering_recovery" if self.position_lost else "drift_check"
@@ -95,8 +105,10 @@ class Suspicion:
         """Whether a recovery may be started without a person's judgement of what happened."""
         return self.mode in _ALONE
 
-    def settings(self) -> dict[str, tuple[int, ...]]:
-        """Return what the alarms add to the settings of the procedure."""
+    def settings(self) -> dict[str, tuple[int, ...] | str]:
+        """Return what is known of the settings of the procedure."""
+        if self.of_run:
+            return {"of_run": self.of_run}
         if self.mode is LossMode.MOTOR and self.axes and self.position_lost:
             return {"exchanged_axes": self.axes}
         return {}
@@ -133,6 +145,11 @@ def old_backup() -> Suspicion:
     A recovery tells the two cases apart by measuring: it writes the record back, or refuses it as the older one.
     """
     return Suspicion(LossMode.WRONG_ROBOT, (), _OLD_BACKUP, record_differs=True)
+
+
+def unconfirmed(of_run: str) -> Suspicion:
+    """Return what is suspected where a controller holds a mastering that a run wrote and never confirmed."""
+    return Suspicion(LossMode.UNKNOWN, (), _NOT_CONFIRMED, of_run=of_run)
 
 
 def in_doubt(condition: Condition) -> bool:

@@ -30,7 +30,6 @@ from service.watching.loss_modes import (
     What,
     battery_warning,
     in_doubt,
-    old_backup,
     suspect,
     turns_lost,
 )
@@ -154,7 +153,8 @@ class Watch:
             found = await self._compare()
         suspicion = _suspected(condition)
         if found is None and self._held is not None:
-            found, suspicion = await self._held.difference(self._robot), old_backup()
+            trouble = await self._held.trouble(self._robot)
+            found, suspicion = trouble or (None, suspicion)
         if found is None:
             self._reported = None
             return None

@@ -10,15 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.interfaces import Readiness
+from drivers.errors import RefusedError
+from drivers.interfaces import Answer, Instruction, Readiness
 from procedures.catalogue import CATALOGUE
 from procedures.entry import lacking
 from procedures.run import RefusalError, Run
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.door import Door
-from service.runs.cell import open_cell
+from service.runs.cell import lend_record, open_cell, open_journal
+from service.runs.conduct import Outcome, Verdict, resume, run_procedure
 from service.runs.outline import dry_run, possible
 from service.runs.specs import build_spec
+from service.runs.store import Store
+from service.runs.unconfirmed import UnconfirmedMasteringError
+from service.watching.held_mastering import HeldMastering, journalled_mastering
+from tests.procedures.certified import HOW
 from tests.procedures.fake_hands import FakeHands
 from tests.procedures.ledgers import MemoryLedger
 from tests.wire.fakes import running
@@ -154,6 +160,59 @@ async def test_a_crash_is_refused_and_an_exchanged_motor_lies_inside_its_uncerta
         with pytest.raises(RefusalError, match="nothing was written"):
             await do(config, known, "mastering_recovery", last_counts=list(last))
         assert (await cell.mastering.mastering()).counts_at_zero == before.counts_at_zero
+
+
+class CutsTheLink(FakeHands):
+    """Hands that pull the robot's cable when they come to a place after the mastering was written."""
+
+    pulls = True
+
+    async def confirm(self, instruction: Instruction) -> Answer:
+        written = "accept_mastering" in self.asked
+        if written and self.pulls and instruction.key.startswith("visit_"):
+            await self.door.fault("refuse", device="fanuc")
+        if self.pulls and instruction.key == "retry":
+            raise RefusedError("operator", "no")
+        return await super().confirm(instruction)
+
+
+async def test_a_link_cut_right_after_the_write_leaves_nobody_in_doubt(tmp_path: Path) -> None:
+    async with cell_with(tmp_path, PROBE, "probe") as (config, opened, door, _):
+        hands = CutsTheLink(door, "probe")
+        cell = replace(opened, operator=hands)
+        with open_journal(config) as journal:
+
+            async def start(procedure: str, **settings: Any) -> Outcome:
+                spec = build_spec(config, "fanuc", procedure, settings)
+                return await run_procedure(
+                    await lend_record(cell, journal), procedure, spec, journal, how=HOW
+                )
+
+            assert (await start("mastering_record")).verdict is Verdict.PASSED
+            last = await cell.mastering.encoder_counts()
+            await lose(cell, door)
+            broken = await start("mastering_recovery", last_counts=list(last))
+            assert broken.verdict is Verdict.CELL_FAILED
+            assert "NOT confirmed" in broken.remedy
+            hands.pulls = False
+            await door.ask("clear")
+            await _answers_again(cell)
+            assert [one.of_run for one in Store(journal).unconfirmed("F-104711")] == [broken.run_id]
+            seen = await HeldMastering(journalled_mastering(config, "F-104711")).trouble(cell.mastering)
+            assert seen is not None
+            assert seen[1].of_run == broken.run_id
+            with pytest.raises(UnconfirmedMasteringError, match=broken.run_id):
+                await start("mastering_record")
+            passed = await resume(await lend_record(cell, journal), broken.run_id, journal, how=HOW)
+            assert passed.verdict is Verdict.PASSED
+            assert Store(journal).unconfirmed("F-104711") == ()
+        assert np.abs(await wrong_rad(cell, door)).max() == 0.0
+
+
+async def _answers_again(cell: Any) -> None:
+    async with asyncio.timeout(90.0):
+        while (await cell.robot.condition()).readiness is Readiness.UNREACHABLE:
+            await asyncio.sleep(0.05)
 
 
 def test_the_list_and_the_dry_run_say_that_it_is_possible(tmp_path: Path) -> None:

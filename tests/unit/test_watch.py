@@ -8,7 +8,8 @@ import pytest
 from calibration.mastering.counts import DriveTrain, MasteringRecord
 from drivers.errors import UnreachableError
 from drivers.interfaces import Alarm, AlarmKind, Condition, MasteringData, Readiness
-from service.watching.held_mastering import HeldMastering
+from service.runs.unconfirmed import Unconfirmed
+from service.watching.held_mastering import HeldMastering, Journalled
 from service.watching.loss_modes import LossMode, What
 from service.watching.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch, remember_healthy
 
@@ -183,7 +184,10 @@ def record_of(counts_at_zero: tuple[int, ...]) -> MasteringRecord:
 
 
 def watching(arm: Controller, folder: Path, records: list[MasteringRecord], every_s: float = 0.0) -> Watch:
-    held = HeldMastering(lambda: records[-1] if records else None, look_every_s=every_s)
+    def journalled() -> Journalled:
+        return Journalled(records[-1] if records else None)
+
+    held = HeldMastering(journalled, look_every_s=every_s)
     return Watch(arm, LastHealthyCounts(folder), arm.on_loss, period_s=0.01, held=held)  # type: ignore[arg-type]
 
 
@@ -231,6 +235,27 @@ async def test_without_a_record_or_while_nothing_is_mastered_there_is_nothing_to
     assert await watching(arm, tmp_path, []).look() is None
     arm.held = MasteringData((0, 9), mastered=False)
     assert await watching(arm, tmp_path, [record_of((0, 0))]).look() is None
+
+
+async def test_a_mastering_that_a_run_never_confirmed_is_told_until_it_is_gone(
+    arm: Controller, tmp_path: Path
+) -> None:
+    old, new = MasteringData((0, 0), mastered=False), MasteringData((5, 7), mastered=True)
+    pending = Unconfirmed("mastering_recovery-1", new, old, 3)
+    held = HeldMastering(lambda: Journalled(record_of((0, 0)), (pending,)), look_every_s=0.0)
+    watch = Watch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01, held=held)  # type: ignore[arg-type]
+    arm.held = new
+    found = await watch.look()
+    assert found is not None
+    assert (found.suspicion.what, found.suspicion.procedure) == (What.UNCONFIRMED, "mastering_undo")
+    assert found.suspicion.settings() == {"of_run": "mastering_recovery-1"}
+    assert not found.suspicion.may_run_alone
+    arm.held = MasteringData((5, 0), mastered=True)  # half of it
+    assert await watch.look() is None
+    assert watch.standing
+    arm.held = old
+    assert await watch.look() is None
+    assert not watch.standing
 
 
 def test_the_memory_survives_a_restart_and_damage(tmp_path: Path) -> None:

@@ -180,7 +180,7 @@ export interface Recording {
 
 export interface Loss {
   robot: string;
-  what: "lost" | "held" | "differs";
+  what: "lost" | "held" | "differs" | "unconfirmed";
   detected_by: string;
   mode: string;
   words: string;

@@ -1,0 +1,267 @@
+"""A mastering that was written and not confirmed is put back, or nobody is left in doubt that it is in force."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from drivers.errors import MotionStoppedError, UnreachableError
+from drivers.interfaces import MasteringData
+from procedures.mastering_undo import MasteringUndo
+from procedures.motion.motion_gate import OffTargetError
+from procedures.past import Kind
+from procedures.progress import Progress
+from service.cli.runs import runs, show
+from service.configuration.cell_file import CellConfig
+from service.runs import put_back
+from service.runs.cell import open_journal
+from service.runs.conduct import Conditions, Outcome, Verdict, resume, run_procedure
+from service.runs.store import Store
+from service.runs.unconfirmed import (
+    UnconfirmedMasteringError,
+    unconfirmed_in_force,
+    unconfirmed_masterings,
+)
+from tests.procedures.cells import Scene, calibrating, recovering
+from tests.procedures.certified import HOW, cell_config
+from tests.procedures.ideal import IdealArm
+
+SERIAL = "F-1"
+
+
+@pytest.fixture(autouse=True)
+def _no_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(put_back, "PAUSE_S", 0.0)
+
+
+class _Arm(IdealArm):
+    """An ideal arm to which something happens on its first way after a mastering was written."""
+
+    happens: Callable[[], Awaitable[None]] | None = None
+    deaf = False
+
+    async def _travel(self, delta: object, name: str) -> None:
+        if self.data.mastered and name == "move" and self.happens is not None:
+            happens, self.happens = self.happens, None
+            await happens()
+        await super()._travel(delta, name)  # type: ignore[arg-type]
+
+    async def mastering(self) -> MasteringData:
+        self._heard()
+        return await super().mastering()
+
+    async def restore_mastering(self, data: MasteringData) -> MasteringData:
+        self._heard()
+        return await super().restore_mastering(data)
+
+    async def write_mastering(self, counts_at_zero: tuple[int, ...]) -> MasteringData:
+        self._heard()
+        return await super().write_mastering(counts_at_zero)
+
+    async def stop(self) -> None:
+        self._heard()
+        await super().stop()
+
+    def _heard(self) -> None:
+        if self.deaf:
+            raise UnreachableError(self.name, "it does not answer", remedy="Look at the cable.")
+
+
+async def _scene() -> tuple[Scene, _Arm]:
+    made = await recovering()
+    made.arm.__class__ = _Arm
+    arm = made.arm
+    assert isinstance(arm, _Arm)
+    made.hands.refuses = {"retry"}
+    return made, arm
+
+
+async def _start(
+    config: CellConfig, made: Scene, name: str = "mastering_recovery", how: Conditions = HOW
+) -> Outcome:
+    with open_journal(config) as journal:
+        cell = Store(journal).lend(replace(made.cell, config_sha256=config.sha256), SERIAL)
+        spec = made.spec if name == "mastering_recovery" else MasteringUndo()
+        return await run_procedure(replace(cell, record=made.cell.record), name, spec, journal, how=how)
+
+
+async def _go_on(config: CellConfig, made: Scene, run_id: str) -> Outcome:
+    with open_journal(config) as journal:
+        return await resume(replace(made.cell, config_sha256=config.sha256), run_id, journal, how=HOW)
+
+
+def _pending(config: CellConfig) -> tuple[str, ...]:
+    with open_journal(config) as journal:
+        return tuple(one.of_run for one in unconfirmed_masterings(journal.events(), SERIAL))
+
+
+def _only_run(config: CellConfig) -> str:
+    with open_journal(config) as journal:
+        return Store(journal).runs()[-1].run_id
+
+
+async def _stands_off() -> None:
+    raise OffTargetError("axis 1 ended 2.000 deg from its target")
+
+
+async def _emergency_stop() -> None:
+    raise MotionStoppedError("arm", "emergency stop", remedy="Release it.")
+
+
+@pytest.mark.parametrize("happens", [_stands_off, _emergency_stop])
+async def test_a_failure_after_the_write_puts_the_old_data_back_and_a_resume_ends_alike(
+    tmp_path: Path, happens: Callable[[], Awaitable[None]]
+) -> None:
+    config = cell_config(tmp_path)
+    made, arm = await _scene()
+    before, arm.happens = arm.data, happens
+    ended = await _start(config, made)
+    assert ended.verdict is Verdict.CELL_FAILED or ended.verdict is Verdict.REFUSED
+    assert arm.data == before
+    assert "the old data were put back" in ended.remedy
+    assert _pending(config) == ()
+    again = await _go_on(config, made, ended.run_id)
+    assert again.verdict is Verdict.PASSED
+    assert arm.data == MasteringData(_zero_as_counted(arm), mastered=True)
+    assert _pending(config) == ()
+
+
+async def test_a_cancel_after_the_write_puts_the_old_data_back(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    made, arm = await _scene()
+    before = arm.data
+
+    def on_event(progress: Progress) -> None:
+        if progress.kind == "started" and progress.step == "go to final check 1":
+            task.cancel()
+            task.cancel()
+
+    task = asyncio.create_task(_start(config, made, how=replace(HOW, on_event=on_event)))
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert arm.data == before
+    with open_journal(config) as journal:
+        run_id = _only_run(config)
+        kinds = [event.kind for event in journal.events(run_id)]
+        assert kinds[-2:] == [Kind.UNDONE, Kind.ENDED]
+        assert journal.events(run_id)[-1].body.count("the old data were put back") == 1
+    assert (await _go_on(config, made, run_id)).verdict is Verdict.PASSED
+
+
+async def test_a_no_before_the_confirmation_puts_the_old_data_back_also_after_a_crash(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    made, arm = await _scene()
+    before = arm.data
+    run_id = await _killed_after_the_write(config, made, arm)
+    assert arm.data != before
+    assert _pending(config) == (run_id,)
+    made.hands.refuses = {"may_move"}
+    declined = await _go_on(config, made, run_id)
+    assert (declined.verdict, arm.data) == (Verdict.DECLINED, before)
+    assert _pending(config) == ()
+
+
+async def test_a_crash_between_write_and_confirmation_is_confirmed_by_the_resume(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    made, arm = await _scene()
+    run_id = await _killed_after_the_write(config, made, arm)
+    writes = arm.writes
+    passed = await _go_on(config, made, run_id)
+    assert (passed.verdict, arm.writes) == (Verdict.PASSED, writes)
+    assert _pending(config) == ()
+
+
+async def test_while_it_is_unconfirmed_nothing_else_starts_by_it_until_it_is_undone(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    made, arm = await _scene()
+    before = arm.data
+    run_id = await _killed_after_the_write(config, made, arm)
+    other = calibrating()
+    other.cell = replace(other.cell, robot=arm, mastering=arm)
+    cell = replace(other.cell, config_sha256=config.sha256)
+    with open_journal(config) as journal:
+        with pytest.raises(UnconfirmedMasteringError, match=run_id):
+            await run_procedure(cell, "robot_calibration", other.spec, journal, how=HOW)
+        assert len(Store(journal).runs()) == 1
+    assert (await _start(config, made, "mastering_undo")).verdict is Verdict.PASSED
+    assert arm.data == before
+    assert _pending(config) == ()
+
+
+async def test_the_list_of_runs_says_which_mastering_is_not_confirmed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = cell_config(tmp_path)
+    made, arm = await _scene()
+    run_id = await _killed_after_the_write(config, made, arm)
+    assert runs(cell=config.path) == 0
+    assert f"the mastering that {run_id} wrote is not confirmed" in " ".join(capsys.readouterr().out.split())
+    assert show(run_id, cell=config.path, as_json=True) == 0
+    assert json.loads(capsys.readouterr().out)["unconfirmed"] is True
+    assert (await _go_on(config, made, run_id)).verdict is Verdict.PASSED
+    assert runs(cell=config.path, as_json=True) == 0
+    assert json.loads(capsys.readouterr().out)["unconfirmed"] == []
+
+
+async def test_a_robot_out_of_reach_is_told_and_journalled_and_put_right_later(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    made, arm = await _scene()
+    before = arm.data
+
+    async def link_lost() -> None:
+        arm.deaf = True
+        arm._heard()
+
+    arm.happens = link_lost
+    ended = await _start(config, made)
+    assert ended.verdict is Verdict.CELL_FAILED
+    assert "NOT confirmed" in ended.remedy
+    assert arm.data != before
+    assert _pending(config) == (ended.run_id,)
+    with open_journal(config) as journal:
+        assert [e.kind for e in journal.events(ended.run_id)][-3:] == [Kind.INTENT, Kind.FAILED, Kind.ENDED]
+    arm.deaf = False
+    assert (await _go_on(config, made, ended.run_id)).verdict is Verdict.PASSED
+    assert _pending(config) == ()
+
+
+async def test_what_another_hand_mastered_meanwhile_is_left_alone(tmp_path: Path) -> None:
+    config = cell_config(tmp_path)
+    made, arm = await _scene()
+    by_hand = MasteringData(tuple(count + 77 for count in arm.data.counts_at_zero), mastered=True)
+
+    async def somebody_masters() -> None:
+        arm.data = by_hand
+        await _stands_off()
+
+    arm.happens = somebody_masters
+    ended = await _start(config, made)
+    assert arm.data == by_hand
+    assert "NOT confirmed" in ended.remedy
+    changed = await _go_on(config, made, ended.run_id)
+    assert (changed.code, arm.data) == ("procedure.mastering_changed", by_hand)
+    with open_journal(config) as journal:  # and no reason to refuse anybody: it is not in force
+        assert await unconfirmed_in_force(made.cell, journal.events(), SERIAL) is None
+
+
+def _zero_as_counted(arm: IdealArm) -> tuple[int, ...]:
+    lost = zip(arm.true_zero, arm.lost_turns, arm.drive.counts_per_turn, strict=True)
+    return tuple(zero - turns * per_turn for zero, turns, per_turn in lost)
+
+
+async def _killed_after_the_write(config: CellConfig, made: Scene, arm: _Arm) -> str:
+    """Run until the first way after the write, and lose the process there: its clean-up does not happen."""
+
+    class _KilledError(BaseException):
+        pass
+
+    async def killed() -> None:
+        raise _KilledError
+
+    arm.happens = killed
+    with pytest.raises(_KilledError):
+        await _start(config, made)
+    return _only_run(config)
