@@ -15,7 +15,7 @@ from pydantic_core import to_jsonable_python
 from calibration.errors import CalibrationError
 from calibration.geometry import Pose
 from calibration.poses.calibrated_arm import CalibratedArm
-from drivers.interfaces import Instruction, MasteringData
+from drivers.interfaces import Instruction, Joints, MasteringData
 from procedures.arm.arm_bench import (
     READY,
     ArmCapture,
@@ -214,15 +214,18 @@ async def _measure(run: Run, series: Series, visits: Visits) -> tuple[Choice, tu
     The end-effector's points come after the first poses: what they tell is known when the others are chosen.
     """
     looks = 0
+    coming: tuple[tuple[Joints, ...], ...] = ()
     checks: tuple[ArmCapture, ...] = ()
     while True:
         looks += 1
-        standing = Standing(visits.captures(), tuple(visits.retaken), visits.here_rad)
+        standing = Standing(visits.captures(), tuple(visits.retaken), visits.here_rad, coming)
         choice = await run.solve(f"choose poses {looks}", choose_poses, series, standing)
         if not choice.ways_rad:
             return choice, checks
-        for way, again in zip(choice.ways_rad, choice.again, strict=True):
+        now = len(choice.ways_rad) if looks == 1 else 1  # before the first look nothing can be enough
+        for way, again in zip(choice.ways_rad[:now], choice.again[:now], strict=True):
             await visits.visit(way, again)
+        coming = choice.ways_rad[now:] if choice.again[0] < 0 else ()
         if looks == 1 and series.plan.tool is not None:
             checks = await measure_points(run, series, visits)
 

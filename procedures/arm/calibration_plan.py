@@ -108,6 +108,7 @@ class Standing:
     captures: tuple[ArmCapture, ...]
     retaken: tuple[int, ...]
     here_rad: Joints
+    coming_rad: tuple[tuple[Joints, ...], ...] = ()  # ways that were chosen and not gone yet
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +208,8 @@ def choose_poses(series: Series, standing: Standing) -> Choice:
     found = shortfall(now, np.array(plan.pool), plan.goal.acceptance(), series.test_poses())
     if found is not None and taken >= rules.min_captures:
         return _ended(done, found.sentence)
+    if standing.coming_rad:
+        return replace(done, ways_rad=standing.coming_rad, again=(-1,) * len(standing.coming_rad))
     wanted = min(rules.first if taken == 0 else rules.batch, rules.max_captures - taken)
     choice = _next_ways(series, standing, now, wanted, done)
     return choice if choice.ways_rad else _ended(done, "every pose that can be reached was measured")
@@ -220,7 +223,6 @@ def _next_ways(series: Series, standing: Standing, now: Outlook, wanted: int, do
     turn = best_in_turn(now, left, tests, lambda *_: False, most=wanted, criterion=_criterion(now, series))
     poses = tuple(tuple(float(q) for q in left[k]) for k in turn.order)
     ways = ordered_ways(series.reach(), series.plan.roads, standing.here_rad, poses)
-    ways = ways[:1] if standing.captures else ways  # before the first look nothing can change the others
     return Choice(ways, (-1,) * len(ways), False, done.tip_u_m, done.tip_u_max_m)
 
 

@@ -28,4 +28,7 @@ async def lend_a_hand(door: Door, key: str, text: str, wire: str | None = None) 
     if hook := _HOOK.fullmatch(key):
         await door.fault("hook_wire", target=int(hook[1]), **which)
         return "hook_wire"
+    if key == "hook_wire_back":
+        await door.fault("wire_home", **which)
+        return "wire_home"
     return ""

@@ -279,12 +279,12 @@ def calibrating_a_tool(points: tuple[Triple, ...] = TARGETS, **more: Any) -> Sce
     """Return such a cell whose technician puts hook or target into points of the end-effector in between."""
     rough = {"points_in_tool_m": points, "rough_flange_tool": Pose((0.0, 0.0, 0.2)), "tool_number": 4}
     made = calibrating(**({"write_zeros": False} | rough | more))
-    tracker = made.cell.tracker
-    assert isinstance(tracker, IdealTracker)
-    homes = made.wire.hook_in_flange_m, tracker.target_in_flange_m
+    homes = made.wire.hook_in_flange_m, IdealTracker(made.arm).target_in_flange_m
 
     def put(hook: Triple, target: Triple) -> Callable[[], None]:
         def act() -> None:
+            tracker = made.cell.tracker
+            assert isinstance(tracker, IdealTracker)
             made.wire.hook_in_flange_m, tracker.target_in_flange_m = hook, target
 
         return act

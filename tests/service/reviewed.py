@@ -16,7 +16,6 @@ from service.web.parameters import FOLDER
 from tests.procedures.cells import (
     TARGETS,
     Scene,
-    calibrating,
     calibrating_a_tool,
     going_round,
     moved_workpiece,
@@ -97,14 +96,17 @@ def _slipping(made: Scene, place: Callable[[], object], slip: np.ndarray) -> Cal
     return do
 
 
+def _with_a_tool() -> Scene:
+    return calibrating_a_tool(TARGETS[:1], rules=QUICK, tool_number=None)
+
+
 async def with_a_past(cell_file: Path) -> Past:
     """Fill the journal of a cell file, and save two versions of the first robot's parameters."""
     config = read_cell_file(cell_file)
     sets = ParameterSets(cell_file.parent / FOLDER)
-    with_tool = calibrating_a_tool(TARGETS[:1], rules=QUICK, tool_number=None)
-    good = await run_in(config, _of_cell(with_tool), "robot_calibration")
+    good = await run_in(config, _of_cell(_with_a_tool()), "robot_calibration")
     keep_calibration(config, ROBOT, sets, "Anna", "2026-11-01T08:00:00+00:00")
-    made = _of_cell(calibrating(write_zeros=False, rules=QUICK))
+    made = _of_cell(_with_a_tool())
     made.cell = replace(made.cell, tracker=Knocked(made.arm, 6))
     spoilt = await run_in(config, made, "robot_calibration")
     keep_calibration(config, ROBOT, sets, "Anna", "2026-11-08T08:00:00+00:00")

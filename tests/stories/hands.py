@@ -38,7 +38,11 @@ class Hands:
             await self.door.fault("hand_moves", joints=self._jogged(self.places[key]), device=robot)
         elif key in ("new_battery", "power_cycle"):
             await self.door.fault(key, device=robot)
-        elif key in ("hook_stays_on", "wire_is_hooked"):  # an end-effector's hole may have had it
+        elif key in (
+            "hook_stays_on",
+            "wire_is_hooked",
+            "hook_wire_back",
+        ):  # an end-effector's hole may have had it
             await self.door.fault("wire_home", device=wire)
         elif mount := _MOUNT.fullmatch(key):
             mouth = _MOUTH.search(str(prompt["text"]))
