@@ -65,7 +65,7 @@ def _head(content: Mapping[str, Any]) -> list[str]:
 
 
 def _named(rows: Iterable[tuple[str, str]]) -> list[str]:
-    return [line for name, value in rows for line in _wrapped(value, f"{name:<18}")]
+    return [line for name, value in rows for line in _wrapped(value, f"{name:<16}")]
 
 
 def _figures(characteristics: Iterable[Mapping[str, Any]]) -> list[str]:

@@ -99,7 +99,7 @@ def controller_rows(content: Mapping[str, Any], words: Sayings = ENGLISH) -> lis
     payload, mode = frames.get("payload_kg"), told["controller_mode"]
     rows = (
         ("active tool", _tool(frames, words)),
-        ("active user frame", _user_frame(frames.get("user_frame_number"), words)),
+        ("user frame", _user_frame(frames.get("user_frame_number"), words)),
         ("payload", "" if payload is None else f"{payload:.3f} kg"),
         ("controller mode", words.say(mode) if mode in _SAID_MODES else mode),
     )

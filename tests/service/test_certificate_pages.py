@@ -14,6 +14,8 @@ import pytest
 from fastapi import FastAPI
 
 from calibration.errors import CellError
+from calibration.geometry import Pose
+from procedures.cell import MotionLevel
 from service.certificates.blocks import Page
 from service.certificates.certificate import FORMAT, Issued, issue
 from service.certificates.html import as_html
@@ -26,6 +28,7 @@ from service.certificates.signing import Finding, check, station_key
 from service.cli.certificate import write
 from service.configuration.cell_file import CellConfig
 from service.parameters.parameter_sets import ParameterSet, ParameterSets, Value
+from service.runs.conduct import NO_MODE
 from service.web import history
 from service.web.answers import told
 from service.web.door import Person, person_of
@@ -373,3 +376,63 @@ async def test_a_trend_goes_through_all_finished_runs_of_a_robot(tmp_path: Path)
         assert trend["points"][0]["expanded_uncertainty"] == figure["expanded_uncertainty"]
         assert trend["points"][0]["started_utc"] == content_of(first)["run"]["started_utc"]
     assert other == []
+
+
+def controller_of(page: Page) -> dict[str, str]:
+    """Return the rows of what was selected on the controller; none where the page does not say it."""
+    sections = [section for section in page.sections if section.title == "The controller when the run began"]
+    return {name: value for section in sections for block in section.blocks for name, value in block.rows}  # type: ignore[union-attr]
+
+
+async def test_tool_frame_payload_level_and_mode_are_signed_and_on_every_sheet(tmp_path: Path) -> None:
+    made = pointing()
+    made.arm.payload_kg, made.arm.user_frame, made.arm.active_tool = 4.25, 2, 3
+    made.arm.tools[3] = Pose((0.01, -0.02, 0.3))
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, made, "three_point_frame")
+    issued = issue(config, outcome.run_id)
+    signed = content_of(issued)["controller_at_start"]
+    assert signed["motion_level"] == "commanded"
+    assert signed["controller_mode"] == "AUTO"
+    assert signed["active_frames"]["tool_number"] == 3
+    assert signed["active_frames"]["payload_kg"] == 4.25
+    rows = controller_of(page_from(issued.json_path))
+    assert rows["active tool"].startswith("number 3: x 10.000, y -20.000, z 300.000 mm")
+    assert rows["user frame"] == "number 2"
+    assert rows["payload"] == "4.250 kg"
+    assert rows["controller mode"] == "AUTO"
+    assert rows["moved by"] == "this software (commanded)"
+    sheets = (
+        issued.text_path.read_text(),
+        HtmlText.of(as_html(page_from(issued.json_path))).text,
+        Pdf(as_pdf(page_from(issued.json_path))).text(),
+    )
+    for sheet in map(squeezed, sheets):
+        for value in rows.values():
+            assert squeezed(value) in sheet
+    assert not any("mode the controller" in line for line in content_of(issued)["verdict"]["not_verified"])
+
+
+async def test_what_a_robot_does_not_tell_stays_not_verified(tmp_path: Path) -> None:
+    made = pointing()
+    made.cell = replace(made.cell, frames=None, mode=None, level=MotionLevel.OBSERVE)
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, made, "three_point_frame")
+    content = content_of(issue(config, outcome.run_id))
+    rows = controller_of(paper_of(content))
+    told = ("active tool", "user frame", "payload", "controller mode")
+    assert {rows[name] for name in told} == {"not verified, this robot does not tell it"}
+    assert rows["moved by"] == "a person with the pendant (observe)"
+    assert NO_MODE in content["verdict"]["not_verified"]
+
+
+async def test_a_certificate_from_before_verifies_and_is_printed_without_what_it_does_not_say(
+    tmp_path: Path,
+) -> None:
+    config, issued = await framed(tmp_path)
+    content = content_of(issued)
+    del content["controller_at_start"]
+    issued.json_path.write_text(station_key(config.cell.data_dir).sign(FORMAT, content))
+    assert check(issued.json_path.read_bytes()).finding is Finding.INTACT
+    assert controller_of(page_from(issued.json_path)) == {}
+    assert print_beside(issued.json_path).trouble == ""
