@@ -91,3 +91,36 @@ async def test_a_capture_by_the_tracker_shows_the_tracker_and_not_the_wire(looki
     await looking.order(op="stop")
     await looking.until(lambda session: session["run"]["outcome"])
     await looking.order(op="dismiss")
+
+
+@pytest.mark.parametrize("locale", ["en", "zh"])
+async def test_the_end_of_a_run_gives_its_certificate_to_people_first(looking: Looking, locale: str) -> None:
+    """PDF and page in the reader's language, then what is signed; each is there."""
+    if not (await looking.session())["run"]:
+        settings = {"method": "wire", "rules": RULES | {"samples": 5}}
+        await looking.order(op="start", procedure="drift_check", settings=settings, hold_to_move=False)
+
+    async def outcome() -> dict[str, Any] | None:
+        session = await looking.session()
+        if prompt := session["prompt"]:
+            await looking.order(op="answer", prompt_id=prompt["id"], value="yes")
+        found: dict[str, Any] | None = session["run"]["outcome"]
+        return found
+
+    ended = await comes(outcome)
+    assert ended is not None
+    assert ended["certificate"], ended
+    async with looking.page("#/run", locale=locale, size=(800, 1280)) as page:
+        links = page.get_by_test_id("outcome").locator("a.button")
+        await expect(links).to_have_count(3)
+        at = [str(await link.get_attribute("href")) for link in await links.all()]
+        assert [one.rpartition("/")[2] for one in at] == [
+            f"certificate.pdf?language={locale}",
+            f"certificate.html?language={locale}",
+            "certificate.json",
+        ]
+        pdf, html, signed = [await looking.client.get(one.removeprefix(".")) for one in at]
+        assert pdf.content.startswith(b"%PDF")
+        assert f'<html lang="{locale}">' in html.text
+        assert signed.json()["content"]["run"]["procedure"] == "drift_check"
+        await hold_to_rules(page, f"the end of a run, {locale}")

@@ -23,6 +23,12 @@ ABILITIES = {
 }
 
 
+MODES = {  # a switch that somebody turns, and what the controller calls its places
+    "fanuc": ("t1_mode", "AUTO", "T1"),
+    "ur": ("local_mode", "remote control", "local control"),
+}
+
+
 async def truth_of(door: Door, case: RobotCase) -> dict[str, Any]:
     return dict((await door.truth())["robots"][case.name])
 
@@ -176,6 +182,14 @@ class RobotContract:
         refuse_other_frames(after, (await truth_of(door, robot_case))["active"])
         assert after.flange_tool.position_m != pytest.approx(before.flange_tool.position_m, abs=1e-3)
         assert (await robot.flange_pose()).position_m == pytest.approx(pose.position_m, abs=1e-5)
+
+    async def test_the_mode_is_the_one_that_somebody_has_switched_to(
+        self, robot: Any, robot_case: RobotCase, door: Door
+    ) -> None:
+        fault, before, after = MODES[robot_case.name]
+        assert await robot.controller_mode() == before
+        await door.fault(fault, device=robot_case.name)
+        assert await robot.controller_mode() == after
 
     @pytest.mark.parametrize("bad", [math.nan, math.inf])
     async def test_a_target_that_is_no_number_is_refused_and_nothing_moves(
