@@ -1,0 +1,122 @@
+"""Names that are programs, in Chromium: they are shown letter by letter, and nothing of them runs."""
+
+import json
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi import FastAPI
+from playwright.async_api import Page, Route, expect
+
+from service.demo.fake_cell import write_cell_file
+from service.people.hashing import pepper_of
+from service.people.roles import Role
+from tests.service.browsers import at_rest, go
+from tests.service.doors import Clock, quick
+from tests.service.shop import Shop, a_shop, give_pin
+from tests.service.test_people_door import XSS
+from tests.service.test_people_pages import OneQuestion
+
+pytestmark = pytest.mark.xdist_group("pages")
+WHO, PIN = XSS[1], "161803"
+ALL = " ".join(XSS)
+# What would have been made of a text that was taken for a part of the page.
+MADE = """[...document.querySelectorAll(
+    'script, svg[onload], img[onerror], [href^="javascript:"], [src^="javascript:"]')]
+    .filter(one => !one.src?.startsWith(location.origin)).map(one => one.outerHTML)"""
+
+
+class Hostile(OneQuestion):
+    """A desk that hears such names from robots, devices and people."""
+
+    def __init__(self, app: FastAPI) -> None:
+        super().__init__(app)
+        device = {"name": ALL, "state": "stopped", "message": ALL, "remedy": ALL, "age_s": 0.1, "due": ALL}
+        roles: dict[str, Any] = {"robot": None, "gauge": {"length_m": 1.0, "sigma_m": 1e-4}}
+        devices = [device | {"role": role, "value": value, "settle": None} for role, value in roles.items()]
+        self.live = {"rev": 1, "at_s": time.time(), "devices": devices, "record": None}
+
+    @property
+    def session(self) -> dict[str, Any]:
+        told = super().session
+        told["run"] |= {
+            "title": ALL,
+            "step": ALL,
+            "found": list(XSS),
+            "does": "read",
+            "left_s": None,
+            "series": None,
+        }
+        told["run"]["phases"] = [{"name": text, "repeats": None, "adaptive": False} for text in XSS]
+        if told["prompt"]:
+            told["prompt"] |= {"text": "\n".join(XSS), "step": ALL, "unit": XSS[2]}
+        told["robots"] = [{"name": text, "model": text, "serial": text} for text in XSS]
+        told["losses"] = [
+            {"robot": text, "what": "lost", "detected_by": text, "mode": text, "words": text, "procedure": None,
+             "settings": {}, "reasons": [text]} for text in XSS
+        ]  # fmt: skip
+        return told | {
+            "cell": ALL,
+            "robot": WHO,
+            "connection": {"connected": True, "message": ALL, "remedy": ALL},
+        }
+
+
+async def _runs(route: Route) -> None:
+    runs = [
+        {"run_id": text, "procedure": text, "started_utc": "2026-01-01T00:00:00+00:00", "state": "refused",
+         "reason": text, "robot_serial": text, "word": "", "ended_utc": "2026-01-01T00:00:00+00:00"} for text in XSS
+    ]  # fmt: skip
+    await route.fulfill(json=runs)
+
+
+@asynccontextmanager
+async def _as_somebody_called_so(shop: Shop, page: Page) -> AsyncIterator[list[str]]:
+    """Enrol a tablet and sign in under such a name; lends what ran."""
+    ran: list[str] = []
+
+    async def heard(dialog: Any) -> None:
+        ran.append(dialog.message)
+        await dialog.dismiss()
+
+    page.on("dialog", heard)
+    page.on("console", lambda line: ran.append(line.text) if "Content Security Policy" in line.text else None)
+    await shop.enrol(page, XSS[6])
+    await page.evaluate("location.hash = '#/sign-in'")
+    people = page.get_by_test_id("person")
+    for text in XSS:
+        await expect(people.filter(has_text=text).first).to_be_visible()
+    await people.filter(has_text=WHO).click()
+    await give_pin(page, PIN)
+    await expect(page.get_by_test_id("who")).to_contain_text(WHO)
+    yield ran
+
+
+async def test_names_that_are_programs_are_shown_and_nothing_of_them_runs(tmp_path: Path) -> None:
+    path = write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=1.0)
+    async with a_shop(path, desk=Hostile, clock=Clock()) as shop, shop.context() as context:
+        hasher = quick(pepper_of(shop.entrance.data_dir))
+        for text in XSS:
+            shop.entrance.register.add(text, Role.TECHNICIAN, hasher.hashed(PIN), "test")
+        page = await context.new_page()
+        await page.route("**/api/runs", _runs)
+        async with _as_somebody_called_so(shop, page) as ran:
+            desk = shop.app.state.house.link
+            for place in ("#/", "#/history", "#/devices", "#/parameters", "#/sign-in"):
+                await go(page, place)
+                assert await page.evaluate(MADE) == [], place
+            await go(page, "#/")
+            await expect(page.get_by_test_id("prompt")).to_contain_text(XSS[0])
+            desk.end("refused", ALL, ALL)
+            await expect(page.get_by_test_id("reason")).to_contain_text(XSS[0])
+            await go(page, "#/history")
+            assert await page.get_by_test_id("run").count() == len(XSS)
+            await at_rest(page)
+            assert (await page.evaluate(MADE), ran) == ([], [])
+            await page.evaluate("setTimeout(() => alert('this one is heard'))")
+            await expect(page.locator("main h1")).to_be_visible()
+            assert ran == ["this one is heard"], json.dumps(ran)
+    assert shop.complaints == []
