@@ -19,7 +19,7 @@ class Progress:
     message: str = ""
     value: Any = None  # JSON
     does: str = ""  # of a step: read, move, write, solve
-    page: Page | None = None  # what a step shows whom it asks
+    page: Page | None = None  # of a step that asks: what it shows
     goal_rad: Joints | None = None  # where a step that moves wants to be
 
 

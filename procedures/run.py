@@ -27,7 +27,7 @@ from procedures.canonical import alike, sha256_of
 from procedures.cell import Cell
 from procedures.past import Effect, Finding, Kind, Past
 from procedures.progress import Gate, Progress, ignore
-from procedures.shown import Page, Shown
+from procedures.shown import Page, Shown, page_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -220,7 +220,9 @@ class Run:
         async def act(cell: Cell) -> R:
             return await work(cell, *args, **kwargs)
 
-        page = next((each.page for each in (*args, *kwargs.values()) if isinstance(each, Shown)), None)
+        page = next(
+            (page_of(each) for each in (*args, *kwargs.values()) if isinstance(each, Instruction)), None
+        )
         goal_rad = _goal_of(*args) if effect is Effect.MOVE else None
         result: R = await self._answer(
             _Task(

@@ -36,6 +36,10 @@ class Series:
             self._poses = page.data.get("plan", {}).get("poses", ())
         if progress.does == "move":
             self._goal_rad = progress.goal_rad
+        elif page is not None:
+            self._goal_rad = (
+                None  # the arm stands where somebody is asked something, and nothing is measured there
+            )
         elif done and progress.does == "read":
             self._measured |= {place for place in [self._place()] if place is not None}
             self._goal_rad = None

@@ -21,6 +21,9 @@ PATIENCE_S = 600.0
 PRESS_MS = 4000
 LOOKS_S = 0.15
 
+# What stays at the screen's edge while a page is scrolled would lie over the middle of a picture of the whole page.
+UNFIXED = ".acts, .start, .buttons, .outlook { position: static !important; }"
+
 
 @dataclass(frozen=True)
 class Story:
@@ -185,7 +188,7 @@ class Day:
             self._taken.add(name)
             await self.page.wait_for_timeout(300)
             await self.page.screenshot(
-                path=self._pictures / f"{len(self._taken):03d}_{name}.png", full_page=True
+                path=self._pictures / f"{len(self._taken):03d}_{name}.png", full_page=True, style=UNFIXED
             )
 
 

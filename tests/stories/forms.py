@@ -84,7 +84,7 @@ def _turns_rad(pose: Pose) -> tuple[float, float, float]:
     rotation = np.asarray(pose.rotation())
     return (
         math.atan2(rotation[2, 1], rotation[2, 2]),
-        -math.asin(rotation[2, 0]),
+        math.asin(-rotation[2, 0]) + 0.0,  # and no minus before a zero
         math.atan2(rotation[1, 0], rotation[0, 0]),
     )
 

@@ -51,6 +51,7 @@ async def test_a_recovered_mastering_is_signed_line_by_line_and_the_certificate_
         a_shop(path, clock=Clock()) as shop,
         shop.tablet("Emil") as page,
     ):
+        await shop.until(lambda session: session["connection"]["connected"])
         day = Day(page, Hands(door, {}), None)
         assert (await day.tell(RECORD)).verdict == "pass"
         await door.fault("battery_loss", device="fanuc")
