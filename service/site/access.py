@@ -36,17 +36,17 @@ def router_config(site: str, listen: str, cells: list[str]) -> Config:
         "listen": {"endpoints": [f"tls/{listen}"]},
         "transport": transport,
         "access_control": router_access(site, cells),
-        "downsampling": _downsampling(site, cells),
+        "downsampling": _downsampling(site),
     }
 
 
-def _downsampling(site: str, cells: list[str]) -> list[Config]:
-    """Return how often joints of each cell leave the router: a cell that floods them costs the monitor no more.
+def _downsampling(site: str) -> list[Config]:
+    """Return how often joints of a cell come in: one that floods them costs router and monitor no more than others.
 
-    A rule with a wildcard would be one allowance for all cells together, so each cell has its own.
+    Where they come in each cell has an allowance of its own; where they leave, a rule is one for all cells together.
     """
-    rules = [{"key_expr": StationKeys(site, cell).joints, "freq": MOST_JOINTS_HZ} for cell in cells]
-    return [{"id": "joints", "flows": ["egress"], "messages": ["put"], "rules": rules}] if rules else []
+    rule = {"key_expr": StationKeys(site, "*").joints, "freq": MOST_JOINTS_HZ}
+    return [{"id": "joints", "flows": ["ingress"], "messages": ["put"], "rules": [rule]}]
 
 
 def cell_config(site: str, cell: str, endpoint: str) -> Config:
