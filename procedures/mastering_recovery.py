@@ -17,7 +17,7 @@ from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
 from procedures.mastering_record import HOOK_WIRE
-from procedures.motion.plans import FinalPlan, plan_finals
+from procedures.motion.plans import FinalPlan, Turns, first_doubt, plan_finals, sure_to
 from procedures.recovery.mastering_forecasts import forecast_place_recovery, forecast_recovery
 from procedures.recovery.place_recovery import OLD_RECORD, recover_by_places
 from procedures.recovery.recovery_campaign import (
@@ -40,7 +40,7 @@ from procedures.recovery.recovery_result import (
 from procedures.recovery.recovery_spec import MasteringRecoverySpec, refuse_other_gears, refuse_unknown_axes
 from procedures.recovery.recovery_verdict import saving, verdict_on_recovery
 from procedures.recovery.saved_counts import confirm_newest, saved_counts_page
-from procedures.recovery.waking import wake_encoders
+from procedures.recovery.waking import Turning, Woken, wake_encoders
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.capture import capture
@@ -69,10 +69,18 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
     by_places = spec.evidence == "places" or record.wire is None  # which then has places only
     if not by_places:
         await run.ensure("the wire is hooked", ask, HOOK_WIRE)
-    woken = await wake_encoders(run, record, last_counts, spec.alarms, spec.index_speed_rad_s)
+    doubt = first_doubt(spec.room, len(last_counts), seen=spec.last_counts is not None)
+    turning = Turning(spec.index_speed_rad_s, spec.room, doubt)
+    woken = await wake_encoders(run, record, last_counts, spec.alarms, turning)
     if by_places:
         return await recover_by_places(run, spec, record, woken.counts)
+    return await _recover_by_wire(run, spec, record, woken, doubt)
 
+
+async def _recover_by_wire(
+    run: Run, spec: MasteringRecoverySpec, record: MasteringRecord, woken: Woken, doubt_turns: Turns
+) -> RecoveryResult:
+    """Measure until the gate holds, confirm elsewhere, write, confirm what was written."""
     state = await run.step("read the motors", read_motors)
     refuse_other_gears(record, state.drive)
     refuse_unknown_axes(spec, len(state.counts))
@@ -80,15 +88,15 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
 
     guess = provisional_turns(record.drive, woken.counts, state.counts)
     mapping = CountsToJoints(record.drive, record.counts_at_zero, guess)
-    campaign = Campaign(run, spec, record, state, mapping, mapping.joints(state.counts))
-    held = await check_the_memory(campaign) if not woken.lost and _data_differ(record, state) else None
-    if held is None:
+    campaign = Campaign(run, spec, record, state, mapping, mapping.joints(state.counts), doubt_turns)
+    remembered = not woken.lost and _data_differ(record, state)
+    recovery = await check_the_memory(campaign) if remembered else None
+    if recovery is None:
         found = await measure_until_decided(campaign, guess)
         await _refuse_wrong_record(campaign, found)
-        held = await confirm_elsewhere(campaign, found)
-    recovery = held
+        recovery = await confirm_elsewhere(campaign, found)
 
-    finals = await _plan_finals(campaign)
+    finals = await _plan_finals(campaign, recovery)
     await compare_with_drawn(campaign, recovery)
     await run.step("accept the correction", accept, told_correction(recovery, record), _hash_of(recovery))
     written = await run.write("write the mastering", write_mastering, recovery.counts_at_zero)
@@ -98,13 +106,14 @@ async def mastering_recovery(run: Run, spec: MasteringRecoverySpec) -> RecoveryR
     return replace(restored(record, recovery, done, written, state.epoch), flanks=flanks)
 
 
-async def _plan_finals(campaign: Campaign) -> FinalPlan:
+async def _plan_finals(campaign: Campaign, recovery: TurnRecovery) -> FinalPlan:
     """Plan to go to check poses again: fewer from the other side where the recovery took many captures."""
     places = tuple(campaign.mapping.joints(check.counts) for check in campaign.checks)
     left = MOST_CAPTURES - campaign.taken - len(campaign.checks)
     most = max(FEWEST_FINALS, min(campaign.spec.final_captures, left))
     known = (campaign.record, campaign.state, campaign.spec.room, places)
-    return await campaign.run.solve("plan the final checks", plan_finals, *known, most)
+    left_turns = sure_to(recovery.offset_covariance)
+    return await campaign.run.solve("plan the final checks", plan_finals, *known, most, left_turns)
 
 
 async def _confirm_written(campaign: Campaign, recovery: TurnRecovery, finals: FinalPlan) -> FlankCheck:
@@ -117,7 +126,7 @@ async def _confirm_written(campaign: Campaign, recovery: TurnRecovery, finals: F
     campaign.seconds += plan.travel_rad / plan.speed_rad_s
     for k, (pose, other) in enumerate(zip(plan.poses_rad, finals.other_side, strict=True), 1):
         go, side = (go_to_from_above, OTHER_SIDE) if other else (go_to, "record")
-        await run.move(f"go to final check {k}", go, pose, plan.speed_rad_s)
+        await run.move(f"go to final check {k}", go, pose, plan.speed_rad_s, plan.doubt)
         what = f"final check {k}"
         still = await run.step(what, capture, what, spec.samples, spec.tolerance_counts, side)
         again.append(campaign.arrived(still))
@@ -176,7 +185,8 @@ def _outline(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
 
 _WAKING = (
     *(("look at the alarms", 3), ("new battery", 1), ("acknowledge the lost position", 1)),
-    *(("power cycle", 1), ("wait for the robot", 1), ("slow motion", 1), ("reset the alarms", 0)),
+    *(("power cycle", 1), ("wait for the robot", 1), ("plan the turns", 1), ("slow motion", 1)),
+    ("reset the alarms", 0),
     ("counts before the turns", 1),
     *((f"pass the index of J{axis},", 1) for axis in range(1, 7)),
     ("clear the alarms", 1),
@@ -234,7 +244,7 @@ def _forecast(spec: MasteringRecoverySpec, known: Knowledge) -> Forecast:
     captures = (spec.first_captures, spec.check_captures, spec.final_captures)
     known = replace(known, last_counts=spec.last_counts)
     if spec.evidence == "places" or (known.record is not None and known.record.wire is None):
-        return forecast_place_recovery(known, spec.index_speed_rad_s)
+        return forecast_place_recovery(known, spec.room, spec.index_speed_rad_s)
     return forecast_recovery(known, spec.room, captures, spec.samples, spec.index_speed_rad_s)
 
 

@@ -16,6 +16,7 @@ from calibration.arm.kinematics import RobotModel, chain_frames
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, inverse_transform, is_rigid
 from calibration.motion.capsule_distance import Segment, box_distance, plane_distance, segment_distance
+from calibration.motion.doubt import JointDoubt, PostureDoubt
 from calibration.motion.motion_check import WirePath
 from calibration.motion.motion_quantities import Excess
 
@@ -27,6 +28,7 @@ _ALWAYS = 0.9  # of random postures: a pair that touches so often is touching by
 _TRIALS = 400
 _LARGEST_STEP_M = 5e-3  # of any point of the arm, between two looks at a way
 _CHUNK = 8192
+_WIRE_PIECES = 8  # looked at one by one, while joints are in doubt
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,8 +209,10 @@ class CollisionCheck:
                 found[i] = (first, second, float(clearance[i]))
         return tuple(Contact(i, *item) for i, item in enumerate(found))
 
-    def distances(self, joints_rad: Array) -> Excess:
+    def distances(self, joints_rad: Array, doubt: PostureDoubt | None = None) -> Excess:
         """Return the clearance of every pair of shapes in every posture, against what it must be.
+
+        With a doubt about the posture each margin grows by as much as the two shapes may be nearer than computed.
 
         Raises
         ------
@@ -223,7 +227,35 @@ class CollisionCheck:
             columns.append(clearance)
         found = np.array(columns).T.reshape(len(joints), len(names))
         limit = np.broadcast_to(np.array(margins), found.shape)
-        return Excess("clearance", found, limit, limit - found, "m", tuple(names))
+        more = None if doubt is None else self._doubts(joints, doubt)
+        limit = limit if more is None else limit + more
+        return Excess("clearance", found, limit, limit - found, "m", tuple(names), more)
+
+    def _doubts(self, joints: Array, of_posture: PostureDoubt) -> Array:
+        """Return (N, Q): by how much each pair of shapes may be nearer than computed; pairs as ``_clearances``."""
+        shape, arm = self.shape, self.shape.arm
+        segments = _segments(self.model, arm, joints)
+        doubt = JointDoubt.of(self.model, joints, of_posture.bodies_rad)
+        columns = []
+        for i, j in _pairs(arm, self.touching):
+            near, far = sorted((i, j), key=lambda k: arm[k].link)
+            columns.append(doubt.displaced(segments[far], arm[near].link, arm[far].link))
+        swings = [doubt.displaced(ends, 0, capsule.link) for capsule, ends in zip(arm, segments, strict=True)]
+        for item in shape.obstacles:
+            columns += [
+                swing
+                for capsule, swing in zip(arm, swings, strict=True)
+                if capsule.link >= 1 and not _stands_on(item, capsule)
+            ]
+        if shape.wire is not None:
+            wire = _wire_segment(self.model, shape.wire, joints)
+            doubt = JointDoubt.of(self.model, joints, of_posture.wire_rad)
+            columns += [
+                _wire_doubt(doubt, wire, (capsule, segment), self.model.axes)
+                for capsule, segment in zip(arm, segments, strict=True)
+                if capsule.link < self.model.axes
+            ]
+        return np.array(columns).T.reshape(len(joints), len(columns))
 
     def looks(self, start_rad: Array, stop_rad: Array) -> int:
         """Return into how many pieces a way must be cut for no point of the arm to move more than 5 mm."""
@@ -303,6 +335,22 @@ def _segments(model: RobotModel, arm: Sequence[Capsule], joints: Array) -> list[
 def _wire_segment(model: RobotModel, wire: WirePath, joints: Array) -> Segment:
     hook = model.tip_positions(joints, np.array(wire.hook_in_flange_m)).T
     return np.array(wire.anchor_in_base_m)[:, None], hook
+
+
+def _wire_doubt(doubt: JointDoubt, wire: Segment, bar: tuple[Capsule, Segment], axes: int) -> Array:
+    """Return (N,): by how much a draw-wire may be nearer to a link than computed [m].
+
+    Seen from the link its hook hardly moves and its anchor much: piece by piece, between the two in proportion.
+    """
+    (anchor, hook), (capsule, segment) = wire, bar
+    hook_off = doubt.displaced([hook], capsule.link, axes)
+    anchor_off = doubt.displaced_seen_from(anchor, capsule.link)
+    nearest = np.full(hook.shape[1], np.inf)
+    for start, stop in pairwise(np.linspace(0.0, 1.0, _WIRE_PIECES + 1)):
+        piece = (anchor + start * (hook - anchor), anchor + stop * (hook - anchor))
+        off = np.maximum(*((1.0 - at) * anchor_off + at * hook_off for at in (start, stop)))
+        np.minimum(nearest, segment_distance(piece, segment) - off, out=nearest)
+    return np.asarray(segment_distance(wire, segment) - nearest, dtype=np.float64)
 
 
 def _pairs(arm: Sequence[Capsule], touching: frozenset[tuple[int, int]]) -> Iterator[tuple[int, int]]:

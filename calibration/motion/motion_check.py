@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calibration.arm.kinematics import RobotModel
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
+from calibration.motion.doubt import PostureDoubt
 from calibration.motion.motion_quantities import (
     Excess,
     joint_limit_excess,
@@ -32,7 +33,7 @@ class Clearances(Protocol):
 
     @property
     def not_checked(self) -> tuple[str, ...]: ...
-    def distances(self, joints_rad: Array) -> Excess:
+    def distances(self, joints_rad: Array, doubt: PostureDoubt | None = None) -> Excess:
         """Return the clearance of every pair of shapes in every posture, against what it must be."""
         ...
 
@@ -60,6 +61,7 @@ class MotionLimits:
 
     joint_margin_rad: float = 0.0523599  # 3 deg
     mastering_uncertainty_rad: tuple[float, ...] = ()  # per joint, added to the margin
+    doubt: PostureDoubt | None = None  # about where the arm stands: shapes and box keep more distance
     joint_speed_rad_s: float = 0.0872665  # 5 deg/s
     tip_speed_m_s: float = 0.05
     box_low_m: tuple[float, float, float] | None = None  # the flange, the tip and the wrist stay inside
@@ -268,7 +270,7 @@ def _posture_excesses(
     excesses = [_joint_limits(model, joints, limits)]
     if limits.box_low_m is not None and limits.box_high_m is not None:
         box = (limits.box_low_m, limits.box_high_m)
-        excesses.append(workspace_excess(model, joints, box, tip_in_flange_m))
+        excesses.append(workspace_excess(model, joints, box, tip_in_flange_m, limits.doubt))
     if limits.smallest_singular_value is not None:
         excesses.append(singularity_excess(model, joints, limits.smallest_singular_value))
     if limits.wire is not None:
@@ -277,7 +279,7 @@ def _posture_excesses(
         places = (wire.anchor_in_base_m, wire.hook_in_flange_m)
         excesses += wire_range_excesses(model, joints, places, wire.zero_m, (low, high))
     if limits.clearances is not None:
-        excesses.append(limits.clearances.distances(joints))
+        excesses.append(limits.clearances.distances(joints, limits.doubt))
     return excesses
 
 
@@ -305,6 +307,8 @@ def _findings(excess: Excess, owner: NDArray[np.int_]) -> list[MotionFinding]:
         who = f" of {excess.names[column]}" if excess.names else ""
         told = f"{found:.4g} {excess.unit}, limit {limit:.4g} {excess.unit}"
         words = f"target {target + 1}, {excess.check}{who}: {told}"
+        if excess.doubt is not None:
+            words += f", {excess.doubt[worst, column]:.3g} m of it for turns that are not known yet"
         findings.append(MotionFinding(int(target), excess.check, found, limit, words))
     return findings
 

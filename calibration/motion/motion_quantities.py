@@ -1,5 +1,6 @@
 """The quantities that a move must keep, for many postures at once, and by how much each breaks its limit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.arm.kinematics import RobotModel, chain_frames
 from calibration.geometry import Array
+from calibration.motion.doubt import JointDoubt, PostureDoubt
 
 Triple = tuple[float, float, float]
 
@@ -24,6 +26,7 @@ class Excess:
     excess: Array
     unit: str
     names: tuple[str, ...] = ()  # (Q,) of the quantities, where they differ
+    doubt: Array | None = None  # (N, Q) of the limit: what is kept only because joints are not known better
 
     def broken(self) -> NDArray[np.bool_]:
         """Return (N,): which postures break any."""
@@ -33,7 +36,10 @@ class Excess:
         """Drop the start, the first row; forgive each quantity on the way what it breaks there, not at a stay."""
         forgiven = np.where(stays[:, None], 0.0, np.maximum(self.excess[0], 0.0))
         limit = np.broadcast_to(self.limit, self.excess.shape)[1:]
-        return Excess(self.check, self.found[1:], limit, self.excess[1:] - forgiven, self.unit, self.names)
+        doubt = None if self.doubt is None else self.doubt[1:]
+        return Excess(
+            self.check, self.found[1:], limit, self.excess[1:] - forgiven, self.unit, self.names, doubt
+        )
 
 
 def joint_limit_excess(model: RobotModel, joints: Array, margin_rad: Array) -> Excess:
@@ -44,14 +50,37 @@ def joint_limit_excess(model: RobotModel, joints: Array, margin_rad: Array) -> E
     return Excess("joint limits", joints, limit, np.maximum(below, above), "rad")
 
 
-def workspace_excess(model: RobotModel, joints: Array, box_m: tuple[Triple, Triple], tip_m: Triple) -> Excess:
-    """Return the coordinates of tip, flange and every joint's centre from the second on, against a box."""
-    low, high = np.array(box_m[0]), np.array(box_m[1])
+def workspace_excess(
+    model: RobotModel,
+    joints: Array,
+    box_m: tuple[Triple, Triple],
+    tip_m: Triple,
+    doubt: PostureDoubt | None = None,
+) -> Excess:
+    """Return the coordinates of tip, flange and every joint's centre from the second on, against a box.
+
+    With a doubt about the posture the box shrinks by as much as each point may be elsewhere.
+    """
     points = body_points(model, joints, tip_m)
+    more = np.zeros(points.shape) if doubt is None else _points_doubt(model, joints, points, doubt.bodies_rad)
+    low, high = np.array(box_m[0]) + more, np.array(box_m[1]) - more
     below, above = low - points, points - high
     limit = np.where(below > above, low, high)
-    flat = [part.reshape(len(joints), -1) for part in (points, limit, np.maximum(below, above))]
-    return Excess("workspace box", flat[0], flat[1], flat[2], "m")
+    flat = [part.reshape(len(joints), -1) for part in (points, limit, np.maximum(below, above), more)]
+    names = tuple(f"{name}, {axis}" for name in _point_names(model) for axis in "xyz")
+    return Excess("workspace box", flat[0], flat[1], flat[2], "m", names, None if doubt is None else flat[3])
+
+
+def _points_doubt(model: RobotModel, joints: Array, points: Array, doubt_rad: Sequence[float]) -> Array:
+    """Return (N, P, 3): how far each of ``body_points`` may be elsewhere [m]."""
+    doubt = JointDoubt.of(model, joints, doubt_rad)
+    links = [*range(2, model.axes + 1), model.axes]
+    far = [doubt.displaced([points[:, k].T], 0, link) for k, link in enumerate(links)]
+    return np.broadcast_to(np.array(far).T[:, :, None], points.shape)
+
+
+def _point_names(model: RobotModel) -> tuple[str, ...]:
+    return (*(f"link {link}" for link in range(2, model.axes)), "flange", "tip")
 
 
 def singularity_excess(model: RobotModel, joints: Array, limit: float) -> Excess:

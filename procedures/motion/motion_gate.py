@@ -16,6 +16,7 @@ import numpy as np
 
 from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array
+from calibration.motion.doubt import PostureDoubt
 from calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
 from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from drivers.interfaces import Counts, Instruction, JointReading, Joints, Readiness
@@ -59,12 +60,15 @@ class Care(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Jog:
-    """A turn of one joint alone. ``here_rad``: where the arm most likely stands; None while nobody knows."""
+    """A turn of one joint alone. ``here_rad``: where the arm most likely stands, to within ``doubt``."""
 
     axis: int
     delta_rad: float
     speed_rad_s: float
-    here_rad: Joints | None = None
+    here_rad: Joints | None = None  # None: nobody knows, and nothing is checked
+    doubt: PostureDoubt | None = None
+    care: Care = Care.WIRED
+    began_rad: Joints | None = None  # where the turn began, if this is its end: no nearer than it was there
 
 
 async def move_along(
@@ -74,8 +78,11 @@ async def move_along(
     *,
     care: Care = Care.FREE,
     pace: Pace | None = None,
+    doubt: PostureDoubt | None = None,
 ) -> None:
     """Bring the arm along corners to the last one, by whoever moves this robot; no leg faster than its ``pace``.
+
+    ``doubt``: by how much its joints may be other than the controller shows; distances grow with it.
 
     Raises
     ------
@@ -89,7 +96,7 @@ async def move_along(
         The active tool, user frame or payload is not the one that this run began with.
     """
     here = await _ready(cell, Readiness.READY)
-    speeds = _capped(cell, care, here.joints_rad, way_rad, speed_rad_s)
+    speeds = _capped(cell, care, here.joints_rad, way_rad, speed_rad_s, doubt=doubt)
     if pace is not None:
         speeds = tuple(map(min, speeds, pace.on_legs(here.joints_rad, way_rad)))
     if cell.level is not MotionLevel.COMMANDED:
@@ -109,7 +116,8 @@ async def jog_axis(cell: Cell, jog: Jog) -> None:
     _refuse_no_number((float(jog.axis), jog.delta_rad, speed))
     if jog.here_rad is not None:
         target = tuple(q + jog.delta_rad * (k == jog.axis) for k, q in enumerate(jog.here_rad))
-        speed = min(_capped(cell, Care.WIRED, jog.here_rad, [target], speed, stops=False))
+        began = jog.began_rad or jog.here_rad
+        speed = min(_capped(cell, jog.care, began, [target], speed, stops=False, doubt=jog.doubt))
     if cell.level is not MotionLevel.COMMANDED:
         await jog_by_hand(cell, jog.axis, jog.delta_rad, speed, HAND_TOLERANCE_RAD)
         return
@@ -134,7 +142,7 @@ def refuse_off_target(found: Joints, target: Joints, tolerance_rad: float) -> No
         )
 
 
-def check_way(
+def check_way(  # noqa: PLR0913 - as _capped
     cell: Cell,
     care: Care,
     here_rad: Joints,
@@ -142,10 +150,11 @@ def check_way(
     speed_rad_s: float,
     *,
     stops: bool = True,
+    doubt: PostureDoubt | None = None,
 ) -> MotionVerdict:
     """Check a way from where the arm stands. The last corner has to keep every limit if the arm ``stops`` there."""
     model = _model(cell)
-    limits = _limits(cell, care)
+    limits = _limits(cell, care, doubt)
     at = [False] * (len(way_rad) - 1) + [stops]
     tip = cell.surroundings.tip_in_flange_m or (0.0, 0.0, 0.0)
     if limits.wire is not None:
@@ -154,7 +163,7 @@ def check_way(
     return check_moves(model, here_rad, ways, limits, speed_rad_s=speed_rad_s, tip_in_flange_m=tip, stops=at)
 
 
-def _limits(cell: Cell, care: Care) -> MotionLimits:
+def _limits(cell: Cell, care: Care, doubt: PostureDoubt | None) -> MotionLimits:
     known, model = cell.surroundings, _model(cell)
     wire = _wire(cell) if care is Care.WIRED else None
     shapes = replace(
@@ -164,6 +173,8 @@ def _limits(cell: Cell, care: Care) -> MotionLimits:
         shapes = replace(shapes, blocks=(), balls=(), planes=())
     return MotionLimits(
         joint_margin_rad=MARGIN_RAD,
+        mastering_uncertainty_rad=() if doubt is None else doubt.bodies_rad,
+        doubt=doubt,
         joint_speed_rad_s=cell.limits.speed_rad_s,
         tip_speed_m_s=cell.limits.tip_speed_m_s * known.speed_share,
         box_low_m=known.box_low_m,
@@ -181,7 +192,7 @@ def _wire(cell: Cell) -> WirePath | None:
     return WirePath(at.anchor_in_base_m, at.hook_in_flange_m, range_m, wrap_rad=WRAP_RAD)
 
 
-def _capped(
+def _capped(  # noqa: PLR0913 - one way needs all of it
     cell: Cell,
     care: Care,
     here_rad: Joints,
@@ -189,13 +200,14 @@ def _capped(
     speed_rad_s: float,
     *,
     stops: bool = True,
+    doubt: PostureDoubt | None = None,
 ) -> tuple[float, ...]:
     """Refuse a way that is not free; return for each leg the speed at which no part of the arm exceeds its cap."""
     _refuse_no_number((speed_rad_s, *here_rad, *(q for corner in way_rad for q in corner)))
     model = _model(cell)
     fastest_joint = min(cell.limits.speed_rad_s, float(np.min(model.max_speed_rad_s)))
     speed = min(speed_rad_s, fastest_joint)
-    verdict = check_way(cell, care, here_rad, way_rad, speed, stops=stops)
+    verdict = check_way(cell, care, here_rad, way_rad, speed, stops=stops, doubt=doubt)
     broken = [finding for finding in verdict.findings if finding.check != "tip speed"]
     if broken:
         raise MotionRefusedError(

@@ -1,5 +1,6 @@
 """Plans of motion as pure functions: which poses, in which order, how fast. Plans are shown, then obeyed."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -14,7 +15,8 @@ from calibration.mastering.counts import DriveTrain, MasteringRecord
 from calibration.mastering.drawn_walk import DrawnWalk, drawn_walk
 from calibration.mastering.pose_design import candidate_joints, kit_poses, next_poses
 from calibration.mastering.recovery_walk import Pace, WalkPlanner, nearby_joints
-from calibration.mastering.turn_recovery import verification_power
+from calibration.mastering.turn_recovery import TurnRecovery, verification_power
+from calibration.motion.doubt import PostureDoubt
 from calibration.motion.motion_check import (
     MotionLimits,
     WirePath,
@@ -22,9 +24,10 @@ from calibration.motion.motion_check import (
     check_moves,
     seem_free,
 )
+from calibration.uncertainty import chi_square_limit
 from calibration.wires.model import WirePrior
 from drivers.interfaces import Joints
-from procedures.motion.approach import from_above
+from procedures.motion.approach import OVERSHOOT_RAD, from_above
 from procedures.motion.detours import ways_through
 from procedures.motion.plan_ways import (
     arrive,
@@ -42,6 +45,11 @@ from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings, clearanc
 from procedures.steps.mastering import MotorState
 
 Triple = tuple[float, float, float]
+Turns = tuple[float, ...]
+HALF_TURN = (
+    0.5  # of each motor, brakes shut since its last healthy count: one that moved further is counted wrongly
+)
+SURE_SIGMAS = 4.0
 VERIFICATION_SIGMAS = 6.0
 SAME_POSE_RAD = 0.02
 SPARE_CANDIDATES = 60
@@ -95,6 +103,7 @@ class MotionPlan:
     ] = ()  # to each pose, with the corners in between; empty: straight
     speeds_rad_s: tuple[float, ...] = ()  # of each way, as fast as its own corners allow
     moving_s: float = 0.0  # with each way at its own speed
+    doubt: PostureDoubt | None = None  # about where the arm stands: kept again right before each move
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +114,7 @@ class Known:
     visited: tuple[Joints, ...]
     checked: tuple[Joints, ...]
     offset_covariance: tuple[tuple[float, ...], ...]  # turns^2
+    doubt_turns: Turns = ()  # of each motor; none: what the covariance leaves
 
 
 def wire_prior(state: MotorState) -> WirePrior:
@@ -141,6 +151,41 @@ def motion_limits(state: MotorState, drive: DriveTrain, room: Room) -> MotionLim
     )
 
 
+def first_doubt(room: Room, axes: int, *, seen: bool) -> Turns:
+    """Return how far each motor may stand from where it is thought [turns], before anything is measured.
+
+    ``seen``: its last healthy counts are known. Else a person brought the arm near its reference by the marks.
+    """
+    return (min(float(room.lost_turns), HALF_TURN) if seen else float(room.lost_turns),) * axes
+
+
+def doubt_after(recovery: TurnRecovery, guess: tuple[int, ...], before: Turns) -> Turns:
+    """Return the doubt that captures leave [turns]: how far off they find the guess, and how surely.
+
+    Captures that do not fit their best explanation take no doubt away.
+    """
+    if recovery.mode == "geometry" or recovery.chi_square > chi_square_limit(recovery.degrees_of_freedom):
+        return before
+    left = np.abs(np.subtract(recovery.offset_turns, guess)) + SURE_SIGMAS * np.array(recovery.sigma_turns)
+    return tuple(float(v) for v in np.minimum(before, left))
+
+
+def posture_doubt(drive: DriveTrain, turns: Turns) -> PostureDoubt:
+    """Return by how much each joint may stand elsewhere, for doubts of its motors and those that turn it too.
+
+    The draw-wire passes so near the wrist that it could keep no distance at two turns of every motor: it keeps
+    that for half a turn.
+    """
+    per_turn = np.abs(drive.radians_per_turn())
+    bodies, wire = per_turn @ np.array(turns), per_turn @ np.minimum(turns, HALF_TURN)
+    return PostureDoubt(tuple(float(v) for v in bodies), tuple(float(v) for v in wire))
+
+
+def _lost_limits(state: MotorState, record: MasteringRecord, room: Room, turns: Turns) -> MotionLimits:
+    """Return the limits of motion of a robot whose motors may stand so many turns from where they are thought."""
+    return replace(motion_limits(state, record.drive, room), doubt=posture_doubt(record.drive, turns))
+
+
 def plan_kit(state: MotorState, room: Room, poses: int, seed: int) -> MotionPlan:
     """Plan the captures of a mastering record from where the robot stands."""
     model, limits = load_model(state.model), motion_limits(state, state.drive, room)
@@ -172,10 +217,15 @@ def plan_kit(state: MotorState, room: Room, poses: int, seed: int) -> MotionPlan
 
 
 def plan_first(
-    record: MasteringRecord, state: MotorState, room: Room, here_rad: Joints, poses: int
+    record: MasteringRecord,
+    state: MotorState,
+    room: Room,
+    here_rad: Joints,
+    poses: int,
+    doubt_turns: Turns,
 ) -> MotionPlan:
     """Plan the first captures after a loss: a short walk that tells every motor's turns."""
-    model, limits = load_model(record.model), motion_limits(state, record.drive, room)
+    model, limits = load_model(record.model), _lost_limits(state, record, room, doubt_turns)
     planner = _walks(model, record, limits, state)
     here = np.array(here_rad)
     for tried in (walk for seed in range(_SEEDS_TRIED) for walk in planner.walks(here, poses, seed=seed)):
@@ -187,26 +237,38 @@ def plan_first(
         order = next_poses(model, record, np.empty((0, model.axes)), kit, min(poses, len(kit)))
         walk = travel_order(model, here_rad, kit[list(order)], limits, one_by_one=True)
     if not walk:
-        raise _unreachable()
+        raise _unreachable(model, here, limits)
     return _timed(model, here_rad, walk, limits, state.limits.jog_speed_rad_s, one_by_one=True)
 
 
 def plan_next(
-    record: MasteringRecord, state: MotorState, room: Room, here_rad: Joints, measured: tuple[Joints, ...]
+    record: MasteringRecord,
+    state: MotorState,
+    room: Room,
+    here_rad: Joints,
+    measured: tuple[Joints, ...],
+    doubt_turns: Turns,
 ) -> MotionPlan:
     """Plan one more capture: the reachable pose that tells most for the time it takes, given what is measured."""
-    search = _NextPose(record, state, room, here_rad, measured)
+    search = _NextPose(record, state, room, here_rad, measured, doubt_turns)
     plan = search.best(QUICK_EFOLD_S if len(measured) < QUICK_CAPTURES else THOROUGH_EFOLD_S)
     if plan is None:
-        raise _unreachable()
+        raise _unreachable(load_model(record.model), np.array(here_rad), search.limits())
     return plan
 
 
 def plan_finer(
-    record: MasteringRecord, state: MotorState, room: Room, here_rad: Joints, measured: tuple[Joints, ...]
+    record: MasteringRecord,
+    state: MotorState,
+    room: Room,
+    here_rad: Joints,
+    measured: tuple[Joints, ...],
+    doubt_turns: Turns,
 ) -> MotionPlan | None:
     """Plan one more capture for offsets that are no whole turns, or none where no pose makes them much surer."""
-    return _NextPose(record, state, room, here_rad, measured).best(THOROUGH_EFOLD_S, least_gain=FINER_GAIN)
+    return _NextPose(record, state, room, here_rad, measured, doubt_turns).best(
+        THOROUGH_EFOLD_S, least_gain=FINER_GAIN
+    )
 
 
 @dataclass(frozen=True)
@@ -218,11 +280,16 @@ class _NextPose:
     room: Room
     here_rad: Joints
     measured: tuple[Joints, ...]
+    doubt_turns: Turns
+
+    def limits(self) -> MotionLimits:
+        """Return what each way keeps."""
+        return _lost_limits(self.state, self.record, self.room, self.doubt_turns)
 
     def best(self, efold_s: float, *, least_gain: float = 0.0) -> MotionPlan | None:
         """Return a plan of the best pose that is worth it and can be reached."""
         record, speed = self.record, self.state.limits.jog_speed_rad_s
-        model, limits = load_model(record.model), motion_limits(self.state, record.drive, self.room)
+        model, limits = load_model(record.model), self.limits()
         here = np.array(self.here_rad)
         known = np.array(self.measured).reshape(-1, model.axes)
         candidates = _unmeasured(_candidates(model, record, limits, here), self.measured)
@@ -249,7 +316,8 @@ def plan_checks(
     ``sigmas`` are the deviations at which a wrong turn shall show; where more are wanted than for whole turns, a
     fraction of a turn is sought, and the captures are judged all together.
     """
-    model, limits = load_model(record.model), motion_limits(state, record.drive, room)
+    turns = known.doubt_turns or sure_to(known.offset_covariance)
+    model, limits = load_model(record.model), _lost_limits(state, record, room, turns)
     here = np.array(known.here_rad)
     candidates = _unmeasured(_candidates(model, record, limits, here), known.visited)
     both = np.vstack([np.array(known.checked).reshape(-1, model.axes), candidates])
@@ -270,8 +338,13 @@ def plan_checks(
             np.delete(power, out_of_reach, axis=0),
         )
     if not ordered:
-        raise _unreachable()
+        raise _unreachable(model, here, limits)
     return _timed(model, known.here_rad, ordered, limits, state.limits.jog_speed_rad_s, one_by_one=True)
+
+
+def sure_to(covariance: tuple[tuple[float, ...], ...]) -> Turns:
+    """Return how far each motor may be from where a solution puts it [turns]."""
+    return tuple(float(v) for v in SURE_SIGMAS * np.sqrt(np.diag(np.array(covariance))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -283,13 +356,18 @@ class FinalPlan:
 
 
 def plan_finals(
-    record: MasteringRecord, state: MotorState, room: Room, checks: tuple[Joints, ...], poses: int
+    record: MasteringRecord,
+    state: MotorState,
+    room: Room,
+    checks: tuple[Joints, ...],
+    poses: int,
+    doubt_turns: Turns,
 ) -> FinalPlan:
     """Plan joint moves from the last check pose to earlier ones; where none is reachable, look from there.
 
     All but the first come from the other side where the way beyond the pose is free.
     """
-    model, limits = load_model(record.model), motion_limits(state, record.drive, room)
+    model, limits = load_model(record.model), _lost_limits(state, record, room, doubt_turns)
     here = np.array(checks[-1])
     earlier = np.array(checks[:-1]).reshape(-1, model.axes)
     ordered = travel_order(model, checks[-1], earlier, limits)[:poses] or [here]
@@ -315,13 +393,36 @@ def compare_drawn(
     return drawn_walk(model, record, limits, walked[0], walked)
 
 
-def index_travel(record: MasteringRecord, here_rad: Joints, turns: float) -> Joints:
-    """Return by how much to turn each joint so that its motor passes its index, towards mid-range."""
+def index_travel(
+    record: MasteringRecord, here_rad: Joints, turns: float, room: Room, doubt_turns: Turns
+) -> Joints:
+    """Return by how much to turn each joint so that its motor passes its index: towards mid-range, if that is free.
+
+    Where neither way is, the gate says at the turn what is in it.
+    """
     model = load_model(record.model)
+    low, high = room.box_m()
+    limits = MotionLimits(
+        joint_margin_rad=0.0,
+        tip_speed_m_s=math.inf,
+        box_low_m=low,
+        box_high_m=high,
+        clearances=clearances(record.model, room.surroundings),
+        doubt=posture_doubt(record.drive, doubt_turns),
+    )
     middle = (model.lower_rad + model.upper_rad) / 2.0
-    per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
-    signs = np.where(np.array(here_rad) > middle, -1.0, 1.0)
-    return tuple(float(v) for v in signs * per_turn * turns)
+    per_turn = np.abs(np.diag(record.drive.radians_per_turn())) * turns
+    here, travel = np.array(here_rad), np.where(np.array(here_rad) > middle, -per_turn, per_turn)
+    for axis in range(model.axes):
+        for turn in (travel[axis], -travel[axis]):
+            beyond = turn if turn > 0 else turn - OVERSHOOT_RAD
+            there = here + np.eye(model.axes)[axis] * beyond
+            verdict = check_moves(model, here, there[None], limits, speed_rad_s=1e-3, stops=[False])
+            if verdict.allowed:
+                travel[axis] = turn
+                break
+        here = here + np.eye(model.axes)[axis] * travel[axis]
+    return tuple(float(v) for v in travel)
 
 
 def _walks(
@@ -383,11 +484,19 @@ def _checked(
         not_checked=verdict.not_checked,
         speeds_rad_s=tuple(float(v) for v in speed_rad_s / fastest),
         moving_s=float(np.sum(steps * fastest[way_of]) / speed_rad_s),
+        doubt=limits.doubt,
     )
 
 
-def _unreachable() -> DegenerateDataError:
-    return DegenerateDataError(
-        "none of the poses still needed can be reached from here without breaking a limit",
-        remedy="Jog the robot towards the middle of its range, then resume.",
-    )
+def _unreachable(model: RobotModel, here: Array, limits: MotionLimits) -> DegenerateDataError:
+    """Say that no pose can be reached, and what is too near where the arm stands, if it is that."""
+    told = "none of the poses still needed can be reached from here without breaking a limit"
+    near = None if limits.clearances is None else limits.clearances.distances(here[None], limits.doubt)
+    if near is not None and near.broken()[0]:
+        k = int(np.argmax(near.excess[0]))
+        more = 0.0 if near.doubt is None else float(near.doubt[0, k])
+        told = (
+            f"{told}: {near.names[k]} are {near.found[0, k] * 1e3:.0f} mm apart, {near.limit[0, k] * 1e3:.0f} mm are "
+            f"kept, {more * 1e3:.0f} mm of them for turns that are not known yet"
+        )
+    return DegenerateDataError(told, remedy="Jog the robot towards the middle of its range, then resume.")

@@ -24,7 +24,15 @@ from procedures.forecast import (
 )
 from procedures.limits import MASTERING
 from procedures.motion.approach import OVERSHOOT_RAD
-from procedures.motion.plans import MotionPlan, Room, index_travel, plan_first, plan_kit, wire_prior
+from procedures.motion.plans import (
+    MotionPlan,
+    Room,
+    first_doubt,
+    index_travel,
+    plan_first,
+    plan_kit,
+    wire_prior,
+)
 from procedures.recovery.kit_offers import KitOffer, KitOffers, design_offers
 from procedures.recovery.recovery_kit import KitSpec
 from procedures.recovery.waking import INDEX_TURNS
@@ -79,7 +87,8 @@ def forecast_recovery(
         return Forecast(0.0, assumed=_assumed(known), lacks=wire_lacking(known))
     first, checks, finals = captures
     here = _here(record, known.last_counts)
-    plan = plan_first(record, state, room, here, first)
+    doubt = first_doubt(room, len(here), seen=known.last_counts is not None)
+    plan = plan_first(record, state, room, here, first, doubt)
     share = (first + checks + finals) / max(len(plan.poses_rad), 1)
     backwards_s = (
         len(plan.poses_rad) * len(here) * OVERSHOOT_RAD / plan.speed_rad_s
@@ -88,7 +97,7 @@ def forecast_recovery(
     walk_s = share * (plan.travel_rad / plan.speed_rad_s + backwards_s + len(plan.poses_rad) * capture_s)
     joints = np.array(plan.poses_rad)
     return Forecast(
-        duration_s=_waking_s(known, record, index_speed_rad_s) + walk_s + 4.0 * ANSWER_S,
+        duration_s=_waking_s(known, record, room, index_speed_rad_s) + walk_s + 4.0 * ANSWER_S,
         poses=_labelled(plan, "capture"),
         speed_rad_s=plan.speed_rad_s,
         predictions=(_turns(record, joints), _offsets(record, joints)),
@@ -97,7 +106,7 @@ def forecast_recovery(
     )
 
 
-def forecast_place_recovery(known: Knowledge, index_speed_rad_s: float) -> Forecast:
+def forecast_place_recovery(known: Knowledge, room: Room, index_speed_rad_s: float) -> Forecast:
     """Tell which places of the record's kit would be found again after a loss, and what they would tell."""
     record = known.record
     lacks = _lacks(known)
@@ -113,7 +122,7 @@ def forecast_place_recovery(known: Knowledge, index_speed_rad_s: float) -> Forec
     ]
     by_hand = len(visits) + sum(place.kind == "nest" for place in kit.places)
     return Forecast(
-        duration_s=_waking_s(known, record, index_speed_rad_s) + by_hand * PERSON_S + 3.0 * ANSWER_S,
+        duration_s=_waking_s(known, record, room, index_speed_rad_s) + by_hand * PERSON_S + 3.0 * ANSWER_S,
         poses=tuple(PlannedPose(label, _posture(record, kit, number)) for label, number in visits),
         predictions=_by_places(seen),
         assumed=(
@@ -138,11 +147,12 @@ def _lacks(known: Knowledge) -> tuple[str, ...]:
     return ()
 
 
-def _waking_s(known: Knowledge, record: MasteringRecord, index_speed_rad_s: float) -> float:
+def _waking_s(known: Knowledge, record: MasteringRecord, room: Room, index_speed_rad_s: float) -> float:
     """Return how long it takes until every motor has passed its index."""
     here = _here(record, known.last_counts)
+    doubt = first_doubt(room, len(here), seen=known.last_counts is not None)
     speed = min(index_speed_rad_s, known.limits.jog_speed_rad_s)
-    return POWER_CYCLE_S + sum(map(abs, index_travel(record, here, INDEX_TURNS))) / speed
+    return POWER_CYCLE_S + sum(map(abs, index_travel(record, here, INDEX_TURNS, room, doubt))) / speed
 
 
 def _posture(record: MasteringRecord, kit: RecoveryKit, number: int) -> Joints:

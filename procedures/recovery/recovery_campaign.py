@@ -14,6 +14,8 @@ from procedures.motion.plans import (
     Known,
     MotionPlan,
     compare_drawn,
+    Turns,
+    doubt_after,
     plan_checks,
     plan_finer,
     plan_first,
@@ -51,6 +53,7 @@ class Campaign:
     state: MotorState
     mapping: CountsToJoints
     here: Joints
+    doubt_turns: Turns  # of each motor, about where the mapping puts it
     kept: list[WireCapture] = field(default_factory=list)
     checks: list[WireCapture] = field(default_factory=list)
     visited: list[Joints] = field(default_factory=list)
@@ -63,7 +66,7 @@ class Campaign:
     async def jog_and_capture(self, pose: Joints, plan: MotionPlan, what: str, k: int) -> WireCapture:
         speed = plan.speed_rad_s
         self.seconds += sum(abs(a - b) for a, b in zip(pose, self.here, strict=True)) / speed
-        await self.run.move(f"go to {what} {k}", jog_to, pose, self.mapping, speed)
+        await self.run.move(f"go to {what} {k}", jog_to, pose, self.mapping, speed, plan.doubt)
         spec = self.spec
         still = await self.run.step(
             f"{what} {k}", capture, f"{what} {k}", spec.samples, spec.tolerance_counts
@@ -97,7 +100,9 @@ async def check_the_memory(campaign: Campaign) -> TurnRecovery | None:
     looks: list[WireCapture] = []
     while len(looks) < spec.max_check_captures:
         looked = tuple(campaign.mapping.joints(look.counts) for look in looks)
-        known = Known(campaign.here, tuple(campaign.visited), looked, recovery.offset_covariance)
+        known = Known(
+            campaign.here, tuple(campaign.visited), looked, recovery.offset_covariance, campaign.doubt_turns
+        )
         name, count = f"plan the memory checks from {len(looks) + 1}", 2 if looks else spec.check_captures
         plan = await run.solve(
             name, plan_checks, record, campaign.state, spec.room, known, count, MEMORY_POWER
@@ -132,7 +137,9 @@ async def measure_until_decided(campaign: Campaign, guess: tuple[int, ...]) -> T
     """
     run, spec = campaign.run, campaign.spec
     known = (campaign.record, campaign.state, spec.room)
-    plan = await run.solve("plan the first poses", plan_first, *known, campaign.here, spec.first_captures)
+    plan = await run.solve(
+        "plan the first poses", plan_first, *known, campaign.here, spec.first_captures, campaign.doubt_turns
+    )
     await run.step("accept the plan", accept, shown(plan), sha256_of(to_jsonable_python(plan)))
     for pose in plan.poses_rad:
         await _one_more(campaign, pose, plan)
@@ -142,6 +149,7 @@ async def measure_until_decided(campaign: Campaign, guess: tuple[int, ...]) -> T
         captures = tuple(campaign.kept)
         name, known_new = f"judge after {campaign.taken}", tuple(axis - 1 for axis in spec.exchanged_axes)
         recovery = await run.solve(name, judge, campaign.record, captures, guess, known_new)
+        campaign.doubt_turns = doubt_after(recovery, guess, campaign.doubt_turns)
         exhausted = campaign.taken >= spec.max_captures
         if recovery.accepted:
             if exhausted or not await _measure_finer(campaign, recovery):
@@ -169,7 +177,7 @@ async def _measure_finer(campaign: Campaign, recovery: TurnRecovery) -> bool:
         return False
     known = (campaign.record, campaign.state, campaign.spec.room)
     name = f"plan after {campaign.taken}"
-    plan = await campaign.run.solve(name, plan_finer, *known, campaign.here, tuple(campaign.visited))
+    plan = await campaign.run.solve(name, plan_finer, *known, *_standing(campaign))
     if plan is None:
         return False
     await _one_more(campaign, plan.poses_rad[0], plan)
@@ -181,7 +189,7 @@ async def _measure_next(campaign: Campaign, recovery: TurnRecovery) -> None:
     suspect = recovery.suspect_capture
     known = (campaign.record, campaign.state, campaign.spec.room)
     name = f"plan after {campaign.taken}"
-    plan = await campaign.run.solve(name, plan_next, *known, campaign.here, tuple(campaign.visited))
+    plan = await campaign.run.solve(name, plan_next, *known, *_standing(campaign))
     target = plan.poses_rad[0]
     if suspect is not None:
         doubtful = campaign.kept.pop(suspect)
@@ -189,6 +197,10 @@ async def _measure_next(campaign: Campaign, recovery: TurnRecovery) -> None:
         target = campaign.mapping.joints(doubtful.counts)
         campaign.again += 1
     await _one_more(campaign, target, plan)
+
+
+def _standing(campaign: Campaign) -> tuple[Joints, tuple[Joints, ...], Turns]:
+    return campaign.here, tuple(campaign.visited), campaign.doubt_turns
 
 
 async def _one_more(campaign: Campaign, pose: Joints, plan: MotionPlan) -> None:

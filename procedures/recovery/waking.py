@@ -7,11 +7,11 @@ import numpy as np
 from calibration.mastering.counts import MasteringRecord
 from drivers.interfaces import Condition, Counts, Instruction
 from procedures.cell import Cell
-from procedures.motion.plans import index_travel
+from procedures.motion.plans import Room, Turns, index_travel, posture_doubt
 from procedures.run import ProcedureError, Run
 from procedures.steps.ask import ask, let_move
 from procedures.steps.mastering import look_at_alarms, read_counts, reset_alarms, wait_for_the_robot
-from procedures.steps.motion import CountsToJoints, pass_index
+from procedures.steps.motion import CountsToJoints, IndexTurn, pass_index
 
 NEW_BATTERY = Instruction("new_battery", "Exchange the encoder batteries. Leave the brakes closed.")
 POWER_CYCLE = Instruction("power_cycle", "Switch the controller off, wait ten seconds, switch it on again.")
@@ -40,6 +40,15 @@ class AlarmCodes:
 
 
 @dataclass(frozen=True, slots=True)
+class Turning:
+    """How motors are turned past their index."""
+
+    speed_rad_s: float
+    room: Room
+    doubt_turns: Turns
+
+
+@dataclass(frozen=True, slots=True)
 class Woken:
     """Encoders that report no alarm."""
 
@@ -48,7 +57,7 @@ class Woken:
 
 
 async def wake_encoders(
-    run: Run, record: MasteringRecord, last_counts: Counts, codes: AlarmCodes, speed_rad_s: float
+    run: Run, record: MasteringRecord, last_counts: Counts, codes: AlarmCodes, turning: Turning
 ) -> Woken:
     """Clear the position alarms: battery, power cycle, one turn of every motor past its index.
 
@@ -71,7 +80,7 @@ async def wake_encoders(
             gone = (*codes.battery, *codes.power_cycle)
             await run.step(f"wait for the robot {k}", wait_for_the_robot, gone)
         elif active & {*codes.index}:
-            woken = replace(woken, counts=await _pass_indices(run, record, woken.counts, (k, speed_rad_s)))
+            woken = replace(woken, counts=await _pass_indices(run, record, woken.counts, k, turning))
         elif active:
             await run.write(f"reset the alarms {k}", reset_alarms)
         else:
@@ -92,21 +101,23 @@ async def no_alarm(cell: Cell) -> Condition:
 
 
 async def _pass_indices(
-    run: Run, record: MasteringRecord, last_counts: Counts, how: tuple[int, float]
+    run: Run, record: MasteringRecord, last_counts: Counts, k: int, turning: Turning
 ) -> Counts:
     """Turn every motor past its index: a controller names its newest alarms only, so all axes are suspect.
 
     J1 first: a wrist motor turns the joints after it too. Returns what healthy encoders would count afterwards.
     """
-    k, speed_rad_s = how
     healthy = CountsToJoints(record.drive, record.counts_at_zero, (0,) * len(last_counts))
     last_joints = healthy.joints(last_counts)
-    travel = index_travel(record, last_joints, INDEX_TURNS)
+    known = (record, last_joints, INDEX_TURNS, turning.room, turning.doubt_turns)
+    travel = await run.solve(f"plan the turns {k}", index_travel, *known)
+    doubt = posture_doubt(record.drive, turning.doubt_turns)
     await run.step(f"slow motion {k}", let_move, SLOW_MOTION)
     before = await run.step(f"counts before the turns {k}", read_counts)
     for axis in range(len(last_counts)):
         name = f"pass the index of J{axis + 1}, {k}"
-        await run.move(name, pass_index, axis, travel[axis], before, speed_rad_s)
+        turn = IndexTurn(axis, travel[axis], before, last_joints, doubt)
+        await run.move(name, pass_index, turn, turning.speed_rad_s)
     await run.write(f"clear the alarms {k}", reset_alarms)
     there = np.add(last_joints, travel)
     return tuple(int(count) for count in record.drive.counts(there, np.array(record.counts_at_zero)))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.mastering.counts import DriveTrain
+from calibration.motion.doubt import PostureDoubt
 from drivers.interfaces import Counts, Joints
 from procedures.cell import Cell
 from procedures.motion import motion_gate
@@ -45,9 +46,12 @@ class CountsToJoints:
         return tuple(float(q) for q in self.drive.joints(np.array(true), np.array(self.counts_at_zero)))
 
 
-async def go_to(cell: Cell, target_rad: Joints, speed_rad_s: float) -> Arrival:
+async def go_to(
+    cell: Cell, target_rad: Joints, speed_rad_s: float, doubt: PostureDoubt | None = None
+) -> Arrival:
     """Move a mastered robot, the wire hooked in, to joints; come to rest there from below."""
-    return await go_along(cell, (target_rad,), speed_rad_s)
+    await follow(cell, (target_rad,), speed_rad_s, wired=True, doubt=doubt)
+    return await _arrival(cell)
 
 
 async def go_along(cell: Cell, way_rad: tuple[Joints, ...], speed_rad_s: float) -> Arrival:
@@ -56,10 +60,13 @@ async def go_along(cell: Cell, way_rad: tuple[Joints, ...], speed_rad_s: float) 
     return await _arrival(cell)
 
 
-async def go_to_from_above(cell: Cell, target_rad: Joints, speed_rad_s: float) -> Arrival:
+async def go_to_from_above(
+    cell: Cell, target_rad: Joints, speed_rad_s: float, doubt: PostureDoubt | None = None
+) -> Arrival:
     """Move a mastered robot, the wire hooked in, to joints; come to rest there from the other side."""
     here = (await cell.robot.joints()).joints_rad
-    await motion_gate.move_along(cell, from_above(here, target_rad), speed_rad_s, care=Care.WIRED)
+    way = from_above(here, target_rad)
+    await motion_gate.move_along(cell, way, speed_rad_s, care=Care.WIRED, doubt=doubt)
     found = (await cell.robot.joints()).joints_rad
     refuse_off_target(found, target_rad, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
     return await _arrival(cell)
@@ -77,6 +84,7 @@ async def follow(
     *,
     wired: bool = False,
     pace: Pace | None = None,
+    doubt: PostureDoubt | None = None,
 ) -> Joints:
     """Move along the corners of a way; come to rest at the last one from below, no leg faster than its ``pace``.
 
@@ -86,13 +94,19 @@ async def follow(
     before = way_rad[-2] if len(way_rad) > 1 else (await cell.robot.joints()).joints_rad
     corners = (*way_rad[:-1], *from_below(before, target))
     care = Care.WIRED if wired else Care.FREE
-    await motion_gate.move_along(cell, corners, speed_rad_s, care=care, pace=pace)
+    await motion_gate.move_along(cell, corners, speed_rad_s, care=care, pace=pace, doubt=doubt)
     found = (await cell.robot.joints()).joints_rad
     refuse_off_target(found, target, motion_gate.tolerance_rad(cell, cell.limits.joint_tolerance_rad))
     return found
 
 
-async def jog_to(cell: Cell, target_rad: Joints, mapping: CountsToJoints, speed_rad_s: float) -> Arrival:
+async def jog_to(
+    cell: Cell,
+    target_rad: Joints,
+    mapping: CountsToJoints,
+    speed_rad_s: float,
+    doubt: PostureDoubt | None,
+) -> Arrival:
     """Bring a robot that does not know its position to joints, one axis after the other, J1 first."""
     store = motor_store(cell)
     tolerance = motion_gate.tolerance_rad(cell, AXIS_TOLERANCE_RAD)
@@ -102,30 +116,48 @@ async def jog_to(cell: Cell, target_rad: Joints, mapping: CountsToJoints, speed_
         if abs(delta) <= tolerance / 20:
             continue
         if delta < 0:
-            await motion_gate.jog_axis(cell, Jog(axis, delta - OVERSHOOT_RAD, speed_rad_s, here))
+            await motion_gate.jog_axis(cell, Jog(axis, delta - OVERSHOOT_RAD, speed_rad_s, here, doubt))
             here = mapping.joints(await store.encoder_counts())
             delta = target - here[axis]
-        await motion_gate.jog_axis(cell, Jog(axis, delta, speed_rad_s, here))
+        await motion_gate.jog_axis(cell, Jog(axis, delta, speed_rad_s, here, doubt))
     arrival = await _arrival(cell)
     refuse_off_target(mapping.joints(arrival.counts), target_rad, tolerance)
     return arrival
 
 
-async def pass_index(cell: Cell, axis: int, delta_rad: float, before: Counts, speed_rad_s: float) -> Arrival:
+@dataclass(frozen=True, slots=True)
+class IndexTurn:
+    """A joint's turn past the index of its motor, of an arm that does not know where it stands."""
+
+    axis: int
+    delta_rad: float
+    before: Counts  # when nothing had turned yet
+    likely_rad: Joints  # where the arm then most likely stood
+    doubt: PostureDoubt
+
+
+async def pass_index(cell: Cell, given: IndexTurn, speed_rad_s: float) -> Arrival:
     """Turn one motor past its index, to rest from below; its single-turn reading is known again.
 
-    The joint stays where the turn brought it: the way back would tell nothing. ``before`` are the counts when
-    nothing had turned yet: done twice, the turn is not made twice. A count may jump by up to half a turn at the
-    index; who stopped short of it keeps the alarm, and is turned again.
+    The joint stays where the turn brought it: the way back would tell nothing. Done twice, the turn is not made
+    twice. A count may jump by up to half a turn at the index; who stopped short of it keeps the alarm, and is turned
+    again. A person has seen that the wire is free; of what is solid the arm keeps away for all that it may stand
+    elsewhere.
     """
+    axis, delta_rad, before = given.axis, given.delta_rad, given.before
     store = motor_store(cell)
     drive, now = await store.drive_train(), await store.encoder_counts()
-    turned_rad = float(drive.joints(np.array(now), np.array(before))[axis])
+    turned = drive.joints(np.array(now), np.array(before))
+    turned_rad = float(turned[axis])
     if turned_rad / delta_rad < ALREADY_TURNED:
         left_rad = delta_rad - turned_rad
         turns = [left_rad] if left_rad > 0 else [left_rad - OVERSHOOT_RAD, OVERSHOOT_RAD]
+        here = np.array(given.likely_rad) + turned
+        began = tuple(float(q) for q in here)
         for turn in turns:
-            await motion_gate.jog_axis(cell, Jog(axis, turn, speed_rad_s))
+            at = tuple(float(q) for q in here)
+            await motion_gate.jog_axis(cell, Jog(axis, turn, speed_rad_s, at, given.doubt, Care.FREE, began))
+            here[axis] += turn
     return await _arrival(cell)
 
 

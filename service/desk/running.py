@@ -24,7 +24,9 @@ class Running:
     index: int = 0
     expected: int = 0
     events: list[dict[str, Any]] = field(default_factory=list)
-    found: list[str] = field(default_factory=list)  # of a run that goes on, from its journal: before it is replayed
+    found: list[str] = field(
+        default_factory=list
+    )  # of a run that goes on, from its journal: before it is replayed
     outcome: dict[str, Any] | None = None
     hold_to_move: bool = False
     does: str = ""  # what the present step does: read, move, write, solve

@@ -12,6 +12,7 @@ import pytest
 
 from calibration.errors import CellError
 from calibration.motion.collision import Plane, Sphere
+from calibration.motion.doubt import PostureDoubt
 from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from drivers.interfaces import Condition, JointReading, Readiness
 from drivers.registry import PROGRAM_WRITERS
@@ -31,7 +32,7 @@ from procedures.motion.plans import Room
 from procedures.motion.surroundings import Surroundings
 from procedures.run import DeclinedError, Run
 from procedures.steps.mastering import PositionLostAgainError
-from procedures.steps.motion import come_from_below
+from procedures.steps.motion import IndexTurn, come_from_below, pass_index
 from service.pendant_programs import Programs
 from service.runs.lease import LeaseLostError, lease
 from tests.procedures.cells import Scene, recovering, scene
@@ -308,3 +309,32 @@ def test_an_arrival_that_is_no_number_is_off_target() -> None:
     with pytest.raises(CellError):
         refuse_off_target((math.nan,) * 6, THERE, 0.1)
     refuse_off_target(THERE, THERE, OVERSHOOT_RAD)
+
+
+async def test_distances_grow_with_the_doubt_about_where_the_arm_stands() -> None:
+    made = standing()
+    model = made.arm.model
+    elbow = float(model.base_flange(np.array([THERE]))[0, 0, 3])
+    wall = Plane("wall", (elbow + 0.3, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    made.cell = replace(made.cell, surroundings=replace(FLOOR, planes=(*FLOOR.planes, wall)))
+    await move_along(made.cell, [THERE], 0.05)
+    made.arm.put(np.array(HERE))
+    with pytest.raises(MotionRefusedError, match=r"and wall: .* for turns that are not known yet"):
+        await move_along(made.cell, [THERE], 0.05, doubt=PostureDoubt((0.15,) * 6, (0.0,) * 6))
+
+
+async def test_a_turn_past_an_index_keeps_away_from_what_is_solid() -> None:
+    made = await recovering()
+    made.arm.battery_flat = False
+    likely = tuple(float(q) for q in made.arm.true_joints)
+    model = made.arm.model
+    flange = model.base_flange(np.array([likely]))[0, :3, 3]
+    post = Sphere("post", (float(flange[0]), float(flange[1]) + 0.35, float(flange[2])), 0.1)
+    made.cell = replace(made.cell, surroundings=Surroundings(balls=(post,)))
+    doubt = PostureDoubt((0.08,) * 6, (0.08,) * 6)
+    before = await made.arm.encoder_counts()
+    with pytest.raises(MotionRefusedError, match="post"):
+        await pass_index(made.cell, IndexTurn(0, 0.2, before, likely, doubt), 0.03)
+    assert made.arm.moves == []
+    await pass_index(made.cell, IndexTurn(0, -0.06, before, likely, doubt), 0.03)
+    assert made.arm.moves == ["jog 0", "jog 0"]
