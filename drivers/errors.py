@@ -10,6 +10,7 @@
         ├─ RefusedError            the device said no; .vendor_code, .vendor_text
         ├─ MotionStoppedError      emergency stop, protective stop, mode switch  operator
         ├─ BusyError               two commands at once                          our bug
+        ├─ NobodyThereError        a question, and nobody to answer it           resume where somebody is
         └─ WrongDeviceError        serial or model is not the one in cell.toml   operator
 """
 
@@ -21,6 +22,7 @@ __all__ = [
     "DeviceError",
     "DeviceTimeoutError",
     "MotionStoppedError",
+    "NobodyThereError",
     "RefusedError",
     "UnreachableError",
     "WireProtocolError",
@@ -89,3 +91,9 @@ class WrongDeviceError(DeviceError):
     """The serial number or model is not the one in cell.toml."""
 
     code = "device.wrong"
+
+
+class NobodyThereError(DeviceError):
+    """A question that nobody can answer here: it was not declined."""
+
+    code = "device.nobody"

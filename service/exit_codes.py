@@ -42,6 +42,7 @@ _BY_CODE = {
     "device": ExitCode.UNREACHABLE,
     "device.stopped": ExitCode.STOPPED,
     "device.busy": ExitCode.BUSY,
+    "device.nobody": ExitCode.CANCELLED,  # a question met a closed input
     "store": ExitCode.REFUSED,  # a full disk, a torn-off network drive: nothing is begun that cannot be kept
     "store.damaged": ExitCode.SIGNATURE,
     "signature": ExitCode.SIGNATURE,

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
-from drivers.errors import BusyError, RefusedError
+from drivers.errors import BusyError, NobodyThereError, RefusedError
 from drivers.interfaces import Answer, Instruction, Question
 from drivers.operator.lines import LineSource
 
@@ -58,7 +58,11 @@ class TerminalOperator:
         line = await self._lines.next_line()
         if line is None:
             self._console.print()
-            raise self._declined(asked, "the input was closed")
+            raise NobodyThereError(
+                "operator",
+                f"it waits for a person, and nobody is at this terminal (the input was closed): {asked}",
+                remedy="Resume the run where somebody can answer: cellcal resume, or a page of cellcal serve.",
+            )
         return line.strip()
 
     @contextmanager
@@ -71,5 +75,7 @@ class TerminalOperator:
         finally:
             self._asking = ""
 
-    def _declined(self, asked: str, why: str = "the answer was no") -> RefusedError:
-        return RefusedError("operator", f"{why}: {asked}", remedy="Resume the run when it can be done.")
+    def _declined(self, asked: str) -> RefusedError:
+        return RefusedError(
+            "operator", f"the answer was no: {asked}", remedy="Resume the run when it can be done."
+        )

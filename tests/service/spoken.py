@@ -20,7 +20,7 @@ _BY_NAME = """
     assumed tips after
     several computed later copied different otherwise called caller unused unused_alone barred
     barred_different barred_computed barred_set barred_moved seen_from_flange
-    unreachable other_configuration other_turns no_posture fixed cure
+    unreachable other_configuration other_turns no_posture fixed cure hindrances occupied
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """

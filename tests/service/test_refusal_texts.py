@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.wire.tables import code_table
 from tests.service.spoken import ROOT, SENTENCE, sentences
 
 TRANSLATED = ("de", "es", "zh")
@@ -55,6 +56,8 @@ WHOLE = (
     "service/programs/judge.py",
     "service/programs/postures.py",
     "service/runs",
+    "service/watching",
+    "drivers/operator/terminal.py",
     "service/site/fleet.py",
     "service/site/journal_tail.py",
     "service/site/sealed.py",
@@ -112,6 +115,22 @@ def procedures(locale: str) -> frozenset[str]:
     """Return what the procedures' own table has already."""
     file = ROOT / f"web/src/locales/procedures/{locale}.json"
     return frozenset(json.loads(file.read_text(encoding="utf-8")))
+
+
+@pytest.mark.parametrize("name", ["safety_bits.tsv", "robot_modes.tsv"])
+def test_how_a_universal_robots_arm_stands_has_its_words(name: str) -> None:
+    """As the driver says it: the text with a full stop, and what to do."""
+    entries = code_table("drivers.universal_robots", name).values()
+    told = [f"{entry.text}. {entry.remedy}" for entry in entries if entry.kind != "ready"]
+    said = {sentence for words in told for sentence in SENTENCE.split(words)}
+    for locale in TRANSLATED:
+        assert not said - table(locale).keys(), locale
+
+
+@pytest.mark.parametrize("locale", TRANSLATED)
+def test_holes_count_from_one(locale: str) -> None:
+    """What a page takes for hole 0 is the sentence itself: it would fill it with itself for ever."""
+    assert not [each for each in table(locale).items() if "{0}" in "".join(each)]
 
 
 @pytest.mark.parametrize("room", WHOLE)

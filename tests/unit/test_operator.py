@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from drivers.errors import BusyError, RefusedError
+from drivers.errors import BusyError, NobodyThereError, RefusedError
 from drivers.interfaces import Answer, Instruction, Question
 from drivers.operator.scripted import ScriptedOperator
 from drivers.operator.terminal import TerminalOperator
@@ -62,9 +62,9 @@ class TestTerminal:
         with pytest.raises(RefusedError, match="the answer was no"):
             await terminal.operator.confirm(HOOK)
 
-    async def test_a_closed_terminal_declines(self, terminal: Terminal) -> None:
+    async def test_a_closed_terminal_is_nobody_and_no_answer(self, terminal: Terminal) -> None:
         terminal.hang_up()
-        with pytest.raises(RefusedError, match="the input was closed"):
+        with pytest.raises(NobodyThereError, match="the input was closed"):
             await terminal.operator.confirm(HOOK)
 
     async def test_enters_what_was_typed_and_shows_the_unit(self, terminal: Terminal) -> None:
@@ -105,7 +105,7 @@ class TestTerminal:
             operator = TerminalOperator("anna", console=Console(file=io.StringIO()), descriptor=file.fileno())
             assert await operator.confirm(HOOK) == Answer("anna")
             assert await operator.enter(NUMBER) == Answer("anna", "F-104711")
-            with pytest.raises(RefusedError):
+            with pytest.raises(NobodyThereError):
                 await operator.confirm(HOOK)
 
 
