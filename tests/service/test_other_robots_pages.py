@@ -1,0 +1,108 @@
+"""What every page says of a robot that is not selected, and of a recovery that the watch began: in a real browser.
+
+The desk is a double of two robots; what a desk tells of real ones is in test_desk_others and test_desk_alone.
+"""
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, expect
+
+from service.demo.fake_cell import write_cell_file
+from tests.service.browsers import LOCALES, go, hold_to_rules, speaks
+from tests.service.doors import Clock
+from tests.service.shop import Shop, a_shop
+from tests.service.test_people_pages import OneQuestion
+
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+
+LOSS: dict[str, Any] = {
+    "robot": "fanuc", "what": "lost", "detected_by": "the controller reports: SRVO-062", "mode": "M1",
+    "words": "turns of the motors are lost; the zero comes back exactly if nothing was exchanged",
+    "procedure": "mastering_recovery", "settings": {},
+    "reasons": ["another robot was selected at the desk", "nobody here knows the alarm SYST-001"],
+    "alone_wanted": True,
+}  # fmt: skip
+SAID = {
+    "en": ("protective stop", "another robot was selected at the desk", "the watch"),
+    "de": ("Schutzhalt", "ein anderer Roboter war ausgewählt", "Überwachung"),
+    "es": ("parada de protección", "estaba seleccionado otro robot", "la vigilancia"),
+    "zh": ("保护性停止", "当时选中的是另一台机器人", "监视程序"),
+}
+
+
+class TwoRobots(OneQuestion):
+    """The desk of two robots: with ur selected nothing is under way; with fanuc the watch has begun a run."""
+
+    selected = "ur"
+
+    @property
+    def session(self) -> dict[str, Any]:
+        told = super().session
+        robots = [{"name": name, "model": "m", "serial": name} for name in ("fanuc", "ur")]
+        told |= {"robots": robots, "robot": self.selected, "losses": [LOSS]}
+        if self.selected == "ur":
+            return told | {"run": None, "prompt": None}
+        prompt = told["prompt"] | {"key": "saved_counts", "text": COUNTS, "step": "the saved counts"}
+        return told | {"run": told["run"] | {"who": "watch"}, "prompt": prompt}
+
+    def tell_live(self) -> None:
+        """Tell of both robots; the one that is not selected stands in a protective stop."""
+        other = "fanuc" if self.selected == "ur" else "ur"
+        remedy = "Find out what the arm met, then clear the protective stop at the pendant."
+        fine = {"state": "ready", "message": "", "remedy": "", "age_s": 0.1, "value": None, "due": ""}
+        stopped = fine | {"state": "stopped", "message": "protective stop.", "remedy": remedy}
+        devices = [fine | {"role": "robot", "name": self.selected}]
+        devices += [stopped | {"role": "other_robot", "name": name} for name in (other, "third")]
+        content = {"rev": self.rev, "at_s": 0.0, "devices": devices, "record": None}
+        self._app.state.house.screens.show("live", content)
+
+    async def order(self, command: dict[str, Any]) -> dict[str, Any]:
+        if command["order"]["op"] == "select_robot":
+            self.selected = command["order"]["robot"]
+        return await super().order(command)
+
+
+COUNTS = (
+    "The recovery starts from the counts that were saved while the robot was healthy. "
+    "Counts at zero: J1 -17450754, J2 10042494. Last healthy counts: J1 -1697832, J2 12313007."
+)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def shop(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Shop]:
+    path = write_cell_file(tmp_path_factory.mktemp("cell"), "127.0.0.1", seed=1, time_factor=1.0)
+    async with a_shop(path, desk=TwoRobots, clock=Clock()) as opened:
+        yield opened
+        assert opened.complaints == []
+
+
+async def test_another_robots_stop_and_loss_are_on_every_page_and_the_watch_is_named(shop: Shop) -> None:
+    desk: TwoRobots = shop.app.state.house.link
+    async with shop.tablet("Tom") as page:
+        desk.ask("saved_counts")
+        for locale in LOCALES:
+            await _speak(page, locale)
+            await go(page, "#/devices")
+            desk.tell_live()
+            await expect(page.get_by_test_id("other-fanuc")).to_contain_text(SAID[locale][0])
+            await expect(page.get_by_test_id("panel-third")).to_contain_text(SAID[locale][0])
+            await expect(page.get_by_test_id("loss")).to_contain_text(SAID[locale][1])
+            await hold_to_rules(page, locale)
+        await page.get_by_test_id("loss").get_by_role("button").click()
+        await shop.until(lambda _: desk.selected == "fanuc")
+        for locale in LOCALES:
+            await _speak(page, locale)
+            await go(page, "#/history")
+            await expect(page.get_by_test_id("alone")).to_be_visible()
+            await page.get_by_test_id("alone").get_by_role("link").click()
+            await expect(page.get_by_test_id("run-who")).to_contain_text(SAID[locale][2])
+            await expect(page.get_by_test_id("yes")).to_be_visible()
+            await hold_to_rules(page, locale)
+
+
+async def _speak(page: Page, locale: str) -> None:
+    await page.get_by_test_id("language").select_option(locale)
+    await speaks(page, locale)
