@@ -34,7 +34,7 @@ from procedures.steps.write import read_tool_frame, write_and_read_back
 from procedures.teaching.tcp_methods import Held, Method, Orientation, Way, take_axes
 from procedures.teaching.tcp_refit import refit_touches
 from procedures.teaching.tcp_touches import TouchRules, take_touches
-from procedures.teaching.tcp_verdict import Judging, axes_u, verdict_on_tool
+from procedures.teaching.tcp_verdict import Judging, arm_u, axes_u, verdict_on_tool
 from procedures.verdict import SetAside, Verdict
 
 FOOT_M = 0.3048
@@ -60,6 +60,9 @@ class SixPointTcp:
     touch_sigma_m: Annotated[float, Field(gt=0, le=0.1)] = (
         0.0002  # of one coordinate of one touch, by experience
     )
+    arm_sigma_m: Annotated[float, Field(ge=0, le=0.01)] = (
+        0.0003  # by how much the arm's own errors shift a coordinate of the tip: an arm by its drawing
+    )
     square_sigma_rad: Annotated[float, Field(ge=0, le=0.2)] = math.radians(
         0.05
     )  # how squarely the tool is held
@@ -76,11 +79,13 @@ class SixPointTcp:
     def rules(self) -> TouchRules:
         """When there are enough touches."""
         least = max(self.min_touches, self.way.least_touches)
+        limit_m, by_arm_m = chosen(TOOL, self.accuracy_class, self.limits).tip_m, arm_u(self.arm_sigma_m)
         return TouchRules(
             least=least,
             most=max(self.max_touches, least),
             sigma_m=self.touch_sigma_m,
-            tip_u_m=chosen(TOOL, self.accuracy_class, self.limits).tip_m,
+            arm_sigma_m=self.arm_sigma_m,
+            tip_u_m=limit_m if by_arm_m < limit_m else math.hypot(limit_m, by_arm_m),
             rms_limit_m=self.rms_limit_m,
             min_turn_rad=self.min_turn_rad,
             most_tilt_rad=self.most_tilt_rad,
@@ -172,7 +177,7 @@ def _verdict(spec: SixPointTcp, result: ToolSetup) -> Verdict:
 
 
 def _judge(spec: SixPointTcp, result: ToolSetup) -> Verdict:
-    judging = Judging(spec.way, spec.square_sigma_rad, spec.accuracy_class, spec.limits)
+    judging = Judging(spec.way, spec.square_sigma_rad, spec.arm_sigma_m, spec.accuracy_class, spec.limits)
     return verdict_on_tool(judging, result)
 
 
@@ -188,7 +193,8 @@ def _expected_touches(spec: SixPointTcp) -> int:
 
 def _u_m(spec: SixPointTcp, count: int) -> float | None:
     attitudes = planned_attitudes(count, spec.most_tilt_rad)
-    return foreseen_u_m(attitudes, spec.touch_sigma_m, max(3.0 * count - 6.0, 1.0))
+    freedom = max(3.0 * count - 6.0, 1.0)
+    return foreseen_u_m(attitudes, spec.touch_sigma_m, freedom, arm_sigma_m=spec.arm_sigma_m)
 
 
 def _forecast(spec: SixPointTcp, known: Knowledge) -> Forecast:
@@ -208,6 +214,7 @@ def _forecast(spec: SixPointTcp, known: Knowledge) -> Forecast:
         assumed=(
             f"{poses} poses taught by a person, a minute each; {expected} of them touches, if all go well",
             f"a touch repeats within {spec.touch_sigma_m * 1e3:.2f} mm per coordinate (touch_sigma_m)",
+            f"the arm's own errors shift the tip by {spec.arm_sigma_m * 1e3:.2f} mm per coordinate (arm_sigma_m)",
             f"the tool can be turned by {math.degrees(spec.most_tilt_rad):.0f} degrees to every side (most_tilt_rad)",
             f"the tool is held square within {math.degrees(spec.square_sigma_rad):.2f} degrees (square_sigma_rad)",
         ),
@@ -217,7 +224,7 @@ def _forecast(spec: SixPointTcp, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="six_point_tcp",
     title="Tool frame from six points",
-    version=2,
+    version=3,
     procedure=six_point_tcp,
     spec_type=SixPointTcp,
     needs=("writes_tool_frame",),

@@ -18,7 +18,7 @@ from calibration.geometry import (
     rotation_from_quaternion,
 )
 from calibration.points.deleted_residuals import deleted_residuals
-from calibration.uncertainty import coverage_in_space
+from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
 
 Triple = tuple[float, float, float]
 MIN_OPENING_RAD = math.radians(15.0)  # between the moves of the two-point method
@@ -69,7 +69,11 @@ class ToolAxes:
 
 
 def locate_tool_point(
-    touches: Sequence[Pose], *, condition_limit: float = 50.0, sigma_m: float | None = None
+    touches: Sequence[Pose],
+    *,
+    condition_limit: float = 50.0,
+    sigma_m: float | None = None,
+    arm_sigma_m: float = 0.0,
 ) -> ToolPoint:
     r"""Find the tool tip from flange poses that all put it on one fixed pin.
 
@@ -84,6 +88,9 @@ def locate_tool_point(
         Largest accepted ratio of singular values [1].
     sigma_m : float, optional
         Standard uncertainty of one coordinate of one touch [m]. Without it, the residuals tell.
+    arm_sigma_m : float
+        By how much the arm's own errors shift a coordinate of the tip [m], k = 1. They go with the attitude, so
+        that touches agree about a tip that is none: residuals do not show it and more touches do not average it.
 
     Returns
     -------
@@ -129,10 +136,13 @@ def locate_tool_point(
     freedom = 3 * n - 6
     variance = float((residuals**2).sum()) / freedom if sigma_m is None else sigma_m**2
     gain = (vt.T[:3] / singular**2) @ vt[:, :3]
-    covariance = gain * variance
+    covariance = gain * variance + arm_sigma_m**2 * np.eye(3)
     known = freedom if sigma_m is None else math.inf
-    in_space = coverage_in_space(np.linalg.eigvalsh(gain).clip(0.0).tolist(), known)
-    factor = float(stdtrit(freedom, 0.975)) if sigma_m is None else 1.96
+    parts = [(math.sqrt(float(np.trace(gain)) * variance), known), (math.sqrt(3.0) * arm_sigma_m, math.inf)]
+    known = effective_degrees_of_freedom(parts) if arm_sigma_m else known
+    spread = covariance if arm_sigma_m else gain  # of touches that agree wholly, too
+    in_space = coverage_in_space(np.linalg.eigvalsh(spread).clip(0.0).tolist(), known)
+    factor = float(stdtrit(known, 0.975)) if math.isfinite(known) else 1.96
     distances = np.linalg.norm(residuals, axis=1)
     deleted = deleted_residuals(u.reshape(n, 3, 6), residuals)
     return ToolPoint(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.geometry import Array, Pose, exp_rotation, log_rotation
-from calibration.uncertainty import coverage_in_space
+from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
 
 _D = math.sqrt(0.5)
 AXES = {
@@ -72,7 +72,11 @@ def tip_gain(attitudes: Sequence[Array]) -> Array | None:
 
 
 def foreseen_u_m(
-    attitudes: Sequence[Array], sigma_m: float, degrees_of_freedom: float = math.inf
+    attitudes: Sequence[Array],
+    sigma_m: float,
+    degrees_of_freedom: float = math.inf,
+    *,
+    arm_sigma_m: float = 0.0,
 ) -> float | None:
     """Return U (95 %, in space) of the tip that touches in these attitudes would give [m]; None: none at all.
 
@@ -84,12 +88,19 @@ def foreseen_u_m(
         Standard uncertainty of one coordinate of one touch [m].
     degrees_of_freedom : float
         With which the scatter will tell sigma; unlimited where it is known.
+    arm_sigma_m : float
+        By how much the arm's own errors shift a coordinate of the tip [m]; see `locate_tool_point`.
     """
     gain = tip_gain(attitudes)
     if gain is None:
         return None
-    k = coverage_in_space(np.linalg.eigvalsh(gain).clip(0.0).tolist(), degrees_of_freedom)
-    return k * sigma_m * math.sqrt(float(np.trace(gain)))
+    covariance = sigma_m**2 * gain + arm_sigma_m**2 * np.eye(3)
+    by_touches = sigma_m * math.sqrt(float(np.trace(gain)))
+    known = effective_degrees_of_freedom(
+        [(by_touches, degrees_of_freedom), (math.sqrt(3.0) * arm_sigma_m, math.inf)]
+    )
+    k = coverage_in_space(np.linalg.eigvalsh(covariance).clip(0.0).tolist(), known)
+    return k * math.sqrt(float(np.trace(covariance)))
 
 
 def alike_touch(touches: Sequence[Pose], *, min_turn_rad: float, worst_gain: float) -> Alike | None:
@@ -149,13 +160,16 @@ def cone_attitudes(count: int, tilt_rad: float) -> list[Array]:
     return [np.eye(3), *(exp_rotation(tilt_rad * np.array([np.cos(a), np.sin(a), 0.0])) for a in around)]
 
 
-def fixed_plan_touches(limit_m: float, sigma_m: float, tilt_rad: float, most: int = 60) -> int | None:
+def fixed_plan_touches(
+    limit_m: float, sigma_m: float, tilt_rad: float, *, arm_sigma_m: float = 0.0, most: int = 60
+) -> int | None:
     """Return how many touches a plan fixed beforehand takes for this U [m]; None: more than ``most``.
 
     Its attitudes are those of `cone_attitudes`; the scatter of its own touches must prove the U.
     """
     for count in range(4, most + 1):
-        u_m = foreseen_u_m(cone_attitudes(count, tilt_rad), sigma_m, 3.0 * count - 6.0)
+        attitudes = cone_attitudes(count, tilt_rad)
+        u_m = foreseen_u_m(attitudes, sigma_m, 3.0 * count - 6.0, arm_sigma_m=arm_sigma_m)
         if u_m is not None and u_m <= limit_m:
             return count
     return None

@@ -62,12 +62,14 @@ def tip_meter(
     turns_rad: tuple[float, float],
     worst_gain: float,
     limit_m: float,
+    arm_sigma_m: float,
 ) -> dict[str, Any]:
     """Return the meter of a touch; ``turns_rad``: least turn from every other one, for the first three and later."""
     return {
         "of": "tip",
         "touches": list(touches),
         "sigma_m": sigma_m,
+        "arm_sigma_m": arm_sigma_m,
         "turns_rad": list(turns_rad),
         "worst_gain": worst_gain,
         "limit_m": limit_m,
@@ -83,7 +85,7 @@ def _read_tip(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
     if len(touches) > 1:
         spread = min(_angle(attitudes[-1], one) for one in attitudes[:-1])
         figures.append(Gauged("spread", spread, "rad", least=least))
-    foreseen = foreseen_u_m(attitudes, meter["sigma_m"])
+    foreseen = foreseen_u_m(attitudes, meter["sigma_m"], arm_sigma_m=meter["arm_sigma_m"])
     if foreseen is not None:
         figures.append(Gauged("tip_u", foreseen, "m", most=meter["limit_m"]))
     alike = alike_touch(touches, min_turn_rad=least, worst_gain=meter["worst_gain"])

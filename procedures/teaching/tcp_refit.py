@@ -19,15 +19,14 @@ _TAUGHT: TypeAdapter[TaughtPose] = TypeAdapter(TaughtPose)
 _JUDGED: TypeAdapter[Judged] = TypeAdapter(Judged)
 
 
-def refit_touches(spec: object, findings: Sequence[Finding]) -> Refit:
+def refit_touches(spec: Any, findings: Sequence[Finding]) -> Refit:
     """Return the touches of a run, those taught again included; its axes come from other poses and stay."""
-    del spec
     found = values_of(findings)
     taught = {step: value for step, value in found.items() if step.startswith("touch")}
     aside = _set_aside(tuple(taught), found)
     touches = tuple(_TAUGHT.validate_python(value).base_flange for value in taught.values())
     points = tuple(FitPoint(step, step not in aside, aside.get(step, "")) for step in taught)
-    return Refit("touch", points, LEAST_TOUCHES, "tip", partial(_again, touches))
+    return Refit("touch", points, LEAST_TOUCHES, "tip", partial(_again, touches, spec.arm_sigma_m))
 
 
 def _set_aside(steps: tuple[str, ...], found: Mapping[str, Any]) -> dict[str, str]:
@@ -47,8 +46,8 @@ def _set_aside(steps: tuple[str, ...], found: Mapping[str, Any]) -> dict[str, st
     return aside
 
 
-def _again(touches: tuple[Pose, ...], use: Use) -> Refitted:
-    tip = locate_tool_point(kept(touches, use))
+def _again(touches: tuple[Pose, ...], arm_sigma_m: float, use: Use) -> Refitted:
+    tip = locate_tool_point(kept(touches, use), arm_sigma_m=arm_sigma_m)
     sizes = _misses_m(touches, tip)
     expected_m = max(np.sqrt(3.0) * tip.rms_m, 1e-9)
     used = np.flatnonzero(use)

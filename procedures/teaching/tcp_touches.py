@@ -33,6 +33,7 @@ class TouchRules:
     least: int
     most: int
     sigma_m: float
+    arm_sigma_m: float
     tip_u_m: float
     rms_limit_m: float
     min_turn_rad: float
@@ -114,20 +115,20 @@ def _on_page(
         turns_rad=(rules.min_turn_rad, AGAIN_RAD),
         worst_gain=WORST_GAIN,
         limit_m=rules.tip_u_m,
+        arm_sigma_m=rules.arm_sigma_m,
     )
     return points_page(instruction, points, meter)
 
 
 def judge_touches(rules: TouchRules, touches: tuple[Pose, ...], anew: tuple[int, ...]) -> Judged:
     """Say what the touches so far tell and what to do next; ``anew`` are those asked for again already."""
-    attitudes = [touch.rotation() for touch in touches]
-    foreseen = foreseen_u_m(attitudes, rules.sigma_m)
+    foreseen = _foreseen_u_m(rules, touches)
     alike = _alike(rules, touches)
     if alike is not None:
         return _again(alike.touch, _told(alike), _mend(alike), anew, foreseen)
     if len(touches) < 3:
         return _more(rules, touches, None)
-    tip = locate_tool_point(touches)
+    tip = locate_tool_point(touches, arm_sigma_m=rules.arm_sigma_m)
     if _is_stray(rules, tip):
         why = (
             f"the other touches contradict touch {tip.stray_touch + 1} by "
@@ -142,8 +143,14 @@ def judge_touches(rules: TouchRules, touches: tuple[Pose, ...], anew: tuple[int,
 
 def locate_tip(rules: TouchRules, touches: tuple[Pose, ...]) -> Found:
     """Return the tip from all touches that count."""
-    fixed = fixed_plan_touches(rules.tip_u_m, rules.sigma_m, MANUAL_TILT_RAD)
-    return Found(locate_tool_point(touches), fixed)
+    arm_m = rules.arm_sigma_m
+    fixed = fixed_plan_touches(rules.tip_u_m, rules.sigma_m, MANUAL_TILT_RAD, arm_sigma_m=arm_m)
+    return Found(locate_tool_point(touches, arm_sigma_m=arm_m), fixed)
+
+
+def _foreseen_u_m(rules: TouchRules, touches: tuple[Pose, ...]) -> float | None:
+    attitudes = [touch.rotation() for touch in touches]
+    return foreseen_u_m(attitudes, rules.sigma_m, arm_sigma_m=rules.arm_sigma_m)
 
 
 def _alike(rules: TouchRules, touches: tuple[Pose, ...]) -> Alike | None:
@@ -169,13 +176,12 @@ _WRONG = "Check that the pin is firm and the tool tight, and that the arm moves 
 
 def _more(rules: TouchRules, touches: tuple[Pose, ...], tip: ToolPoint | None) -> Judged:
     turn = next_turn(touches, rules.most_tilt_rad)
-    foreseen = foreseen_u_m([touch.rotation() for touch in touches], rules.sigma_m)
     return Judged(
         "touch",
         len(touches),
         "",
         f"From the first touch's attitude, turn the tool {turn.told()} of the flange, about; touch the pin.",
-        foreseen,
+        _foreseen_u_m(rules, touches),
         None if tip is None else tip.tip_u_in_space_m,
     )
 

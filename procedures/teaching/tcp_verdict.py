@@ -51,6 +51,7 @@ class Judging:
 
     way: Way
     square_sigma_rad: float
+    arm_sigma_m: float
     accuracy_class: AccuracyClass
     limits: ToolLimits | None
 
@@ -61,7 +62,7 @@ def verdict_on_tool(judging: Judging, found: Tool) -> Verdict:
     tip = found.tip
     return Verdict(
         (
-            _tip(tip, limits.tip_m),
+            _tip(tip, judging.arm_sigma_m, limits.tip_m),
             *(() if found.axes is None else (_axes(judging, found.axes, tip, limits.orientation_rad),)),
             held(
                 "largest distance of a touch from the pin",
@@ -90,17 +91,32 @@ def axes_u(way: Way, sigma_m: float, square_sigma_rad: float) -> float:
     return coverage_in_space(variances) * math.sqrt(sum(variances)) if sum(variances) else 0.0
 
 
-def _tip(tip: ToolPoint, limit: float) -> Characteristic:
-    u = tip.tip_u_in_space_m / tip.coverage_in_space
-    rule = (
-        f"PASS if U (k = {tip.coverage_in_space:.2f}, 95 %, {tip.degrees_of_freedom} degrees of freedom, in space) "
-        "<= L, else UNDECIDED: measure more"
+def arm_u(arm_sigma_m: float) -> float:
+    """Return the part of a tip's U (95 %, in space) that the arm's own errors have, whatever is touched [m]."""
+    return coverage_in_space((1.0, 1.0, 1.0)) * math.sqrt(3.0) * arm_sigma_m
+
+
+def _tip(tip: ToolPoint, arm_sigma_m: float, limit: float) -> Characteristic:
+    u, by_arm, k = (
+        tip.tip_u_in_space_m / tip.coverage_in_space,
+        math.sqrt(3.0) * arm_sigma_m,
+        tip.coverage_in_space,
     )
+    rule = f"PASS if U (k = {k:.2f}, 95 %, in space) <= L, else UNDECIDED: measure more"
+    if arm_u(arm_sigma_m) >= limit:
+        rule = (
+            f"PASS if U (k = {k:.2f}, 95 %, in space) <= L, else UNDECIDED: the arm's own errors alone (arm_sigma_m) "
+            f"leave {arm_u(arm_sigma_m) * 1e3:.2f} mm, and no touch lessens them"
+        )
     word = PASS if tip.tip_u_in_space_m <= limit else UNDECIDED
     figure = Characteristic(
         "position of the tool's tip", tip.tip_u_in_space_m, "m", u, tip.coverage_in_space, limit, word, rule
     )
-    return figure.with_budget(Contribution("scatter of the touches, through the fit", u, "measured"))
+    by_touches = math.sqrt(max(u**2 - by_arm**2, 0.0))
+    return figure.with_budget(
+        Contribution("scatter of the touches, through the fit", by_touches, "measured"),
+        Contribution("the arm's own errors, arm_sigma_m", by_arm, "estimated"),
+    )
 
 
 def _axes(judging: Judging, axes: ToolAxes, tip: ToolPoint, limit: float) -> Characteristic:
@@ -150,7 +166,8 @@ def _handed(way: Way) -> tuple[Characteristic, ...]:
 def _not_verified(way: Way) -> tuple[str, ...]:
     unseen = "The tip was not checked in an attitude that was not fitted."
     forms = (
-        "The forms of pin and tip, and the robot's own errors between attitudes, count only as they scatter."
+        "The forms of pin and tip count only as they scatter, the arm's own errors as stated (arm_sigma_m): "
+        "touches on one pin do not show them."
     )
     if way.method == "four_point":
         return unseen, forms, "The axes were not taught: they stay as the controller held them."

@@ -119,7 +119,7 @@ def _turned(axis: int, angle: float) -> np.ndarray:
 
 def touching(**more: Any) -> Scene:
     """Return a cell whose technician teaches six points with a known tool, and turns it as he likes."""
-    made = scene(SixPointTcp(tool_number=3, **more))
+    made = scene(SixPointTcp(tool_number=3, **({"arm_sigma_m": 0.0} | more)))  # an arm that obeys exactly
     pin, square = np.array([0.7, 0.1, 0.3]), np.diag([1.0, -1.0, -1.0])
     attitudes = {
         "touch": square,

@@ -16,7 +16,7 @@ from procedures.limits import ToolLimits
 from procedures.run import OutOfToleranceError, RefusalError, Run
 from procedures.six_point_tcp import ENTRY, SixPointTcp, ToolSetup, six_point_tcp
 from procedures.steps.write import same_pose
-from procedures.teaching.tcp_verdict import axes_u
+from procedures.teaching.tcp_verdict import arm_u, axes_u
 from tests.procedures.cells import TIP, Scene, tool_pose, tool_rotation, touching
 from tests.procedures.ledgers import MemoryLedger
 
@@ -240,7 +240,38 @@ async def test_the_turn_foretold_is_that_of_moves_as_long_as_asked_for(method: A
 def test_more_touches_are_foretold_to_tell_more(method: Any) -> None:
     assert ENTRY.forecast is not None
     few, many = (
-        ENTRY.forecast(SixPointTcp(1, method, max_touches=most), Knowledge()).predictions[0].expanded
+        ENTRY.forecast(SixPointTcp(1, method, max_touches=most, arm_sigma_m=0.0), Knowledge())
+        .predictions[0]
+        .expanded
         for most in (4, 12)
     )
     assert many < 0.5 * few
+
+
+async def test_what_the_arm_itself_gets_wrong_stays_in_the_uncertainty_however_often_the_pin_is_touched() -> (
+    None
+):
+    made = touching(min_touches=8, arm_sigma_m=0.0003)
+    setup, _ = await taught(made)
+    assert setup.tip.rms_m < 1e-9  # the touches agree wholly
+    assert setup.tip.tip_u_in_space_m == pytest.approx(arm_u(0.0003))
+    assert arm_u(0.0003) == pytest.approx(0.0003 * math.sqrt(7.8147), rel=1e-4)  # chi square, 3, 95 %
+    assert ENTRY.verdict is not None
+    told = ENTRY.verdict(made.spec, setup)
+    assert told.word == "undecided"
+    (tip, *_) = told.characteristics
+    assert "the arm's own errors alone (arm_sigma_m) leave 0.84 mm" in tip.rule
+    assert sum(part.standard_uncertainty**2 for part in tip.budget) == pytest.approx(
+        tip.standard_uncertainty**2
+    )
+
+
+async def test_touches_go_on_until_they_leave_room_for_what_the_arm_gets_wrong() -> None:
+    ideal, drawn = touching(accuracy_class="C"), touching(accuracy_class="C", arm_sigma_m=0.00034)
+    for made in (ideal, drawn):
+        scattering(made, 1e-4, seed=6)
+    few, many = (await taught(ideal))[0], (await taught(drawn))[0]
+    assert few.touches < many.touches
+    assert arm_u(0.00034) < many.tip.tip_u_in_space_m <= 0.001
+    assert ENTRY.verdict is not None
+    assert ENTRY.verdict(drawn.spec, many).characteristics[0].decision == "pass"

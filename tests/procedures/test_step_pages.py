@@ -50,6 +50,7 @@ def meter_of(touches: list[Pose]) -> dict[str, object]:
         turns_rad=(RULES.min_turn_rad, AGAIN_RAD),
         worst_gain=WORST_GAIN,
         limit_m=RULES.tip_u_m,
+        arm_sigma_m=RULES.arm_sigma_m,
     )
 
 

@@ -49,7 +49,9 @@ def stories() -> tuple[Story, ...]:
     }
     return (
         Story("mastering_record", hold=True),
-        Story("six_point_tcp", {"tool_number": 3}, _touches()),
+        Story(
+            "six_point_tcp", {"tool_number": 3, "arm_sigma_m": 0.0}, _touches()
+        ),  # touched where it is believed
         Story("three_point_frame", frame, _on_the_frame()),
         Story("frame_offset", frame | {"points_in_frame_m": OF_WORKPIECE_M}, _on_the_moved_workpiece()),
         Story("simulation_cell", _tags()),

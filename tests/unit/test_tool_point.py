@@ -187,6 +187,18 @@ def test_the_tip_is_within_u_in_space_in_95_of_100_fits_whatever_the_number_of_t
     assert 0.935 < inside / 1200 < 0.965  # three deviations of a share of 95 % in 1200
 
 
+@pytest.mark.parametrize("count", [4, 20])
+def test_what_shifts_the_tip_at_all_touches_alike_is_within_u_when_it_is_stated(count):
+    inside = 0
+    for seed in range(1200):
+        random = np.random.default_rng([seed, 7])
+        tilts = [TILTS[k % len(TILTS)] + random.uniform(-0.1, 0.1, 3) for k in range(count)]
+        found = locate_tool_point(noisy(seed, 2e-4, tilts), arm_sigma_m=3e-4)
+        off = np.array(found.tip_in_flange_m) + random.normal(scale=3e-4, size=3) - TIP
+        inside += np.linalg.norm(off) <= found.tip_u_in_space_m
+    assert 0.93 < inside / 1200 < 0.97
+
+
 def test_a_touch_off_by_chance_is_rarely_called_stray_and_a_slip_always():
     called = sum(locate_tool_point(noisy(seed, 2e-4)).stray_probability < 0.01 for seed in range(600))
     assert called <= 15

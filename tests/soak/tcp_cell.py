@@ -1,0 +1,138 @@
+"""Campaign over tools taught by hand on an arm with all its hidden errors, behind the real driver and sockets."""
+
+import asyncio
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from calibration.points.touch_design import planned_attitudes
+from fake_devices.arm import Arm
+from fake_devices.fixture import own_flange
+from procedures.run import RefusalError, Run
+from procedures.six_point_tcp import six_point_tcp
+from tests.procedures.cells import TIP
+from tests.procedures.ideal import Hands
+from tests.procedures.ledgers import MemoryLedger
+from tests.soak.calibrated_cell import Bench, cell_behind_sockets
+from tests.soak.figures import Figures
+from tests.soak.tcp import (
+    LEAST_INSIDE,
+    MOST_RAD,
+    SIGMA_M,
+    SIX,
+    UNTIL_ENOUGH,
+    WOBBLE_RAD,
+    Taught,
+    claimed,
+    held_at,
+    refusals_told,
+    share_inside,
+    told,
+    touch_keys,
+)
+from tests.stories.hands import joints_for
+
+PINS_M = ((0.85, 0.05, -0.1), (0.75, 0.3, 0.1), (0.9, -0.3, -0.2))
+AWAY_RAD = 0.03  # from how far a person comes to the pin: backlash is left on whichever flank that makes
+_STEP_RAD, _STEPS, _CLOSE_M = 1e-6, 12, 1e-5
+
+
+async def teach(seed: int, folder: Path, settings: dict[str, Any]) -> Taught | None:
+    """Teach one tool whose true tip is brought to the pin; None where the touches contradict each other."""
+    async with cell_behind_sockets(folder, seed) as bench:
+        hands = _Technician(bench, seed)
+        attitudes = planned_attitudes(settings["max_touches"], MOST_RAD - 2.0 * WOBBLE_RAD)
+        for number, planned in enumerate(attitudes, 1):
+            for key in touch_keys(number):
+                hands.does[key] = hands.touching(planned)
+        asked = {"tool_number": 3, "method": "four_point", "touch_sigma_m": SIGMA_M} | settings
+        spec = bench.spec("six_point_tcp", **asked)
+        cell = replace(bench.cell, operator=hands)
+        try:
+            setup = await six_point_tcp(Run(cell, MemoryLedger()), spec)
+        except RefusalError:
+            return None
+        return told(spec, setup, hands.true_tip_m())
+
+
+class _Technician(Hands):
+    """Jogs until the true tip is at the pin, whatever sag, backlash and link errors make of the joints shown."""
+
+    def __init__(self, bench: Bench, seed: int) -> None:
+        super().__init__()
+        self._arm: Arm = bench.fake.world.arms["fanuc"]
+        self._pin_m = np.array(PINS_M[seed % len(PINS_M)])
+        self._dice = np.random.default_rng([seed, 11])
+
+    def touching(self, planned: np.ndarray) -> Callable[[], None]:
+        """Return hands that touch the pin in about this attitude."""
+        return lambda: self._creep(held_at(planned, self._dice, self._pin_m))
+
+    def true_tip_m(self) -> np.ndarray:
+        """Return the tip seen from the flange that the arm's last axis and its zero define."""
+        tip: np.ndarray = own_flange(self._arm) @ np.array([*TIP, 1.0])
+        return tip[:3]
+
+    def _creep(self, goal: np.ndarray) -> None:
+        arm, near = self._arm, np.array(joints_for(goal))
+        arm.place(near + self._dice.uniform(-AWAY_RAD, AWAY_RAD, len(near)))
+        arm.place(near)
+        for _ in range(_STEPS):
+            left = _apart(goal, arm.base_flange())
+            if np.linalg.norm(left[:3]) < _CLOSE_M:
+                return
+            arm.place(arm.joints_rad + np.linalg.solve(self._ways(), left))
+        raise AssertionError(f"the tip does not come to the pin: {left}")
+
+    def _ways(self) -> np.ndarray:
+        arm, joints = self._arm, self._arm.joints_rad
+        ends = [arm.flange_at([joints + step, joints - step]) for step in _STEP_RAD * np.eye(len(joints))]
+        return np.array([_apart(ahead, behind) / (2.0 * _STEP_RAD) for ahead, behind in ends]).T
+
+
+def _apart(there: np.ndarray, here: np.ndarray) -> np.ndarray:
+    """Return the way of the tip [m] and the rotation vector [rad] (6,) between two flanges that are near."""
+    turn = there[:3, :3] @ here[:3, :3].T
+    skew = 0.5 * (turn - turn.T)
+    way = (there - here) @ np.array([*TIP, 1.0])
+    return np.array([*way[:3], skew[2, 1], skew[0, 2], skew[1, 0]])
+
+
+def tcp_cell(seeds: int) -> Figures:
+    """Six attitudes to 60 degrees, 0.2 mm of touch noise, the world with all it hides; then until it is enough.
+
+    What the arm's own errors do is stated as the settings have it when nobody changes them.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        six = [_run(seed, folder, SIX) for seed in _track("tools in a cell, six touches", seeds)]
+        many = [
+            _run(seed, folder, UNTIL_ENOUGH)
+            for seed in _track("tools in a cell, until enough", max(seeds // 4, 1))
+        ]
+    line = f"tcp_cell: {_figures('six attitudes to 60 deg', six)}; {_figures('until enough', many)}"
+    return Figures(line, min(share_inside(claimed(six)), share_inside(claimed(many))) >= LEAST_INSIDE)
+
+
+def _run(seed: int, folder: str, settings: dict[str, Any]) -> Taught | None:
+    return asyncio.run(teach(seed, Path(folder), settings))
+
+
+def _figures(what: str, runs: list[Taught | None]) -> str:
+    told_of = claimed(runs)
+    errors, u = np.array([(one.error_m, one.u_m) for one in told_of]).T * 1e3
+    touches = float(np.mean([one.touches for one in told_of]))
+    return (
+        f"{what}: error median {np.median(errors):.3f} and 95 % {np.quantile(errors, 0.95):.3f} mm, U median "
+        f"{np.median(u):.3f} mm, inside U {share_inside(told_of):.1%} of {len(told_of)} (at least 93.5 %), "
+        f"{touches:.1f} touches, {refusals_told(runs)}"
+    )
+
+
+def _track(what: str, count: int) -> Any:
+    return track(range(1, count + 1), description=what, console=Console(stderr=True))
