@@ -1,8 +1,9 @@
 """How far parts of an arm may be from where they are computed, while its joints are known to within a doubt only.
 
-Joints j = a + 1 .. b are each off by at most d_j, all at once. A point beyond, r_j from joint j's axis, is then off by
-at most D, where D = 0 and, from joint b to joint a + 1, D <- D + 2 sin(d_j / 2) (r_j + D): the chord of the largest
-turn about that axis, from anywhere that the joints beyond it may have brought the point. No linearisation, no sample.
+Joints j = a + 1 .. b are each off by at most d_j, all at once. A point beyond, r_j from joint j's axis, is then
+off by at most D, where D = 0 and, from joint b to joint a + 1, D <- D + 2 sin(d_j / 2) (r_j + D): the chord of the
+largest turn about that axis, from anywhere that the joints beyond it may have brought the point. No linearisation,
+no sample.
 """
 
 from collections.abc import Sequence

@@ -13,8 +13,8 @@ from procedures.mastering_record import shown
 from procedures.motion.plans import (
     Known,
     MotionPlan,
-    compare_drawn,
     Turns,
+    compare_drawn,
     doubt_after,
     plan_checks,
     plan_finer,
