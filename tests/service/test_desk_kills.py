@@ -2,10 +2,17 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.soak.desk_kills import kill_and_look
 
 
+@pytest.mark.xdist_group("pages")
+@pytest.mark.timeout(
+    900
+)  # each wait has its own patience; three starts of a service take long on a busy computer
 async def test_after_a_few_kills_the_page_shows_the_same_step_and_no_point_is_lost(tmp_path: Path) -> None:
     seen = await kill_and_look(tmp_path, 2, seed=2, longest_life=20)
     assert seen.wrong == []
-    assert seen.captures > 0
+    assert seen.compared > 0
+    assert seen.points["person"] > 0

@@ -1,11 +1,18 @@
-"""kill -9 of the service at random instants, in a browser's view: the same step, no point lost or doubled."""
+"""kill -9 of the service at random instants, in a browser's view: the same step, no point lost or doubled.
+
+A program at the service's door presses and follows every session; a tab of a real Chromium looks on, and nobody
+touches it: after every other restart it is reloaded, else it finds back by itself.
+"""
 
 import asyncio
+import itertools
 import json
 import random
 import sys
 import tempfile
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,10 +22,14 @@ from service.runs.journal import Journal
 from service.runs.store import Store
 from tests.service.desks import a_cell
 from tests.soak.figures import Figures
-from tests.soak.served import Browser, Service, free_port, serving
+from tests.soak.served import RECORD, Browser, Service, free_port, serving
+from tests.soak.tab import Shown, Tab, a_tab
+from tests.stories.catalogue_day import stories
+from tests.stories.hands import Hands
 
 LONGEST_LIFE = 70  # sessions that a browser is shown before a kill: a whole record and the start of the next
 WHAT = ("service", "desk", "both")  # the web process, the cell's process, or the computer's power
+FRAME = next(story for story in stories() if story.procedure == "three_point_frame")
 
 
 @dataclass
@@ -26,45 +37,71 @@ class Lives:
     """What was seen over many kills."""
 
     kills: Counter[str] = field(default_factory=Counter)
-    captures: int = 0
+    points: Counter[str] = field(default_factory=Counter)  # stored ones, by who records them: robot or person
     under_way: int = 0  # kills that hit a run
-    longest_s: float = 0.0  # from the kill until the same step was shown again
+    compared: int = 0  # times that the tab showed a run before, and the same one after
+    reloads: int = 0
+    longest_s: float = 0.0  # from the service's being back until the same step was shown again
     wrong: list[str] = field(default_factory=list)
 
 
+@dataclass
+class Eyes:
+    """Who looks: the program, and the tab; what they were shown before the kill."""
+
+    browser: Browser
+    tab: Tab
+    session: dict[str, Any] | None = None
+    shown: Shown = field(default_factory=Shown)
+
+
 def desk_kills(kills: int) -> Figures:
-    """Kill the service so often while it takes records one after the other."""
+    """Kill the service so often while runs go on, one after the other."""
     with tempfile.TemporaryDirectory() as folder:
         seen = asyncio.run(kill_and_look(Path(folder), kills, seed=5))
     told = ", ".join(f"{count} of the {what}" for what, count in sorted(seen.kills.items()))
     line = (
-        f"desk_kills: {kills} kills ({told}), {seen.under_way} of them in a run, {seen.captures} captures stored; "
-        f"{len(seen.wrong)} times another step, a lost or a doubled point (must be 0) {seen.wrong[:3]}; "
-        f"longest until the page was right again {seen.longest_s:.1f} s"
+        f"desk_kills: {kills} kills ({told}), {seen.under_way} of them in a run; {seen.points['robot']} captures and "
+        f"{seen.points['person']} points that a person taught are stored; a tab that nobody touched, reloaded "
+        f"{seen.reloads} times, showed the run again {seen.compared} times; {len(seen.wrong)} times another step, a "
+        f"lost or a doubled point (must be 0) {seen.wrong[:3]}; longest until all was right again "
+        f"{seen.longest_s:.1f} s"
     )
-    return Figures(line, not seen.wrong and seen.under_way > kills / 2)
+    return Figures(line, not seen.wrong and min(seen.under_way, seen.compared) > kills / 2)
+
+
+def _starts() -> Iterator[dict[str, Any]]:
+    """Points that a person teaches, and captures of the robot's, in turn."""
+    return itertools.cycle([{"procedure": FRAME.procedure, "settings": FRAME.settings}, RECORD])
 
 
 async def kill_and_look(folder: Path, kills: int, seed: int, *, longest_life: int = LONGEST_LIFE) -> Lives:
-    """Kill and restart; after each kill the page must show what it showed before."""
+    """Kill and restart; after each kill the pages must show what they showed before."""
     dice, seen, stored = random.Random(seed), Lives(), dict[str, list[tuple[str, Any]]]()
-    port = free_port()
-    async with a_cell(folder, time_factor=1000.0) as (path, _):
-        journal = folder / "data"
-        shown: dict[str, Any] | None = None
+    port, starts, eyes = free_port(), _starts(), None
+    async with AsyncExitStack() as stack:
+        path, door = await stack.enter_async_context(a_cell(folder, time_factor=1000.0))
+        hands, journal = Hands(door, FRAME.places), folder / "data"
         while sum(seen.kills.values()) < kills:
             async with serving(path, port) as (service, client):
-                browser = Browser(client)
+                browser = Browser(client, starts, hands)
+                if eyes is None:
+                    eyes = Eyes(browser, await stack.enter_async_context(a_tab(journal, port)))
+                elif dice.random() < 0.5:
+                    await eyes.tab.page.reload()
+                    seen.reloads += 1
+                eyes.browser = browser
                 while sum(seen.kills.values()) < kills:
-                    await _same_again(browser, shown, journal, seen)
+                    await _same_again(eyes, journal, seen)
                     browser.count = 0
                     life = dice.randrange(1, longest_life)
                     await browser.look_until(lambda b=browser, n=life: b.count >= n)  # type: ignore[misc]
                     await asyncio.sleep(dice.choice((0.0, dice.random() / 4)))
-                    shown, what = browser.session, dice.choice(WHAT)
+                    what = dice.choice(WHAT)
+                    eyes.session, eyes.shown = browser.session, eyes.tab.shown
                     _kill(service, what)
                     seen.kills[what] += 1
-                    seen.under_way += _under_way(shown) is not None
+                    seen.under_way += _under_way(eyes.session) is not None
                     if what != "desk":
                         break
                     browser.session = None
@@ -72,15 +109,18 @@ async def kill_and_look(folder: Path, kills: int, seed: int, *, longest_life: in
                 await service.process.wait() if what != "desk" else None
             seen.wrong += _journal_faults(journal, stored)
             _tell(seen)
+        assert eyes is not None
         async with serving(path, port) as (_, client):
-            browser = Browser(client)
-            await _same_again(browser, shown, journal, seen)
+            browser = eyes.browser = Browser(client, starts, hands)
+            await _same_again(eyes, journal, seen)
             await browser.look_until(lambda: _has_ended(browser.session))
             assert browser.session is not None
             if browser.session["run"]["outcome"]["verdict"] != "passed":
                 seen.wrong.append(f"the last run ended as {browser.session['run']['outcome']}")
-        seen.wrong += _journal_faults(journal, stored)
-    seen.captures = sum(step.startswith("capture") for steps in stored.values() for step, _ in steps)
+        seen.wrong += _journal_faults(journal, stored) + eyes.tab.faults
+    for step, _ in itertools.chain(*stored.values()):
+        seen.points["robot"] += step.startswith("capture")
+        seen.points["person"] += step.startswith("touch")
     return seen
 
 
@@ -99,34 +139,63 @@ def _kill(service: Service, what: str) -> None:
         service.kill(desk)
 
 
-async def _same_again(browser: Browser, shown: dict[str, Any] | None, journal: Path, seen: Lives) -> None:
-    """Look until the page shows the run and every step that it showed before; note what is not so."""
-    run = _under_way(shown)
-    if run is None:
-        await browser.look_until(lambda: _is_connected(browser.session), orders=False)
-        return
-    began_s = asyncio.get_running_loop().time()
-
-    def is_back() -> bool:
-        now = browser.session
-        if not _is_connected(now):
-            return False
-        assert now is not None
-        if now["run"] is None or now["run"]["id"] != run["id"]:
-            return _state_of(journal, run["id"]) != "interrupted"  # it had ended when it was killed
-        return len(now["run"]["found"]) >= len(run["found"]) or now["run"]["state"] == "ended"
-
+async def _same_again(eyes: Eyes, journal: Path, seen: Lives) -> None:
+    """Look until both show the run and every point that they showed before; note what is not so."""
+    browser, run, began_s = eyes.browser, _under_way(eyes.session), asyncio.get_running_loop().time()
+    browser.taught.clear()
     try:
-        await browser.look_until(is_back)
+        await browser.look_until(lambda: _tab_is_back(eyes, run), orders=False)
+        if run is not None:
+            await browser.look_until(lambda: _is_back(eyes, run, journal))
     except TimeoutError:
-        seen.wrong.append(f"after {run['found'][-1:]} the page shows {browser.session}")
+        seen.wrong.append(f"{eyes.shown} became {eyes.tab.shown}; {eyes.session} became {browser.session}")
+        return
+    if run is None:
         return
     seen.longest_s = max(seen.longest_s, asyncio.get_running_loop().time() - began_s)
+    seen.compared += eyes.shown.run == eyes.tab.shown.run == run["id"]
     now = browser.session
     assert now is not None
     found = now["run"]["found"] if now["run"] is not None and now["run"]["id"] == run["id"] else None
     if found is not None and found[: len(run["found"])] != run["found"]:
         seen.wrong.append(f"{run['found']} became {found}")
+    asked = _taught(eyes.session)
+    open_still = found is not None and asked is not None and asked["step"] not in found
+    if open_still and asked is not None and browser.taught[:1] != [asked["key"]]:
+        seen.wrong.append(f"{asked['key']} was asked for before, {browser.taught[:1]} after")
+
+
+def _tab_is_back(eyes: Eyes, run: dict[str, Any] | None) -> bool:
+    """Whether the tab has found back by itself and has lost nothing; nobody presses anything meanwhile."""
+    session, tab, before = eyes.browser.session, eyes.tab.shown, eyes.shown
+    if not (_is_connected(session) and tab.online):
+        return False
+    assert session is not None
+    if run is None or session["run"] is None or session["run"]["id"] != run["id"]:
+        return True  # it had ended when it was killed
+    return tab.run == run["id"] and bool(tab.lines) and (before.run != tab.run or not tab.lacks(before))
+
+
+def _is_back(eyes: Eyes, run: dict[str, Any], journal: Path) -> bool:
+    """Whether the run has come to where it was shown before; conditions are agreed to anew on the way."""
+    now, tab, asked = eyes.browser.session, eyes.tab.shown, _taught(eyes.session)
+    if not _is_connected(now):
+        return False
+    assert now is not None
+    if now["run"] is None or now["run"]["id"] != run["id"]:
+        return _state_of(journal, run["id"]) != "interrupted"
+    if now["run"]["state"] == "ended":
+        return True
+    if asked is not None and asked["step"] not in now["run"]["found"] and not eyes.browser.taught:
+        return False
+    tab_is = eyes.shown.run != run["id"] or (tab.run == run["id"] and tab.went_on_from(eyes.shown))
+    return tab_is and len(now["run"]["found"]) >= len(run["found"])
+
+
+def _taught(session: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Return the question for a point, if one was open."""
+    prompt: dict[str, Any] | None = (session or {}).get("prompt")
+    return prompt if prompt is not None and prompt["page"] == "teach" else None
 
 
 def _under_way(session: dict[str, Any] | None) -> dict[str, Any] | None:

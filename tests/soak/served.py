@@ -7,7 +7,7 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,9 @@ from urllib.parse import urlsplit
 import httpx
 from websockets.asyncio.client import connect
 
+from tests.stories.hands import Hands
+
+RECORD: dict[str, Any] = {"procedure": "mastering_record", "settings": {}}
 PATIENCE_S = 180.0
 _presses = itertools.count(1)
 
@@ -95,45 +98,79 @@ async def address_of(process: asyncio.subprocess.Process) -> str:
 
 
 class Browser:
-    """What a page does: it keeps the newest session, says yes to what is asked, and remembers what it was shown."""
+    """What a page does: it keeps the newest session, says yes to what is asked, and remembers what it was shown.
 
-    def __init__(self, client: httpx.AsyncClient) -> None:
+    ``starts`` are the runs that are begun one after the other; ``hands`` bring the arm where a touch wants it.
+    """
+
+    def __init__(
+        self,
+        client: httpx.AsyncClient,
+        starts: Iterator[dict[str, Any]] | None = None,
+        hands: Hands | None = None,
+    ) -> None:
         self.client = client
         self.session: dict[str, Any] | None = None
         self.count = 0  # sessions that it was shown
+        self._starts = starts or itertools.repeat(RECORD)
+        self._hands = hands
+        self._fresh = False  # whether the session was not acted on yet
+        self._record: dict[str, Any] | None = None  # whether what is asked for may be recorded
+        self._seen_to = ""  # the question that the hands have done
+        self.taught: list[str] = []  # keys of the points that were asked for, in turn
 
     async def look_until(self, done: Callable[[], bool], *, orders: bool = True) -> None:
-        """Follow the service until something is so; ``orders``: keep runs of the record going, one after another."""
+        """Follow the service until something is so; ``orders``: keep runs going, one after another."""
         async with asyncio.timeout(PATIENCE_S), self._screen() as screen:
             async for text in screen:
-                message = json.loads(text)
-                if message["kind"] == "gone":
-                    self.session = None
-                if message["kind"] == "session":
-                    self.session = message["content"]
-                    self.count += 1
+                self._take(json.loads(text))
                 if done():
                     return
-                if orders and message["kind"] == "session":
-                    await self._act()
+                if orders and self.session is not None:
+                    await self._act(self.session)
+
+    def _take(self, message: dict[str, Any]) -> None:
+        kind, content = message["kind"], message["content"]
+        if kind == "gone":
+            self.session = self._record = None
+            self._seen_to = ""
+        elif kind == "session":
+            self.session, self._fresh = content, True
+            self.count += 1
+        elif kind == "live":
+            self._record = content["record"]
 
     def _screen(self) -> connect:
         known = "; ".join(f"{name}={token}" for name, token in self.client.cookies.items())
         url = str(self.client.base_url).replace("http", "ws").rstrip("/") + "/api/screen"
         return connect(url, additional_headers={"cookie": known}, max_queue=None)
 
-    async def _act(self) -> None:
-        session = self.session
-        assert session is not None
-        if not session["connection"]["connected"]:
+    async def _act(self, session: dict[str, Any]) -> None:
+        """Do the one thing that a session asks for, once."""
+        prompt = session["prompt"]
+        if not (self._fresh and session["connection"]["connected"]):
             return
-        if session["prompt"] is not None:
-            await self.press({"op": "answer", "prompt_id": session["prompt"]["id"], "value": "yes"})
+        if prompt is not None and not await self._is_ready(prompt, session["robot"]):
+            return
+        self._fresh = False
+        if prompt is not None:
+            await self.press({"op": "answer", "prompt_id": prompt["id"], "value": "yes"})
         elif session["run"] is None:
-            start = {"op": "start", "procedure": "mastering_record", "settings": {}, "hold_to_move": False}
-            await self.press(start)
+            await self.press({"op": "start", "hold_to_move": False} | next(self._starts))
         elif session["run"]["state"] == "ended":
             await self.press({"op": "dismiss"})
+
+    async def _is_ready(self, prompt: dict[str, Any], robot: str) -> bool:
+        """Whether yes may be said: where something is recorded, the page's button waits until that is worth it."""
+        if prompt["page"] != "teach":
+            return True
+        if self._seen_to != prompt["id"]:
+            self._seen_to = prompt["id"]
+            self.taught.append(prompt["key"])
+            if self._hands is not None:
+                await self._hands.do(prompt, robot)
+        record = self._record or {}
+        return bool(record.get("prompt_id") == prompt["id"] and record["ready"])
 
     async def press(self, order: dict[str, Any]) -> None:
         """Press a button; one that is out of date is pressed again by whoever looks at the next session."""
