@@ -27,7 +27,7 @@ from service.site.station import advanced_publisher
 from tests.service.sites import SITE, Site, free_port, router_of, until
 from tests.soak.figures import Figures
 
-_RATE_HZ = 10
+RATE_HZ = 10
 _SPAN_S = 20.0
 _MOST_HELD = 0.1  # the router lets joints of a cell through at a rate; players on a busy computer are uneven
 _PLAYERS = 2
@@ -60,7 +60,7 @@ def site(cells: int) -> Figures:
             flaws = listener.fleet.flaw_count
             held = 1.0 - sum(listener.fleet.samples().values()) / put
     line = (
-        f"site: {cells} cells at {_RATE_HZ} Hz, {put} samples in {_SPAN_S:g} s, {held:.1%} of them joints that came "
+        f"site: {cells} cells at {RATE_HZ} Hz, {put} samples in {_SPAN_S:g} s, {held:.1%} of them joints that came "
         f"less than {1e3 / MOST_JOINTS_HZ:g} ms after the ones before, or lost (at most {_MOST_HELD:.0%}), "
         f"{online} online, {flaws} not believed, monitor {share:.0%} of a core (at most 50 %); "
         f"router away {_AWAY_S} s: {lost_events} of {told} events lost"
@@ -165,7 +165,7 @@ class _Player:
     def tell(self, tick: int) -> int:
         """Publish joints, and once a second the state; return how many messages."""
         self.joints_publisher.put(self.joints[tick % _PRESIGNED])
-        if tick % _RATE_HZ:
+        if tick % RATE_HZ:
             return 1
         self.state.put(self.sealer.seal(self.keys.state, next(self.numbers), _state()))
         return 2
@@ -194,11 +194,11 @@ def _play() -> None:
     sys.stdout.flush()
     sys.stdin.readline()
     count, began_s = 0, time.monotonic()
-    ticks = int(float(sys.argv[2]) * _RATE_HZ)
+    ticks = int(float(sys.argv[2]) * RATE_HZ)
     for tick in range(ticks):
         for k, player in enumerate(players):
             count += player.tell(tick + k)  # states are spread over the second
-        time.sleep(max(0.0, began_s + (tick + 1) / _RATE_HZ - time.monotonic()))
+        time.sleep(max(0.0, began_s + (tick + 1) / RATE_HZ - time.monotonic()))
     sys.stdout.write(f"{count}\n")
     sys.stdout.flush()
     sys.stdin.read()  # stay until everybody has been counted
