@@ -237,7 +237,7 @@ def plan_first(
         order = next_poses(model, record, np.empty((0, model.axes)), kit, min(poses, len(kit)))
         walk = travel_order(model, here_rad, kit[list(order)], limits, one_by_one=True)
     if not walk:
-        raise _unreachable(model, here, limits)
+        raise _unreachable(here, limits)
     return _timed(model, here_rad, walk, limits, state.limits.jog_speed_rad_s, one_by_one=True)
 
 
@@ -253,7 +253,7 @@ def plan_next(
     search = _NextPose(record, state, room, here_rad, measured, doubt_turns)
     plan = search.best(QUICK_EFOLD_S if len(measured) < QUICK_CAPTURES else THOROUGH_EFOLD_S)
     if plan is None:
-        raise _unreachable(load_model(record.model), np.array(here_rad), search.limits())
+        raise _unreachable(np.array(here_rad), search.limits())
     return plan
 
 
@@ -338,7 +338,7 @@ def plan_checks(
             np.delete(power, out_of_reach, axis=0),
         )
     if not ordered:
-        raise _unreachable(model, here, limits)
+        raise _unreachable(here, limits)
     return _timed(model, known.here_rad, ordered, limits, state.limits.jog_speed_rad_s, one_by_one=True)
 
 
@@ -488,15 +488,21 @@ def _checked(
     )
 
 
-def _unreachable(model: RobotModel, here: Array, limits: MotionLimits) -> DegenerateDataError:
+def _unreachable(here: Array, limits: MotionLimits) -> DegenerateDataError:
     """Say that no pose can be reached, and what is too near where the arm stands, if it is that."""
+    why, remedy = _trouble(here, limits), "Jog the robot towards the middle of its range, then resume."
     told = "none of the poses still needed can be reached from here without breaking a limit"
+    return DegenerateDataError(f"{told}: {why}" if why else told, remedy=remedy)
+
+
+def _trouble(here: Array, limits: MotionLimits) -> str:
     near = None if limits.clearances is None else limits.clearances.distances(here[None], limits.doubt)
-    if near is not None and near.broken()[0]:
-        k = int(np.argmax(near.excess[0]))
-        more = 0.0 if near.doubt is None else float(near.doubt[0, k])
-        told = (
-            f"{told}: {near.names[k]} are {near.found[0, k] * 1e3:.0f} mm apart, {near.limit[0, k] * 1e3:.0f} mm are "
-            f"kept, {more * 1e3:.0f} mm of them for turns that are not known yet"
-        )
-    return DegenerateDataError(told, remedy="Jog the robot towards the middle of its range, then resume.")
+    if near is None or not near.broken()[0]:
+        return ""
+    k = int(np.argmax(near.excess[0]))
+    apart_mm, kept_mm = 1e3 * near.found[0, k], 1e3 * near.limit[0, k]
+    doubt_mm = 0.0 if near.doubt is None else 1e3 * near.doubt[0, k]
+    return (
+        f"{near.names[k]} are {apart_mm:.0f} mm apart, {kept_mm:.0f} mm are kept, {doubt_mm:.0f} mm of them for "
+        "turns that are not known yet"
+    )
