@@ -12,9 +12,10 @@ from drivers.interfaces import MasteringData
 from procedures.entry import missing
 from procedures.mastering_record import MasteringRecordSpec, mastering_record, seal, seal_of
 from procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
+from procedures.motion.plans import first_doubt
 from procedures.recovery.recovery_kit import KitSpec, predict_kit, recorded_kit
 from procedures.recovery.recovery_result import RecoveryResult
-from procedures.recovery.waking import AlarmCodes, wake_encoders
+from procedures.recovery.waking import AlarmCodes, Turning, wake_encoders
 from procedures.run import RefusalError, Run
 from tests.procedures.cells import Scene, recording, scene
 from tests.procedures.ideal import ZERO
@@ -73,7 +74,8 @@ async def test_joints_stay_where_their_motors_passed_the_index_and_the_counts_ar
     record, last = made.cell.record, made.spec.last_counts
     assert record is not None
     before = made.arm.true_joints
-    woken = await wake_encoders(Run(made.cell, MemoryLedger()), record, last, AlarmCodes(), 0.035)
+    turning = Turning(0.035, made.spec.room, first_doubt(made.spec.room, len(LOST), seen=True))
+    woken = await wake_encoders(Run(made.cell, MemoryLedger()), record, last, AlarmCodes(), turning)
     per_turn = np.abs(np.diag(record.drive.radians_per_turn()))
     turned = np.abs(made.arm.true_joints - before) / per_turn
     assert ((turned > 1.0) & (turned < 1.2)).all()
