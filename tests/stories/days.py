@@ -202,8 +202,11 @@ async def working_day(folder: Path, pictures: Path | None = None) -> AsyncIterat
     ):
         page = await browser.new_page(viewport={"width": 1280, "height": 800})
         page.set_default_timeout(PATIENCE_MS)
+        broken: list[str] = []
+        page.on("pageerror", lambda error: broken.append(str(error)))
         if pictures is None:
             await page.add_init_script(NO_WEBGL)  # drawn in software a picture costs a core
         await page.goto(url)
         await page.get_by_test_id("device-robot").wait_for()
         yield Day(page, Hands(door, {}), pictures)
+        assert broken == []
