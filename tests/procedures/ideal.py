@@ -74,6 +74,7 @@ class IdealArm:
     stops: int = 0
     writes: int = 0
     moving: bool = False
+    midway: Callable[[int], None] | None = None  # told the number of a move, from 1, in the middle of it
 
     @property
     def capabilities(self) -> RobotCapabilities:
@@ -166,6 +167,8 @@ class IdealArm:
         try:
             await asyncio.sleep(0)
             self.put(start + delta / 2)
+            if self.midway is not None:
+                self.midway(len(self.moves))
             await asyncio.sleep(0)
             self.put(start + delta)
         finally:

@@ -71,10 +71,13 @@ class IdealTracker:
 
 
 class Technician:
-    """Knows where the places are, and brings the arm there from a slightly different posture each time."""
+    """Knows where the places are, and brings the arm there from another posture after every loss of the encoders.
+
+    The same way for the same place otherwise: a run that was interrupted can be compared with one that was not.
+    """
 
     def __init__(self, made: Scene, count: int, kind: str, tracker: IdealTracker | None = None) -> None:
-        self.made, self.kind, self.dice = made, kind, np.random.default_rng(4)
+        self.made, self.kind = made, kind
         self.tip = np.array(TIP)
         self.homes = postures(count + 8)
         self.tracker = tracker
@@ -92,8 +95,11 @@ class Technician:
         found = re.search(r"at about (.*?) deg", self.made.hands.read.get(f"visit_{what}_{number + 1}", ""))
         if known is not None and number not in known and found:
             degrees = [float(word.split()[1]) for word in found[1].split(",")]
-            self.homes[number] = np.radians(degrees) + self.dice.uniform(-0.08, 0.08, 6)
+            self.homes[number] = np.radians(degrees) + self._dice(number).uniform(-0.08, 0.08, 6)
             known.add(number)
+
+    def _dice(self, number: int) -> np.random.Generator:
+        return np.random.default_rng([4, number, self.made.arm.epoch])
 
     def visit(self, what: str, number: int) -> None:
         """Bring the tip where it belongs."""
@@ -105,11 +111,11 @@ class Technician:
             return
         home = self.homes[number]
         if what == "target":
-            arm.put(home + self.dice.uniform(-0.05, 0.05, 6))
+            arm.put(home + self._dice(number).uniform(-0.05, 0.05, 6))
             return
         frame = model.base_flange(home[None])[0]
         goal = frame[:3, :3] @ np.array(TIP) + frame[:3, 3]
-        joints = home + self.dice.uniform(-0.03, 0.03, 6)
+        joints = home + self._dice(number).uniform(-0.03, 0.03, 6)
 
         def found(q: Array) -> Array:
             at = model.base_flange(q[None])[0]

@@ -3,6 +3,9 @@
 import asyncio
 import os
 import re
+from collections.abc import Awaitable, Callable
+from functools import partial
+from typing import Any
 
 import pytest
 from pydantic_core import to_jsonable_python
@@ -14,25 +17,47 @@ from procedures.run import Run
 from tests.procedures.cells import Scene, pointing, scene_for
 from tests.procedures.conclusions import same_end
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
+from tests.procedures.test_record_by_places import recording_places
+from tests.procedures.test_recovery_by_places import lost_places
 
 NAMES = [entry.name for entry in ENTRIES]
-CRASHES = int(
-    os.environ.get("CELLCAL_CRASHES", "24")
-)  # of the writes of a long procedure, evenly spread; `make soak` takes all of them
+PLACES: dict[str, Callable[[], Awaitable[Scene]]] = {
+    f"{procedure} by {what}": made
+    for what, record, recovery in (
+        ("touched points", partial(recording_places, "probe"), partial(lost_places, "point")),
+        ("a seat", partial(recording_places, "seat"), partial(lost_places, "seat")),
+        ("a tracker", partial(recording_places, "tracker"), partial(lost_places, "target")),
+    )
+    for procedure, made in (("mastering_record", record), ("mastering_recovery", recovery))
+}
+CASES = [*NAMES, *PLACES]
+ASKED = os.environ.get("CELLCAL_CRASHES", "")
+CRASHES = int(ASKED or 24)  # of a procedure's writes, evenly spread; `make soak` takes all of them
+FEW = int(ASKED or 4)  # of further scenes of a procedure, and of moves
 
 
-async def _scene(name: str) -> Scene:
+async def _scene(case: str) -> Scene:
     """Return a scene of the procedure in which it goes on until it knows enough."""
-    return pointing(accuracy_class="C") if name == "three_point_frame" else await scene_for(name)
+    if case in PLACES:
+        return await PLACES[case]()
+    return pointing(accuracy_class="C") if case == "three_point_frame" else await scene_for(case)
 
 
-async def _whole(name: str) -> tuple[object, MemoryLedger, Scene]:
-    made, ledger = await _scene(name), MemoryLedger()
-    return await CATALOGUE[name].procedure(Run(made.cell, ledger), made.spec), ledger, made
+def _procedure(case: str) -> Callable[[Run, Any], Awaitable[Any]]:
+    return CATALOGUE[case.partition(" by ")[0]].procedure
 
 
-def _spread(count: int) -> list[int]:
-    return sorted({round(k * (count - 1) / (CRASHES - 1)) for k in range(CRASHES)})
+async def _whole(case: str) -> tuple[object, MemoryLedger, Scene]:
+    made, ledger = await _scene(case), MemoryLedger()
+    return await _procedure(case)(Run(made.cell, ledger), made.spec), ledger, made
+
+
+def _spread(case: str, count: int) -> list[int]:
+    return _evenly(count, FEW if case in PLACES else CRASHES)
+
+
+def _evenly(count: int, most: int) -> list[int]:
+    return sorted({round(k * (count - 1) / (most - 1)) for k in range(most)}) if count else []
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -62,49 +87,92 @@ async def test_a_replay_gives_the_identical_result_and_moves_nothing(name: str) 
 
 
 @pytest.mark.parametrize("stored", [False, True])
-@pytest.mark.parametrize("name", NAMES)
-async def test_a_crash_at_any_write_loses_and_doubles_nothing(name: str, stored: bool) -> None:
-    result, whole, _ = await _whole(name)
+@pytest.mark.parametrize("case", CASES)
+async def test_a_crash_at_any_write_loses_and_doubles_nothing(case: str, stored: bool) -> None:
+    result, whole, _ = await _whole(case)
     steps = [finding.step for finding in whole.past().findings]
-    for dies_at in _spread(len(whole.facts)):
-        made = await _scene(name)
+    for dies_at in _spread(case, len(whole.facts)):
+        made = await _scene(case)
         facts: list = []
         mortal = MortalLedger(facts, dies_at, stored=stored)
         with pytest.raises(CrashError):
-            await CATALOGUE[name].procedure(Run(made.cell, mortal), made.spec)
+            await _procedure(case)(Run(made.cell, mortal), made.spec)
         interrupted = str(facts[-1][1].get("step", "")) if facts else ""
         acknowledged = MemoryLedger(list(facts)).past().findings
         ledger = MemoryLedger(facts)
-        resumed = await CATALOGUE[name].procedure(Run(made.cell, ledger, ledger.past()), made.spec)
+        resumed = await _procedure(case)(Run(made.cell, ledger, ledger.past()), made.spec)
         findings = ledger.past().findings
         assert findings[: len(acknowledged)] == acknowledged
         assert [finding.step for finding in findings] == steps
         assert same_end(to_jsonable_python(resumed), to_jsonable_python(result), interrupted), interrupted
 
 
-@pytest.mark.parametrize("name", NAMES)
-async def test_a_cancel_in_any_step_stops_the_robot_and_is_resumed_to_the_same_result(name: str) -> None:
-    result, whole, _ = await _whole(name)
+@pytest.mark.parametrize("case", CASES)
+async def test_a_cancel_in_any_step_stops_the_robot_and_is_resumed_to_the_same_result(case: str) -> None:
+    result, whole, _ = await _whole(case)
     started = [body["step"] for kind, body in whole.facts if kind in (Kind.ENTERED, Kind.INTENT)]
-    for index in _spread(len(started)):
-        made, ledger = await _scene(name), MemoryLedger()
-        await _cancelled_in(started[index], name, made, ledger)
+    for index in _spread(case, len(started)):
+        made, ledger = await _scene(case), MemoryLedger()
+        await _cancelled_in(started[index], case, made, ledger)
         assert made.arm.stops == 1, started[index]
         assert ledger.facts[-1][0] == Kind.FAILED
         assert ledger.facts[-1][1]["stopped"] is True
         again = MemoryLedger(ledger.facts)
-        resumed = await CATALOGUE[name].procedure(Run(made.cell, again, again.past()), made.spec)
+        resumed = await _procedure(case)(Run(made.cell, again, again.past()), made.spec)
         assert same_end(to_jsonable_python(resumed), to_jsonable_python(result), started[index]), started[
             index
         ]
 
 
-async def _cancelled_in(step: str, name: str, made: Scene, ledger: MemoryLedger) -> None:
+async def _cancelled_in(step: str, case: str, made: Scene, ledger: MemoryLedger) -> None:
     def announce(progress: Progress) -> None:
         if progress.kind == "started" and progress.step == step:
             task.cancel()
 
     run = Run(made.cell, ledger, announce=announce)
-    task = asyncio.create_task(CATALOGUE[name].procedure(run, made.spec))
+    task = asyncio.create_task(_procedure(case)(run, made.spec))
     with pytest.raises(asyncio.CancelledError):
         await task
+
+
+@pytest.mark.parametrize("case", CASES)
+async def test_a_cancel_in_the_middle_of_a_move_leaves_the_robot_standing_there_and_says_so(
+    case: str,
+) -> None:
+    result, _, undisturbed = await _whole(case)
+    began = len((await _scene(case)).arm.moves)
+    for number in _evenly(len(undisturbed.arm.moves) - began, FEW):
+        made, ledger = await _scene(case), MemoryLedger()
+        stood = await _cancelled_on_the_way(began + number + 1, case, made, ledger)
+        assert len(made.arm.moves) == began + number + 1  # it went no further
+        assert not made.arm.moving
+        assert made.arm.true_joints.tolist() == stood.tolist()
+        assert made.arm.stops == 1
+        kind, last = ledger.facts[-1]
+        assert (kind, last["stopped"]) == (Kind.FAILED, True)
+        again = MemoryLedger(ledger.facts)
+        resumed = await _procedure(case)(Run(made.cell, again, again.past()), made.spec)
+        assert made.arm.data == undisturbed.arm.data
+        assert (made.arm.tools, made.arm.frames) == (undisturbed.arm.tools, undisturbed.arm.frames)
+        if not case.startswith(
+            "mastering_recovery"
+        ):  # a jog taken up again ends a count beside: other digits
+            assert to_jsonable_python(resumed) == to_jsonable_python(result), last["step"]
+
+
+async def _cancelled_on_the_way(number: int, case: str, made: Scene, ledger: MemoryLedger) -> Any:
+    """Cancel a run in the middle of its n-th move; return the joints (6,) at which the arm then was."""
+    stood = []
+
+    def midway(move: int) -> None:
+        if move == number:
+            stood.append(made.arm.true_joints)
+            task.cancel()
+
+    made.arm.midway = midway
+    task = asyncio.create_task(_procedure(case)(Run(made.cell, ledger), made.spec))
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    made.arm.midway = None
+    (at,) = stood
+    return at

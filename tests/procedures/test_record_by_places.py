@@ -61,6 +61,13 @@ def without_wire(*, probe: bool = False, tracker: bool = False, tool: bool = Tru
     return made
 
 
+async def recording_places(kit: str) -> Scene:
+    """Return a healthy cell without a draw-wire that takes its record by this kit."""
+    made = without_wire(tracker=True) if kit == "tracker" else without_wire(probe=True)
+    made.hands.knows["choose_kit"] = kit
+    return made
+
+
 async def recorded(made: Scene):  # type: ignore[no-untyped-def]
     return await mastering_record(Run(made.cell, MemoryLedger()), made.spec)
 

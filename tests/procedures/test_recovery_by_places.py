@@ -26,8 +26,13 @@ LOST = (3, -2, 1, 0, 4, -1)
 Kind = Literal["point", "seat", "target"]
 
 
-async def _lost(kind: Kind, lost: tuple[int, ...] = LOST, **more: int) -> tuple[Scene, Technician]:
+async def lost_places(kind: Kind) -> Scene:
     """Return a cell without a draw-wire whose record has a kit, after its encoders were lost."""
+    return (await _lost(kind))[0]
+
+
+async def _lost(kind: Kind, lost: tuple[int, ...] = LOST, **more: int) -> tuple[Scene, Technician]:
+    """Return the same with its technician; ``more`` are the kit's."""
     made = scene()
     tracker = IdealTracker(made.arm) if kind == "target" else None
     technician = Technician(made, 12, kind, tracker)

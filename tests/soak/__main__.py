@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable
 
 from tests.soak import (
+    alignments,
     calibration_campaign,
     clones,
     cold,
@@ -27,6 +28,7 @@ from tests.soak import (
     starts,
     stories,
     tcp,
+    tcp_cell,
     two_tablets,
     ur_fence,
 )
@@ -34,6 +36,7 @@ from tests.soak.figures import Figures
 
 CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "turns": (stories.turns, 200),
+    "recovery_time": (stories.recovery_time, 4),
     "motor": (stories.motor, 50),
     "all": (stories.all_references, 50),
     "crash": (stories.crash, 40),
@@ -41,7 +44,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "swap": (stories.swap, 20),
     "many": (losses.many, 1000),
     "outlier": (losses.outlier, 200),
-    "poor": (losses.poor, 200),
+    "poor": (losses.poor, 1000),
     "exchanged": (losses.exchanged, 300),
     "kill": (durability.kill, 100),
     "desk_kills": (desk_kills.desk_kills, 100),
@@ -53,7 +56,9 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "fixture": (fixtures.fixture, 500),
     "tool": (fixtures.tool, 500),
     "bases": (fixtures.bases, 200),
+    "alignments": (alignments.alignments, 20),
     "tcp": (tcp.tcp, 2000),
+    "tcp_cell": (tcp_cell.tcp_cell, 200),
     "calibrations": (calibration_campaign.calibrations, 40),
     "tool_in_calibration": (calibration_campaign.tool_in_calibration, 20),
     "drifts": (calibration_campaign.drifts, 20),

@@ -1,7 +1,7 @@
 """A fake robot, draw-wire and tracker behind real drivers and sockets, to be calibrated; and the truth of it."""
 
 import os
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from itertools import count
@@ -193,21 +193,33 @@ async def cell_behind_sockets(
         yield Bench(cell, fake, config, hands)
 
 
-def work() -> np.ndarray:
+WORK, FRAME = 977, 4242  # draws of postures: those that are judged, and those that a user frame is set by
+
+
+def work(draw: int) -> np.ndarray:
     """Return postures over the whole work of the wire, that no plan has drawn."""
     wire = WirePath(ANCHOR, HOOK, 3.0, lowest_fraction=0.08, highest_fraction=0.92)
     return candidate_joints(
-        load_model("fanuc_m6ib"), MotionLimits(wire=wire), POSTURES, seed=977, hook_in_flange_m=HOOK
+        load_model("fanuc_m6ib"), MotionLimits(wire=wire), POSTURES, seed=draw, hook_in_flange_m=HOOK
     )
 
 
-def errors_m(bench: Bench, arm: CalibratedArm, hook_m: np.ndarray, joints_rad: np.ndarray) -> np.ndarray:
-    """Return by how much the target misses where an identified arm says it is, a user frame set over the work."""
+def errors_m(bench: Bench, arm: CalibratedArm, hook_m: np.ndarray) -> np.ndarray:
+    """Return by how much the target misses, over the work, where an identified arm says it is.
+
+    The user frame in which that is looked at is set at other postures than those that are judged.
+    """
+    set_by, judged = ((said, bench.targets_m(at, hook_m)) for at, said in _said(arm, (FRAME, WORK)))
+    frame = best_fit_transform(set_by[0].tolist(), set_by[1].tolist()).target_source.matrix()
+    said, true = judged
+    return np.linalg.norm(said @ frame[:3, :3].T + frame[:3, 3] - true, axis=1)
+
+
+def _said(arm: CalibratedArm, draws: Iterable[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield postures of each draw, and where the identified arm says that its target is there."""
     start = StartingPoint(arm.values())
     tool = homogeneous(np.eye(3), np.array(arm.target_in_flange_m))
     state = state_of(load_model(arm.model), start, (), tool, ())
-    moved = state.moved_joints(joints_rad, term_values(state.nominal, joints_rad, state.terms))
-    said = (state.arm.base_flange(moved) @ state.flange_tool)[:, :3, 3]
-    true = bench.targets_m(joints_rad, hook_m)
-    frame = best_fit_transform(said.tolist(), true.tolist()).target_source.matrix()
-    return np.linalg.norm(said @ frame[:3, :3].T + frame[:3, 3] - true, axis=1)
+    for joints_rad in map(work, draws):
+        moved = state.moved_joints(joints_rad, term_values(state.nominal, joints_rad, state.terms))
+        yield joints_rad, (state.arm.base_flange(moved) @ state.flange_tool)[:, :3, 3]

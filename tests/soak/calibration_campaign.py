@@ -15,11 +15,12 @@ from procedures.drift_check import drift_check
 from procedures.robot_calibration import ENTRY, robot_calibration
 from procedures.run import Run
 from tests.procedures.ledgers import MemoryLedger
-from tests.soak.calibrated_cell import cell_behind_sockets, errors_m, work
+from tests.soak.calibrated_cell import cell_behind_sockets, errors_m
 from tests.soak.figures import Figures
 from tests.unit.helpers.fixture_world import TARGETS, error_of, stated_u
 
 MOST_MEAN_M, LEAST_SAVED = 0.00025, 0.25
+BELOW = 0.95  # of all seeds that must be below it, besides their mean
 WITHIN_U = 0.9  # of all seeds: U is a claim at 95 %
 
 
@@ -31,7 +32,7 @@ class Calibrated:
     rms_m: float
     tip_u_m: float
     captures: int
-    saved: float
+    saved: float | None  # None: of all poses that were drawn no fixed plan reaches that U
     verdict: str
     before_m: float
     after_m: float
@@ -43,7 +44,7 @@ async def calibrate(seed: int, folder: Path, method: Method = "wire") -> Calibra
         spec = bench.spec("robot_calibration", method=method)
         result = await robot_calibration(Run(bench.cell, MemoryLedger()), spec)
         hook = bench.target_m(method)
-        errors = errors_m(bench, result.arm, hook, work())
+        errors = errors_m(bench, result.arm, hook)
     found = result.identified
     fixed = found.fixed_plan_captures
     assert ENTRY.verdict is not None
@@ -52,7 +53,7 @@ async def calibrate(seed: int, folder: Path, method: Method = "wire") -> Calibra
         rms_m=float(np.sqrt(np.mean(errors**2))),
         tip_u_m=found.tip_u_m,
         captures=found.captures,
-        saved=1.0 if fixed is None else 1.0 - found.captures / fixed,
+        saved=None if fixed is None else 1.0 - found.captures / fixed,
         verdict=ENTRY.verdict(spec, result).word,
         before_m=found.hold_out.before_rms_m,
         after_m=found.hold_out.after_rms_m,
@@ -64,18 +65,21 @@ def calibrations(seeds: int) -> Figures:
     with tempfile.TemporaryDirectory() as folder:
         runs = [asyncio.run(calibrate(seed, Path(folder))) for seed in _seeds("calibrations", seeds)]
     means = np.array([run.mean_m for run in runs]) * 1e3
-    saved = np.array([run.saved for run in runs])
+    saved = [run.saved for run in runs if run.saved is not None] or [0.0]
+    below, unreached = float(np.mean(means <= MOST_MEAN_M * 1e3)), sum(run.saved is None for run in runs)
     within = float(np.mean([run.rms_m <= run.tip_u_m for run in runs]))
     captures = sorted(run.captures for run in runs)
     passed = sum(run.verdict == "pass" for run in runs)
     line = (
         f"calibrations: mean error of the target over the work {means.mean():.3f} mm (at most "
-        f"{MOST_MEAN_M * 1e3:g}), worst seed {means.max():.3f} mm; RMS inside the stated U in {within:.0%} (at least "
-        f"{WITHIN_U:.0%}); captures median {captures[len(captures) // 2]}, saved {saved.mean():.0%} (at least "
-        f"{LEAST_SAVED:.0%}), least {saved.min():.0%}; {passed} of {seeds} PASS"
+        f"{MOST_MEAN_M * 1e3:g}), at most that in {below:.0%} of the seeds (at least {BELOW:.0%}), worst seed "
+        f"{means.max():.3f} mm; RMS inside the stated U in {within:.0%} (at least "
+        f"{WITHIN_U:.0%}); captures median {captures[len(captures) // 2]}, saved {np.mean(saved):.0%} (at least "
+        f"{LEAST_SAVED:.0%}), least {min(saved):.0%}, no fixed plan in reach in {unreached} "
+        f"(not among the saved); {passed} of {seeds} PASS"
     )
-    reached = means.mean() <= MOST_MEAN_M * 1e3 and saved.mean() >= LEAST_SAVED and within >= WITHIN_U
-    return Figures(line, bool(reached))
+    accurate = means.mean() <= MOST_MEAN_M * 1e3 and below >= BELOW
+    return Figures(line, bool(accurate and np.mean(saved) >= LEAST_SAVED and within >= WITHIN_U))
 
 
 @dataclass(frozen=True)

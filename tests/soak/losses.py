@@ -1,4 +1,7 @@
-"""Campaigns over recoveries as the procedure walks them, on a simulated arm with sag, backlash, coupling errors."""
+"""Campaigns over recoveries on the simulated twin of the procedure's walk: sag, backlash, coupling errors.
+
+No sockets: `stories` runs the procedure itself, through drivers and sockets.
+"""
 
 from collections.abc import Iterable
 
@@ -10,6 +13,7 @@ from tests.soak.figures import Figures
 from tests.unit.helpers.walked_recovery import loss_of, recover_walking
 
 SMALL = 0.04  # of the walk, where geometry is poor
+TWIN = "the simulated twin of the procedure's walk"
 
 
 def many(seeds: int) -> Figures:
@@ -24,8 +28,8 @@ def many(seeds: int) -> Figures:
         inexact += done.recovery.accepted and not done.exact()
         captures.append(done.captures + done.again)
     line = (
-        f"many: {wrong} wrong accepts and {inexact} not exact of {accepted} accepted, {accepted} of {seeds} accepted "
-        f"(at least 95 %), captures median {int(np.median(captures))}, most {max(captures)}"
+        f"many, {TWIN}: {wrong} wrong accepts and {inexact} not exact of {accepted} accepted, {accepted} of {seeds} "
+        f"accepted (at least 95 %), captures median {int(np.median(captures))}, most {max(captures)}"
     )
     return Figures(line, wrong == inexact == 0 and accepted >= 0.95 * seeds)
 
@@ -53,7 +57,7 @@ def poor(seeds: int) -> Figures:
         found = loss_of(seed, shrunk=SMALL)[0].recover()
         refused += not found.accepted
         told += found.poses_needed > 0 and bool(found.reason)
-    line = f"poor: {refused} of {seeds} refused, reason and poses still needed told in {told}"
+    line = f"poor, {TWIN}: {refused} of {seeds} refused, reason and poses still needed told in {told}"
     return Figures(line, refused == told == seeds)
 
 

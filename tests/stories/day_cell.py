@@ -63,7 +63,7 @@ target_in_flange_mm = [80.0, 40.0, 100.0]
 period_s = 0.5
 
 [fake]
-seed = 3
+seed = {seed}
 time_factor = 1500.0
 control_port = 0
 
@@ -78,14 +78,16 @@ flange_tool = [0.0, 0.0, 200.0, 0.0, 0.0, 0.0]
 
 
 @asynccontextmanager
-async def day_cell(folder: Path) -> AsyncIterator[tuple[Path, Door]]:
+async def day_cell(
+    folder: Path, *, seed: int = 3, points_m: tuple[tuple[float, ...], ...] = POINTS_M
+) -> AsyncIterator[tuple[Path, Door]]:
     """Run the cell's fakes; its file is in ``folder``."""
     with free_address() as one, free_address() as other:
         robots = [
             _ROBOT.format(name=name, serial=serial, address=address)
             for (name, serial), address in zip(ROBOTS.items(), (one, other), strict=True)
         ]
-        rest = _REST.format(address=one, points=_in_mm(POINTS_M), targets=_in_mm(TARGETS_M))
+        rest = _REST.format(address=one, seed=seed, points=_in_mm(points_m), targets=_in_mm(TARGETS_M))
         path = folder / "cell.toml"
         head = f'[cell]\nname = "working day"\ndata_dir = {json.dumps(str(folder / "data"))}\n'
         path.write_text(head + "".join(robots) + rest, encoding="utf-8")

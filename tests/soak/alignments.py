@@ -1,0 +1,160 @@
+"""Campaign over alignments as procedures: two robots with a wire each, one fixture; drivers and sockets."""
+
+import asyncio
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+
+from calibration.geometry import Pose
+from service.configuration.cell_file import CellConfig, read_cell_file
+from service.demo.door import Door
+from service.demo.technician import DemoTechnician
+from service.runs.cell import lend_record, open_cell, open_journal
+from service.runs.conduct import run_procedure
+from service.runs.journal import Journal
+from service.runs.specs import build_spec
+from tests.soak.figures import Figures
+from tests.soak.fixtures import MOST_ANGLE_RAD, MOST_ORIGIN_M
+from tests.stories.day_cell import ROBOTS, day_cell
+from tests.unit.helpers.fixture_world import error_of, stated_u
+from tests.unit.helpers.two_robots import FOR_BASES, FOR_FIXTURES
+
+LEAST_INSIDE, LEAST_WITHIN = 0.935, 0.95
+_LIMITS = {"origin_m": MOST_ORIGIN_M, "angle_rad": MOST_ANGLE_RAD}
+_SIX: dict[str, Any] = {
+    "fixture": "by six points",
+    "points_in_fixture_m": FOR_FIXTURES.points,
+    "rough_base_fixture": {"position_m": [0.85, 0.0, -0.2]},
+    "limits": _LIMITS,
+    "write_anyway": "a campaign counts every alignment",
+}
+_TEN = _SIX | {
+    "fixture": "by ten points",
+    "points_in_fixture_m": FOR_BASES.points,
+    "bases": _LIMITS,
+    "rules": {"samples": FOR_BASES.samples, "max_captures": FOR_BASES.per_spot},
+}
+_THROUGH = {"fixture": _TEN["fixture"], "limits": _LIMITS, "write_anyway": _SIX["write_anyway"]}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A pose as a procedure states it; error and U along and about every axis, U of its worst directions."""
+
+    error: np.ndarray
+    u: np.ndarray
+    origin_u_m: float
+    angle_u_rad: float
+
+    @property
+    def within(self) -> bool:
+        """Whether the stated U is what the issue asks for."""
+        return self.origin_u_m <= MOST_ORIGIN_M and self.angle_u_rad <= MOST_ANGLE_RAD
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One of the two robots in a running cell."""
+
+    config: CellConfig
+    door: Door
+    journal: Journal
+    name: str
+
+    async def run(self, *asked: tuple[str, dict[str, Any]]) -> list[Any]:
+        """Run procedures one after the other with the real drivers; return their results."""
+        results = []
+        hands = DemoTechnician(self.door, lambda _: None, self._wire)
+        async with open_cell(self.config, hands, self.name) as cell:
+            for procedure, settings in asked:
+                await cell.robot.move_joints((0.0,) * 6, speed_rad_s=0.4)
+                lent = await lend_record(cell, self.journal)
+                spec = build_spec(self.config, self.name, procedure, settings)
+                outcome = await run_procedure(lent, procedure, spec, self.journal)
+                if outcome.result is None:
+                    raise AlignmentsError(f"{procedure} of {self.name}: {outcome.reason}")
+                results.append(outcome.result)
+        return results
+
+    async def base_fixture(self) -> np.ndarray:
+        """Return the true fixture (4, 4) in the robot's own base."""
+        return np.array((await self.door.truth())["gauges"][self._wire]["fixture_in_base"])
+
+    @property
+    def _wire(self) -> str:
+        return f"wire of {self.name}"
+
+
+class AlignmentsError(Exception):
+    """A procedure ended without a result."""
+
+
+async def align(folder: Path, seed: int) -> tuple[list[Seen], Seen]:
+    """Align two robots with one fixture; return the fixtures, and the one's base seen from the other."""
+    async with day_cell(folder, seed=seed, points_m=FOR_BASES.points) as (path, door):
+        config = read_cell_file(path)
+        with open_journal(config) as journal:
+            one, other = (Robot(config, door, journal, name) for name in ROBOTS)
+            aligning = ("mastering_record", {}), ("fixture_alignment", _SIX), ("fixture_alignment", _TEN)
+            first = await one.run(*aligning)
+            *second, chained = await other.run(*aligning, ("base_to_base", _THROUGH))
+            true = await one.base_fixture(), await other.base_fixture()
+    fixtures = [
+        _seen(each[1].placed, base_fixture) for each, base_fixture in zip((first, second), true, strict=True)
+    ]
+    (base,) = chained.bases
+    pose = base.pose
+    base_base = true[0] @ np.linalg.inv(true[1])
+    error = error_of(pose.other_base_base, base_base)
+    return fixtures, Seen(error, stated_u(pose.covariance), pose.origin_u_m, pose.angle_u_rad)
+
+
+def _seen(placed: Any, truth: np.ndarray) -> Seen:
+    found: Pose = placed.outer_inner
+    error = error_of(found, truth)
+    return Seen(error, stated_u(placed.covariance), placed.origin_u_m, placed.angle_u_rad)
+
+
+def alignments(seeds: int) -> Figures:
+    """Fixtures by six points, bases by ten: U (k = 2) within 0.15 mm and 0.02 deg, and the truth inside it."""
+    fixtures: list[Seen] = []
+    bases: list[Seen] = []
+    broken = 0
+    for seed in track(range(1, seeds + 1), description="alignments", console=Console(stderr=True)):
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                found, base = asyncio.run(align(Path(folder), seed))
+            except AlignmentsError as error:
+                sys.stderr.write(f"alignments, seed {seed}: {error}\n")
+                broken += 1
+                continue
+        fixtures += found
+        bases.append(base)
+    told = [_told("fixtures by six points", fixtures), _told("bases by ten points", bases)]
+    line = "; ".join(words for words, _ in told)
+    reached = broken == 0 and all(good for _, good in told)
+    return Figures(f"alignments of {seeds} cells: {line}; {broken} ended without a result", reached)
+
+
+def _told(what: str, seen: list[Seen]) -> tuple[str, bool]:
+    """Return the figures of what was seen, and whether they are reached."""
+    if not seen:
+        return f"{what}: none", False
+    within = float(np.mean([one.within for one in seen]))
+    inside = float(np.mean([np.abs(one.error) <= one.u for one in seen]))
+    origin_mm = np.array([one.origin_u_m for one in seen]) * 1e3
+    angle_deg = np.degrees([one.angle_u_rad for one in seen])
+    errors_mm = np.array([np.linalg.norm(one.error[:3]) for one in seen]) * 1e3
+    words = (
+        f"{what}: U stated {np.median(origin_mm):.3f} mm and {np.median(angle_deg):.4f} deg, within 0.15 mm and "
+        f"0.02 deg in {within:.0%} of {len(seen)} (at least {LEAST_WITHIN:.0%}), truth inside U per axis "
+        f"{inside:.1%} (at least {LEAST_INSIDE:.1%}), error of the origin median {np.median(errors_mm):.3f} and most "
+        f"{errors_mm.max():.3f} mm"
+    )
+    return words, within >= LEAST_WITHIN and inside >= LEAST_INSIDE
