@@ -103,7 +103,7 @@ async def find_tool(seed: int, folder: Path, method: Method) -> ToolFound:
         spec = bench.spec("robot_calibration", method=method, tool_number=3, **points)
         result = await robot_calibration(Run(bench.cell, MemoryLedger()), spec)
         found, truth = result.identified.tool, bench.flange_tool()
-        errors = errors_m(bench, result.arm, bench.target_m(method), work())
+        errors = errors_m(bench, result.arm, bench.target_m(method))
     assert found is not None
     assert ENTRY.verdict is not None
     return ToolFound(
