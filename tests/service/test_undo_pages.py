@@ -40,18 +40,26 @@ async def on_the_robot(pendant: Pendant) -> bytes:
     return canonical_json(to_jsonable_python(data)).encode()
 
 
-def wrote(journal: Journal, held_before: dict[str, Any], epoch: int, name: str = "earlier") -> None:
-    """Let the journal hold a run that wrote the present mastering over another one."""
+def wrote(
+    journal: Journal, held_before: dict[str, Any], robot: dict[str, Any], name: str = "earlier"
+) -> None:
+    """Let the journal hold a run that wrote the present mastering over another one, and broke off there."""
     run_id = f"robot_calibration-{name}"
     identity = {"vendor": "FANUC", "model": "M-6iB", "serial": SERIAL, "firmware": "1"}
     header = {
         "procedure": "robot_calibration", "version": 1, "spec": {},
         "cell": {"devices": [{"role": "robot", "identity": identity}]},
     }  # fmt: skip
-    read = {"step": "read the bench", "inputs": [], "effect": "none", "value": held_before | {"epoch": epoch}}
+    read = {
+        "step": "read the bench",
+        "inputs": [],
+        "effect": "none",
+        "value": held_before | {"epoch": robot["epoch"]},
+    }
     journal.append(run_id, Kind.STARTED, header, key="started")
     journal.append(run_id, Kind.FINDING, read)
-    body = {"step": "write the mastering", "attempt": 1, "effect": "write", "inputs": []}
+    inputs = [[robot["counts_at_zero"]], {}]
+    body = {"step": "write the mastering", "attempt": 1, "effect": "write", "inputs": inputs}
     journal.append(run_id, Kind.INTENT, body)
 
 
@@ -85,11 +93,16 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
     other = [count + off for count, off in zip(robot["counts_at_zero"], OFF, strict=True)]
     backup = canonical_json({"counts_at_zero": other, "mastered": True}).encode()
     with open_journal(config_of(pendant)) as journal:
-        wrote(journal, {"counts_at_zero": other}, robot["epoch"])
+        wrote(journal, {"counts_at_zero": other}, robot)
         known = mastering_backups(journal.events(), SERIAL)
     assert [len(known), known[0].of_run] == [1, "robot_calibration-earlier"]
 
     async with pendant.looks.page() as page:
+        banner = page.get_by_test_id("loss")
+        await expect(banner).to_contain_text("holds a mastering that nobody confirmed")
+        await expect(banner.get_by_role("link")).to_have_attribute("href", "#/procedure/mastering_undo")
+        await page.screenshot(path=tmp_path / "unconfirmed_1280.png")
+        await hold_to_rules(page, "unconfirmed")
         await start(page)
         rows = page.get_by_test_id("review-changes").locator("tbody tr")
         await expect(rows).to_have_count(7)  # six axes and whether it is mastered
@@ -107,6 +120,7 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
         outcome = await held_to_the_end(page, pendant)
         assert (outcome["verdict"], outcome["judgement"]["word"]) == ("passed", "pass"), json.dumps(outcome)
         assert await on_the_robot(pendant) == backup
+        await expect(banner).to_have_count(0)
 
         await start(page)
         assert (await held_to_the_end(page, pendant))["verdict"] == "passed"
@@ -114,7 +128,7 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
 
         with open_journal(config_of(pendant)) as journal:
             lost = {"mastering": {"counts_at_zero": other, "mastered": False}}
-            wrote(journal, lost, robot["epoch"], "over a lost one")
+            wrote(journal, lost, robot, "over a lost one")
         await start(page)  # what it goes back to is no mastering, and nobody has to unfold a text to learn it
         await expect(page.get_by_test_id("review-unmasters")).to_contain_text("NOT be mastered")
         await expect(rows.nth(6).locator("td")).to_have_text(["mastered", "yes", re.compile("no"), NO_CHANGE])
