@@ -1,7 +1,7 @@
 """``cellcal watch``: follow a cell's encoders, and recover or offer it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from service.configuration.cell_file import CellConfig
@@ -22,7 +22,7 @@ def watch(cell: Path, /) -> int:
 
     from service.cli.printing import EN_ROUTE
     from service.configuration.cell_file import read_cell_file
-    from service.watching.follow import Listener, follow
+    from service.watching.follow import Listener, Watches, follow
 
     config = read_cell_file(cell)
 
@@ -31,26 +31,50 @@ def watch(cell: Path, /) -> int:
         await _recover_or_offer(config, loss)
 
     EN_ROUTE.print("Watching. Ctrl+C ends it.")
-    asyncio.run(follow(config, Listener(EN_ROUTE.print, on_loss)))
+    watches = Watches(config, on_loss, EN_ROUTE.print)
+    asyncio.run(follow(watches, Listener(EN_ROUTE.print)))
     return 0
 
 
 async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:
     from service.cli.printing import EN_ROUTE
-    from service.cli.runs import run_live, tell
-    from service.watching.answers_to_loss import journal_detection, prepare_answer
+    from service.watching.answers_to_loss import answer_to
     from service.watching.loss_modes import LossMode
 
-    entry = journal_detection(config, loss)
-    answer = prepare_answer(config, loss)
+    answer, entry = answer_to(config, loss)
+    kept = f" Journalled as {entry}." if entry else ""
     likely = "Most likely " * (loss.suspicion.mode is not LossMode.UNKNOWN) + loss.suspicion.mode
-    EN_ROUTE.print(f"{likely}: {loss.suspicion.words}. Journalled as {entry}.")
+    EN_ROUTE.print(f"{likely}: {loss.suspicion.words}.{kept}")
     if answer.procedure is None:
         EN_ROUTE.print("[bold]What to do:[/] compare the serial numbers; nothing is started for this robot.")
     elif not answer.starts_alone:
         EN_ROUTE.print(f"Not started alone: {'; '.join(answer.reasons)}.", markup=False)
         EN_ROUTE.print(f"[bold]What to do:[/] look at the robot, then: {answer.command}")
     else:
-        EN_ROUTE.print("The cell file allows it: the recovery starts, and asks where hands are needed.")
-        outcome = await run_live(config, answer.procedure, loss.robot, answer.settings, None)
-        tell(outcome, config, as_json=False)
+        EN_ROUTE.print(
+            "The cell file allows it: the recovery starts, and asks a person for what the file does not answer."
+        )
+        await _recover_alone(config, loss.robot, answer.procedure, answer.settings)
+
+
+async def _recover_alone(config: "CellConfig", robot: str, procedure: str, settings: dict[str, Any]) -> None:
+    """Run the recovery; whatever keeps it from ending is said, and the watch goes on."""
+    from rich.markup import escape
+
+    from calibration.errors import CellError
+    from drivers.operator.terminal import TerminalOperator
+    from service.cli.printing import EN_ROUTE
+    from service.cli.progress import live_progress
+    from service.cli.runs import tell
+    from service.runs.execute import Where, start
+    from service.watching.answers_to_loss import WATCH
+    from service.watching.standing_answers import StandingAnswers
+
+    operator = StandingAnswers(config.watch, TerminalOperator())
+    try:
+        with live_progress(procedure) as show_event:
+            outcome = await start(Where(config, operator, robot, show_event, WATCH), procedure, settings)
+    except CellError as error:
+        EN_ROUTE.print(f"[bold red]The recovery was not begun:[/] {escape(str(error))}")
+        return
+    tell(outcome, config, as_json=False)

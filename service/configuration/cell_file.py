@@ -107,6 +107,8 @@ class WatchTable(_Table):
     recover_alone: bool = False  # only where an admin has decided so, and the robot's motion is "commanded"
     drift_check_days: int | None = Field(default=None, ge=1, le=3650)  # from one drift check to the next
     cell_closed: bool = False  # an admin vouches that nobody can be in the cell while the watch runs
+    records_complete: bool = False  # and that no newer mastering record is kept elsewhere than in the journal
+    wire_stays_hooked: bool = False  # and that the draw-wire hangs on the flange, free, between runs
 
 
 @dataclass(frozen=True)

@@ -79,9 +79,7 @@ mouth_at_mm = [750.0, 0.0, 550.0]
 
 [watch]
 period_s = 0.2
-recover_alone = true
 drift_check_days = 14
-cell_closed = true
 
 [fake]
 seed = {seed}

@@ -47,6 +47,7 @@ from service.desk.messages import (
 from service.desk.messages import (
     Hold as HoldOrder,
 )
+from service.desk.others import OtherRobots
 from service.desk.recording import Recording
 from service.desk.running import Running
 from service.desk.watching import DeskWatch
@@ -56,6 +57,8 @@ from service.runs.conduct import Conditions, Outcome
 from service.runs.execute import go_on_with, start_on
 from service.runs.specs import build_spec
 from service.runs.store import Store
+from service.watching.answers_to_loss import WATCH, PreparedAnswer
+from service.watching.standing_answers import StandingAnswers
 
 _log = logging.getLogger(__name__)
 Tell = Callable[[str, dict[str, Any]], None]  # "session" or "live", and its content
@@ -82,7 +85,8 @@ class Desk:
         self._recording = Recording()
         self._glance: Glance | None = None
         self._gate = Gate()
-        self._watch = DeskWatch(config, self._decided)
+        self._watch = DeskWatch(config, self._lost, self._occupied)
+        self._others = OtherRobots(config, self._watch, clock=clock)
         self._under_way = UnderWay(config.cell.data_dir)
         self._answering = Answering(config)
         self._robot = config.robots[0].name
@@ -124,6 +128,11 @@ class Desk:
         self.rev += 1
         self._show()
 
+    def _lost(self, robot: str) -> None:
+        """Show what a robot lost or has back; orders to the selected one do not depend on the others."""
+        self.rev += robot == self._robot
+        self._show()
+
     def _show(self) -> None:
         self._tell("session", self.session())
 
@@ -131,14 +140,31 @@ class Desk:
 
     async def attend(self) -> None:
         """Keep the devices connected and show them, until cancelled. What was under way goes on by itself."""
+        telling = asyncio.create_task(self._tell_while_apart(), name="tell of other robots")
         try:
             while True:
                 self._leave.clear()
+                await self._others.follow_all_but(self._robot)
                 await self._attend_once()
                 self._decided()
                 await asyncio.sleep(0.0 if self._leave.is_set() else _RETRY_S)
         finally:
+            telling.cancel()
+            await asyncio.wait({telling})
+            await self._others.end()
             await self._end_run()
+
+    async def _tell_while_apart(self) -> None:
+        """Tell of the other robots also while the selected one cannot be reached."""
+        while True:
+            if self._cell is None:
+                self._tell_live({"devices": []})
+            await asyncio.sleep(_RETRY_S)
+
+    def _tell_live(self, told: dict[str, Any]) -> None:
+        devices = [*told["devices"], *self._others.as_json()]
+        if devices:
+            self._tell("live", {"rev": self.rev, "at_s": time.time(), **told, "devices": devices})
 
     async def _attend_once(self) -> None:
         try:
@@ -177,9 +203,10 @@ class Desk:
             busy = self._busy
             await glance.look()
             await self._recording.look(cell, self._operator.prompt, glance.standing(), self._clock())
-            told = {**glance.as_json(), "record": self._recording.as_json()}
-            self._tell("live", {"rev": self.rev, "at_s": time.time(), **told})
-            await self._watch.look(cell, now_s=self._clock(), busy=busy)
+            self._tell_live({**glance.as_json(), "record": self._recording.as_json()})
+            allowed = await self._watch.look(cell, now_s=self._clock(), busy=busy)
+            if allowed is not None:
+                self._start_alone(cell, allowed)
             gone_since_s = self._gone(glance, gone_since_s, busy=busy)
             if gone_since_s is not None and self._clock() - gone_since_s > _RETRY_S:
                 raise DeskError(glance.robot.error or "the robot does not answer.", remedy="Check its cable.")
@@ -274,6 +301,7 @@ class Desk:
     def _select(self, robot: str) -> None:
         self._refuse_while_busy()
         self._robot = self._config.robot(robot).name
+        self._cell = None  # that of the robot before: nothing is begun on it any more
         self._run = None
         self._trouble = "connecting"
         self._leave.set()
@@ -295,6 +323,30 @@ class Desk:
         self._refuse_while_busy()
         if self._cell is None:
             raise DeskError(f"the cell cannot be used: {self._trouble}", remedy=self._remedy)
+        self._set_going(self._cell, order, who)
+
+    def _start_alone(self, cell: Cell, answer: PreparedAnswer) -> None:
+        """Start what the cell file allows; it answers what it can, and a person at any screen the rest."""
+        if answer.procedure is None or self._busy:
+            return
+        order = Start(op="start", procedure=answer.procedure, settings=answer.settings, hold_to_move=False)
+        operator = StandingAnswers(self._config.watch, cell.operator)
+        self._set_going(replace(cell, operator=operator), order, WATCH)
+
+    def _occupied(self, robot: str) -> str:
+        """Say what keeps the desk from starting anything by itself on a robot; runs are told of by the watch."""
+        if robot != self._robot:
+            return "another robot was selected at the desk"
+        outcome = None if self._run is None else self._run.outcome
+        if (
+            outcome is not None
+            and (outcome.get("judgement") or {}).get("to_sign")
+            and "signed" not in outcome
+        ):
+            return "the run before it waited for its signatures"
+        return ""
+
+    def _set_going(self, cell: Cell, order: Start | Resume, who: str) -> None:
         self._hold.wanted = order.hold_to_move
         self._gate.resume()
         if isinstance(order, Start):
@@ -304,10 +356,10 @@ class Desk:
             with open_journal(self._config) as journal:
                 view = Store(journal).run(order.run_id)
             entry = entry_named(view.procedure)
-        self._run = Running(entry.name, entry.title, hold_to_move=order.hold_to_move)
+        self._run = Running(entry.name, entry.title, who, hold_to_move=order.hold_to_move)
         if isinstance(order, Resume) and order.redo_from is None:
             self._run.found = [finding.step for finding in view.past.findings]
-        self._task = asyncio.create_task(self._conduct(self._cell, order, who, self._run), name="run")
+        self._task = asyncio.create_task(self._conduct(cell, order, who, self._run), name="run")
         self._decided()
 
     async def _conduct(self, cell: Cell, order: Start | Resume, who: str, run: Running) -> None:
@@ -383,7 +435,3 @@ class Desk:
 
 def _outcome(verdict: str, reason: str, remedy: str = "") -> dict[str, Any]:
     return {"verdict": verdict, "reason": reason, "remedy": remedy}
-
-
-def _robot(entry: Any) -> dict[str, Any]:
-    return {"name": entry.name, "model": entry.model, "serial": entry.serial}

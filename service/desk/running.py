@@ -17,6 +17,7 @@ class Running:
 
     procedure: str
     title: str
+    who: str  # began or resumed it; the watch and the service are told as such
     phases: tuple[Phase, ...] = ()
     run_id: str = ""
     state: str = "starting"  # starting, running, paused, ended
@@ -69,6 +70,7 @@ class Running:
             "id": self.run_id,
             "procedure": self.procedure,
             "title": self.title,
+            "who": self.who,
             "state": self.state,
             "step": self.step,
             "index": self.index,

@@ -1,45 +1,60 @@
-"""The desk's eye on the encoders: what `cellcal watch` sees, shown on every screen."""
+"""The desk's eye on the encoders: what `cellcal watch` sees, shown on every screen; and what it may start itself."""
 
-from typing import Any, cast
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 from drivers.errors import DeviceError
 from procedures.cell import Cell
 from service.configuration.cell_file import CellConfig
-from service.watching.answers_to_loss import PreparedAnswer, journal_detection, prepare_answer
-from service.watching.held_mastering import HeldMastering, journalled_mastering
-from service.watching.watch import LastHealthyCounts, PositionLoss, Watch, WatchedRobot
+from service.watching.answers_to_loss import PreparedAnswer, answer_to
+from service.watching.follow import Watches
+from service.watching.watch import PositionLoss
 
 
 class DeskWatch:
-    """Looks every period while no run has the robot; keeps what was lost until a run has mended it."""
+    """Looks every period while no run has the robot; keeps what was lost until a run has mended it.
 
-    def __init__(self, config: CellConfig, changed: Any) -> None:
-        self._config, self._changed = config, changed
-        self._watch: Watch | None = None
-        self._cell: Cell | None = None
+    ``occupied`` tells in words why nothing may be started alone on a robot just now; empty where nothing hinders.
+    """
+
+    def __init__(
+        self, config: CellConfig, changed: Callable[[str], None], occupied: Callable[[str], str]
+    ) -> None:
+        self._config, self._changed, self._occupied = config, changed, occupied
+        self.watches = Watches(config, self._on_loss)
         self._next_s = 0.0
         self._losses: dict[str, tuple[PositionLoss, PreparedAnswer]] = {}
+        self._allowed: PreparedAnswer | None = None
 
-    async def look(self, cell: Cell, *, now_s: float, busy: bool) -> None:
-        """Look once if it is time."""
-        if cell.mastering is None or now_s < self._next_s:
-            return
+    async def look(self, cell: Cell, *, now_s: float, busy: bool) -> PreparedAnswer | None:
+        """Look once if it is time; return the answer to a loss that it found, where that may be started alone."""
+        if now_s < self._next_s:
+            return None
         self._next_s = now_s + self._config.watch.period_s
-        if cell is not self._cell:
-            self._cell, self._watch = cell, self._new_watch(cell)
-        assert self._watch is not None
+        if cell.mastering is None:
+            await self.mend(cell.robot.name)
+            return None
+        watch = self.watches.of(cell.robot.name, cell.robot)
         if busy:
-            self._watch.forget_motion()
-            return
+            watch.forget_motion()
+            return None
+        self._allowed = None
         try:
-            condition = await cell.robot.condition()
-            await self._watch.look()
+            await watch.look()
+            await self.mend(cell.robot.name)
         except DeviceError:
+            return None
+        return self._allowed
+
+    async def mend(self, robot: str) -> None:
+        """Take a loss off the screens where a robot that was just looked at has none any more."""
+        if robot not in self._losses:
             return
-        mended = not condition.alarms and not self._watch.standing
-        if mended and cell.robot.name in self._losses and await self._is_mastered(cell):
-            del self._losses[cell.robot.name]
-            self._changed()
+        watch = self.watches.known(robot)
+        if watch is None or await watch.is_mended():
+            del self._losses[robot]
+            self._changed(robot)
 
     def as_json(self) -> list[dict[str, Any]]:
         """Return what was lost, and what is prepared for it."""
@@ -53,26 +68,17 @@ class DeskWatch:
                 "procedure": answer.procedure,
                 "settings": answer.settings,
                 "reasons": list(answer.reasons),
+                "alone_wanted": self._config.watch.recover_alone,
             }
             for loss, answer in self._losses.values()
         ]
 
-    def starts_alone(self, robot: str) -> PreparedAnswer | None:
-        """Return the answer that the cell file lets the service start by itself."""
-        found = self._losses.get(robot)
-        return found[1] if found is not None and found[1].starts_alone else None
-
-    def _new_watch(self, cell: Cell) -> Watch:
-        memory = LastHealthyCounts(self._config.cell.data_dir)
-        robot = cast(WatchedRobot, cell.robot)
-        held = HeldMastering(journalled_mastering(self._config, self._config.robot(cell.robot.name).serial))
-        return Watch(robot, memory, self._on_loss, period_s=self._config.watch.period_s, held=held)
-
     async def _on_loss(self, loss: PositionLoss) -> None:
-        journal_detection(self._config, loss)
-        self._losses[loss.robot] = (loss, prepare_answer(self._config, loss))
-        self._changed()
-
-    async def _is_mastered(self, cell: Cell) -> bool:
-        assert cell.mastering is not None
-        return (await cell.mastering.mastering()).mastered
+        answer, _ = answer_to(self._config, loss)
+        occupied = self._occupied(loss.robot)
+        if occupied:
+            answer = replace(answer, reasons=(*answer.reasons, occupied))
+        if answer.starts_alone:
+            self._allowed = answer
+        self._losses[loss.robot] = (loss, answer)
+        self._changed(loss.robot)

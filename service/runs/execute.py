@@ -29,6 +29,7 @@ class Where:
     operator: Operator
     robot: str | None = None
     on_event: OnEvent = ignore
+    actor: str = "service"  # who began it
 
 
 async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outcome:
@@ -36,7 +37,8 @@ async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outco
     # what is misspelt reaches no device
     spec = build_spec(where.config, where.config.robot(where.robot).name, procedure, settings)
     async with open_cell(where.config, where.operator, where.robot) as cell:
-        return await start_on(where.config, cell, procedure, spec, Conditions(where.on_event))
+        how = Conditions(where.on_event, actor=where.actor)
+        return await start_on(where.config, cell, procedure, spec, how)
 
 
 async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outcome:

@@ -1,7 +1,7 @@
 """What the journal says: runs, their findings and results, mastering records. Nothing is stored twice."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -76,6 +76,21 @@ class Store:
                 f"there is no run {run_id!r}", code="store.no_such_run", remedy="See `cellcal runs`."
             )
         return _view(events)
+
+    def last_begun_utc(self, procedure: str, robot_serial: str) -> str | None:
+        """Return when a procedure was begun last on a robot, however that run ended; raises as `kept`."""
+        self._journal.refuse_damaged()
+        return self._newest_utc(Kind.STARTED, lambda body: _is_of(body, procedure, robot_serial))
+
+    def last_kept_utc(self, what: str, robot_serial: str) -> str | None:
+        """Return when something of one kind was kept last of a robot; raises as `kept`."""
+        self._journal.refuse_damaged()
+        told = (what, robot_serial)
+        return self._newest_utc(Kind.STORED, lambda body: (body["what"], body["robot_serial"]) == told)
+
+    def _newest_utc(self, kind: Kind, right: Callable[[Any], bool]) -> str | None:
+        events = (event for event in reversed(self._journal.events()) if event.kind == kind)
+        return next((event.wall_utc for event in events if right(json.loads(event.body))), None)
 
     def newest(self, run_id: str) -> str:
         """Return the id of the newest run for ``last``, else the id itself."""
@@ -168,6 +183,11 @@ def stored_body(what: str, subject: str, robot_serial: str, value: Any) -> dict[
         "value": value,
         "sha256": sha256_of(value),
     }
+
+
+def _is_of(header: Mapping[str, Any], procedure: str, robot_serial: str) -> bool:
+    robot = header["cell"]["devices"][0]["identity"]["serial"]
+    return bool(header["procedure"] == procedure and robot == robot_serial)
 
 
 def _view(events: list[Event]) -> RunView:

@@ -1,6 +1,12 @@
-"""What is done about a loss: journalled, prepared, and started alone only where the cell file allows it."""
+"""What is done about a loss: journalled, prepared, and started alone only where the cell file allows it.
 
-from dataclasses import dataclass
+A recovery that was started alone is told by WATCH as who began it. What the cell file answers in it, and what waits
+for a person, stands in `standing_answers.py`.
+"""
+
+import logging
+from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Any
 from uuid import uuid4
 
@@ -9,11 +15,14 @@ from pydantic_core import to_jsonable_python
 from procedures.cell import MotionLevel
 from procedures.past import Kind
 from service.configuration.cell_file import CellConfig
-from service.runs.cell import open_journal
-from service.runs.store import stored_body
+from service.runs.cell import journal_path, open_journal
+from service.runs.journal import StoreError
+from service.runs.store import Store, stored_body
 from service.watching.watch import PositionLoss
 
+_LOG = logging.getLogger(__name__)
 DETECTION = "loss_detection"
+WATCH = "watch"  # who began a run that no person has started
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +38,17 @@ class PreparedAnswer:
     def starts_alone(self) -> bool:
         """Whether the service may start it by itself."""
         return self.procedure is not None and not self.reasons
+
+
+def answer_to(config: CellConfig, loss: PositionLoss) -> tuple[PreparedAnswer, str]:
+    """Prepare the answer to a loss and journal what was seen; return it and the entry's id (empty: there is none)."""
+    answer = prepare_answer(config, loss)
+    try:
+        return answer, journal_detection(config, loss)
+    except StoreError as error:  # the eyes on the encoders matter more
+        _LOG.warning("a loss of %s could not be journalled: %s", loss.robot, error)
+        hindrances = (*answer.reasons, "it could not be journalled")
+        return replace(answer, reasons=hindrances), ""
 
 
 def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
@@ -57,7 +77,7 @@ def journal_detection(config: CellConfig, loss: PositionLoss) -> str:
     }
     name = f"watch-{uuid4().hex[:12]}"
     with open_journal(config) as journal:
-        journal.append(name, Kind.STORED, stored_body(DETECTION, loss.robot, serial, seen), actor="watch")
+        journal.append(name, Kind.STORED, stored_body(DETECTION, loss.robot, serial, seen), actor=WATCH)
     return name
 
 
@@ -69,7 +89,12 @@ def _hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
         (not (seen.record_differs or seen.may_run_alone), f"{seen.mode.value} needs a person's judgement"),
         (loss.follows_another, "what was reported before it has not been cleared by anybody"),
         (seen.not_known, f"nobody here knows the alarm {', '.join(seen.not_known)}"),
+        (loss.during_run, "a run had the robot when it was lost: who works there has to judge"),
         (loss.last_healthy is None, "nobody saw the robot healthy before"),
+        (
+            _met_before(config, loss),
+            "it was reported or answered before, and the robot was not seen healthy since",
+        ),
         (not watch.recover_alone, "[watch] recover_alone is not set"),
         (not watch.cell_closed, "[watch] cell_closed is not confirmed"),
         (
@@ -79,3 +104,19 @@ def _hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
         (not motion.surroundings.known, "nobody said what stands in the cell ([robot.space])"),
     )
     return [why for stands, why in hindrances if stands]
+
+
+def _met_before(config: CellConfig, loss: PositionLoss) -> bool:
+    """Tell whether something was seen or begun since the robot was healthy last: a restart must not forget it."""
+    procedure, healthy = loss.suspicion.procedure, loss.last_healthy
+    if procedure is None or healthy is None or not journal_path(config).exists():
+        return False
+    serial = config.robot(loss.robot).serial
+    try:
+        with open_journal(config) as journal:
+            store = Store(journal)
+            met = (store.last_begun_utc(procedure, serial), store.last_kept_utc(DETECTION, serial))
+    except StoreError:  # what a damaged journal does not tell may have been
+        return True
+    healthy_utc = datetime.fromisoformat(healthy.seen_utc)
+    return any(at_utc is not None and datetime.fromisoformat(at_utc) > healthy_utc for at_utc in met)

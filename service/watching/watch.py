@@ -62,6 +62,7 @@ class PositionLoss:
     last_healthy: HealthyCounts | None
     suspicion: Suspicion = field(default_factory=lambda: suspect(()))
     follows_another: bool = False  # something was reported before it, and nobody has cleared that yet
+    during_run: bool = False  # the robot was not seen healthy since a run had it
 
 
 class LastHealthyCounts:
@@ -108,7 +109,10 @@ async def remember_healthy(robot: str, encoders: MasteringStore, memory: LastHea
 
 
 class Watch:
-    """Looks at one robot again and again; calls ``on_loss`` once for each loss it sees."""
+    """Looks at one robot again and again; calls ``on_loss`` once for each loss it sees.
+
+    It outlives a connection (`meet`): a robot that is switched off and mended is the one that was reported before.
+    """
 
     def __init__(
         self,
@@ -127,6 +131,8 @@ class Watch:
         self._drive: DriveTrain | None = None
         self._disk = ""  # what was wrong when the counts were to be kept
         self._reported: PositionLoss | None = None
+        self._after_run = False
+        self.condition = Condition(Readiness.UNREACHABLE)  # as it was at the last look
 
     async def run(self) -> None:
         """Watch until cancelled. An unreachable robot is no loss: it is looked for again."""
@@ -141,7 +147,7 @@ class Watch:
     async def look(self) -> PositionLoss | None:
         """Look once; return the loss if this look found a new one."""
         self._saved = self._memory.load(self._robot.name) or self._saved  # a run may have renewed it
-        condition = await self._robot.condition()
+        condition = self.condition = await self._robot.condition()
         if condition.readiness is Readiness.UNREACHABLE:
             self._seen = None
             return None
@@ -156,7 +162,7 @@ class Watch:
             trouble = await self._held.trouble(self._robot)
             found, suspicion = trouble or (None, suspicion)
         if found is None:
-            self._reported = None
+            self._reported, self._after_run = None, False
             return None
         alarms, before = condition.alarms, self._reported
         if before is not None:
@@ -165,7 +171,10 @@ class Watch:
             alarms = (*before.alarms, *alarms)  # an encoder that failed first may have been exchanged since
             graver = suspect(alarms)
             suspicion = suspicion if graver.mode is LossMode.MEMORY else graver
-        loss = PositionLoss(self._robot.name, found, alarms, self._saved, suspicion, before is not None)
+        loss = PositionLoss(
+            self._robot.name, found, alarms, self._saved, suspicion,
+            follows_another=before is not None, during_run=self._after_run,
+        )  # fmt: skip
         self._reported = loss
         await self._on_loss(loss)
         return loss
@@ -175,14 +184,27 @@ class Watch:
             self._warn(f"{self._robot.name}: {words}")
         self._warned = words
 
+    def meet(self, robot: WatchedRobot) -> None:
+        """Go on with the same robot over another connection."""
+        if robot is not self._robot:
+            self._robot, self._seen, self._drive = robot, None, None
+            if self._held is not None:
+                self._held.look_anew()
+
+    async def is_mended(self) -> bool:
+        """Whether the last look found nothing wrong, and the controller holds a mastering."""
+        if self.standing or self.condition.alarms or self.condition.readiness is Readiness.UNREACHABLE:
+            return False
+        return (await self._robot.mastering()).mastered
+
     @property
     def standing(self) -> bool:
         """Whether what was reported last was still so at the last look."""
         return self._reported is not None
 
     def forget_motion(self) -> None:
-        """Do not compare the next look with the last: the robot may have been moved on command meanwhile."""
-        self._seen = None
+        """Do not compare the next look with the last: a run has the robot, and may move it on command."""
+        self._seen, self._after_run = None, True
         if self._held is not None:
             self._held.look_anew()
 

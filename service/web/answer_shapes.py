@@ -187,6 +187,7 @@ class RunSeen(Shape):
     id: str
     procedure: str
     title: str
+    who: Annotated[str, Field(description="who began or resumed it: a name, `watch` or `service`")]
     state: Literal["starting", "running", "paused", "ended"]
     step: str
     index: int
@@ -225,7 +226,8 @@ class LossSeen(Shape):
     words: str
     procedure: str | None
     settings: Free
-    reasons: list[str]
+    reasons: Annotated[list[str], Field(description="why it was not started without a person")]
+    alone_wanted: Annotated[bool, Field(description="whether the cell file wants that (recover_alone)")]
 
 
 class SessionState(Shape):

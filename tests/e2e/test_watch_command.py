@@ -5,8 +5,14 @@ import os
 import sys
 from pathlib import Path
 
+from drivers.operator.scripted import ScriptedOperator
 from service.configuration.cell_file import read_cell_file
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from service.runs.cell import open_journal
+from service.runs.conduct import Verdict
+from service.runs.execute import Where, start
+from service.runs.store import Store
+from service.watching.answers_to_loss import WATCH
 from service.watching.watch import HealthyCounts, LastHealthyCounts
 
 PATIENCE_S = 120.0
@@ -33,7 +39,6 @@ async def first_seen(memory: LastHealthyCounts) -> HealthyCounts:
 async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> None:
     with free_address() as address:
         path = write_cell_file(tmp_path, address, seed=8, time_factor=500.0)
-    path.write_text(path.read_text().replace("recover_alone = true", "recover_alone = false"))
     memory = LastHealthyCounts(read_cell_file(path).cell.data_dir)
     async with running_fakes(path) as door:
         process = await asyncio.create_subprocess_exec(
@@ -57,6 +62,45 @@ async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> Non
         finally:
             process.terminate()
             await process.communicate()
+
+
+async def test_a_recovery_that_starts_alone_ends_at_the_first_question_where_nobody_is(
+    tmp_path: Path,
+) -> None:
+    with free_address() as address:
+        path = write_cell_file(tmp_path, address, seed=8, time_factor=1000.0)
+    allowed = "recover_alone = true\ncell_closed = true\nrecords_complete = true\nwire_stays_hooked = true\n"
+    path.write_text(path.read_text().replace("[watch]\n", f"[watch]\n{allowed}"))
+    config = read_cell_file(path)
+    async with running_fakes(path) as door:
+        hands = ScriptedOperator({"wire_is_hooked": "yes", "accept_plan": "yes"})
+        record = await start(Where(config, hands, "fanuc"), "mastering_record", {})
+        assert record.verdict is Verdict.PASSED
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "service", "watch", str(path), stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
+        )  # fmt: skip
+        try:
+            heard: list[str] = []
+            await until_said(process, "fanuc: watched", heard)
+            await asyncio.sleep(1.0)  # it looks five times a second
+            await door.fault("memory_loss")
+            await until_said(process, "The cell file allows it", heard)
+            await until_said(process, "nobody is at this terminal", heard)
+            await until_said(process, "Write the mastering data to the controller?", heard)
+            await until_said(process, "cellcal resume", heard)
+            await door.fault("protective_stop", device="ur")  # and it goes on watching
+            await until_said(process, "ur: protective stop", heard)
+        finally:
+            process.terminate()
+            await process.communicate()
+    with open_journal(config) as journal:
+        store = Store(journal)
+        run = store.run(store.newest("last"))
+        assert {event.actor for event in journal.events(run.run_id)} == {WATCH}
+    assert (run.procedure, run.state) == ("mastering_recovery", Verdict.CELL_FAILED)
+    last = run.past.findings[-1].step
+    assert last == "plan the final checks"  # it moved and measured; nothing was written
 
 
 async def test_of_a_robot_without_counts_its_stops_are_told_and_what_is_not_seen_is_said(

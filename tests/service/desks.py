@@ -14,11 +14,12 @@ from pydantic import TypeAdapter
 from service.configuration.cell_file import read_cell_file
 from service.demo.door import Door
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from service.demo.hands import lend_a_hand
 from service.desk.desk import Desk
 from service.desk.messages import Command
 
 COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
-PATIENCE_S = 90.0
+PATIENCE_S = 240.0  # a whole run, on a machine that has other work
 _TYPED = """driver = "file_import"
 source = "typed"
 instrument = "a wire with a display of its own"
@@ -34,7 +35,7 @@ class AtDesk:
     """Somebody at a screen."""
 
     def __init__(self, cell_file: Path, door: Door) -> None:
-        self.door = door
+        self.door, self.cell_file = door, cell_file
         self.seen: list[dict[str, Any]] = []
         self.live: dict[str, Any] = {}
         self._numbers = itertools.count(1)
@@ -114,3 +115,33 @@ def without_a_wire_to_the_gauge(cell_file: Path) -> None:
     name, place = re.search(r'name = ".*"', rest), rest[rest.index('robot = "fanuc"') :]
     assert name is not None
     cell_file.write_text(f"{head}[[gauge]]\n{name[0]}\n{_TYPED}{place}", encoding="utf-8")
+
+
+async def take_the_record(person: AtDesk) -> None:
+    await person.order(RECORD | {"hold_to_move": False})
+    await person.answer("wire_is_hooked")
+    await person.answer("accept_plan")
+    assert (await ended(person))["outcome"]["verdict"] == "passed"
+    await person.order({"op": "dismiss"})
+
+
+async def ended(person: AtDesk) -> dict[str, Any]:
+    run: dict[str, Any] = await person.until(
+        lambda session: session["run"] and session["run"]["outcome"] and session["run"]
+    )
+    return run
+
+
+async def say_yes_until_it_ends(person: AtDesk) -> list[str]:
+    """Do what the run asks for and say yes; return what was asked."""
+    asked = []
+    while prompt := await person.until(
+        lambda session: session["prompt"] or (session["run"]["outcome"] is not None and "over")
+    ):
+        if prompt == "over":
+            return asked
+        await lend_a_hand(person.door, prompt["key"], prompt["text"])
+        await person.order({"op": "answer", "prompt_id": prompt["id"]})
+        asked.append(prompt["key"])
+        await person.until(lambda session, last=prompt["id"]: (session["prompt"] or {}).get("id") != last)
+    return asked

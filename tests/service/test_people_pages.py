@@ -44,7 +44,7 @@ class OneQuestion:
         }
         run: dict[str, Any] = {"id": "run", "procedure": "mastering_recovery", "title": "Mastering recovery"}
         run |= {"state": "running", "step": "write mastering", "index": 1, "expected": 2, "phases": []}
-        run |= {"found": [], "events": [], "outcome": self.outcome, "hold_to_move": True}
+        run |= {"found": [], "who": "Anna", "events": [], "outcome": self.outcome, "hold_to_move": True}
         if self.outcome is not None:
             run["state"] = "ended"
         return {

@@ -173,7 +173,7 @@ async def test_signing_at_the_desk_writes_the_certificate_anew(tmp_path: Path) -
     outcome = await run_in(config, await recovering(), "mastering_recovery")
     issue(config, outcome.run_id)
     desk = Desk(config, lambda kind, content: None)
-    ended = Running("mastering_recovery", "Mastering recovery", run_id=outcome.run_id, state="ended")
+    ended = Running("mastering_recovery", "Mastering recovery", "Anna", run_id=outcome.run_id, state="ended")
     ended.outcome = {"judgement": outcome.judgement}
     desk._run = ended
     order = SignOff(op="sign", run_id=outcome.run_id, lines=tuple(outcome.judgement["to_sign"]))

@@ -18,7 +18,7 @@ from service.configuration.cell_file import CellConfig, read_cell_file
 from service.runs.backups import mastering_backups
 from service.runs.cell import open_journal
 from service.runs.journal import Journal
-from tests.service.browsers import comes, hold_to_rules_in_every_language
+from tests.service.browsers import comes, hold_to_rules, hold_to_rules_in_every_language
 from tests.service.steps import Pendant, asked, at_the_pages, let_go_early
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]

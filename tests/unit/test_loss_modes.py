@@ -2,18 +2,20 @@
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 
 from drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 from procedures.cell import MotionLevel
+from procedures.past import Kind
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.configuration.motion_config import RobotMotion
 from service.demo.fake_cell import write_cell_file
-from service.runs.cell import open_journal
+from service.runs.cell import journal_path, open_journal
 from service.runs.store import Store
-from service.watching.answers_to_loss import DETECTION, journal_detection, prepare_answer
+from service.watching.answers_to_loss import DETECTION, answer_to, journal_detection, prepare_answer
 from service.watching.loss_modes import LossMode, battery_warning, old_backup, suspect, wrong_robot
 from service.watching.watch import HealthyCounts, PositionLoss
 
@@ -26,7 +28,10 @@ HEALTHY = HealthyCounts("fanuc", (1, 2, 3, 4, 5, 6), 4, "2026-01-01T00:00:00+00:
 
 @pytest.fixture
 def config(tmp_path: Path) -> CellConfig:
-    return read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=60.0))
+    """Return a cell whose file lets recoveries start alone."""
+    found = read_cell_file(write_cell_file(tmp_path, "127.0.0.1", seed=1, time_factor=60.0))
+    allowed = {"recover_alone": True, "cell_closed": True}
+    return replace(found, watch=found.watch.model_copy(update=allowed))
 
 
 def loss(*alarms: Alarm, healthy: HealthyCounts | None = HEALTHY) -> PositionLoss:
@@ -74,6 +79,38 @@ def test_a_loss_after_something_that_nobody_cleared_is_left_to_a_person(config: 
     answer = prepare_answer(config, replace(loss(BATTERY), follows_another=True))
     assert not answer.starts_alone
     assert answer.reasons == ("what was reported before it has not been cleared by anybody",)
+
+
+def test_a_loss_during_a_run_is_left_to_whoever_works_there(config: CellConfig) -> None:
+    answer = prepare_answer(config, replace(loss(BATTERY), during_run=True))
+    assert answer.reasons == ("a run had the robot when it was lost: who works there has to judge",)
+
+
+def test_what_was_reported_or_begun_since_the_robot_was_healthy_starts_nothing_after_a_restart(
+    config: CellConfig,
+) -> None:
+    met = ("it was reported or answered before, and the robot was not seen healthy since",)
+    earlier = replace(HEALTHY, seen_utc=(datetime.now(UTC) - timedelta(hours=1)).isoformat())
+    first, _ = answer_to(config, loss(BATTERY, healthy=earlier))
+    again, _ = answer_to(config, loss(BATTERY, healthy=earlier))
+    assert first.starts_alone
+    assert again.reasons == met
+    later = replace(HEALTHY, seen_utc=datetime.now(UTC).isoformat())
+    assert prepare_answer(config, loss(BATTERY, healthy=later)).starts_alone
+    header = {"procedure": "mastering_recovery", "cell": {"devices": [{"identity": {"serial": "F-104711"}}]}}
+    with open_journal(config) as journal:
+        journal.append("run", Kind.STARTED, header)
+    assert prepare_answer(config, loss(BATTERY, healthy=later)).reasons == met
+
+
+def test_a_journal_that_is_damaged_may_hide_an_answer_and_starts_nothing(config: CellConfig) -> None:
+    journal_detection(config, loss(BATTERY))
+    path = journal_path(config)
+    path.write_bytes(b"no database" * 100)
+    answer, entry = answer_to(config, loss(BATTERY))
+    assert not answer.starts_alone
+    assert entry == ""
+    assert answer.reasons[-1] == "it could not be journalled"
 
 
 def test_an_exchanged_motor_is_prepared_and_left_to_a_person(config: CellConfig) -> None:

@@ -1,6 +1,6 @@
 """The watch sees a loss by three witnesses, once, and an unreachable robot is no loss."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pytest
@@ -94,6 +94,35 @@ async def test_a_loss_after_a_failing_encoder_is_told_too_and_may_mean_an_exchan
     assert (failing.suspicion.what, failing.follows_another) == (What.HELD, False)
     assert (lost.suspicion.what, lost.follows_another) == (What.LOST, True)
     assert (lost.suspicion.mode, lost.suspicion.axes) == (LossMode.MOTOR, (2,))
+
+
+async def test_a_failing_encoder_is_remembered_over_a_new_connection(arm: Controller, watch: Watch) -> None:
+    await watch.look()
+    arm.readiness, arm.alarms = Readiness.NOT_READY, (FAILS,)
+    await watch.look()
+    mended = replace(arm, readiness=Readiness.POSITION_LOST, alarms=(EMPTY,))
+    watch.meet(mended)  # type: ignore[arg-type]
+    lost = await watch.look()
+    assert lost is not None
+    assert (lost.follows_another, lost.suspicion.mode) == (True, LossMode.MOTOR)
+
+
+async def test_a_loss_is_of_a_run_until_the_robot_was_seen_healthy_after_it(
+    arm: Controller, watch: Watch
+) -> None:
+    await watch.look()
+    watch.forget_motion()
+    arm.readiness, arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
+    during = await watch.look()
+    assert not await watch.is_mended()
+    arm.readiness, arm.alarms = Readiness.READY, ()
+    await watch.look()
+    assert await watch.is_mended()
+    arm.readiness, arm.alarms = Readiness.POSITION_LOST, (EMPTY,)
+    after = await watch.look()
+    assert during is not None
+    assert after is not None
+    assert (during.during_run, after.during_run) == (True, False)
 
 
 async def test_a_loss_of_a_robot_that_did_not_hold_its_record_is_told_as_what_follows(

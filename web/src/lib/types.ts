@@ -46,6 +46,7 @@ export interface Run {
   id: string;
   procedure: string;
   title: string;
+  who: string; // began or resumed it; "watch" and "service" are no people
   state: "starting" | "running" | "paused" | "ended";
   step: string;
   index: number;
@@ -186,7 +187,8 @@ export interface Loss {
   words: string;
   procedure: string | null;
   settings: Record<string, unknown>;
-  reasons: string[];
+  reasons: string[]; // why it was not started alone
+  alone_wanted: boolean; // whether the cell file wants that at all
 }
 
 export interface Session {

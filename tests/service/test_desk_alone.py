@@ -1,0 +1,149 @@
+"""What the desk starts by itself after a loss, over real drivers and sockets: only what the cell file allows."""
+
+import asyncio
+import contextlib
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.configuration.cell_file import read_cell_file
+from service.runs.cell import open_journal
+from service.watching.answers_to_loss import WATCH
+from service.watching.standing_answers import CELL_FILE
+from service.watching.watch import LastHealthyCounts
+from tests.service.desks import RECORD, AtDesk, a_cell, ended, say_yes_until_it_ends, take_the_record
+
+ALONE = "recover_alone = true\ncell_closed = true\n"
+VOUCHED = f"{ALONE}records_complete = true\nwire_stays_hooked = true\n"
+
+
+@asynccontextmanager
+async def a_watching_desk(folder: Path, watch: str, *, record: bool = False) -> AsyncIterator[AtDesk]:
+    """Lend a desk of a cell whose [watch] table says more, once it has seen the robot healthy."""
+    async with a_cell(folder, time_factor=1000.0) as (path, door):
+        text = path.read_text(encoding="utf-8").replace("[watch]\n", f"[watch]\n{watch}")
+        path.write_text(text, encoding="utf-8")
+        person = AtDesk(path, door)
+        attending = asyncio.create_task(person.desk.attend())
+        try:
+            await person.until(lambda session: session["connection"]["connected"])
+            if record:
+                await take_the_record(person)
+            await a_healthy_look(person)
+            yield person
+        finally:
+            attending.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await attending
+
+
+async def a_healthy_look(person: AtDesk) -> None:
+    """Wait until the desk has looked at the robot, also since the run before: it looks five times a second."""
+    memory = LastHealthyCounts(read_cell_file(person.cell_file).cell.data_dir)
+    await person.until(lambda _: memory.load("fanuc"))
+    await asyncio.sleep(1.0)
+
+
+def journalled(folder: Path, run_id: str) -> tuple[set[str], dict[str, str]]:
+    """Return who acted in a run, and who answered its questions, by step."""
+    with open_journal(read_cell_file(folder / "cell.toml")) as journal:
+        events = journal.events(run_id)
+    bodies = [json.loads(event.body) for event in events]
+    values = [(body.get("step", ""), body.get("value")) for body in bodies]
+    answers = {step: value["who"] for step, value in values if isinstance(value, dict) and "who" in value}
+    return {event.actor for event in events}, answers
+
+
+async def test_a_closed_cell_recovers_its_memory_up_to_the_write_and_a_person_writes(tmp_path: Path) -> None:
+    async with a_watching_desk(tmp_path, VOUCHED, record=True) as person:
+        await person.door.fault("memory_loss")
+        run = await person.until(lambda session: session["run"])
+        assert (run["procedure"], run["who"], run["hold_to_move"]) == ("mastering_recovery", WATCH, False)
+        prompt = await person.until(lambda session: session["prompt"])
+        assert prompt["key"] == "accept_mastering"  # moved and measured alone; the write waits
+        assert person.session["losses"][0]["reasons"] == []
+        assert await say_yes_until_it_ends(person) == ["accept_mastering"]
+        run = await ended(person)
+        assert run["outcome"]["verdict"] == "passed"
+        await person.until(lambda session: not session["losses"])
+        actors, answers = journalled(tmp_path, run["id"])
+        assert WATCH in actors
+        told = {step: who for step, who in answers.items() if step.startswith("accept") or "counts" in step}
+        assert told.pop("accept the correction") == "Anna"
+        assert set(told.values()) == {CELL_FILE}
+        assert len(told) == 2  # newest counts, one plan
+
+
+async def test_where_hands_are_needed_everything_after_them_is_asked_of_a_person(tmp_path: Path) -> None:
+    async with a_watching_desk(tmp_path, VOUCHED, record=True) as person:
+        await person.door.fault("battery_loss", axes="all")
+        assert (await person.until(lambda session: session["run"]))["who"] == WATCH
+        asked = await say_yes_until_it_ends(person)
+        assert asked[0] == "new_battery"
+        assert {"power_cycle", "may_move", "accept_plan", "accept_mastering"} < {*asked}
+        assert (await ended(person))["outcome"]["verdict"] == "passed"
+        await person.until(lambda session: not session["losses"])
+
+
+async def test_what_nobody_vouched_for_is_asked_first_and_nothing_moves_before(tmp_path: Path) -> None:
+    async with a_watching_desk(tmp_path, ALONE, record=True) as person:
+        await person.door.fault("memory_loss")
+        prompt = await person.until(lambda session: session["prompt"])
+        assert (person.session["run"]["who"], prompt["key"]) == (WATCH, "saved_counts")
+        stood = await person.joints()
+        await person.answer("saved_counts")
+        await person.answer("wire_is_hooked")
+        await person.until(lambda session: (session["prompt"] or {}).get("key") == "accept_plan")
+        assert await person.joints() == stood
+        await person.order({"op": "stop"})
+        await ended(person)
+        await person.order({"op": "dismiss"})
+        await asyncio.sleep(1.0)  # the loss is looked at again and again, and nothing is begun a second time
+        assert person.session["run"] is None
+        assert person.session["losses"]
+
+
+@pytest.mark.parametrize(
+    ("watch", "faults", "reason"),
+    [
+        ("", [("memory_loss", {})], "[watch] recover_alone is not set"),
+        ("recover_alone = true\n", [("memory_loss", {})], "[watch] cell_closed is not confirmed"),
+        (VOUCHED, [("alarm", {"code": "SRVO-068", "axis": "J3"})], "M2 needs a person's judgement"),
+        (
+            VOUCHED,
+            [("alarm", {"code": "MOTN-017", "axis": "J3"}), ("memory_loss", {})],
+            "nobody here knows the alarm MOTN-017",
+        ),
+    ],
+)
+async def test_it_is_offered_and_not_started_where_the_cell_file_does_not_allow_it(
+    tmp_path: Path, watch: str, faults: list[tuple[str, dict[str, Any]]], reason: str
+) -> None:
+    async with a_watching_desk(tmp_path, watch) as person:
+        for fault, arguments in faults:
+            await person.door.fault(fault, device="fanuc", **arguments)
+        (loss,) = await person.until(lambda session: session["losses"])
+        assert reason in loss["reasons"]
+        assert loss["procedure"]
+        await asyncio.sleep(1.0)
+        assert person.session["run"] is None
+
+
+async def test_a_loss_during_a_run_is_left_to_whoever_works_there(tmp_path: Path) -> None:
+    async with a_watching_desk(tmp_path, VOUCHED) as person:
+        await person.order(RECORD | {"hold_to_move": False})
+        await person.until(lambda session: (session["prompt"] or {}).get("key") == "wire_is_hooked")
+        await person.door.fault("memory_loss")
+        await asyncio.sleep(1.0)
+        assert person.session["run"]["who"] == "Anna"
+        assert not person.session["losses"]  # the run has the robot
+        await person.order({"op": "stop"})
+        (loss,) = await person.until(lambda session: session["losses"])
+        assert "a run had the robot when it was lost: who works there has to judge" in loss["reasons"]
+        await person.order({"op": "dismiss"})
+        await asyncio.sleep(1.0)
+        assert person.session["run"] is None

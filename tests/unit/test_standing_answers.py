@@ -1,0 +1,55 @@
+"""What the cell file answers by itself in a recovery that the watch started, and from where on people answer."""
+
+import pytest
+
+from drivers.interfaces import Answer, Instruction, Question
+from drivers.operator.scripted import ScriptedOperator
+from procedures.mastering_record import HOOK_WIRE
+from procedures.mastering_recovery import AT_REFERENCE
+from procedures.recovery.waking import NEW_BATTERY, POWER_CYCLE, SLOW_MOTION
+from service.configuration.cell_file import WatchTable
+from service.watching.standing_answers import CELL_FILE, StandingAnswers
+
+PLAN = Instruction("accept_plan", "The robot will move.")
+NEWEST = Instruction("saved_counts", "Is no newer record at hand?")
+WRITE = Instruction("accept_mastering", "Write the mastering data to the controller?")
+YES = {
+    each.key: "yes"
+    for each in (PLAN, NEWEST, WRITE, HOOK_WIRE, NEW_BATTERY, POWER_CYCLE, SLOW_MOTION, AT_REFERENCE)
+}
+VOUCHED = WatchTable(recover_alone=True, cell_closed=True, records_complete=True, wire_stays_hooked=True)
+
+
+def operator(watch: WatchTable) -> StandingAnswers:
+    return StandingAnswers(watch, ScriptedOperator(YES | {"retry": "yes", "plate": "F-1"}, who="Anna"))
+
+
+async def test_a_checked_plan_and_what_was_vouched_for_need_nobody() -> None:
+    alone = operator(VOUCHED)
+    for asked in (NEWEST, HOOK_WIRE, PLAN):
+        assert await alone.confirm(asked) == Answer(CELL_FILE)
+
+
+@pytest.mark.parametrize(
+    "asked", [WRITE, NEW_BATTERY, POWER_CYCLE, SLOW_MOTION, AT_REFERENCE, Instruction("retry", "Try again?")]
+)
+async def test_hands_eyes_and_writes_are_a_persons_and_so_is_all_that_follows(asked: Instruction) -> None:
+    alone = operator(VOUCHED)
+    assert (await alone.confirm(PLAN)).who == CELL_FILE
+    assert (await alone.confirm(asked)).who == "Anna"
+    assert (await alone.confirm(PLAN)).who == "Anna"  # whoever was called may stand in the cell
+
+
+async def test_what_only_a_person_knows_ends_it_too() -> None:
+    alone = operator(VOUCHED)
+    assert (await alone.enter(Question("plate", "What does the plate say?"))).who == "Anna"
+    assert (await alone.confirm(PLAN)).who == "Anna"
+
+
+@pytest.mark.parametrize("asked", [NEWEST, HOOK_WIRE])
+async def test_what_nobody_vouched_for_is_asked(asked: Instruction) -> None:
+    assert (await operator(WatchTable(recover_alone=True, cell_closed=True)).confirm(asked)).who == "Anna"
+
+
+async def test_without_the_permission_no_plan_is_approved() -> None:
+    assert (await operator(WatchTable(wire_stays_hooked=True)).confirm(PLAN)).who == "Anna"
