@@ -16,7 +16,7 @@ from procedures.canonical import sha256_of
 from procedures.cell import Cell, MasteringBackup
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
-from procedures.recovery.recovery_verdict import RE_VERIFY
+from procedures.recovery.recovery_verdict import AFTER_MASTERING
 from procedures.run import RefusalError, Run
 from procedures.shown import on_page
 from procedures.steps.ask import accept
@@ -164,7 +164,7 @@ def _verdict(spec: MasteringUndo, result: UndoResult) -> Verdict:
         limits_from="equal or refused",
         not_verified=_NOT_VERIFIED,
         changes=_changes(result.joint_names, result.undone, result.restored),
-        to_sign=(RE_VERIFY,),
+        to_sign=AFTER_MASTERING,
     )
 
 
