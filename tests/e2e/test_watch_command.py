@@ -100,7 +100,7 @@ async def test_a_recovery_that_starts_alone_ends_at_the_first_question_where_nob
         assert {event.actor for event in journal.events(run.run_id)} == {WATCH}
     assert (run.procedure, run.state) == ("mastering_recovery", Verdict.CELL_FAILED)
     last = run.past.findings[-1].step
-    assert last == "plan the final checks"  # it moved and measured; nothing was written
+    assert last == "compare with drawn poses"  # it moved and measured; nothing was written
 
 
 async def test_of_a_robot_without_counts_its_stops_are_told_and_what_is_not_seen_is_said(

@@ -14,8 +14,8 @@ def concluded(result: dict[str, Any]) -> dict[str, Any]:
     """
     gate = [(check["name"], check["passed"]) for check in result["gate"]]
     record = result["record"] | {"epoch": 0, "sha256": ""}
-    flanks = result["flanks"] is not None
-    return result | {"robot_seconds": 0.0, "gate": gate, "record": record, "flanks": flanks}
+    there = {name: result[name] is not None for name in ("flanks", "drawn")}
+    return result | there | {"robot_seconds": 0.0, "gate": gate, "record": record}
 
 
 def same_end(found: dict[str, Any], wanted: dict[str, Any], interrupted: str) -> bool:
