@@ -23,6 +23,7 @@ from tests.service.test_pages import Looking
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("review pages")]
 Seen = tuple[Looking, Past]
+READINGS = 16 + 5  # of the arm's own target, and of the point of its tool
 RUNS = "rows => rows.map(row => row.dataset.run)"
 COLOUR_AT = """([x, y]) => {
     const plot = document.querySelector('[data-testid=residual-plot]'), canvas = plot.querySelector('canvas');
@@ -60,14 +61,14 @@ async def test_a_tap_puts_a_reading_back_and_takes_it_out_again(seen: Seen) -> N
     async with looks.page(f"#/history/{past.spoilt}") as page:
         at = await marks(page)
         card = page.get_by_test_id("residuals")
-        assert len(at) == 16
-        await expect(card).to_have_attribute("data-count", "16")
+        assert len(at) == READINGS
+        await expect(card).to_have_attribute("data-count", str(READINGS))
         await expect(card).to_have_attribute("data-signed", "true")
         fit = page.get_by_test_id("fit-u")
         signed = await fit.inner_text()  # of a review that is there, with its marks
         odd = int(SPOILT_STEP.split()[1]) - 1
         told = await tap(page, at[odd])
-        assert [p["used"] for p in told["points"]] == [True] * 16
+        assert [p["used"] for p in told["points"]] == [True] * READINGS
         await page.get_by_test_id("what-if").wait_for()
         await expect(card).to_have_attribute("data-signed", "false")
         await expect(fit).to_contain_text(signed)  # beside the other figure, and called signed
@@ -97,7 +98,7 @@ async def test_the_table_tells_and_does_the_same_as_the_plot(seen: Seen) -> None
         await marks(page)
         await page.get_by_test_id("residuals").locator("summary").click()
         rows = page.get_by_test_id("residual-table").locator("tbody tr")
-        await expect(rows).to_have_count(16)
+        await expect(rows).to_have_count(READINGS)
         await expect(page.locator("tr[data-outlier=true]")).to_have_count(1)
         review = (await looks.client.get(f"/api/runs/{past.spoilt}/review")).json()
         for i, point in enumerate(review["points"]):
