@@ -386,8 +386,8 @@ def _asked_for(args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> Any:
     return to_jsonable_python([[*map(words, args)], {name: words(given) for name, given in kwargs.items()}])
 
 
-def _goal_of(way: Any, *_: Any) -> Joints | None:
-    """Return where a move ends by its first input: a pose, or a way whose last corner is one."""
+def _goal_of(way: Any = None, *_: Any) -> Joints | None:
+    """Return where a move ends by its first input: a pose, or a way whose last corner is one; None: not told."""
     end = way[-1] if isinstance(way, tuple) and way and isinstance(way[-1], tuple) else way
     return end if isinstance(end, tuple) and all(isinstance(angle, float) for angle in end) else None
 

@@ -138,7 +138,7 @@ class Browser:
             self.session, self._fresh = content, True
             self.count += 1
         elif kind == "live":
-            self._record = content["record"]
+            self._record = content.get("record")  # not told while only other robots are reached
 
     def _screen(self) -> connect:
         known = "; ".join(f"{name}={token}" for name, token in self.client.cookies.items())
