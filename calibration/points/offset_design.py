@@ -12,6 +12,7 @@ import numpy as np
 
 from calibration.geometry import Array, Pose
 from calibration.points.fixture import placing_covariance, u_of
+from calibration.points.frame_design import FrameOutlook
 
 Triple = tuple[float, float, float]
 _POWER = 8  # its sum stands for the worst of both: it falls with every touch, where a maximum may stand still
@@ -29,16 +30,6 @@ class OffsetGoal:
     angle_u_rad: float
 
 
-@dataclass(frozen=True, slots=True)
-class OffsetOutlook:
-    """What to touch again, in order, until the goal is met; and what will be known then."""
-
-    again: tuple[int, ...]  # indices of points; may hold one several times
-    reached: bool
-    origin_u_m: float
-    angle_u_rad: float
-
-
 def point_covariance(touches: Sequence[int], sigma_m: float, given_sigma_m: float) -> Array:
     """Return (3n, 3n) [m^2] of points that were touched so many times each, against where they were given."""
     variances = given_sigma_m**2 + sigma_m**2 / np.array(touches, dtype=float)
@@ -48,7 +39,7 @@ def point_covariance(touches: Sequence[int], sigma_m: float, given_sigma_m: floa
 
 def offset_outlook(
     points_in_frame_m: Sequence[Triple], touches: Sequence[int], goal: OffsetGoal, most: int
-) -> OffsetOutlook:
+) -> FrameOutlook:
     """Return which points to touch again so that the goal is met with few touches.
 
     Parameters
@@ -76,7 +67,7 @@ def offset_outlook(
         best = int(np.argmin([float((share**_POWER).sum()) for share in after]))
         counts, shares = _one_more(counts, best), after[best]
         again.append(best)
-    return OffsetOutlook(
+    return FrameOutlook(
         again=tuple(again),
         reached=bool(shares.max() <= 1.0),
         origin_u_m=float(shares[0]) * goal.origin_u_m,

@@ -10,10 +10,10 @@ from pydantic import Field
 from calibration.errors import CalibrationError
 from calibration.geometry import Pose, log_rotation
 from calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
+from calibration.points.frame_design import FrameOutlook
 from calibration.points.frames import frame_offset as offset_between
 from calibration.points.offset_design import (
     OffsetGoal,
-    OffsetOutlook,
     offset_outlook,
     point_covariance,
     rounds_touches,
@@ -145,7 +145,7 @@ def _refuse_below(base_frame: Pose, above_m: Triple) -> None:
         )
 
 
-def outlook(spec: FrameOffset, points: tuple[Triple, ...]) -> OffsetOutlook:
+def outlook(spec: FrameOffset, points: tuple[Triple, ...]) -> FrameOutlook:
     """Return what is worth touching again once every point was touched."""
     return offset_outlook(points, [1] * len(points), spec.goal, spec.most)
 
