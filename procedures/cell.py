@@ -60,8 +60,13 @@ class MotionMemory:
     """What the gate remembers of one entry into a run."""
 
     approved: bool = False  # a person has said yes to the plan, or to moving from where the robot stands
+    agreed_at_s: float | None = None  # when somebody last said yes to motion; None: nobody has, or was asked
     epoch: int | None = None
     frames: ActiveFrames | None = None  # None: nobody has looked
+
+    def agree(self, now_s: float) -> None:
+        """Note that a person has just said yes to motion that was shown or told."""
+        self.approved, self.agreed_at_s = True, now_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -326,7 +326,8 @@ class Run:
         )
         text = f"{doubt}Look at the robot. May it move from where it stands? Next: {name}."
         await self._confirm(Instruction("may_move", text), name)
-        book.cleared = book.cell.motion.approved = True
+        book.cleared = True
+        book.cell.motion.agree(asyncio.get_running_loop().time())
 
     async def _may_retry(self, name: str, error: CellError) -> bool:
         text = f"{error} Look at the robot. Try '{name}' again?"

@@ -34,6 +34,7 @@ HAND_TOLERANCE_RAD = 0.0087266  # 0.5 deg: what a person sets on a pendant
 SLACK_SHARE = 0.5  # of the distances that plans keep: an arm comes to rest beside its target by up to 0.1 deg
 WRAP_RAD = 9.424778  # 540 deg: a plan winds the wire by up to 270 to either side of where it began
 STALE_S = 1.0
+AGREED_S = 8 * 3600.0  # a shift: whoever agreed to motion before that has gone home
 SLOWEST_RAD_S = 1e-5
 _STRAIGHT = 0.01  # smallest singular value of the Jacobian on a straight move; about 5 deg at a wrist
 
@@ -278,7 +279,11 @@ def _hold(cell: Cell) -> None:
 async def _approved(
     cell: Cell, here_rad: Joints | None, way_rad: Sequence[Joints], speed_rad_s: float
 ) -> None:
-    """Have a person agree to each single move, unless a plan was approved or the shapes of the cell are known."""
+    """Have a person agree to each single move, unless a plan was approved or the shapes of the cell are known.
+
+    What was agreed to a shift ago is asked again, whatever it was: a run may have waited over night.
+    """
+    await _recently(cell, here_rad)
     if cell.surroundings.known or cell.motion.approved:
         return
     deltas = "" if here_rad is None else _turns(here_rad, way_rad[-1])
@@ -289,6 +294,24 @@ async def _approved(
     stood = await _counts(cell) if here_rad is None else None
     await ask(cell, Instruction("approve_move", text))
     await _as_asked(cell, here_rad, stood)
+
+
+async def _recently(cell: Cell, here_rad: Joints | None) -> None:
+    memory = cell.motion
+    if memory.agreed_at_s is None:
+        memory.agreed_at_s = _now()  # this entry's first move; the cell file allows it
+    if _now() - memory.agreed_at_s <= AGREED_S:
+        return
+    stood = await _counts(cell) if here_rad is None else None
+    await ask(
+        cell,
+        Instruction(
+            "may_still_move",
+            "This run was allowed to move the robot more than 8 hours ago. Look at the robot. May it move?",
+        ),
+    )
+    await _as_asked(cell, here_rad, stood)
+    memory.agree(_now())
 
 
 async def _as_asked(cell: Cell, here_rad: Joints | None, stood: Counts | None) -> None:

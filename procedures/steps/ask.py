@@ -1,5 +1,7 @@
 """Steps that ask the technician."""
 
+import asyncio
+
 from drivers.errors import RefusedError
 from drivers.interfaces import Answer, Instruction, Question
 from procedures.cell import Cell
@@ -31,12 +33,16 @@ async def accept(cell: Cell, instruction: Instruction, what_sha256: str) -> Answ
     """Have a person accept exactly what is shown: its hash is journalled with the answer."""
     del what_sha256  # an input of the step: on replay it must be the same
     answer = await ask(cell, instruction)
-    cell.motion.approved = True  # a plan that was shown; any fault takes the approval back
+    cell.motion.agree(_now())  # to a plan that was shown; any fault takes the approval back
     return answer
 
 
 async def let_move(cell: Cell, instruction: Instruction) -> Answer:
     """Have a person look at the robot and agree to moves that are told in words, since no plan can be made."""
     answer = await ask(cell, instruction)
-    cell.motion.approved = True
+    cell.motion.agree(_now())
     return answer
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()

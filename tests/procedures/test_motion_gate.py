@@ -213,6 +213,24 @@ async def test_without_known_obstacles_each_move_is_asked_for_until_a_plan_is_ap
     assert made.arm.moves == ["move", "move"]
 
 
+async def test_what_was_agreed_to_a_shift_ago_is_asked_again_and_holds_for_another() -> None:
+    made = standing()
+    now_s = asyncio.get_running_loop().time()
+    await move_along(made.cell, [THERE], 0.1)
+    made.cell.motion.agree(now_s - 7.9 * 3600)
+    await move_along(made.cell, [HERE], 0.1)
+    assert made.hands.asked == []
+    made.cell.motion.agree(now_s - 8.1 * 3600)
+    await move_along(made.cell, [THERE], 0.1)
+    await move_along(made.cell, [HERE], 0.1)
+    assert made.hands.asked == ["may_still_move"]
+    made.cell.motion.agree(now_s - 8.1 * 3600)
+    made.hands.refuses.add("may_still_move")
+    with pytest.raises(DeclinedError):
+        await move_along(made.cell, [THERE], 0.1)
+    assert made.arm.moves == ["move"] * 4
+
+
 async def test_no_part_of_the_arm_is_faster_than_its_cap() -> None:
     made = standing()
     speeds = []
