@@ -6,22 +6,15 @@ well enough over the work, or when it is shown that it cannot be. Poses that are
 """
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Annotated
+from dataclasses import replace
 
-from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose
-from calibration.poses.calibrated_arm import CalibratedArm
 from drivers.interfaces import Instruction, Joints, MasteringData
 from procedures.arm.arm_bench import (
     READY,
     ArmCapture,
     Bench,
-    Method,
-    Triple,
     bench_before,
     of_target,
     read_bench,
@@ -36,25 +29,20 @@ from procedures.arm.arm_pages import (
     zero_displacement,
 )
 from procedures.arm.arm_series import Visits
+from procedures.arm.calibration_order import CalibrationResult, RobotCalibration
 from procedures.arm.calibration_plan import (
     CalibrationPlan,
     Choice,
-    Goal,
-    ModelName,
     Series,
     Standing,
     choose_poses,
     plan_series,
 )
 from procedures.arm.calibration_result import Identified, after_mastering, errors_after, identify_arm
-from procedures.arm.series_rules import SeriesRules
-from procedures.arm.tool_plan import ToolGoal
+from procedures.arm.calibration_verdict import verdict_on_calibration
 from procedures.arm.tool_series import measure_points
 from procedures.arm.tool_write import (
-    UNTOLD_AXES,
     ToolOrder,
-    WrittenTool,
-    tool_figures,
     tool_words,
     why_not_written,
     write_tool,
@@ -62,8 +50,8 @@ from procedures.arm.tool_write import (
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
-from procedures.judged_write import WriteAnyway, frame_changes, refuse_failed, with_verdict
-from procedures.limits import CHECK, TOOL, AccuracyClass, CheckLimits, ToolLimits, chosen, told
+from procedures.judged_write import refuse_failed, with_verdict
+from procedures.limits import CHECK, chosen
 from procedures.motion.plan_words import Tour, plan_words
 from procedures.run import NeedsUnmetError, RefusalError, Run
 from procedures.steps.ask import accept, ask
@@ -71,88 +59,9 @@ from procedures.steps.pages import plan_page, with_changes
 from procedures.steps.write import read_tool_frame, restore_mastering, still_in_force, write_mastering
 from procedures.verdict import (
     FAIL,
-    Change,
-    Characteristic,
-    SetAside,
-    Verdict,
-    enough,
-    held,
-    judged,
-    known_within,
-    stated,
 )
 
 FINAL_POSES = 3
-
-
-@dataclass(frozen=True, slots=True)
-class RobotCalibration:
-    """With what to measure, what to find, how well it must be known, and how the series is conducted."""
-
-    method: Method = "wire"
-    model: ModelName = "sag"  # offsets | geometry | sag: what may be wrong with the arm
-    tip_u_m: Annotated[float, Field(gt=0, le=0.1)] | None = (
-        0.0004  # U (k = 2) of the target over the work, RMS
-    )
-    offset_sigma_rad: Annotated[float, Field(gt=0, le=0.1)] | None = (
-        None  # acceptance angular standard deviation
-    )
-    offsets_of: tuple[str, ...] = ()  # "J2 offset"; none: all of them
-    accuracy_class: AccuracyClass = "B"
-    limits: CheckLimits | None = None
-    write_zeros: bool = False  # as mastering, where zeros alone explain the readings
-    # Of the end-effector, from the tip, measured in between: three for the whole tool frame, one for x, y, z only.
-    points_in_tool_m: Annotated[tuple[Triple, ...], Field(max_length=12)] = ()
-    rough_flange_tool: Pose | None = (
-        None  # by drawing or tape measure; with one point its orientation is kept
-    )
-    tool_number: Annotated[int, Field(ge=0, le=99)] | None = None  # to write it to; none: it is not written
-    tool_limits: ToolLimits | None = None
-    write_anyway: WriteAnyway = ""  # the tool frame
-    rules: SeriesRules = field(default_factory=SeriesRules)
-
-    def goal(self) -> Goal:
-        """Return when the series may end."""
-        if self.tip_u_m is None and self.offset_sigma_rad is None:
-            raise CalibrationError(
-                "nothing is asked for: neither tip_u_m nor offset_sigma_rad.",
-                remedy="Set one of them.",
-                code="usage",
-            )
-        return Goal(self.tip_u_m, self.offset_sigma_rad, self.offsets_of, self.model, self._tool_goal())
-
-    def _tool_goal(self) -> ToolGoal | None:
-        points, rough, limits = self.points_in_tool_m, self.rough_flange_tool, self.limits_of_tool()
-        if not points and self.tool_number is None:
-            return None
-        if rough is None or not points:
-            raise CalibrationError(
-                "a tool frame is found by points of the end-effector and roughly known places of them.",
-                remedy="Set points_in_tool_m and rough_flange_tool, or leave tool_number out.",
-                code="usage",
-            )
-        return ToolGoal(rough, points, limits.tip_m, limits.orientation_rad, self.rules.point_sigma_m)
-
-    def limits_of_tool(self) -> ToolLimits:
-        """Return by what the tool frame is judged."""
-        return chosen(TOOL, self.accuracy_class, self.tool_limits)
-
-
-@dataclass(frozen=True, slots=True)
-class CalibrationResult:
-    """The arm as identified, why the series ended, and what was written."""
-
-    identified: Identified
-    arm: CalibratedArm  # as it holds now; other zeros than ``identified`` has where they were written
-    goal_reached: bool
-    why_ended: str
-    set_aside: tuple[SetAside, ...]
-    bench: Bench
-    written: MasteringData | None = None
-    final_rms_m: float | None = None  # at poses gone to again after the zeros were written
-    moved_m: float | None = None  # the first pose, measured again at the end
-    tool: WrittenTool | None = None
-    tool_not_written: str = ""  # why, where it was to be
 
 
 async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResult:
@@ -182,7 +91,7 @@ async def robot_calibration(run: Run, spec: RobotCalibration) -> CalibrationResu
         bench,
         moved_m=moved_m,
     )
-    shown = with_verdict(_shown_result(result), _verdict(spec, result), "Keep the parameters?")
+    shown = with_verdict(_shown_result(result), verdict_on_calibration(spec, result), "Keep the parameters?")
     await run.step("accept the result", accept, shown, sha256_of(to_jsonable_python(identified)))
     if spec.write_zeros:
         result = await _write_zeros(run, spec, series, visits, result)
@@ -200,7 +109,7 @@ async def _with_tool(
     run: Run, spec: RobotCalibration, result: CalibrationResult, order: ToolOrder
 ) -> CalibrationResult:
     """Write the tool frame where it is proved; else say in the result why it stays as it is: the arm is found."""
-    found, verdict = result.identified.tool, _verdict(spec, result)
+    found, verdict = result.identified.tool, verdict_on_calibration(spec, result)
     assert found is not None  # a number is refused without points
     why_not = why_not_written(found, verdict, order)
     if why_not:
@@ -263,7 +172,7 @@ async def _write_zeros(
     """Write the joint zeros as mastering and look again; take them back where the robot is not where it should be."""
     found, bench = result.identified, series.bench
     _refuse_zeros(found, bench)
-    verdict = _verdict(spec, result)
+    verdict = verdict_on_calibration(spec, result)
     refuse_failed(verdict, None, result)
     question = "Write them as the robot's mastering? Taught positions move with them."
     shown = with_verdict(_shown_zeros(found), verdict, question, writes=True)
@@ -394,91 +303,9 @@ def _point_phases(spec: RobotCalibration) -> tuple[Phase, ...]:
 def _keeps(spec: RobotCalibration, result: CalibrationResult) -> tuple[Keepsake, ...]:
     tool = result.tool
     kept = () if tool is None else (Keepsake("tool_frame", str(tool.tool_number), tool),)
-    if _verdict(spec, result).word is FAIL:
+    if verdict_on_calibration(spec, result).word is FAIL:
         return kept
     return (Keepsake("parameter_set", result.arm.robot_serial, result.arm), *kept)
-
-
-def _verdict(spec: RobotCalibration, result: CalibrationResult) -> Verdict:
-    found, out = result.identified, result.identified.hold_out
-    limits = chosen(CHECK, spec.accuracy_class, spec.limits)
-    seen = "along the wire" if spec.method == "wire" else "a coordinate"
-    doubt_m = out.after_rms_m / math.sqrt(2.0 * out.degrees_of_freedom)
-    return Verdict(
-        (
-            judged(
-                f"RMS error at poses that were not fitted, {seen}", out.after_rms_m, "m",
-                u=doubt_m, limit=limits.check_rms_m, degrees_of_freedom=out.degrees_of_freedom,
-            ),
-            held(
-                "the check poses agree with the stated uncertainty", out.as_predicted,
-                "chi square of the errors against what was predicted, 99.9 %", found=out.chi_square,
-            ),
-            *_goals(spec, found),
-            *(() if found.tool is None else tool_figures(found.tool, spec.limits_of_tool())),
-            stated("largest error at poses that were not fitted", out.after_max_m, "m"),
-            stated("residual of the fit", found.residual_rms_m, "m", rule="no accuracy"),
-            stated("first pose, measured again at the end", result.moved_m or 0.0, "m", rule="else refused"),
-            *_zeros(found),
-        ),
-        limits_from=told(spec.accuracy_class, spec.limits),
-        not_verified=_not_verified(spec, result),
-        remarks=(found.saving, *((result.why_ended,) if result.why_ended else ()), *_of_tool(result)),
-        changes=(
-            Change("RMS error at check poses", out.before_rms_m, out.after_rms_m, "m"),
-            Change("largest error at check poses", out.before_max_m, out.after_max_m, "m"),
-            *(() if result.tool is None else frame_changes(result.tool.before, result.tool.read_back)),
-        ),
-        set_aside=result.set_aside,
-        to_sign=("Taught positions were checked after the zeros were written.",) if result.written else (),
-    )  # fmt: skip
-
-
-def _goals(spec: RobotCalibration, found: Identified) -> tuple[Characteristic, ...]:
-    figures = []
-    if spec.tip_u_m is not None:
-        name = "target over the work, RMS of what the parameters leave open"
-        figures.append(known_within(name, "m", u=found.tip_u_m / 2.0, limit=spec.tip_u_m))
-    if spec.offset_sigma_rad is not None:
-        rule = "upper 95 % limit of the deviation of every joint zero asked for; else measure more"
-        largest = max(
-            (o.u_rad / 2.0 for o in found.offsets if not spec.offsets_of or o.name in spec.offsets_of),
-            default=0.0,
-        )
-        holds, limit = found.offsets_accepted == "pass", spec.offset_sigma_rad
-        figures.append(
-            enough(
-                "acceptance angular standard deviation", holds, rule, found=largest, limit=limit, unit="rad"
-            )
-        )
-    return tuple(figures)
-
-
-def _of_tool(result: CalibrationResult) -> tuple[str, ...]:
-    found, not_written = result.identified.tool, result.tool_not_written
-    if found is None:
-        return ()
-    counts = ", ".join(map(str, found.captures))
-    told = f"Captures at the points of the end-effector: {counts}"
-    return (told, *((f"The tool frame was not written: {not_written}",) if not_written else ()))
-
-
-def _zeros(found: Identified) -> tuple[Characteristic, ...]:
-    known = (offset for offset in found.offsets if offset.known)
-    return tuple(stated(f"{o.name}, true minus shown", o.value_rad, "rad", u=o.u_rad / 2.0) for o in known)
-
-
-def _not_verified(spec: RobotCalibration, result: CalibrationResult) -> tuple[str, ...]:
-    hidden = tuple(
-        f"{h.parameter} cannot be told{f' from {h.partner}' if h.partner else ''}: {h.cure}"
-        for h in result.identified.hidden
-    )
-    if result.identified.tool is not None and result.identified.tool.placed is None:
-        hidden = (UNTOLD_AXES, *hidden)
-    if spec.method == "wire":
-        scale = "lengths of the arm and the scale of the wire are told apart by the wire's certificate only"
-        return ("The check poses saw the error along the wire, not across it.", scale, *hidden)
-    return ("Where the tracker stands was fitted: base and tool of the robot are not verified.", *hidden)
 
 
 def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
@@ -520,6 +347,6 @@ ENTRY = Entry(
     needs=("moves_joints", "model", "sees_the_flange"),
     outline=_outline,
     keeps=_keeps,
-    verdict=_verdict,
+    verdict=verdict_on_calibration,
     forecast=_forecast,
 )

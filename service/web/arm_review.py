@@ -25,8 +25,8 @@ from calibration.poses.arm_fit import ArmTask, errors_at, outlook_from, placed, 
 from calibration.poses.measurement_poses import Outlook, TestPoses
 from calibration.registration import best_fit_transform
 from procedures.arm.arm_bench import ArmCapture, Bench, observed
+from procedures.arm.calibration_order import RobotCalibration
 from procedures.arm.calibration_plan import fitted, task_of
-from procedures.robot_calibration import RobotCalibration
 from service.runs.store import RunView
 from service.web.review_shapes import (
     CheckPoint,

@@ -14,6 +14,7 @@ from calibration.points.alignment import Alignment
 from drivers.interfaces import Counts, MasteringData
 from procedures.accuracy_check import AccuracyCheck, CheckRules
 from procedures.arm.arm_bench import Method
+from procedures.arm.calibration_order import RobotCalibration
 from procedures.arm.drift_plan import DriftRules
 from procedures.arm.series_rules import SeriesRules
 from procedures.base_to_base import BaseToBaseSpec
@@ -26,7 +27,6 @@ from procedures.limits import FrameLimits
 from procedures.mastering_record import MasteringRecordSpec, mastering_record
 from procedures.mastering_recovery import MasteringRecoverySpec
 from procedures.mastering_undo import MasteringUndo, mastering_sha256
-from procedures.robot_calibration import RobotCalibration
 from procedures.run import Run
 from procedures.simulation_cell import SimulationCell
 from procedures.six_point_tcp import SixPointTcp

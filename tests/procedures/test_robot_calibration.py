@@ -9,12 +9,13 @@ import pytest
 from calibration.errors import CalibrationError
 from calibration.geometry import Pose
 from procedures.arm.arm_motion import Roadmap
+from procedures.arm.calibration_order import CalibrationResult, RobotCalibration
 from procedures.arm.calibration_result import HoldOut
 from procedures.arm.series_rules import SeriesRules
 from procedures.forecast import Knowledge
 from procedures.limits import ToolLimits
 from procedures.progress import Progress
-from procedures.robot_calibration import ENTRY, CalibrationResult, RobotCalibration, robot_calibration
+from procedures.robot_calibration import ENTRY, robot_calibration
 from procedures.run import RefusalError, Run
 from procedures.steps.measure_point import StationMovedError
 from tests.procedures.cells import (

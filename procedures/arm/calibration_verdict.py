@@ -1,0 +1,93 @@
+"""What a robot's calibration may claim, and what nobody could look at."""
+
+import math
+
+from procedures.arm.calibration_order import CalibrationResult, RobotCalibration
+from procedures.arm.calibration_result import Identified
+from procedures.arm.tool_write import UNTOLD_AXES, tool_figures
+from procedures.judged_write import frame_changes
+from procedures.limits import CHECK, chosen, told
+from procedures.verdict import Change, Characteristic, Verdict, enough, held, judged, known_within, stated
+
+
+def verdict_on_calibration(spec: RobotCalibration, result: CalibrationResult) -> Verdict:
+    """Return the verdict: by poses that were not fitted, and by what was asked for."""
+    found, out = result.identified, result.identified.hold_out
+    limits = chosen(CHECK, spec.accuracy_class, spec.limits)
+    seen = "along the wire" if spec.method == "wire" else "a coordinate"
+    doubt_m = out.after_rms_m / math.sqrt(2.0 * out.degrees_of_freedom)
+    return Verdict(
+        (
+            judged(
+                f"RMS error at poses that were not fitted, {seen}", out.after_rms_m, "m",
+                u=doubt_m, limit=limits.check_rms_m, degrees_of_freedom=out.degrees_of_freedom,
+            ),
+            held(
+                "the check poses agree with the stated uncertainty", out.as_predicted,
+                "chi square of the errors against what was predicted, 99.9 %", found=out.chi_square,
+            ),
+            *_goals(spec, found),
+            *(() if found.tool is None else tool_figures(found.tool, spec.limits_of_tool())),
+            stated("largest error at poses that were not fitted", out.after_max_m, "m"),
+            stated("residual of the fit", found.residual_rms_m, "m", rule="no accuracy"),
+            stated("first pose, measured again at the end", result.moved_m or 0.0, "m", rule="else refused"),
+            *_zeros(found),
+        ),
+        limits_from=told(spec.accuracy_class, spec.limits),
+        not_verified=_not_verified(spec, result),
+        remarks=(found.saving, *((result.why_ended,) if result.why_ended else ()), *_of_tool(result)),
+        changes=(
+            Change("RMS error at check poses", out.before_rms_m, out.after_rms_m, "m"),
+            Change("largest error at check poses", out.before_max_m, out.after_max_m, "m"),
+            *(() if result.tool is None else frame_changes(result.tool.before, result.tool.read_back)),
+        ),
+        set_aside=result.set_aside,
+        to_sign=("Taught positions were checked after the zeros were written.",) if result.written else (),
+    )  # fmt: skip
+
+
+def _goals(spec: RobotCalibration, found: Identified) -> tuple[Characteristic, ...]:
+    figures = []
+    if spec.tip_u_m is not None:
+        name = "target over the work, RMS of what the parameters leave open"
+        figures.append(known_within(name, "m", u=found.tip_u_m / 2.0, limit=spec.tip_u_m))
+    if spec.offset_sigma_rad is not None:
+        rule = "upper 95 % limit of the deviation of every joint zero asked for; else measure more"
+        largest = max(
+            (o.u_rad / 2.0 for o in found.offsets if not spec.offsets_of or o.name in spec.offsets_of),
+            default=0.0,
+        )
+        holds, limit = found.offsets_accepted == "pass", spec.offset_sigma_rad
+        figures.append(
+            enough(
+                "acceptance angular standard deviation", holds, rule, found=largest, limit=limit, unit="rad"
+            )
+        )
+    return tuple(figures)
+
+
+def _of_tool(result: CalibrationResult) -> tuple[str, ...]:
+    found, not_written = result.identified.tool, result.tool_not_written
+    if found is None:
+        return ()
+    counts = ", ".join(map(str, found.captures))
+    told = f"Captures at the points of the end-effector: {counts}"
+    return (told, *((f"The tool frame was not written: {not_written}",) if not_written else ()))
+
+
+def _zeros(found: Identified) -> tuple[Characteristic, ...]:
+    known = (offset for offset in found.offsets if offset.known)
+    return tuple(stated(f"{o.name}, true minus shown", o.value_rad, "rad", u=o.u_rad / 2.0) for o in known)
+
+
+def _not_verified(spec: RobotCalibration, result: CalibrationResult) -> tuple[str, ...]:
+    hidden = tuple(
+        f"{h.parameter} cannot be told{f' from {h.partner}' if h.partner else ''}: {h.cure}"
+        for h in result.identified.hidden
+    )
+    if result.identified.tool is not None and result.identified.tool.placed is None:
+        hidden = (UNTOLD_AXES, *hidden)
+    if spec.method == "wire":
+        scale = "lengths of the arm and the scale of the wire are told apart by the wire's certificate only"
+        return ("The check poses saw the error along the wire, not across it.", scale, *hidden)
+    return ("Where the tracker stands was fitted: base and tool of the robot are not verified.", *hidden)
