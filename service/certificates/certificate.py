@@ -23,9 +23,9 @@ from service.certificates.text import as_text
 from service.configuration.cell_file import CellConfig, InstrumentCertificate
 from service.files import replace_file
 from service.runs.cell import open_journal
-from service.runs.conduct import Verdict
 from service.runs.instruments import instruments_behind
 from service.runs.journal import Event, Journal
+from service.runs.outcome import Verdict
 from service.runs.pictures import told_pictures
 from service.runs.store import RunView, Store
 

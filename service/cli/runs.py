@@ -8,7 +8,7 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from service.configuration.cell_file import CellConfig
-    from service.runs.conduct import Outcome
+    from service.runs.outcome import Outcome
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -356,7 +356,7 @@ def tell(outcome: "Outcome", config: "CellConfig", *, as_json: bool) -> int:
     from service.cli.certificate import issue_after_run
     from service.cli.printing import EN_ROUTE, print_json
     from service.exit_codes import exit_code_named, exit_code_of_word
-    from service.runs.conduct import Verdict
+    from service.runs.outcome import Verdict
 
     passed = outcome.verdict is Verdict.PASSED
     if not as_json:

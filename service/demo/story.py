@@ -23,8 +23,9 @@ from service.demo.technician import DemoTechnician
 from service.demo.timing import RobotTime, StepClock
 from service.runs.cell import lend_record, open_cell, open_journal
 from service.runs.check import check_cell
-from service.runs.conduct import Conditions, Outcome, Verdict, run_procedure
+from service.runs.conduct import Conditions, run_procedure
 from service.runs.journal import Journal
+from service.runs.outcome import Outcome, Verdict
 from service.runs.specs import build_spec
 from service.watching.held_mastering import HeldMastering, journalled_mastering
 from service.watching.watch import LastHealthyCounts, PositionLoss, Watch

@@ -53,8 +53,9 @@ from service.desk.running import Running
 from service.desk.watching import DeskWatch
 from service.parameters.simulated_cells import refuse_paths
 from service.runs.cell import open_cell, open_journal
-from service.runs.conduct import Conditions, Outcome
+from service.runs.conduct import Conditions
 from service.runs.execute import go_on_with, start_on
+from service.runs.outcome import Outcome
 from service.runs.specs import build_spec
 from service.runs.store import Store
 from service.watching.answers_to_loss import WATCH, PreparedAnswer

@@ -6,30 +6,22 @@ import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 
-from calibration.errors import CalibrationError, CellError
+from calibration.errors import CellError
 from drivers.errors import DeviceError
-from drivers.interfaces import ActiveFrames, Answer, Instruction, Operator, Question
-from procedures.canonical import alike
+from drivers.interfaces import Answer, Instruction, Operator, Question
 from procedures.catalogue import entry_named
 from procedures.cell import Cell, Fingerprint, HeldCertificate, MotionMemory, fingerprint
 from procedures.entry import Entry, Keepsake, Phase, refuse_unmet
-from procedures.motion.active_frames import changes, cure, refuse_unnamed, told, untold
+from procedures.motion.active_frames import refuse_unnamed, untold
 from procedures.past import Kind, Past
 from procedures.progress import Gate, Progress, ignore
 from procedures.run import (
-    DeclinedError,
-    NeedsUnmetError,
-    OutOfToleranceError,
-    RefusalError,
-    ReplayMismatchError,
     Run,
 )
 from procedures.verdict import Characteristic, enough
@@ -37,8 +29,10 @@ from service.runs.definition import software
 from service.runs.instruments import instruments_behind, shared
 from service.runs.journal import Journal, NewEvent, StoreError
 from service.runs.lease import Lease, lease
+from service.runs.outcome import Outcome, Verdict, failed_outcome, stored_outcome
 from service.runs.put_back import put_back_unconfirmed
-from service.runs.store import RunView, Store, stored_body
+from service.runs.same_cell import refuse_difference, spec_of
+from service.runs.store import Store, stored_body
 from service.runs.unconfirmed import refuse_unconfirmed, unconfirmed_in_force
 
 _log = logging.getLogger(__name__)
@@ -47,31 +41,6 @@ NO_MODE = "In which mode the controller was: this robot does not tell it."
 _OUTCOMES = (Kind.FINDING, Kind.CONDITION, Kind.FAILED)
 OnEvent = Callable[[Progress], None]
 OnBegin = Callable[[str, tuple[Phase, ...]], None]
-
-
-class Verdict(StrEnum):
-    """How a run ended."""
-
-    PASSED = "passed"
-    OUT_OF_TOLERANCE = "out_of_tolerance"
-    REFUSED = "refused"
-    CELL_FAILED = "cell_failed"
-    CANCELLED = "cancelled"
-    DECLINED = "declined"
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """The end of a run. ``result`` is the procedure's result, or the evidence of a refusal."""
-
-    run_id: str
-    procedure: str
-    verdict: Verdict
-    result: Any = None
-    reason: str = ""
-    remedy: str = ""
-    code: str = ""
-    judgement: Any = None  # what a finished procedure claims (procedures/verdict.py), as JSON values
 
 
 def _nobody_asks(run_id: str, phases: tuple[Phase, ...]) -> None:
@@ -178,12 +147,12 @@ async def resume(
     view = Store(journal).run(run_id)
     entry = entry_named(view.procedure)
     if view.state == Verdict.PASSED:
-        return _stored_outcome(view, entry)
+        return stored_outcome(view, entry)
     refuse_unmet(entry, cell)
     _refuse_small_disk(journal.path, how.free_bytes)
     now = await fingerprint(cell)
-    _refuse_difference(view, entry, now)
-    spec = _spec_of(view, entry)
+    refuse_difference(view, entry, now)
+    spec = spec_of(view, entry)
     serial = (await cell.robot.identify()).serial
     with lease(_leases(journal), serial, f"{how.actor} ({run_id})") as held:
         await _refuse_unconfirmed(cell, journal, entry, serial, run_id)
@@ -234,7 +203,7 @@ class _Conductor:
         try:
             result = await self._entry.procedure(run, spec)
         except CellError as error:
-            failed = _failed(self._run_id, self._entry.name, error)
+            failed = failed_outcome(self._run_id, self._entry.name, error)
             return self._end(replace(failed, remedy=_told(await self._put_back(), failed.remedy)))
         except asyncio.CancelledError:
             ended = Outcome(self._run_id, self._entry.name, Verdict.CANCELLED, reason="cancelled")
@@ -291,7 +260,7 @@ class _Conductor:
             self._journal.append_all(self._run_id, facts, actor=self._how.actor)
         except StoreError as error:
             if passed:
-                return _failed(self._run_id, self._entry.name, error)
+                return failed_outcome(self._run_id, self._entry.name, error)
             _log.warning("the end of run %s could not be journalled: %s", self._run_id, error)
         self._announce(
             replace(self._place, kind="ended", step="", message=outcome.verdict.value, value=value)
@@ -360,81 +329,10 @@ def _told(*sentences: str) -> str:
     return " ".join(sentence for sentence in sentences if sentence)
 
 
-def _failed(run_id: str, procedure: str, error: CellError) -> Outcome:
-    evidence = error.evidence if isinstance(error, RefusalError) else None
-    return Outcome(run_id, procedure, _verdict_of(error), evidence, error.message, error.remedy, error.code)
-
-
-def _verdict_of(error: CellError) -> Verdict:
-    if isinstance(error, DeclinedError):
-        return Verdict.DECLINED
-    if isinstance(error, OutOfToleranceError):
-        return Verdict.OUT_OF_TOLERANCE
-    if isinstance(error, RefusalError | ReplayMismatchError | NeedsUnmetError | CalibrationError):
-        return Verdict.REFUSED
-    return Verdict.CELL_FAILED
-
-
 async def _refuse_unconfirmed(
     cell: Cell, journal: Journal, entry: Entry, serial: str, run_id: str = ""
 ) -> None:
     refuse_unconfirmed(await unconfirmed_in_force(cell, journal.events(), serial), entry, run_id)
-
-
-def _stored_outcome(view: RunView, entry: Entry) -> Outcome:
-    result = entry.result_codec().validate_python(view.result)
-    state = Verdict(view.state)
-    return Outcome(view.run_id, view.procedure, state, result, view.reason, judgement=view.judgement)
-
-
-def _spec_of(view: RunView, entry: Entry) -> Any:
-    try:
-        return TypeAdapter(entry.spec_type).validate_python(view.spec)
-    except ValidationError as error:
-        raise ReplayMismatchError(
-            f"the specification of run {view.run_id} is not one of this version: {error}",
-            remedy="Start a new run.",
-        ) from error
-
-
-def _refuse_difference(view: RunView, entry: Entry, now: Fingerprint) -> None:
-    differences = []
-    if view.version != entry.version:
-        differences.append(f"procedure version {view.version}, here {entry.version}")
-    was, present = dict(view.cell), to_jsonable_python(now)
-    if entry.epoch_may_change:
-        was, present = was | {"encoder_epoch": None}, present | {"encoder_epoch": None}
-    changed = [key for key in present if key != "active_frames" and not alike(was.get(key), present[key])]
-    differences += [_difference(key, was.get(key), present[key]) for key in changed]
-    switched = _switched(entry, was.get("active_frames"), now.active_frames)
-    remedy = "Restore what was changed, or start a new run; the stored points stay readable."
-    if "encoder_epoch" in changed:
-        remedy = "Run the mastering recovery, then start a new run; the stored points stay readable."
-    if switched:
-        remedy = remedy if differences else cure(switched)
-        differences.append(told(switched))
-    if differences:
-        raise ReplayMismatchError(
-            f"run {view.run_id} cannot be continued: {'; '.join(differences)}", remedy=remedy
-        )
-
-
-def _switched(entry: Entry, was: Any, now: ActiveFrames | None) -> tuple[tuple[str, str], ...]:
-    """Return what is active on the controller and was not when the run began; its own write does not count."""
-    if was is None or now is None:
-        return ()  # a run from before the robot could be asked
-    before = TypeAdapter(ActiveFrames).validate_python(was)
-    if "writes_tool_frame" in (*entry.needs, *entry.wants):
-        before = replace(before, flange_tool=None)
-    return changes(before, now)
-
-
-def _difference(key: str, was: object, present: object) -> str:
-    if key == "config_sha256":
-        return "the cell file has been edited since"
-    if key == "encoder_epoch":
-        return f"the robot lost its position during this run (encoder epoch {was}, now {present})"
-    return f"{key} was {was}, is {present}"
 
 
 async def _mode_of(cell: Cell) -> str | None:

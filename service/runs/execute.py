@@ -10,8 +10,9 @@ from procedures.cell import Cell
 from procedures.progress import ignore
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import lend_record, open_cell, open_journal
-from service.runs.conduct import Conditions, OnEvent, Outcome, Verdict, resume, run_procedure
+from service.runs.conduct import Conditions, OnEvent, resume, run_procedure
 from service.runs.old import agree_if_old
+from service.runs.outcome import Outcome, Verdict
 from service.runs.redo import discard_from
 from service.runs.specs import build_spec
 from service.runs.store import Store

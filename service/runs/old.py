@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 from drivers.errors import RefusedError
 from drivers.interfaces import Instruction, Operator
 from procedures.run import DeclinedError
-from service.runs.conduct import Verdict
 from service.runs.journal import Journal
+from service.runs.outcome import Verdict
 from service.runs.store import Store
 
 MOST_H = 8.0  # a shift

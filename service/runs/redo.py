@@ -7,8 +7,9 @@ from drivers.errors import RefusedError
 from drivers.interfaces import Instruction, Operator
 from procedures.past import Effect, Kind
 from procedures.run import DeclinedError
-from service.runs.conduct import Verdict, forget_from
+from service.runs.conduct import forget_from
 from service.runs.journal import Journal, StoreError
+from service.runs.outcome import Verdict
 from service.runs.store import Store
 
 DISCARD = "discard_findings"

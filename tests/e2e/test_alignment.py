@@ -14,8 +14,9 @@ from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.demo.technician import DemoTechnician
 from service.runs.cell import lend_record, open_cell, open_journal
-from service.runs.conduct import Outcome, Verdict, run_procedure
+from service.runs.conduct import run_procedure
 from service.runs.journal import Journal
+from service.runs.outcome import Outcome, Verdict
 from service.runs.specs import build_spec
 from service.runs.store import Store
 

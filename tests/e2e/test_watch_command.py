@@ -9,8 +9,8 @@ from drivers.operator.scripted import ScriptedOperator
 from service.configuration.cell_file import read_cell_file
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.runs.cell import open_journal
-from service.runs.conduct import Verdict
 from service.runs.execute import Where, start
+from service.runs.outcome import Verdict
 from service.runs.store import Store
 from service.watching.answers_to_loss import WATCH
 from service.watching.watch import HealthyCounts, LastHealthyCounts

@@ -6,7 +6,8 @@ from pathlib import Path
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import write_cell_file
 from service.runs.cell import open_journal
-from service.runs.conduct import Conditions, Outcome, run_procedure
+from service.runs.conduct import Conditions, run_procedure
+from service.runs.outcome import Outcome
 from tests.procedures.cells import Scene
 
 HOW = Conditions(free_bytes=0, actor="anna")

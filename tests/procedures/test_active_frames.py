@@ -22,8 +22,9 @@ from procedures.steps.place import visit_place
 from procedures.steps.teach import teach
 from procedures.steps.write import write_and_read_back
 from service.configuration.motion_config import read_motion
-from service.runs.conduct import Conditions, Verdict, resume, run_procedure
+from service.runs.conduct import Conditions, resume, run_procedure
 from service.runs.journal import Journal
+from service.runs.outcome import Verdict
 from service.runs.store import Store
 from tests.procedures.cells import Scene, pointing, scene, touching
 from tests.procedures.ideal import IdealArm

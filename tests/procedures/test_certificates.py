@@ -24,7 +24,8 @@ from service.certificates.journal_end import missing_end
 from service.certificates.signing import Finding, check
 from service.configuration.cell_file import CellConfig, InstrumentCertificate
 from service.runs.cell import journal_path, on_paper, open_journal
-from service.runs.conduct import Outcome, Verdict, forget_from, resume
+from service.runs.conduct import forget_from, resume
+from service.runs.outcome import Outcome, Verdict
 from service.runs.store import Store
 from service.site.standing import DueDates
 from tests.procedures.cells import (

@@ -12,9 +12,10 @@ from procedures.past import Kind
 from procedures.progress import Progress
 from procedures.run import NeedsUnmetError, ReplayMismatchError
 from procedures.three_point_frame import FrameSetup
-from service.runs.conduct import Conditions, Verdict, forget_from, resume, run_procedure
+from service.runs.conduct import Conditions, forget_from, resume, run_procedure
 from service.runs.journal import Journal, StoreError
 from service.runs.lease import LeaseHeldError, lease
+from service.runs.outcome import Verdict
 from service.runs.store import Store
 from tests.procedures.cells import Scene, pointing, recording, recovering, touching
 

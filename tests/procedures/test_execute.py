@@ -11,9 +11,10 @@ from procedures.run import DeclinedError
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.fake_cell import write_cell_file
 from service.runs.cell import open_journal
-from service.runs.conduct import Conditions, Verdict
+from service.runs.conduct import Conditions
 from service.runs.execute import go_on_with, start_on
 from service.runs.old import agree_if_old
+from service.runs.outcome import Verdict
 from service.watching.watch import LastHealthyCounts
 from tests.procedures.cells import LOST, recording
 

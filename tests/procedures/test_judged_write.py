@@ -14,7 +14,8 @@ from procedures.limits import ToolLimits
 from procedures.run import RefusalError, Run
 from procedures.steps.write import same_pose
 from service.runs.cell import open_journal
-from service.runs.conduct import Verdict, forget_from, resume
+from service.runs.conduct import forget_from, resume
+from service.runs.outcome import Verdict
 from tests.procedures.cells import Scene, moved_workpiece, pointing, tool_pose, touching
 from tests.procedures.certified import HOW, cell_config, run_in
 from tests.procedures.ledgers import MemoryLedger

@@ -11,7 +11,8 @@ from procedures.mastering_undo import MasteringUndo, mastering_sha256, mastering
 from procedures.run import RefusalError, Run
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import open_journal
-from service.runs.conduct import Outcome, Verdict, run_procedure
+from service.runs.conduct import run_procedure
+from service.runs.outcome import Outcome, Verdict
 from service.runs.store import Store
 from tests.procedures.cells import WRITTEN, Scene, calibrating, recovering, undoing
 from tests.procedures.certified import HOW, cell_config, run_in

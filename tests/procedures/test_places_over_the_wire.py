@@ -18,7 +18,8 @@ from procedures.run import RefusalError, Run
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.door import Door
 from service.runs.cell import lend_record, open_cell, open_journal
-from service.runs.conduct import Outcome, Verdict, resume, run_procedure
+from service.runs.conduct import resume, run_procedure
+from service.runs.outcome import Outcome, Verdict
 from service.runs.outline import dry_run, possible
 from service.runs.specs import build_spec
 from service.runs.store import Store

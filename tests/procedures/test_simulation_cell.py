@@ -13,7 +13,7 @@ from procedures.verdict import Verdict
 from service.certificates.certificate import issue
 from service.cli.app import run_command_line
 from service.exit_codes import ExitCode
-from service.runs.conduct import Verdict as End
+from service.runs.outcome import Verdict as End
 from tests.procedures.cells import Scene, scene
 from tests.procedures.certified import cell_config, run_in
 from tests.unit.helpers.tags import FIXTURE_BASE, robot_tags, two_paths

@@ -18,7 +18,8 @@ from service.cli.runs import runs, show
 from service.configuration.cell_file import CellConfig
 from service.runs import put_back
 from service.runs.cell import open_journal
-from service.runs.conduct import Conditions, Outcome, Verdict, resume, run_procedure
+from service.runs.conduct import Conditions, resume, run_procedure
+from service.runs.outcome import Outcome, Verdict
 from service.runs.store import Store
 from service.runs.unconfirmed import (
     UnconfirmedMasteringError,
