@@ -18,6 +18,7 @@ from calibration.points.fixture import PlacedPoints, Triple
 from calibration.wires.network import Place
 from calibration.wires.network_fit import WireNetwork
 from drivers.interfaces import Instruction
+from procedures.arm.tool_write import UNTOLD_AXES, ToolOrder, frame_figures, shown_tool
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge, wire_lacking
@@ -27,8 +28,6 @@ from procedures.judged_write import (
     frame_changes,
     ordered,
     refuse_failed,
-    shift_told,
-    with_verdict,
 )
 from procedures.motion.plan_words import Tour, plan_words
 from procedures.past import Finding
@@ -37,7 +36,7 @@ from procedures.run import RefusalError, Run
 from procedures.steps.ask import accept, ask
 from procedures.steps.end_effector import bad_shape, to_point
 from procedures.steps.mastering import same_epoch
-from procedures.steps.pages import frame_displacement, plan_page, with_changes
+from procedures.steps.pages import plan_page
 from procedures.steps.write import read_tool_frame, write_and_read_back
 from procedures.survey.survey import (
     Captures,
@@ -60,7 +59,7 @@ from procedures.survey.survey_motion import (
 )
 from procedures.survey.survey_refit import refit_lengths, survey_of
 from procedures.survey.wire_survey import measure_spots, read_survey_state
-from procedures.verdict import Verdict, held, known_within, stated
+from procedures.verdict import Verdict, stated
 
 WIRE_STANDS = Instruction(
     "wire_stands",
@@ -135,7 +134,7 @@ async def end_effector_points(run: Run, spec: EndEffectorPoints) -> MeasuredTool
     first_of((bad_shape(tool.placed, tool), _badly_known(tool, spec)), spec.write_anyway)
     verdict = _judge(spec, tool)
     refuse_failed(verdict, spec.write_anyway, tool)
-    shown = _shown_tool(tool, spec, before, verdict)
+    shown = shown_tool(tool, verdict, ToolOrder(spec.tool_number, before, spec.write_anyway))
     sha256 = sha256_of(to_jsonable_python(tool.flange_tool))
     await run.step("accept the result", accept, shown, sha256)
     read_back = await run.write(
@@ -228,23 +227,6 @@ def _shown_plan(plan: SurveyPlan, spec: EndEffectorPoints) -> Instruction:
     return plan_page(asked, tour, plan.moves(spec.rules))
 
 
-def _shown_tool(tool: ToolFound, spec: EndEffectorPoints, before: Pose, verdict: Verdict) -> Instruction:
-    x, y, z = (value * 1e3 for value in tool.flange_tool.position_m)
-    axes = (
-        "One point tells x, y, z only: the axes are those of the rough frame"
-        if tool.placed is None
-        else f"the axes within {math.degrees(tool.angle_u_rad):.3f} deg"
-    )
-    found = Instruction(
-        "accept_tool",
-        f"Tool {spec.tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within "
-        f"{tool.tip_u_m * 1e3:.3f} mm (k=2). {axes}. {shift_told(before, tool.flange_tool)}",
-    )
-    asked = with_verdict(found, verdict, "Write it to the controller?", spec.write_anyway, writes=True)
-    moved = frame_displacement(before, tool.flange_tool, lever_m=0.0)
-    return with_changes(asked, frame_changes(before, tool.flange_tool), **moved)
-
-
 def _outline(spec: EndEffectorPoints) -> tuple[Phase, ...]:
     points = len(spec.points_in_tool_m)
     expected = points * max(spec.rules.min_captures, min(12, spec.rules.max_captures))
@@ -268,21 +250,11 @@ def _verdict(spec: EndEffectorPoints, result: MeasuredTool) -> Verdict:
 
 
 def _judge(spec: EndEffectorPoints, result: MeasuredTool | ToolFound) -> Verdict:
-    figures = [known_within("tip", "m", u=result.tip_u_m / 2.0, limit=spec.tip_u_m)]
-    if result.placed is not None:
-        figures += [
-            known_within("axes", "rad", u=result.angle_u_rad / 2.0, limit=spec.angle_u_rad),
-            held(
-                "shape of the points",
-                result.placed.consistent(),
-                "chi square of the points found against the drawing, 99.9 %",
-                found=result.placed.chi_square,
-            ),
-        ]
+    figures = frame_figures(result, spec.tip_u_m, spec.angle_u_rad)
     return Verdict(
         characteristics=(*figures, stated("residual of the lengths", result.network.residual_rms_m, "m")),
         limits_from="limits of the settings",
-        not_verified=("the orientation: one point tells x, y, z only",) if result.placed is None else (),
+        not_verified=(UNTOLD_AXES,) if result.placed is None else (),
         remarks=(saving(result.captures, result.fixed_plan_captures),),
     )
 

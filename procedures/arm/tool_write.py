@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 from pydantic_core import to_jsonable_python
 
@@ -46,28 +47,45 @@ class ToolOrder:
     write_anyway: str
 
 
+class ToolByPoints(Protocol):
+    """A tool frame that points of the end-effector tell."""
+
+    @property
+    def flange_tool(self) -> Pose: ...
+    @property
+    def tip_u_m(self) -> float: ...
+    @property
+    def angle_u_rad(self) -> float: ...
+    @property
+    def placed(self) -> PlacedPoints | None: ...
+
+
+def frame_figures(found: ToolByPoints, tip_m: float, axes_rad: float) -> tuple[Characteristic, ...]:
+    """Return what is claimed of a tool frame through points, whatever measured them."""
+    tip = known_within("tip", "m", u=found.tip_u_m / 2.0, limit=tip_m)
+    if found.placed is None:
+        return (tip,)
+    return (
+        tip,
+        known_within("axes", "rad", u=found.angle_u_rad / 2.0, limit=axes_rad),
+        held(
+            "shape of the points",
+            found.placed.consistent(),
+            "chi square of the points found against the drawing, 99.9 %",
+            found=found.placed.chi_square,
+        ),
+        stated("points found against the drawing, RMS a coordinate", found.placed.rms_m, "m"),
+    )
+
+
 def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, ...]:
     """Return what is claimed of the tool frame."""
     places = zip("xyz", found.flange_tool.position_m, strict=True)
-    figures = [
-        *(stated(f"tip {axis} in the flange", value, "m") for axis, value in places),
-        known_within("tip", "m", u=found.tip_u_m / 2.0, limit=limits.tip_m),
-    ]
-    if found.placed is not None:
-        figures += [
-            known_within("axes", "rad", u=found.angle_u_rad / 2.0, limit=limits.orientation_rad),
-            held(
-                "shape of the points",
-                found.placed.consistent(),
-                "chi square of the points found against the drawing, 99.9 %",
-                found=found.placed.chi_square,
-            ),
-            stated("points found against the drawing, RMS a coordinate", found.placed.rms_m, "m"),
-        ]
     checks = found.checks
     rule = "chi square of the errors against what was predicted, 99.9 %"
     return (
-        *figures,
+        *(stated(f"tip {axis} in the flange", value, "m") for axis, value in places),
+        *frame_figures(found, limits.tip_m, limits.orientation_rad),
         held(
             "the points' check poses agree with the stated uncertainty",
             checks.as_predicted,
@@ -78,7 +96,7 @@ def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, 
     )
 
 
-def tool_words(found: FoundTool, name: str = "Tool") -> str:
+def tool_words(found: ToolByPoints, name: str = "Tool") -> str:
     """Return where the tool is, in words."""
     x, y, z = (value * 1e3 for value in found.flange_tool.position_m)
     axes = (
@@ -103,13 +121,18 @@ def why_not_written(found: FoundTool, verdict: Verdict, order: ToolOrder) -> str
     return f"measure more: {', '.join(open_left)}" if open_left else ""
 
 
-async def write_tool(run: Run, found: FoundTool, verdict: Verdict, order: ToolOrder) -> WrittenTool:
-    """Show the tool frame old and new, and write it once somebody accepted it."""
+def shown_tool(found: ToolByPoints, verdict: Verdict, order: ToolOrder) -> Instruction:
+    """Return the question whether the tool frame is written, with what it is and what it was."""
     told = " ".join((tool_words(found, f"Tool {order.number}"), shift_told(order.before, found.flange_tool)))
     question = "Write it to the controller?"
     asked = with_verdict(Instruction("accept_tool", told), verdict, question, order.write_anyway, writes=True)
     moved = frame_displacement(order.before, found.flange_tool, lever_m=0.0)
-    shown = with_changes(asked, frame_changes(order.before, found.flange_tool), **moved)
+    return with_changes(asked, frame_changes(order.before, found.flange_tool), **moved)
+
+
+async def write_tool(run: Run, found: FoundTool, verdict: Verdict, order: ToolOrder) -> WrittenTool:
+    """Show the tool frame old and new, and write it once somebody accepted it."""
+    shown = shown_tool(found, verdict, order)
     await run.step("accept the tool", accept, shown, sha256_of(to_jsonable_python(found.flange_tool)))
     read_back = await run.write("write the tool frame", write_and_read_back, order.number, found.flange_tool)
     return WrittenTool(
