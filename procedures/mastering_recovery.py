@@ -17,7 +17,8 @@ from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import Forecast, Knowledge
 from procedures.mastering_record import HOOK_WIRE
-from procedures.motion.plans import FinalPlan, Turns, first_doubt, plan_finals, sure_to
+from procedures.motion.lost_plans import FinalPlan, plan_finals
+from procedures.motion.turn_doubt import Turns, first_doubt, sure_to
 from procedures.recovery.mastering_forecasts import forecast_place_recovery, forecast_recovery
 from procedures.recovery.place_recovery import OLD_RECORD, recover_by_places
 from procedures.recovery.recovery_campaign import (
@@ -123,10 +124,11 @@ async def _confirm_written(campaign: Campaign, recovery: TurnRecovery, finals: F
     """
     run, spec, plan = campaign.run, campaign.spec, finals.motion
     again: list[WireCapture] = []
-    campaign.seconds += plan.travel_rad / plan.speed_rad_s
-    for k, (pose, other) in enumerate(zip(plan.poses_rad, finals.other_side, strict=True), 1):
+    campaign.seconds += plan.moving_s
+    goals = zip(plan.poses_rad, plan.speeds_rad_s, finals.other_side, strict=True)
+    for k, (pose, speed_rad_s, other) in enumerate(goals, 1):
         go, side = (go_to_from_above, OTHER_SIDE) if other else (go_to, "record")
-        await run.move(f"go to final check {k}", go, pose, plan.speed_rad_s, plan.doubt)
+        await run.move(f"go to final check {k}", go, pose, speed_rad_s, plan.doubt)
         what = f"final check {k}"
         still = await run.step(what, capture, what, spec.samples, spec.tolerance_counts, side)
         again.append(campaign.arrived(still))
@@ -251,7 +253,7 @@ def _forecast(spec: MasteringRecoverySpec, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="mastering_recovery",
     title="Mastering recovery",
-    version=6,
+    version=7,
     procedure=mastering_recovery,
     spec_type=MasteringRecoverySpec,
     needs=("jogs_single_axes", "writes_mastering", "evidence", "model"),

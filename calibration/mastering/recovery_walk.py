@@ -22,7 +22,7 @@ AllowedPostures = Callable[[Array], Array]  # (M, n): booleans, True where all l
 
 GOAL_TURNS = 0.02  # small enough to tell a new motor from lost turns, as a rule
 _STANDING_RAD = 1e-6
-_NEAR_RAD = float(np.deg2rad(40.0))
+_NEAR_RAD = np.deg2rad([20.0, 40.0, 90.0])  # most by which axes turn together
 _STEP_RAD = float(np.deg2rad(20.0))
 _START_STEP_RAD = float(np.deg2rad(25.0))
 _START_SHARE = 0.35  # of the axes that turn before each pose of the first guess
@@ -31,7 +31,7 @@ _VAGUE_S = 200.0  # what one e-fold of missing certainty may cost in robot time
 _FORBIDDEN_S = 100.0  # for each corner that breaks a limit: far more than it could save
 _WARM_S = 30.0
 _AMPLE_POWER = 2.0
-_NEEDED_POWER, _NEEDED_WEIGHT = 1.4, 100.0  # some power is lost to what the recovery itself does not know
+NEEDED_POWER, _NEEDED_WEIGHT = 1.4, 100.0  # some power is lost to what the recovery itself does not know
 _POWER_S = 3.0  # what covering one more story well may cost in robot time
 _AT_ONCE = 64  # sets of captures: their covariances together stay small
 
@@ -152,7 +152,7 @@ class WalkPlanner:
         while len(chosen) < min(captures, len(candidates_rad)):
             then = np.hypot(power, seen) if together else np.maximum(power, seen)
             gain = np.minimum(then, _AMPLE_POWER).sum(axis=1)
-            gain += _NEEDED_WEIGHT * np.minimum(then, _NEEDED_POWER).sum(axis=1)
+            gain += _NEEDED_WEIGHT * np.minimum(then, NEEDED_POWER).sum(axis=1)
             worth = gain - self._seconds_to(here, candidates_rad) / _POWER_S
             worth[chosen] = -np.inf
             chosen.append(int(np.argmax(worth)))
@@ -197,11 +197,12 @@ def corners(walks: Array) -> Array:
 
 
 def nearby_joints(here_rad: Array, count: int, *, seed: int) -> Array:
-    """Return ``count`` postures (count, n) [rad] that one to three axes reach with turns of up to 40 deg."""
+    """Return ``count`` postures (count, n) [rad] that one to three axes reach, turned by up to 20, 40 or 90 deg."""
     rng = np.random.default_rng(seed)
     axes = len(here_rad)
     turned = rng.random((count, axes)).argsort(axis=1) < rng.integers(1, 4, (count, 1))
-    nearby: Array = here_rad + turned * rng.uniform(-_NEAR_RAD, _NEAR_RAD, (count, axes))
+    farthest = rng.choice(_NEAR_RAD, (count, 1))
+    nearby: Array = here_rad + turned * farthest * rng.uniform(-1.0, 1.0, (count, axes))
     return nearby
 
 

@@ -157,7 +157,8 @@ def with_geometry(model: RobotModel, errors: Array) -> RobotModel:
 def _regressor(model: RobotModel, joints_rad: Array, hook: Array) -> Array:
     table = model.placement_regressor if model.dh is None else model.dh_regressor
     regressor = table(joints_rad, hook)[1]
-    return regressor.reshape(*regressor.shape[:2], -1)
+    postures, axes, *columns = regressor.shape
+    return regressor.reshape(postures, axes, int(np.prod(columns)))  # -1 is not told for no posture at all
 
 
 def disturbance_covariance(prior: WirePrior, a: WireTerms, b: WireTerms) -> Array:

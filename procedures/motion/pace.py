@@ -9,7 +9,7 @@ import numpy as np
 from calibration.arm.kinematics import load_model
 from calibration.motion.motion_check import MotionLimits, check_moves
 from drivers.interfaces import Joints
-from procedures.motion.approach import from_below
+from procedures.motion.approach import axis_by_axis, from_below
 
 _MARGIN = 1.02  # a way is looked at in samples, and gone from where the arm really stands
 
@@ -32,6 +32,12 @@ class Pace:
             The corners are not of this arm's axes.
         """
         return _on_legs(self, tuple(here_rad), tuple(tuple(corner) for corner in way_rad))
+
+    def jogging_s(self, here_rad: Joints, there_rad: Joints) -> float:
+        """Return how long it takes to bring one joint after the other there, each to its end from below."""
+        corners = axis_by_axis(np.array(here_rad), np.array(there_rad))
+        turns = np.abs(np.diff(np.vstack([np.array(here_rad), corners]), axis=0)).max(axis=1)
+        return float((turns / np.array(self.on_legs(here_rad, corners.tolist()))).sum())
 
     def along(self, here_rad: Joints, ways_rad: Iterable[Sequence[Joints]]) -> "Paced":
         """Return how long ways take that are gone one after the other, each to its end from below."""

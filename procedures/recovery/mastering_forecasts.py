@@ -24,15 +24,9 @@ from procedures.forecast import (
 )
 from procedures.limits import MASTERING
 from procedures.motion.approach import OVERSHOOT_RAD
-from procedures.motion.plans import (
-    MotionPlan,
-    Room,
-    first_doubt,
-    index_travel,
-    plan_first,
-    plan_kit,
-    wire_prior,
-)
+from procedures.motion.lost_plans import index_travel, plan_first
+from procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
+from procedures.motion.turn_doubt import first_doubt
 from procedures.recovery.kit_offers import KitOffer, KitOffers, design_offers
 from procedures.recovery.recovery_kit import KitSpec
 from procedures.recovery.waking import INDEX_TURNS

@@ -10,17 +10,11 @@ from calibration.mastering.turn_recovery import TurnRecovery
 from drivers.interfaces import Joints
 from procedures.canonical import sha256_of
 from procedures.mastering_record import shown
-from procedures.motion.plans import (
-    Known,
-    MotionPlan,
-    Turns,
-    compare_drawn,
-    doubt_after,
-    plan_checks,
-    plan_finer,
-    plan_first,
-    plan_next,
-)
+from procedures.motion.check_plans import Known, plan_checks
+from procedures.motion.lost_plans import compare_drawn, jogging_pace, plan_finer, plan_first, plan_next
+from procedures.motion.pace import Pace
+from procedures.motion.plans import MotionPlan
+from procedures.motion.turn_doubt import Turns, doubt_after
 from procedures.recovery.recovery_result import (
     MEMORY_POWER,
     Effort,
@@ -64,14 +58,18 @@ class Campaign:
     drawn: DrawnWalk | None = None
 
     async def jog_and_capture(self, pose: Joints, plan: MotionPlan, what: str, k: int) -> WireCapture:
-        speed = plan.speed_rad_s
-        self.seconds += sum(abs(a - b) for a, b in zip(pose, self.here, strict=True)) / speed
-        await self.run.move(f"go to {what} {k}", jog_to, pose, self.mapping, speed, plan.doubt)
+        pace = self.pace()
+        self.seconds += pace.jogging_s(self.here, pose)
+        await self.run.move(f"go to {what} {k}", jog_to, pose, self.mapping, pace, plan.doubt)
         spec = self.spec
         still = await self.run.step(
             f"{what} {k}", capture, f"{what} {k}", spec.samples, spec.tolerance_counts
         )
         return self.arrived(still)
+
+    def pace(self) -> Pace:
+        """Return what no turn of a lost robot exceeds: its own cap, and the one of its flange and joints."""
+        return jogging_pace(self.record.model, self.state.limits, self.spec.room)
 
     def arrived(self, still: StillCapture) -> WireCapture:
         self.here = self.mapping.joints(still.wire.counts)

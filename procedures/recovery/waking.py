@@ -7,7 +7,9 @@ import numpy as np
 from calibration.mastering.counts import MasteringRecord
 from drivers.interfaces import Condition, Counts, Instruction
 from procedures.cell import Cell
-from procedures.motion.plans import Room, Turns, index_travel, posture_doubt
+from procedures.motion.lost_plans import index_travel
+from procedures.motion.plans import Room
+from procedures.motion.turn_doubt import Turns, posture_doubt
 from procedures.run import ProcedureError, Run
 from procedures.steps.ask import ask, let_move
 from procedures.steps.mastering import look_at_alarms, read_counts, reset_alarms, wait_for_the_robot

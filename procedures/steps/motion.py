@@ -101,25 +101,30 @@ async def follow(
 
 
 async def jog_to(
-    cell: Cell,
-    target_rad: Joints,
-    mapping: CountsToJoints,
-    speed_rad_s: float,
-    doubt: PostureDoubt | None,
+    cell: Cell, target_rad: Joints, mapping: CountsToJoints, pace: Pace, doubt: PostureDoubt | None
 ) -> Arrival:
-    """Bring a robot that does not know its position to joints, one axis after the other, J1 first."""
+    """Bring a robot that does not know its position to joints, one axis after the other, J1 first.
+
+    Each turn is as fast as its own ``pace`` lets it be: a wrist need not wait for what a stretched arm asks for.
+    """
     store = motor_store(cell)
     tolerance = motion_gate.tolerance_rad(cell, AXIS_TOLERANCE_RAD)
+
+    async def turn(axis: int, delta_rad: float, here_rad: Joints) -> None:
+        there = tuple(q + delta_rad * (k == axis) for k, q in enumerate(here_rad))
+        (speed,) = pace.on_legs(here_rad, [there])
+        await motion_gate.jog_axis(cell, Jog(axis, delta_rad, speed, here_rad, doubt))
+
     for axis, target in enumerate(target_rad):
         here = mapping.joints(await store.encoder_counts())
         delta = target - here[axis]
         if abs(delta) <= tolerance / 20:
             continue
         if delta < 0:
-            await motion_gate.jog_axis(cell, Jog(axis, delta - OVERSHOOT_RAD, speed_rad_s, here, doubt))
+            await turn(axis, delta - OVERSHOOT_RAD, here)
             here = mapping.joints(await store.encoder_counts())
             delta = target - here[axis]
-        await motion_gate.jog_axis(cell, Jog(axis, delta, speed_rad_s, here, doubt))
+        await turn(axis, delta, here)
     arrival = await _arrival(cell)
     refuse_off_target(mapping.joints(arrival.counts), target_rad, tolerance)
     return arrival

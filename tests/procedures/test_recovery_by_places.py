@@ -12,7 +12,7 @@ from drivers.interfaces import MasteringData
 from procedures.entry import missing
 from procedures.mastering_record import MasteringRecordSpec, mastering_record, seal, seal_of
 from procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
-from procedures.motion.plans import first_doubt
+from procedures.motion.turn_doubt import first_doubt
 from procedures.recovery.recovery_kit import KitSpec, predict_kit, recorded_kit
 from procedures.recovery.recovery_result import RecoveryResult
 from procedures.recovery.waking import AlarmCodes, Turning, wake_encoders

@@ -12,7 +12,8 @@ from calibration.motion.collision import Box, CellShape, CollisionCheck, Plane, 
 from calibration.motion.doubt import JointDoubt, PostureDoubt
 from calibration.motion.motion_check import MotionLimits, WirePath, check_moves
 from calibration.motion.motion_quantities import body_points, workspace_excess
-from procedures.motion.plans import HALF_TURN, Room, first_doubt, posture_doubt
+from procedures.motion.plans import Room
+from procedures.motion.turn_doubt import HALF_TURN, first_doubt, posture_doubt
 
 ARMS = ("fanuc_m6ib", "ur10e", "abb_irb120")
 BOX = ((-9.0, -9.0, -9.0), (9.0, 9.0, 9.0))

@@ -4,7 +4,8 @@ import numpy as np
 
 from calibration.mastering.drawn_walk import drawn_walk
 from calibration.mastering.pose_design import candidate_joints, predict
-from procedures.motion.plans import Room, compare_drawn, motion_limits
+from procedures.motion.lost_plans import compare_drawn
+from procedures.motion.plans import Room, motion_limits
 from procedures.steps.mastering import read_motors
 from tests.procedures.cells import record_of, scene
 

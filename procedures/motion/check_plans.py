@@ -1,0 +1,116 @@
+"""Plans of checks: captures at poses that were not fitted, where a wrong turn of any motor would show."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calibration.arm.kinematics import load_model
+from calibration.geometry import Array
+from calibration.mastering.counts import MasteringRecord
+from calibration.mastering.recovery_walk import NEEDED_POWER
+from calibration.mastering.turn_recovery import verification_power
+from calibration.motion.motion_check import MotionLimits
+from drivers.interfaces import Joints
+from procedures.motion.lost_plans import candidates, unmeasured, unreachable, walk_planner
+from procedures.motion.plan_ways import travel_order
+from procedures.motion.plans import MotionPlan, Room, timed
+from procedures.motion.turn_doubt import Turns, lost_limits, sure_to
+from procedures.steps.mastering import MotorState
+
+VERIFICATION_SIGMAS = 6.0
+DRAWS = 3  # of poses to choose from: the soonest checks of them are taken
+LACK_S = 300.0  # of robot time for a wrong turn that would not show at all
+_CHOICES_TRIED = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What a recovery knows when it plans its checks."""
+
+    here_rad: Joints
+    visited: tuple[Joints, ...]
+    checked: tuple[Joints, ...]
+    offset_covariance: tuple[tuple[float, ...], ...]  # turns^2
+    doubt_turns: Turns = ()  # of each motor; none: what the covariance leaves
+
+
+def plan_checks(
+    record: MasteringRecord,
+    state: MotorState,
+    room: Room,
+    known: Known,
+    poses: int,
+    sigmas: float = VERIFICATION_SIGMAS,
+) -> MotionPlan:
+    """Plan check captures at poses not fitted, which together see a wrong turn of every one and two motors.
+
+    ``sigmas`` are the deviations at which a wrong turn shall show; where more are wanted than for whole turns, a
+    fraction of a turn is sought, and the captures are judged all together.
+    """
+    search = _Checks(record, state, room, known, sigmas)
+    plans = [plan for seed in range(DRAWS) if (plan := search.plan(poses, seed)) is not None]
+    if not plans:
+        raise unreachable(np.array(known.here_rad), search.limits)
+    return min(plans, key=search.cost)
+
+
+@dataclass(frozen=True)
+class _Checks:
+    """The search for check captures, among one draw of poses after the other."""
+
+    record: MasteringRecord
+    state: MotorState
+    room: Room
+    known: Known
+    sigmas: float
+
+    @cached_property
+    def limits(self) -> MotionLimits:
+        """What each way keeps."""
+        turns = self.known.doubt_turns or sure_to(self.known.offset_covariance)
+        return lost_limits(self.state, self.record, self.room, turns)
+
+    def cost(self, plan: MotionPlan) -> float:
+        """Return the time of a plan, and of what it leaves open, which is dearer than any way [s]."""
+        seen = self._seen(np.vstack([self._shown, self._power(np.array(plan.poses_rad))]))
+        return plan.moving_s + LACK_S * float(np.maximum(0.0, NEEDED_POWER - seen).sum())
+
+    def plan(self, poses: int, seed: int) -> MotionPlan | None:
+        """Return the plan of the best that can be reached of one draw; None where none can."""
+        record, state, known, limits = self.record, self.state, self.known, self.limits
+        model, here = load_model(record.model), np.array(known.here_rad)
+        found = unmeasured(candidates(model, record, limits, here, seed=seed), known.visited)
+        power, seen = self._power(found), self._seen(self._shown)
+        planner = walk_planner(model, record, limits, state)
+        ordered: list[Array] = []
+        for _ in range(_CHOICES_TRIED):  # the best that can be reached, where some of the best cannot
+            chosen = planner.quick_checks(here, found, power, seen, poses, together=self._together)
+            ordered = travel_order(model, known.here_rad, found[chosen], limits, one_by_one=True)
+            if len(ordered) == len(chosen):
+                break
+            lost = [k for k in chosen if not any(np.array_equal(found[k], pose) for pose in ordered)]
+            found, power = np.delete(found, lost, axis=0), np.delete(power, lost, axis=0)
+        if not ordered:
+            return None
+        speed = state.limits.jog_speed_rad_s
+        return timed(model, known.here_rad, ordered, limits, speed, one_by_one=True)
+
+    @property
+    def _together(self) -> bool:
+        return self.sigmas > VERIFICATION_SIGMAS
+
+    @cached_property
+    def _shown(self) -> Array:
+        return self._power(np.array(self.known.checked))
+
+    def _power(self, joints_rad: Array) -> Array:
+        """Return what postures (N, n) show of every wrong turn (N, m), 1 being enough."""
+        model = load_model(self.record.model)
+        postures = joints_rad.reshape(-1, model.axes)
+        power: Array = verification_power(model, self.record, postures, self.known.offset_covariance)
+        return power / self.sigmas
+
+    def _seen(self, power: Array) -> Array:
+        together: Array = np.sqrt(np.sum(power**2, axis=0))
+        return together if self._together else power.max(axis=0, initial=0.0)
