@@ -8,6 +8,7 @@ import numpy as np
 from calibration.mastering.recovery_walk import WalkPlanner, nearby_joints
 from calibration.mastering.turn_recovery import TurnRecovery, verification_power, verify_recovery
 from calibration.motion.motion_check import allowed_postures
+from procedures.motion.lost_plans import NEARBY_CANDIDATES
 from tests.unit.helpers.recovery_cases import DRIVE, LIMITS, MODEL, PRIOR, Loss, healthy_record, kit, lose
 from tests.unit.helpers.wire_world import WireWorld
 
@@ -99,7 +100,7 @@ def _doubtful(found):
 
 
 def _candidates(here):
-    near = nearby_joints(here, 300, seed=3)
+    near = nearby_joints(here, NEARBY_CANDIDATES, seed=3)
     near = near[allowed_postures(MODEL, near, LIMITS, PRIOR.hook_in_flange_m)]
     return np.vstack([near, kit()])
 
