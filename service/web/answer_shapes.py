@@ -320,6 +320,8 @@ class RunLine(Shape):
     reason: str
     word: str
     robot_serial: str
+    begun_by: str
+    begun_as: list[str]
 
 
 class Finding(Shape):
