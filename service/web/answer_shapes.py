@@ -292,6 +292,7 @@ class ForecastSeen(Shape):
     assumed: list[str]
     lacks: list[str]
     not_checked: list[str]
+    planned: dict[str, int]
 
 
 class DryRunSeen(Shape):
