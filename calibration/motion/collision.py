@@ -176,9 +176,10 @@ class CollisionCheck:
         """What this check does not see, in sentences for the person who approves a move."""
         words = [*self.shape.assumed]
         names = {capsule.link: capsule.name for capsule in self.shape.arm}
-        pairs = [f"{names[i]} with {names[j]}" for i, j in sorted(self.touching)]
-        if pairs:
-            words.append(f"touching by construction, so not checked: {'; '.join(pairs)}")
+        words += [
+            f"touching by construction, so not checked: {names[i]} and {names[j]}"
+            for i, j in sorted(self.touching)
+        ]
         words.append("links that share a joint are not checked against each other")
         if not self.shape.obstacles:
             words.append("no obstacles known: path not checked for collisions with the cell")
