@@ -236,6 +236,7 @@ class GaugeCapabilities:
     answers_alone: bool = (
         True  # false: a reading takes a person or another program, so nobody asks for one in vain
     )
+    typed: bool = False  # by a person, when a run asks for it
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +269,7 @@ class TrackerCapabilities:
     sigma_m: float  # of one coordinate close by
     sigma_per_m: float = 0.0  # what each metre of distance adds to it
     sigma_rad: float = 0.0  # of one angle, where poses are measured
+    typed: bool = False  # by a person, when a run asks for it
 
 
 @dataclass(frozen=True, slots=True)

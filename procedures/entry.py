@@ -1,7 +1,7 @@
 """The card of a procedure: name, version, what it needs of a cell, what it will do."""
 
-from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
@@ -31,6 +31,11 @@ class Phase:
         if self.repeats is None:
             return (self.name,)
         return tuple(f"{self.name} {k}" for k in range(1, self.repeats + 1))
+
+
+def as_planned(phases: tuple[Phase, ...], planned: Mapping[str, int]) -> tuple[Phase, ...]:
+    """Return an outline with the numbers of a plan, by the names of its phases, where it has them."""
+    return tuple(replace(phase, repeats=planned.get(phase.name, phase.repeats)) for phase in phases)
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,6 +71,7 @@ class Forecast:
     assumed: tuple[str, ...] = ()
     lacks: tuple[str, ...] = ()  # beyond the needs on the card, such as a record
     not_checked: tuple[str, ...] = ()
+    planned: Mapping[str, int] = field(default_factory=dict)  # how often a phase of the outline is expected
 
 
 def wire_lacking(known: Knowledge) -> tuple[str, ...]:

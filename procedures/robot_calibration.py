@@ -22,7 +22,9 @@ from procedures.arm.arm_bench import (
 )
 from procedures.arm.arm_motion import Reach, ordered_ways
 from procedures.arm.arm_pages import (
+    planned_steps,
     series_moves,
+    series_steps,
     tool_predictions,
     tool_ways,
     zero_changes,
@@ -216,8 +218,8 @@ def _refuse_zeros(found: Identified, bench: Bench) -> None:
 
 
 def _shown_plan(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
-    rules, expected = spec.rules, plan.expected_captures
-    doubt, checks = f". Beware: {plan.shortfall}" if plan.shortfall else "", rules.checks_for(expected)
+    rules, expected, checks = spec.rules, plan.expected_captures, plan.expected_checks
+    doubt = f". Beware: {plan.shortfall}" if plan.shortfall else ""
     what = (
         f"the robot, to about {expected} (at most {rules.max_captures}) of {len(plan.pool)} poses, chosen a few at a "
         f"time, and to {checks} more that verify. Expected then: target known within {plan.tip_u_m * 1e3:.3f} mm "
@@ -225,10 +227,10 @@ def _shown_plan(plan: CalibrationPlan, spec: RobotCalibration) -> Instruction:
     )
     stops, hands = expected + checks, ""
     if plan.tool is not None:
-        points = len(plan.tool.points)
-        stops += sum(plan.tool.captures) + points * rules.point_checks
+        points, poses = len(plan.tool.points), len(tool_ways(plan.tool))
+        stops += poses
         what += (
-            f"; and to about {sum(plan.tool.captures)} poses with {points} points of the end-effector. Expected: "
+            f"; and to about {poses} poses with {points} points of the end-effector. Expected: "
             f"tip within {plan.tool.tip_u_m * 1e3:.3f} mm, axes within {math.degrees(plan.tool.angle_u_rad):.3f} deg"
         )
         hands = f"change the target {points + 1} times"
@@ -258,9 +260,9 @@ def _shown_zeros(found: Identified) -> Instruction:
 
 
 def _outline(spec: RobotCalibration) -> tuple[Phase, ...]:
-    expected = max(spec.rules.min_captures, min(45, spec.rules.max_captures))
-    looks = 1 + max(0, expected - spec.rules.first) + 1
-    checks = spec.rules.checks_for(expected)
+    expected = max(spec.rules.min_captures, min(45, spec.rules.max_captures))  # until there is a plan
+    steps = series_steps(spec.rules, expected, spec.rules.checks_for(expected))
+    series = {name: Phase(name, times, adaptive=True) for name, times in steps.items()}
     writing = (
         *(
             Phase("accept the zeros"),
@@ -276,9 +278,9 @@ def _outline(spec: RobotCalibration) -> tuple[Phase, ...]:
             *((Phase("read the tool frame"),) if spec.tool_number is not None else ()),
         ),
         *(Phase("plan the poses"), Phase("accept the plan"), Phase("go to rest")),
-        *(Phase("choose poses", looks, adaptive=True), Phase("go to pose", expected, adaptive=True)),
-        *(Phase("capture", expected, adaptive=True), *_point_phases(spec), Phase("choose check poses")),
-        *(Phase("go to check", checks, adaptive=True), Phase("capture check", checks, adaptive=True)),
+        *(series["choose poses"], series["go to pose"], series["capture"]),
+        *(*_point_phases(spec), Phase("choose check poses")),
+        *(series["go to check"], series["capture check"]),
         *(Phase("go to station", 1), Phase("capture station", 1)),
         *(Phase("identify the arm"), Phase("accept the result")),
         *(writing if spec.write_zeros else ()),
@@ -335,6 +337,7 @@ def _forecast(spec: RobotCalibration, known: Knowledge) -> Forecast:
             *((plan.shortfall,) if plan.shortfall else ()),
         ),
         not_checked=Reach.of(bench, spec.rules.room).not_checked(),
+        planned=planned_steps(plan, spec.rules),
     )
 
 

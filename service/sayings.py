@@ -119,8 +119,8 @@ class Sayings:
         return None if found is None or said is None else f"{found[1]}: {said}"
 
     def _listed(self, text: str) -> str | None:
-        parts = text.split("; ")
-        said = [self._said(part) for part in parts] if len(parts) > 1 else [None]
+        first, cut, rest = text.partition("; ")
+        said = [self._said(part) for part in (first, rest)] if cut else [None]
         return None if None in said else "; ".join(part for part in said if part)
 
     def _value(self, words: str) -> str:

@@ -176,9 +176,10 @@ class CollisionCheck:
         """What this check does not see, in sentences for the person who approves a move."""
         words = [*self.shape.assumed]
         names = {capsule.link: capsule.name for capsule in self.shape.arm}
-        pairs = [f"{names[i]} with {names[j]}" for i, j in sorted(self.touching)]
-        if pairs:
-            words.append(f"touching by construction, so not checked: {'; '.join(pairs)}")
+        words += [
+            f"touching by construction, so not checked: {names[i]} and {names[j]}"
+            for i, j in sorted(self.touching)
+        ]
         words.append("links that share a joint are not checked against each other")
         if not self.shape.obstacles:
             words.append("no obstacles known: path not checked for collisions with the cell")
@@ -220,16 +221,13 @@ class CollisionCheck:
             Joint angles that are not finite.
         """
         joints = np.asarray(joints_rad, dtype=float)
-        names, margins, columns = [], [], []
-        for first, second, clearance, margin in self._clearances(joints):
-            names.append(f"{first} and {second}")
-            margins.append(margin)
-            columns.append(clearance)
-        found = np.array(columns).T.reshape(len(joints), len(names))
-        limit = np.broadcast_to(np.array(margins), found.shape)
+        pairs = list(self._clearances(joints))
+        told = [f"clearance of {first} and {second}" for first, second, _, _ in pairs]
+        found = np.array([clearance for _, _, clearance, _ in pairs]).T.reshape(len(joints), len(pairs))
+        limit = np.broadcast_to(np.array([margin for *_, margin in pairs]), found.shape)
         more = None if doubt is None else self._doubts(joints, doubt)
         limit = limit if more is None else limit + more
-        return Excess("clearance", found, limit, limit - found, "m", tuple(names), more)
+        return Excess("clearance", found, limit, limit - found, "m", tuple(told), more)
 
     def _doubts(self, joints: Array, of_posture: PostureDoubt) -> Array:
         """Return (N, Q): by how much each pair of shapes may be nearer than computed; pairs as ``_clearances``."""

@@ -132,9 +132,7 @@ class DescriptionCheck:
         names = [tuple(shapes.geometryObjects[i].name for i in (pair.first, pair.second)) for pair in always]
         for pair in always:
             shapes.removeCollisionPair(pair)
-        if not names:
-            return []
-        return [f"touching by construction, so not checked: {'; '.join(f'{a} with {b}' for a, b in names)}"]
+        return [f"touching by construction, so not checked: {one} and {other}" for one, other in names]
 
 
 def _worth_checking(pin: ModuleType, model: Any, shapes: Any, own: int) -> list[Any]:

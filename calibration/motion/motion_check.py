@@ -224,8 +224,8 @@ def _not_finite(start: Array, targets: Array, others: tuple[float, ...]) -> tupl
     if not np.isfinite([*start, *others]).all():
         bad = np.array([0])
     nan = float("nan")
-    words = "a number is not finite: nothing may move"
-    return tuple(MotionFinding(int(i), "finite", nan, nan, f"target {i + 1}: {words}") for i in bad)
+    words = [f"target {i + 1}: a number is not finite, nothing may move" for i in bad]
+    return tuple(MotionFinding(int(i), "finite", nan, nan, told) for i, told in zip(bad, words, strict=True))
 
 
 def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
@@ -236,8 +236,8 @@ def _far_outside(model: RobotModel, targets: Array) -> list[MotionFinding]:
         axis = int(np.argmax(beyond[index]))
         found = float(targets[index, axis])
         limit = float(model.lower_rad[axis] if found < model.lower_rad[axis] else model.upper_rad[axis])
-        who = f"target {index + 1}" if index < len(targets) - 1 else "the start"
-        words = f"{who}, joint limits: {found:.4g} rad, limit {limit:.4g} rad"
+        called = f"target {index + 1}" if index < len(targets) - 1 else "the start"
+        words = f"{called}, joint limits: {found:.4g} rad, limit {limit:.4g} rad"
         findings.append(MotionFinding(int(index), "joint limits", found, limit, words))
     return findings
 
@@ -304,11 +304,12 @@ def _findings(excess: Excess, owner: NDArray[np.int_]) -> list[MotionFinding]:
         row, column = np.unravel_index(np.argmax(excess.excess[samples]), excess.excess[samples].shape)
         worst = samples[row]
         found, limit = float(excess.found[worst, column]), float(excess.limit[worst, column])
-        who = f" of {excess.names[column]}" if excess.names else ""
-        told = f"{found:.4g} {excess.unit}, limit {limit:.4g} {excess.unit}"
-        words = f"target {target + 1}, {excess.check}{who}: {told}"
+        what, unit = excess.told[column] if excess.told else excess.check, excess.unit
+        words = f"target {target + 1}, {what}: {found:.4g} {unit}, limit {limit:.4g} {unit}"
         if excess.doubt is not None:
-            words += f", {excess.doubt[worst, column]:.3g} m of it for turns that are not known yet"
+            words = (
+                f"{words}, of which {excess.doubt[worst, column]:.3g} m are for turns that are not known yet"
+            )
         findings.append(MotionFinding(int(target), excess.check, found, limit, words))
     return findings
 

@@ -25,7 +25,7 @@ class Excess:
     limit: Array
     excess: Array
     unit: str
-    names: tuple[str, ...] = ()  # (Q,) of the quantities, where they differ
+    told: tuple[str, ...] = ()  # (Q,) what each quantity is, where they differ
     doubt: Array | None = None  # (N, Q) of the limit: what is kept only because joints are not known better
 
     def broken(self) -> NDArray[np.bool_]:
@@ -38,7 +38,7 @@ class Excess:
         limit = np.broadcast_to(self.limit, self.excess.shape)[1:]
         doubt = None if self.doubt is None else self.doubt[1:]
         return Excess(
-            self.check, self.found[1:], limit, self.excess[1:] - forgiven, self.unit, self.names, doubt
+            self.check, self.found[1:], limit, self.excess[1:] - forgiven, self.unit, self.told, doubt
         )
 
 
@@ -67,8 +67,9 @@ def workspace_excess(
     below, above = low - points, points - high
     limit = np.where(below > above, low, high)
     flat = [part.reshape(len(joints), -1) for part in (points, limit, np.maximum(below, above), more)]
-    names = tuple(f"{name}, {axis}" for name in _point_names(model) for axis in "xyz")
-    return Excess("workspace box", flat[0], flat[1], flat[2], "m", names, None if doubt is None else flat[3])
+    told = [f"workspace box of {name}, {axis}" for name in _point_names(model) for axis in "xyz"]
+    kept = None if doubt is None else flat[3]
+    return Excess("workspace box", flat[0], flat[1], flat[2], "m", tuple(told), kept)
 
 
 def _points_doubt(model: RobotModel, joints: Array, points: Array, doubt_rad: Sequence[float]) -> Array:

@@ -76,7 +76,9 @@ class _InstrumentConfig(BaseModel):
 
     def _instrument(self) -> InstrumentOptions:
         identity = Identity("as cell.toml says", self.instrument, self.serial, f"read as {self.source}")
-        return InstrumentOptions(self.name, identity, self.unit, self.range_m, self.sigma_m)
+        return InstrumentOptions(
+            self.name, identity, self.unit, self.range_m, self.sigma_m, typed=self.source == "typed"
+        )
 
 
 class FileGaugeConfig(_InstrumentConfig):
@@ -117,7 +119,11 @@ class FileTrackerConfig(_InstrumentConfig):
     def capabilities(self) -> TrackerCapabilities:
         """What this instrument can do, known before it is reached."""
         return TrackerCapabilities(
-            bool(self.orientation), self.range_m, self.sigma_m, sigma_rad=self.sigma_rad
+            bool(self.orientation),
+            self.range_m,
+            self.sigma_m,
+            sigma_rad=self.sigma_rad,
+            typed=self.source == "typed",
         )
 
     @asynccontextmanager

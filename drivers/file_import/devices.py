@@ -38,6 +38,7 @@ class InstrumentOptions:
     unit: str
     range_m: float
     sigma_m: float
+    typed: bool = False  # by a person, when a run asks for it
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,9 @@ class FileGauge(_Instrument):
     @property
     def capabilities(self) -> GaugeCapabilities:
         options = self._options
-        return GaugeCapabilities(options.range_m, _STEP_M, options.sigma_m, answers_alone=False)
+        return GaugeCapabilities(
+            options.range_m, _STEP_M, options.sigma_m, answers_alone=False, typed=options.typed
+        )
 
     async def distance(self) -> Reading:
         row = await self._row()
@@ -129,7 +132,11 @@ class FileTracker(_Instrument):
     def capabilities(self) -> TrackerCapabilities:
         options, frame = self._options, self._frame
         return TrackerCapabilities(
-            bool(frame.orientation), options.range_m, options.sigma_m, sigma_rad=frame.sigma_rad
+            bool(frame.orientation),
+            options.range_m,
+            options.sigma_m,
+            sigma_rad=frame.sigma_rad,
+            typed=options.typed,
         )
 
     async def point(self) -> PointReading:

@@ -16,7 +16,6 @@ _POSTURES = 40  # of those that stand for the whole work
 
 def series_moves(plan: CalibrationPlan, rules: SeriesRules, *, wired: bool) -> Moves:
     """Return a calibration's plan as it is shown: the poses that are expected to tell most, and those that verify."""
-    checks = len(plan.foreseen_rad) - plan.expected_captures
     points = 0 if plan.tool is None else len(plan.tool.points) * (rules.point_max + rules.point_checks)
     return Moves(
         ways_rad=(*plan.foreseen_rad, *(way for _, way in tool_ways(plan.tool))),
@@ -31,10 +30,27 @@ def series_moves(plan: CalibrationPlan, rules: SeriesRules, *, wired: bool) -> M
         ),
         names=(
             *(str(k) for k in range(1, plan.expected_captures + 1)),
-            *(f"C{k}" for k in range(1, checks + 1)),
+            *(f"C{k}" for k in range(1, plan.expected_checks + 1)),
             *(name for name, _ in tool_ways(plan.tool)),
         ),
+        planned=planned_steps(plan, rules),
     )
+
+
+def planned_steps(plan: CalibrationPlan, rules: SeriesRules) -> dict[str, int]:
+    """Return how often each phase of a series is expected, by the plan."""
+    counts = series_steps(rules, plan.expected_captures, plan.expected_checks)
+    if plan.tool is not None:
+        points = sum(plan.tool.captures)
+        counts |= {"choose a point pose": points, "go to point pose": points, "capture point": points}
+    return counts
+
+
+def series_steps(rules: SeriesRules, captures: int, checks: int) -> dict[str, int]:
+    """Return how often each phase of a series comes with so many captures and checks."""
+    looks = 1 + max(0, captures - rules.first) + 1
+    poses = {"choose poses": looks, "go to pose": captures, "capture": captures}
+    return poses | {"go to check": checks, "capture check": checks}
 
 
 def tool_ways(plan: ToolPlan | None) -> tuple[tuple[str, tuple[Joints, ...]], ...]:

@@ -74,6 +74,11 @@ class CalibrationPlan:
     not_checked: tuple[str, ...]
     tool: ToolPlan | None = None
 
+    @property
+    def expected_checks(self) -> int:
+        """How many poses are expected to verify; fewer than the rules want where the room has no more."""
+        return len(self.foreseen_rad) - self.expected_captures
+
     def foreseen(self) -> Paced:
         """Return how far and how long the arm is expected to go."""
         flange = self.pace.along(self.way_to_rest_rad[-1], self.foreseen_rad)

@@ -36,7 +36,7 @@ async def move_by_hand(
     """
     target, told = way_rad[-1], ""
     for _ in range(TRIES):
-        text = told + _how(cell, way_rad, speed_rad_s)
+        text = told + _words(cell, way_rad, speed_rad_s)
         asked = asked_by_hand(Instruction("move_by_hand", text), target, tolerance_rad, wired=wired)
         await ask(cell, asked)
         before, after = await cell.robot.joints(), await cell.robot.joints()
@@ -67,10 +67,8 @@ async def jog_by_hand(
     left, told = delta_rad, ""
     for _ in range(TRIES):
         degrees, pace = math.degrees(left), math.degrees(speed_rad_s)
-        text = (
-            f"{told}With the pendant, turn J{axis + 1} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s."
-        )
-        await ask(cell, Instruction("jog_by_hand", f"{text} Say yes when it stands."))
+        words = f"With the pendant, turn J{axis + 1} alone by {degrees:+.2f} deg, at most {pace:.1f} deg/s."
+        await ask(cell, Instruction("jog_by_hand", f"{told}{words} Say yes when it stands."))
         moved = drive.joints(np.array(await store.encoder_counts()), before)[axis]
         left = delta_rad - float(moved)
         if abs(left) <= allowed:
@@ -82,7 +80,7 @@ async def jog_by_hand(
     )
 
 
-def _how(cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float) -> str:
+def _words(cell: Cell, way_rad: Sequence[Joints], speed_rad_s: float) -> str:
     pace = f"{math.degrees(speed_rad_s):.1f} deg/s"
     if cell.level is MotionLevel.PROGRAM and cell.programs is not None:
         name = cell.programs.put(tuple(tuple(corner) for corner in way_rad), speed_rad_s)

@@ -253,6 +253,6 @@ def _trouble(here: Array, limits: MotionLimits) -> str:
     apart_mm, kept_mm = 1e3 * near.found[0, k], 1e3 * near.limit[0, k]
     doubt_mm = 0.0 if near.doubt is None else 1e3 * near.doubt[0, k]
     return (
-        f"{near.names[k]} are {apart_mm:.0f} mm apart, {kept_mm:.0f} mm are kept, {doubt_mm:.0f} mm of them for "
+        f"{near.told[k]}: {apart_mm:.0f} mm, {kept_mm:.0f} mm are kept, {doubt_mm:.0f} mm of them for "
         "turns that are not known yet"
     )

@@ -287,12 +287,12 @@ async def _approved(
     if cell.surroundings.known or cell.motion.approved:
         return
     deltas = "" if here_rad is None else _turns(here_rad, way_rad[-1])
-    text = (
+    words = (
         "No obstacles known: the path was not checked against what stands in the cell. The robot will turn"
         f"{deltas} at up to {math.degrees(speed_rad_s):.1f} deg/s. Look at its way. May it move?"
     )
     stood = await _counts(cell) if here_rad is None else None
-    await ask(cell, Instruction("approve_move", text))
+    await ask(cell, Instruction("approve_move", words))
     await _as_asked(cell, here_rad, stood)
 
 
@@ -347,7 +347,7 @@ async def _turned_rad(cell: Cell, stood: Counts | None) -> Array:
 def _turns(here_rad: Joints, there_rad: Joints) -> str:
     turns = [math.degrees(b - a) for a, b in zip(here_rad, there_rad, strict=True)]
     told = ", ".join(f"J{k} {turn:+.1f}" for k, turn in enumerate(turns, 1) if abs(turn) >= 0.05)
-    return f" {told or 'by less than 0.05'} deg"
+    return f" {told} deg" if told else ""
 
 
 def _model(cell: Cell) -> RobotModel:

@@ -7,7 +7,7 @@ page of its own.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,7 @@ class Moves:
     most: int | None = None
     predictions: tuple[Prediction, ...] = ()
     names: tuple[str, ...] = ()
+    planned: Mapping[str, int] = field(default_factory=dict)  # how often a phase of the outline is expected
 
 
 def straight(poses_rad: Iterable[Joints]) -> tuple[Way, ...]:
@@ -60,6 +61,7 @@ def plan_page(asked: Instruction, tour: Tour, moves: Moves) -> Shown:
     plan = {
         "poses": poses,
         "most": moves.most,
+        "planned": dict(moves.planned),
         "speed_rad_s": moves.speed_rad_s,
         "duration_s": 60.0 * tour.minutes,
         "checked": moves.checked,

@@ -118,14 +118,15 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
         damage = told_damage(journal.damage) if journal.damage else missing_end(config, journal)
         pending = () if journal.damage else _unconfirmed(store, config)
     if as_json:
-        keys = ("run_id", "procedure", "started_utc", "state", "reason")
+        keys = ("run_id", "procedure", "started_utc", "begun_by", "begun_as", "state", "reason")
         told = [{key: getattr(view, key) for key in keys} for view in views]
         print_json({"runs": told, "unconfirmed": [run_id for _, run_id in pending]})
         return _tell_damage(damage)
-    table = Table(Column("run", no_wrap=True), Column("started (UTC)", min_width=10), "ended", "reason")
+    table = Table(Column("run", no_wrap=True), Column("started (UTC)", min_width=10), "by", "ended", "reason")
     for view in views:
         started = view.started_utc[:19].replace("T", " ")
-        table.add_row(view.run_id, started, view.state.replace("_", " "), escape(view.reason))
+        ended, by = view.state.replace("_", " "), escape(_begun_by(view))
+        table.add_row(view.run_id, started, by, ended, escape(view.reason))
     if views or not damage:
         Console().print(
             table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`."
@@ -164,8 +165,9 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         findings = [{"step": f.step, "value": f.value} for f in view.past.findings]
         print_json(
             {
-                "run_id": view.run_id, "procedure": view.procedure, "state": view.state,
-                "reason": view.reason, "spec": view.spec, "findings": findings, "result": view.result,
+                "run_id": view.run_id, "procedure": view.procedure, "begun_by": view.begun_by,
+                "begun_as": view.begun_as, "state": view.state, "reason": view.reason, "spec": view.spec,
+                "findings": findings, "result": view.result,
                 "judgement": view.judgement, "unconfirmed": bool(pending),
                 "journal": "unchanged" if damage is None else told_damage(damage),
             }
@@ -173,6 +175,8 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
         return _tell_damage(told_damage(damage) if damage else "")
     console = Console()
     console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {escape(view.reason)}")
+    roles = f" ({' and '.join(view.begun_as)})" if view.begun_as else ""
+    console.print(f"begun: {escape(_begun_by(view) + roles)}, {view.started_utc[:19].replace('T', ' ')} UTC")
     console.print(_events_table(events))
     if isinstance(view.result, dict):
         tree = Tree("result")
@@ -185,6 +189,14 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     if damage is None:
         console.print("journal: unchanged")
     return _tell_damage(told_damage(damage) if damage else "")
+
+
+def _begun_by(view: Any) -> str:
+    from service.watching.answers_to_loss import WATCH
+
+    if view.begun_by == WATCH:
+        return "by itself"
+    return str(view.begun_by)
 
 
 def _events_table(events: Any) -> Any:
@@ -292,7 +304,17 @@ async def run_live(
     from service.runs.execute import Where, start
 
     with live_progress(procedure) as show_event:
-        return await start(Where(config, _operator(answers), robot, show_event), procedure, settings)
+        where = Where(config, _operator(answers), robot, show_event, _who_typed())
+        return await start(where, procedure, settings)
+
+
+def _who_typed() -> str:
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a container's user without a name
+        return "service"
 
 
 async def _resume(

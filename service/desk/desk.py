@@ -367,6 +367,7 @@ class Desk:
         def began(run_id: str, phases: tuple[Phase, ...]) -> None:
             run.run_id, run.phases = run_id, phases
             self._operator.run_id = run_id
+            self._answering.began(run_id, who)
             self._under_way.keep(run_id, self._robot, hold_to_move=order.hold_to_move)
 
         how = Conditions(lambda progress: self._on_event(run, progress), began, self._gate, who)

@@ -36,6 +36,7 @@ class Shown:
     role: str
     name: str
     live: bool = True  # it tells values by itself; of another one, only the state is asked
+    typed: bool = False  # its readings are typed by a person, when a run asks for them
     condition: Condition | None = None
     value: Any = None
     value_at_s: float | None = None
@@ -64,6 +65,7 @@ class Shown:
             "role": self.role,
             "name": self.name,
             "live": self.live,
+            "typed": self.typed,
             "asked": asked,
             "state": "unknown" if condition is None else condition.readiness.value,
             "message": self.error or ("" if condition is None else condition.message),
@@ -175,9 +177,10 @@ class Glance:
 
 def _unseen(role: str, device: Any, cell: Cell) -> Shown:
     live = role in ("gauge", "dial") and device.capabilities.answers_alone
+    typed = role in ("gauge", "tracker") and device.capabilities.typed
     settle = Settle(SETTLE_SIGMAS * device.capabilities.sigma_m) if live else None
     held = cell.certificates.get(role)
-    return Shown(role, device.name, live, settle=settle, due="" if held is None else held.due)
+    return Shown(role, device.name, live, typed, settle=settle, due="" if held is None else held.due)
 
 
 def _value_of(reading: Any) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from procedures.entry import Phase
+from procedures.entry import Phase, as_planned
 from procedures.progress import Progress
 from service.desk.series import Series
 from service.desk.time_left import TimeLeft
@@ -42,7 +42,10 @@ class Running:
 
     def take(self, progress: Progress) -> None:
         """Note one event of the run."""
-        self.step, self.index, self.expected = progress.step, progress.index, progress.expected
+        self.step, self.index = progress.step, progress.index
+        if progress.kind in ("finding", "replayed") and progress.page is not None:
+            self.phases = as_planned(self.phases, progress.page.data.get("plan", {}).get("planned", {}))
+        self.expected = sum(len(phase.steps) for phase in self.phases) or progress.expected
         self.time_left.phases = self.phases
         self.time_left.take(progress)
         self.series.take(progress)

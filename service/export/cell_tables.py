@@ -13,7 +13,17 @@ from service.runs.store import RunView, Store
 
 SETS = "parameter_sets"  # beside the cell file
 _MOST_COLUMNS = 4000
-_RUN = ("run_id", "procedure", "version", "robot_serial", "started_utc", "state", "word", "reason")
+_RUN = (
+    "run_id",
+    "procedure",
+    "version",
+    "robot_serial",
+    "started_utc",
+    "begun_by",
+    "state",
+    "word",
+    "reason",
+)
 _FIGURE = ("run_id", "started_utc", "procedure", "robot_serial", "figure", "unit", "value")
 _FIGURE_REST = ("standard_uncertainty", "coverage", "expanded_uncertainty", "limit", "decision")
 _READING = ("step", "at_utc", "used", "reason")
@@ -27,8 +37,8 @@ def runs_table(config: CellConfig) -> Table:
         views = Store(journal).runs()
     rows = [
         (
-            view.run_id, view.procedure, view.version, _serial(view), view.started_utc, view.state,
-            str((view.judgement or {}).get("word", "")), view.reason,
+            view.run_id, view.procedure, view.version, _serial(view), view.started_utc, view.begun_by,
+            view.state, str((view.judgement or {}).get("word", "")), view.reason,
         )
         for view in views
     ]  # fmt: skip

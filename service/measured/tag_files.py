@@ -18,6 +18,11 @@ from service.measured.table import MeasurementError, Table, read_table
 
 LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 25.4e-3, "um": 1e-6}
 _ANGLES = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
+WRITTEN = {  # what a screen may tell of a file
+    "lengths": list(LENGTHS),
+    "angles": list(_ANGLES),
+    "conventions": {name: " ".join(each.fields) for name, each in CONVENTIONS.items()},
+}
 _NAMES = ("name", "tag", "tag_name", "tagname", "point", "point_name", "label", "id", "target")
 _MOST_METRES = 20.0  # from a cell's frames; beyond, coordinates are millimetres
 _MOST_RADIANS = 8.2  # a turn and a third; beyond, angles are degrees
@@ -111,7 +116,11 @@ def _name_column(table: Table) -> str:
 def _layout(table: Table, options: TagOptions, name: str) -> Layout:
     """Find joints where there are any, and places; a robot's path may have joints alone."""
     names = [column for column in table.names if column != name]
-    given = {key: tuple(text.split(",")) for key, text in options.columns.items() if key != "name"}
+    given = {
+        key: tuple(part.strip() for part in text.split(","))
+        for key, text in options.columns.items()
+        if key != "name"
+    }
     joints = given.pop("joints", ()) or _joint_columns(names, given)
     missing = [column for column in joints if column not in names]
     if missing:

@@ -10,7 +10,7 @@ from calibration.errors import CalibrationError, CellError
 from drivers.interfaces import Counts
 from procedures.catalogue import ENTRIES, entry_named
 from procedures.cell import Cell
-from procedures.entry import Entry, Phase, lacking
+from procedures.entry import Entry, Phase, as_planned, lacking
 from procedures.forecast import Forecast, Knowledge
 from procedures.instruments import instruments_of
 from procedures.run import RefusalError
@@ -69,6 +69,7 @@ def dry_run(config: CellConfig, procedure: str, settings: dict[str, Any], robot:
     spec = build_spec(config, cell.robot.name, procedure, settings)
     lacks = lacking(entry, cell)
     forecast, problem = (None, "") if lacks else _forecast(entry, spec, cell, config)
+    phases = as_planned(entry.outline(spec), forecast.planned if forecast else {})
     return DryRun(
         procedure=entry.name,
         title=entry.title,
@@ -77,8 +78,8 @@ def dry_run(config: CellConfig, procedure: str, settings: dict[str, Any], robot:
         serial=config.robot(robot).serial,
         settings=to_jsonable_python(spec),
         lacks=(*lacks, *(forecast.lacks if forecast else ())),
-        phases=entry.outline(spec),
-        expected_steps=entry.expected_steps(spec),
+        phases=phases,
+        expected_steps=sum(len(phase.steps) for phase in phases),
         forecast=forecast,
         problem=problem,
     )

@@ -44,6 +44,8 @@ class RunView:
     result: Any
     judgement: Any  # what the procedure claims of its result; None where it says nothing
     past: Past
+    begun_by: str = ""  # as who began it was told: a person, the watch, the service
+    begun_as: tuple[str, ...] = ()  # roles of the people behind that name; empty where the journal knows none
     motion_level: str = ""  # who moved the robot; empty in journals that do not say it
     controller_mode: str | None = None  # at the start, as the maker calls it; None: nobody told
     software: tuple[Mapping[str, str], ...] = ()  # that began the run, and any other that went on with it
@@ -211,10 +213,18 @@ def _view(events: list[Event]) -> RunView:
         result=ended.get("result"),
         judgement=ended.get("judgement"),
         past=fold(bodies),
+        begun_by=events[0].actor,
+        begun_as=_roles_of(events[0].actor, bodies),
         motion_level=header.get("motion_level", ""),
         controller_mode=header.get("controller_mode"),
         software=_software(bodies),
     )
+
+
+def _roles_of(who: str, bodies: list[tuple[str, Any]]) -> tuple[str, ...]:
+    """Return the roles of the people behind a name, as they were first noted in a run."""
+    noted = (body["people"] for kind, body in bodies if kind == Kind.ANSWERS_AS and body["who"] == who)
+    return tuple(signer["role"] for signer in next(noted, ()))
 
 
 def _software(bodies: list[tuple[str, Any]]) -> tuple[Mapping[str, str], ...]:

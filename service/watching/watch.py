@@ -152,16 +152,16 @@ class Watch:
             self._seen = None
             return None
         self._warn_once(battery_warning(condition))
-        found = None
+        detected_by = None
         if condition.readiness is Readiness.POSITION_LOST or in_doubt(condition):
-            found = f"the controller reports: {condition.message}"
+            detected_by = f"the controller reports: {condition.message}"
         else:
-            found = await self._compare()
+            detected_by = await self._trouble()
         suspicion = _suspected(condition)
-        if found is None and self._held is not None:
+        if detected_by is None and self._held is not None:
             trouble = await self._held.trouble(self._robot)
-            found, suspicion = trouble or (None, suspicion)
-        if found is None:
+            detected_by, suspicion = trouble or (None, suspicion)
+        if detected_by is None:
             self._reported, self._after_run = None, False
             return None
         alarms, before = condition.alarms, self._reported
@@ -172,7 +172,7 @@ class Watch:
             graver = suspect(alarms)
             suspicion = suspicion if graver.mode is LossMode.MEMORY else graver
         loss = PositionLoss(
-            self._robot.name, found, alarms, self._saved, suspicion,
+            self._robot.name, detected_by, alarms, self._saved, suspicion,
             follows_another=before is not None, during_run=self._after_run,
         )  # fmt: skip
         self._reported = loss
@@ -208,7 +208,7 @@ class Watch:
         if self._held is not None:
             self._held.look_anew()
 
-    async def _compare(self) -> str | None:
+    async def _trouble(self) -> str | None:
         """Compare with what was seen before; remember this look when all is well."""
         counts, epoch, now_s = (
             await self._robot.encoder_counts(),

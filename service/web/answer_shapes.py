@@ -292,6 +292,7 @@ class ForecastSeen(Shape):
     assumed: list[str]
     lacks: list[str]
     not_checked: list[str]
+    planned: dict[str, int]
 
 
 class DryRunSeen(Shape):
@@ -320,6 +321,8 @@ class RunLine(Shape):
     reason: str
     word: str
     robot_serial: str
+    begun_by: str
+    begun_as: list[str]
 
 
 class Finding(Shape):

@@ -65,7 +65,7 @@ def _run(config: CellConfig, run_id: str) -> dict[str, Any]:
 
 
 def _short(view: "RunView") -> dict[str, Any]:
-    keys = ("run_id", "procedure", "started_utc", "state", "reason")
+    keys = ("run_id", "procedure", "started_utc", "state", "reason", "begun_by", "begun_as")
     told = {key: getattr(view, key) for key in keys}
     devices, word = view.cell["devices"], (view.judgement or {}).get("word", "")
     return {**told, "word": word, "robot_serial": devices[0]["identity"]["serial"] if devices else ""}

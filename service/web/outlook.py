@@ -53,7 +53,7 @@ def _possible(config: CellConfig, robot: str | None) -> list[dict[str, Any]]:
 def _schema(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
     """Return the settings as JSON schema; those that are files say so; what the cell decides is the usual value."""
     from procedures.catalogue import entry_named  # noqa: PLC0415  as above
-    from service.measured.tag_files import LENGTHS  # noqa: PLC0415  as above
+    from service.measured.tag_files import WRITTEN  # noqa: PLC0415  as above
     from service.parameters.simulated_cells import file_settings, tag_settings  # noqa: PLC0415  as above
     from service.runs.specs import chosen_by_cell  # noqa: PLC0415  as above
 
@@ -62,7 +62,7 @@ def _schema(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
     for name in file_settings(kind):
         schema["properties"][name]["x-file"] = True
     for name in tag_settings(kind):
-        schema["properties"][name]["x-units"] = list(LENGTHS)
+        schema["properties"][name]["x-tags"] = WRITTEN
     for name, value in chosen_by_cell(config, robot, procedure).items():
         schema["properties"][name]["default"] = value
     return schema

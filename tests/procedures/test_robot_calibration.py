@@ -1,7 +1,9 @@
 """What a robot calibration finds, refuses and writes; alone, and once through real drivers and sockets."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +14,14 @@ from procedures.arm.arm_motion import Roadmap
 from procedures.arm.calibration_order import CalibrationResult, RobotCalibration
 from procedures.arm.calibration_result import HoldOut
 from procedures.arm.series_rules import SeriesRules
+from procedures.entry import as_planned
 from procedures.forecast import Knowledge
 from procedures.limits import ToolLimits
 from procedures.progress import Progress
 from procedures.robot_calibration import ENTRY, robot_calibration
 from procedures.run import RefusalError, Run
 from procedures.steps.measure_point import StationMovedError
+from service.desk.running import Running
 from tests.procedures.cells import (
     FEW,
     FLANGE_TOOL,
@@ -189,6 +193,36 @@ def test_a_dry_run_foretells_how_well_the_tool_will_be_known() -> None:
     assert sum(pose.label.startswith("3.") for pose in told.poses) >= 5
     plain = ENTRY.forecast(calibrating(write_zeros=False).spec, known)
     assert told.duration_s > plain.duration_s
+    steps = {phase.name: phase.repeats for phase in as_planned(ENTRY.outline(made.spec), told.planned)}
+    names = ("capture", "capture check", "capture point", "capture point check")
+    assert sum(steps[name] or 0 for name in names) == len(told.poses)
+
+
+@pytest.mark.parametrize(
+    "rules", [WIRE, replace(WIRE, candidates=32, min_captures=8), replace(WIRE, checks=20, candidates=50)]
+)
+async def test_words_list_and_steps_of_a_plan_tell_the_same_numbers(rules: SeriesRules) -> None:
+    """Also where the room has fewer poses to verify with than the rules want."""
+    made = calibrating(method="wire", rules=rules)
+    run = Running("robot_calibration", "t", "anna", phases=ENTRY.outline(made.spec))
+    plans: list[Any] = []
+
+    def hear(progress: Progress) -> None:
+        run.take(progress)
+        if progress.step == "accept the plan" and progress.kind == "finding" and progress.page is not None:
+            plans.append(progress.page.data["plan"])
+            raise RefusalError("far enough")
+
+    with pytest.raises(RefusalError, match="far enough"):
+        await robot_calibration(Run(made.cell, MemoryLedger(), announce=hear), made.spec)
+    words = made.hands.read["accept_plan"]
+    poses, checks = (
+        int(number) for number in re.findall(r"to about (\d+) .*? and to (\d+) more that verify", words)[0]
+    )
+    assert poses + checks == len(plans[0]["poses"])
+    repeats = {phase.name: phase.repeats for phase in run.phases}
+    assert (repeats["capture"], repeats["capture check"]) == (poses, checks)
+    assert run.expected == sum(len(phase.steps) for phase in run.phases)
 
 
 def test_a_way_that_ends_where_a_hub_hangs_goes_no_further() -> None:

@@ -25,7 +25,7 @@ _BY_NAME = """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """
     __init__ Condition Judged SetAside Check Checked Figure Alarm Flaw Prediction Change Characteristic
-    judged known_within held stated enough name_flaw _unreadable forget _said
+    Excess at_least at_most judged known_within held stated enough name_flaw _unreadable forget _said
     error wrong damaged refusal _refusal _refused fix
 """
 _REMARKS = "Remark remark _remark _grouped _lines _of_functions"  # (where, code, text) of a program's line
@@ -100,7 +100,7 @@ def _said(node: ast.AST) -> Iterator[ast.expr]:
             for key, value in zip(node.keys, node.values, strict=True)
             if isinstance(key, ast.Constant) and key.value in SAID_BY_NAME
         )
-    elif isinstance(node, ast.FunctionDef) and _says(node.name):
+    elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _says(node.name):
         yield from (each.value for each in ast.walk(node) if isinstance(each, ast.Return) and each.value)
 
 

@@ -29,6 +29,28 @@ def test_a_carried_file_is_read_as_one_that_is_named(tmp_path: Path) -> None:
     assert (spec.simulated.source, spec.measured.source) == ("robot.csv", "fixture.csv")
 
 
+def test_what_a_form_tells_of_a_file_is_how_it_is_read() -> None:
+    strange = "who,e,n,h,r1,r2,r3,j\nP1,10,20,30,90,0,0,1\nP2,50,20,30,0,90,0,2\nP3,10,90,30,0,0,90,3\n"
+    told = {
+        "units": {"position": "cm", "rotation": "deg"},
+        "columns": {"name": "who", "position": "e, n, h", "rotation": "r1, r2,r3"},
+        "convention": "fanuc_wpr",
+    }
+    named = {"part": "base", "simulated": {"file": carried(text=strange), **told}, "measured": carried()}
+    path = spec_of("simulation_cell", named).simulated
+    assert path.names == ("P1", "P2", "P3")
+    assert (
+        path.positions_m == spec_of("simulation_cell", named | {"simulated": carried()}).measured.positions_m
+    )
+    half = pytest.approx(0.5**0.5)
+    assert tuple(map(abs, path.quaternions[0])) == (
+        half,
+        half,
+        pytest.approx(0),
+        pytest.approx(0),
+    )
+
+
 @pytest.mark.parametrize(
     "file",
     [

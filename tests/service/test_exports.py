@@ -159,6 +159,7 @@ def test_every_number_of_the_journal_is_in_the_tables(tmp_path: Path) -> None:
     assert {"m", "rad"} <= set(told[1])
     run = dict(zip(*[read_csv(as_csv_file(runs_table(config)))[k] for k in (0, 2)], strict=True))
     assert (run["run_id"], run["state"], run["robot_serial"]) == (run_id, "passed", "F-1")
+    assert run["begun_by"] == "anna"
     figures = read_csv(as_csv_file(history_table(config)))
     assert float(figures[2][6]) >= 0.0
     sets = read_xlsx(as_xlsx_file([parameters_table(config, "F-1")]))

@@ -68,7 +68,8 @@ class Hostile(OneQuestion):
 async def _runs(route: Route) -> None:
     runs = [
         {"run_id": text, "procedure": text, "started_utc": "2026-01-01T00:00:00+00:00", "state": "refused",
-         "reason": text, "robot_serial": text, "word": "", "ended_utc": "2026-01-01T00:00:00+00:00"} for text in XSS
+         "reason": text, "robot_serial": text, "begun_by": text, "begun_as": [], "word": "",
+         "ended_utc": "2026-01-01T00:00:00+00:00"} for text in XSS
     ]  # fmt: skip
     await route.fulfill(json=runs)
 

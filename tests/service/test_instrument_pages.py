@@ -1,5 +1,6 @@
 """The pages of a cell with a wire, a tracker, a touch probe and a dial gauge: each shows what it has, and no more."""
 
+import json
 import re
 from collections.abc import AsyncIterator
 from typing import Any
@@ -9,7 +10,7 @@ import pytest_asyncio
 from playwright.async_api import expect
 
 from service.web.app import Settings, create_app
-from tests.service.browsers import LOCALES, comes, hold_to_rules
+from tests.service.browsers import LOCALES, ROOT, comes, go, hold_to_rules
 from tests.service.instruments import full_cell
 from tests.service.test_pages import Looking, looking_at
 from tests.service.test_view3d import feed
@@ -59,6 +60,22 @@ async def test_the_panel_warns_of_no_value_that_an_instrument_does_not_tell(look
         }
         await expect(page.get_by_test_id("panel-tracker")).to_have_attribute("data-state", "not_ready")
         await expect(page.get_by_test_id("panel-tracker")).to_contain_text("No reflector in the beam")
+
+
+@pytest.mark.parametrize("locale", LOCALES)
+async def test_what_a_person_types_when_asked_is_never_too_old(looking: Looking, locale: str) -> None:
+    texts = json.loads((ROOT / f"web/src/locales/{locale}.json").read_text(encoding="utf-8"))
+    typed = {"live": False, "typed": True, "state": "ready", "age_s": 900.0, "value": None, "settle": None}
+    async with looking.page(locale=locale) as page:
+        await feed(page, None, lambda live: of(live, "gauge").update(typed))
+        await page.reload()
+        gauge = page.get_by_test_id("gauge")
+        await expect(gauge).to_contain_text(texts["typed_when_asked"])
+        await expect(gauge).to_have_attribute("data-stale", "false")
+        await hold_to_rules(page, f"a typed gauge, {locale}")
+        await go(page, "#/devices")
+        await expect(page.get_by_test_id("age-gauge")).to_have_text(texts["typed_when_asked"])
+        await expect(page.get_by_test_id("panel-gauge").locator(".old")).to_have_count(0)
 
 
 @pytest.mark.parametrize("locale", LOCALES)

@@ -192,7 +192,9 @@ class TypedGauge:
     """A gauge whose readings a person types: each question would be asked of somebody."""
 
     name = "tape"
-    capabilities = GaugeCapabilities(range_m=3.0, resolution_m=1e-9, sigma_m=2e-5, answers_alone=False)
+    capabilities = GaugeCapabilities(
+        range_m=3.0, resolution_m=1e-9, sigma_m=2e-5, answers_alone=False, typed=True
+    )
     asked = 0
 
     async def condition(self) -> Condition:
@@ -210,6 +212,7 @@ async def test_nobody_is_asked_to_type_what_only_a_screen_would_show() -> None:
     glance = Glance(cell)
     await _until(lambda: seen(glance, "gauge")["state"] == "ready", glance.look)
     assert gauge.asked == 0
+    assert (seen(glance, "gauge")["typed"], seen(glance, "gauge")["live"]) == (True, False)
     assert glance.standing().settled is None  # nothing swings, and nothing waits for it
     assert (await cast(Any, glance.cell.gauge).distance()).value_m == 1.25
     assert seen(glance, "gauge")["value"]["length_m"] == 1.25

@@ -262,6 +262,7 @@ async def test_points_not_used_are_marked_by_shape_and_said_in_words(looking: Lo
     told = [common | {"step": dot["name"], "used": dot["used"], "reason": dot["reason"]} for dot in dots]
     measured = {"readings": told, "series": [{"kind": "spread", "what": "", "points": dots}]}
     run: dict[str, Any] = {"run_id": "r", "procedure": "drift_check", "started_utc": common["at_utc"]}
+    run |= {"begun_by": "watch", "begun_as": []}
     run |= {"state": "passed", "reason": "", "spec": {}, "findings": [], "result": None, "judgement": None}
     async with looking.page() as page:
         await page.route("**/api/runs/r", lambda route: route.fulfill(json=run))

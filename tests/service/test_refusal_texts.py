@@ -7,9 +7,15 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from calibration.arm.kinematics import load_model
+from calibration.motion.collision import CollisionCheck, Plane, Sphere, assumed_shape
+from calibration.motion.doubt import PostureDoubt
+from calibration.motion.motion_check import MotionLimits, WirePath, check_moves
 from drivers.wire.tables import code_table
+from service.sayings import Sayings
 from tests.service.spoken import ROOT, SENTENCE, sentences
 
 TRANSLATED = ("de", "es", "zh")
@@ -41,6 +47,7 @@ WHOLE = (
     "calibration/line_accuracy.py",
     "calibration/mastering/kit_design.py",
     "calibration/mastering/pose_design.py",
+    "calibration/motion",
     "calibration/points/end_effector.py",
     "calibration/points/fixture.py",
     "calibration/points/frames.py",
@@ -51,6 +58,10 @@ WHOLE = (
     "service/certificates/signing.py",
     "service/demo/door.py",
     "service/demo/mishaps.py",
+    "service/measured/carried.py",
+    "service/measured/columns.py",
+    "service/measured/table.py",
+    "service/measured/tag_files.py",
     "service/people",
     "service/programs/cell_of_program.py",
     "service/programs/judge.py",
@@ -92,6 +103,9 @@ NOT_FOR_PEOPLE = {
     "journal",
     "m",
     "rad",
+    "m/s",
+    "m/rad",
+    "{1}: a start ({2},) and targets (N, {3}) are needed",
     "count",
     "{1} {2} (axes {3})",
     "EMCY-{1}",
@@ -182,3 +196,41 @@ def _literals(file: Path) -> Iterator[str]:
 def _stands_in(sentence: str, written: str) -> bool:
     """Whether each piece of a sentence between its holes is written somewhere: in a table, or returned."""
     return all(piece in written for piece in HOLE.split(sentence))
+
+
+def _found_of_bad_moves() -> set[str]:
+    """Return what is found of moves that break every limit there is."""
+    model = load_model("fanuc_m6ib")
+    wire = WirePath((0.9, -0.7, -0.45), (0.06, 0.05, 0.12), 1.2, lowest_fraction=0.6, wrap_rad=0.1)
+    things = (Sphere("door", (0.8, 0.2, 0.5), 0.4), Plane("floor", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    shape = assumed_shape(model, things, tip_in_flange_m=(0.0, 0.0, 0.2), wire=wire)
+    tight = MotionLimits(
+        joint_margin_rad=0.5,
+        tip_speed_m_s=1e-6,
+        box_low_m=(0.3, -0.2, 0.3),
+        box_high_m=(0.5, 0.2, 0.6),
+        smallest_singular_value=10.0,
+        wire=wire,
+        clearances=CollisionCheck.prepare(model, shape),
+        doubt=PostureDoubt((0.1,) * 6, (0.1,) * 6),
+    )
+    rng, here = np.random.default_rng(1), np.zeros(6)
+    ways = [rng.uniform(model.lower_rad, model.upper_rad, (2, 6)) for _ in range(6)]
+    ways += [np.full((1, 6), 20.0), np.full((1, 6), np.nan)]
+    starts = [*(here for _ in ways), np.full(6, 20.0)]
+    found = [
+        check_moves(model, start, way, tight, speed_rad_s=9.0).findings
+        for start, way in zip(starts, [*ways, ways[0]], strict=True)
+    ]
+    return {finding.sentence for findings in found for finding in findings}
+
+
+def test_what_a_check_of_motion_finds_is_said_in_every_language() -> None:
+    found = _found_of_bad_moves()
+    for check in ("limits", "speed", "box", "singularity", "too", "wrap", "clearance", "finite", "start"):
+        assert any(check in sentence for sentence in found), check
+    english = re.compile(r"\b(target|limits?|the|and|of|link|flange|tool|tip|wire|clearance|box)\b")
+    for locale in TRANSLATED:
+        sayings = Sayings.read(locale, ROOT / "web/src/locales")
+        said = [sayings.say(f"the way is not free: {sentence}") for sentence in found]
+        assert not [words for words in said if english.search(words)], locale

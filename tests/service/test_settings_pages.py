@@ -162,3 +162,34 @@ async def test_a_procedure_that_is_not_there_is_no_dead_end(looking: Looking) ->
         await page.locator("main a[href='#/']").click()
         await expect(page.locator("main h1")).to_be_visible()
         await expect(page.get_by_test_id("no-procedure")).to_have_count(0)
+
+
+TAGS = b"tag,x,y,z\nP1,0.1,0.2,0.3\nP2,0.5,0.2,0.3\nP3,0.1,0.9,0.3\n"
+
+
+async def test_how_a_file_of_tags_is_written_is_told_in_fields(looking: Looking) -> None:
+    async with looking.page("#/procedure/simulation_cell", size=(800, 1280)) as page:
+        await page.get_by_test_id("value-part").select_option("base")
+        await unfold(page)
+        for field, word in (("columns-position", " x,y, z"), ("sheet", "S"), ("columns-name", "tag")):
+            await fill(page, f"simulated-{field}", word)
+        await page.get_by_test_id("simulated-unit-position").select_option("cm")
+        await page.get_by_test_id("simulated-convention").select_option("kuka_abc")
+        for name in ("simulated", "measured"):
+            file = {"name": f"{name}.csv", "mimeType": "text/csv", "buffer": TAGS}
+            await page.get_by_test_id(f"value-{name}").set_input_files(file)
+            await expect(page.get_by_test_id(f"setting-{name}")).to_contain_text(f"{name}.csv")
+        await fill(page, "simulated-sheet", "")
+        asked = (await foretell(page))["settings"]
+        told = {key: value for key, value in asked["simulated"].items() if key != "file"}
+        assert told == {
+            "columns": {"position": "x,y, z", "name": "tag"},
+            "units": {"position": "cm"},
+            "convention": "kuka_abc",
+        }
+        assert asked["measured"].keys() == {"name", "content_base64"}
+        await expect(page.get_by_test_id("no-outlook")).to_have_count(0)
+        await page.reload()
+        await unfold(page)
+        await expect(page.get_by_test_id("simulated-convention")).to_have_value("kuka_abc")
+        await hold_to_rules(page, "a file of tags")

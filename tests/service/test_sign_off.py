@@ -12,10 +12,11 @@ from service.certificates.page import page_of
 from service.certificates.printing import html_from, pdf_from
 from service.certificates.signing import Finding, check
 from service.certificates.text import as_text
+from service.cli.runs import show
 from service.configuration.cell_file import CellConfig
 from service.desk.answering import Answering
 from service.desk.desk import Desk
-from service.desk.messages import AnswerIt, Command, Signer, SignOff
+from service.desk.messages import AnswerIt, Command, Signer, SignOff, Start
 from service.desk.running import Running
 from service.people.entrance import LOCAL_PERSON, Person
 from service.people.errors import SecondPersonError
@@ -140,6 +141,34 @@ async def test_roles_are_those_of_the_moment_and_are_noted_once(tmp_path: Path) 
     text = issue(config, outcome.run_id).text_path.read_text()
     assert "by Tom and Ben (technician and engineer)" in text
     assert "by anna (role not recorded)" in text
+
+
+async def test_who_began_a_run_is_told_with_the_role_that_counted_then(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = cell_config(tmp_path)
+    outcome = await run_in(config, pointing(), "three_point_frame")
+    answering = Answering(config)
+    with open_journal(config) as journal:
+        assert Store(journal).run(outcome.run_id).begun_as == ()  # from the console: no role is known
+
+    async def begin(who: str, role: str) -> None:
+        order = Start(op="start", procedure="three_point_frame", settings={}, hold_to_move=False)
+        people = (Signer(name=who, role=role),)
+        await answering.note("", Command(id=who, rev=1, who=who, people=people, order=order))
+        answering.began(outcome.run_id, who)
+
+    await begin("Tom", "technician")  # who goes on with it did not begin it
+    with open_journal(config) as journal:
+        assert Store(journal).run(outcome.run_id).begun_as == ()
+    await begin("anna", "engineer")
+    await begin("anna", "technician")
+    with open_journal(config) as journal:
+        told = Store(journal).run(outcome.run_id)
+        assert len(_noted(journal, outcome.run_id)) == 3
+    assert (told.begun_by, told.begun_as) == ("anna", ("engineer",))
+    assert show("last", cell=Path(config.path)) == 0
+    assert "begun: anna (engineer), 20" in capsys.readouterr().out
 
 
 def _noted(journal: Journal, run_id: str) -> list[str]:

@@ -248,6 +248,7 @@ async def test_a_plan_is_looked_at_before_the_robot_moves(pendant: Pendant, tmp_
         await asked(page, "wire_is_hooked")
         await record(page)
         await asked(page, "accept_plan")
+        await expect(page.get_by_test_id("instruction")).to_contain_text("is the wire free, are no cables")
         await expect(page.get_by_test_id("plan-count")).to_have_text(re.compile(r"^\s*12"))
         await expect(page.get_by_test_id("plan-checks").locator(".good")).to_have_count(4)
         await page.get_by_test_id("plan-poses").locator("summary").click()

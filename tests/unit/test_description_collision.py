@@ -72,7 +72,7 @@ def test_what_always_touches_is_left_out_and_named():
         "link_3": '<geometry><sphere radius="0.5"/></geometry>',
     }
     words = DescriptionCheck.prepare(described(shapes)).not_checked
-    assert any("link_3_0 with link_5_0" in word for word in words)
+    assert any("link_3_0 and link_5_0" in word for word in words)
     assert any("no obstacles" in word for word in words)
 
 

@@ -87,7 +87,7 @@ def test_a_refusal_says_which_body_and_how_much_of_it_is_doubt() -> None:
     found = check_moves(model, here, there, replace(limits, doubt=doubt), speed_rad_s=1e-3).findings
     told = [finding.sentence for finding in found if finding.check == "clearance"]
     assert told
-    assert all("of it for turns that are not known yet" in sentence for sentence in told)
+    assert all("for turns that are not known yet" in sentence for sentence in told)
     assert all(" and " in sentence for sentence in told)
 
 

@@ -61,6 +61,7 @@ class TestTyped:
             reading = await device.distance()
             assert reading.value_m == pytest.approx(1.234567, abs=1e-12)
             assert reading.sigma_m == device.capabilities.sigma_m
+            assert device.capabilities.typed
             assert reading.raw * device.capabilities.resolution_m == pytest.approx(reading.value_m, abs=1e-15)
             assert (await device.condition()).readiness is Readiness.READY
 

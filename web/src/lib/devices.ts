@@ -14,7 +14,7 @@ export function grown(age_s: number | null): number | null {
 
 /** Whether nothing new is heard of it although something should be: not while a run waits for its reading. */
 export function silent(device: Device): boolean {
-  if (device.asked || (!device.live && device.state === "unknown")) return false;
+  if (device.asked || device.typed || (!device.live && device.state === "unknown")) return false;
   const age = grown(device.age_s);
   if (device.role === "other_robot") return age === null; // looked at as often as the cell file says
   return age === null || age > (device.live ? VALUE_S : STATE_S);

@@ -11,6 +11,7 @@ const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,r
 const NUMBER = /(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?/g;
 const ONLY_A_NUMBER = /^[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?$/;
 const SENTENCE = /(?<=[.?!])\s+/;
+const STOPPED = /[.。?？!！]$/;
 const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const HOLE = /\{(\d+)\}/;
 const DEVICE = /^([\w/-]+(?: [\w-]+){0,2}): (.+)$/s; // a device's trouble begins with its name, a message's with its key
@@ -52,6 +53,9 @@ class Sayings {
       return said === null ? { text: part, english: english && WORD.test(part) } : { text: said, english: false };
     });
   };
+
+  /** The same as whole sentences, each with its capital and its stop, where they were parts of one. */
+  sentences = (text: string): Spoken[] => this.parts(text).map((part) => ({ ...part, text: wholeSentence(part) }));
 
   /** The name of a step, whose number may be its own. */
   step = (given: string): string => {
@@ -99,9 +103,9 @@ class Sayings {
   }
 
   #listed(text: string): string | null {
-    const parts = text.split("; ");
-    if (parts.length === 1) return null;
-    const said = parts.map((part) => this.#one(part));
+    const cut = text.indexOf("; ");
+    if (cut < 0) return null;
+    const said = [text.slice(0, cut), text.slice(cut + 2)].map((part) => this.#one(part));
     return said.includes(null) ? null : said.join("; ");
   }
 
@@ -125,6 +129,11 @@ class Sayings {
     this.#heard.clear();
     this.#table = table;
   }
+}
+
+function wholeSentence({ text, english }: Spoken): string {
+  const stop = language.locale === "zh" && !english ? "。" : ".";
+  return text.replace(/^\p{Ll}/u, (letter) => letter.toUpperCase()) + (STOPPED.test(text) ? "" : stop);
 }
 
 function pattern(english: string, said: string): Pattern {

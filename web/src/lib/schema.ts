@@ -13,7 +13,7 @@ export interface Field {
   minItems?: number;
   maxItems?: number;
   "x-file"?: boolean;
-  "x-units"?: string[]; // of the coordinates in a file
+  "x-tags"?: { lengths: string[]; angles: string[]; conventions: Record<string, string> }; // what a file of tags may be in
 }
 
 export type Kind =

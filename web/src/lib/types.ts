@@ -221,6 +221,7 @@ export interface Device {
   message: string;
   remedy: string;
   live: boolean; // it tells values by itself; of others the state is asked, and a run's last reading is kept
+  typed?: boolean; // its readings are typed by a person when a run asks: nothing can be too old
   asked: boolean; // by a run, just now
   age_s: number | null; // since it was heard: its value, or its state where it tells no values
   value_age_s: number | null;
