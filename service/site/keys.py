@@ -80,18 +80,13 @@ class StationKeys:
         return f"{self.base}/joints"
 
     @property
-    def values(self) -> str:
-        """Values of the instruments that tell them by themselves, all in one, ten times a second."""
-        return f"{self.base}/values"
-
-    @property
     def alarm(self) -> str:
         """Alarms, raised and cleared."""
         return f"{self.base}/alarm"
 
-    def device_state(self, name: str) -> str:
-        """State of one device; ``*`` for any."""
-        return f"{self.base}/device/{name if name == '*' else chunk(name)}/state"
+    def device(self, name: str, what: str) -> str:
+        """Value or state of one device."""
+        return f"{self.base}/device/{chunk(name)}/{what}"
 
     def session_event(self, run_id: str) -> str:
         """Journal events of one run."""

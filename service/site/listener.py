@@ -155,12 +155,12 @@ class Listener:
         ]
         self._latest = [
             declare_advanced_subscriber(
-                self._session, everyone.device_state("*"), FifoChannel(_MOST_WAITING), history=newest
+                self._session, f"{everyone.base}/device/*/state", FifoChannel(_MOST_WAITING), history=newest
             )
         ]
         self._values = [
             self._stream.declare_subscriber(key, FifoChannel(_MOST_WAITING))
-            for key in (everyone.state, everyone.joints, everyone.values)
+            for key in (everyone.state, everyone.joints, f"{everyone.base}/device/*/value")
         ]
         self._alive = self._session.liveliness().declare_subscriber(
             everyone.alive, self._hear_liveliness, history=True

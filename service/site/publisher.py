@@ -114,25 +114,21 @@ class Publisher:
         if live is None or live is self._live_seen:
             return
         self._live_seen = live
-        keys, values = self._parts.keys, list[dict[str, Any]]()
         for device in live["devices"]:
-            self._tell_state_of(station, device, now_s)
-            told, value = {key: device[key] for key in ("name", "role", "age_s")}, device["value"]
-            if value is not None and device["role"] == "robot":
-                station.tell_value(keys.joints, told | value)
-            elif (
-                value is not None and device["live"]
-            ):  # a reading of a tracker is told by the run that took it
-                values.append(told | value)
-        if values:
-            station.tell_value(keys.values, {"devices": values})
+            self._tell_device(station, device, now_s)
 
-    def _tell_state_of(self, station: Station, device: dict[str, Any], now_s: float) -> None:
+    def _tell_device(self, station: Station, device: dict[str, Any], now_s: float) -> None:
+        keys, value = self._parts.keys, device["value"]
+        facts = {key: device[key] for key in ("name", "role", "age_s")}
+        if value is not None and device["role"] == "robot":
+            station.tell_value(keys.joints, facts | value)
+        elif value is not None and device["live"]:  # a reading of a tracker is told by the run that took it
+            station.tell_value(keys.device(device["name"], "value"), facts | value)
         state = {key: device[key] for key in ("name", "role", "state", "message", "remedy")}
         told_at_s, before = self._devices.get(device["name"], (float("-inf"), None))
         if state != before or now_s - told_at_s > DEVICE_STATE_EVERY_S:
             self._devices[device["name"]] = (now_s, state)
-            station.tell_latest(self._parts.keys.device_state(device["name"]), state)
+            station.tell_latest(keys.device(device["name"], "state"), state)
 
     def _tell_state(self, station: Station, now_s: float) -> None:
         parts = self._parts

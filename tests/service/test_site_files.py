@@ -141,17 +141,14 @@ def test_the_rules_deny_by_default_and_no_subject_is_a_wildcard() -> None:
     assert set(ASKING).isdisjoint(SAYING)
 
 
-def test_zenohs_own_router_reads_the_file_and_holds_live_values_to_a_rate(tmp_path: Path) -> None:
+def test_zenohs_own_router_reads_the_file_and_holds_joints_to_a_rate(tmp_path: Path) -> None:
     """`zenohd -c` reads a file as `from_file` does, and stops at a word that it does not know."""
     site = tmp_path / "site"
     keys = {cell: station_key(tmp_path / cell).public for cell in ("cell-07", "cell-08")}
     enroll(site, [Applicant(cell, key) for cell, key in keys.items()], NewSite("hall-3", "127.0.0.1:7447"))
     (rate,) = json.loads(zenoh.Config.from_file(site / "router" / "router.json5").get_json("downsampling"))
     assert (rate["flows"], rate["messages"]) == (["ingress"], ["put"])
-    assert [rule["key_expr"] for rule in rate["rules"]] == [
-        "cellcal/v1/hall-3/*/joints",
-        "cellcal/v1/hall-3/*/values",
-    ]
+    assert [rule["key_expr"] for rule in rate["rules"]] == ["cellcal/v1/hall-3/*/joints"]
 
 
 def test_the_site_table_is_off_unless_it_is_written(tmp_path: Path) -> None:
@@ -382,5 +379,5 @@ def test_online_needs_a_state_that_was_opened_and_is_new(tmp_path: Path) -> None
     fleet.liveliness("cellcal/v1/s/c/alive", alive=False)
     assert link(9.0) == "offline"
     for k in range(1000):
-        fleet.sample(f"cellcal/v1/s/c/device/{k}/state", b"{}", 9.0)
+        fleet.sample(f"cellcal/v1/s/c/device/{k}/value", b"{}", 9.0)
     assert len(fleet._stations["c"].waiting) <= 200
