@@ -96,7 +96,7 @@ def verification_power(
     """
     predictor = WirePredictor(model, *record.lengths())
     terms = predictor.terms(WireSeen.of(joints_rad, predictor.sigma_m))
-    variances = np.diag(predictor.expect(terms)[1])
+    variances = predictor.scatter_of_sets(terms, 1)[:, 0, 0]  # each capture by itself
     if offset_covariance is not None:
         by_turn = terms.by_joint @ record.drive.radians_per_turn()
         variances = variances + np.einsum("vi,ij,vj->v", by_turn, np.array(offset_covariance), by_turn)
