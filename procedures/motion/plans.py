@@ -212,7 +212,7 @@ def plan_kit(state: MotorState, room: Room, poses: int, seed: int) -> MotionPlan
         before = way[-2] if len(way) > 1 else before
         gone.append(np.array([*way[:-1], *corners_of(before, way[-1], False)]))
         before = way[-1]
-    plan = _checked(model, state.joints_rad, gone, limits, state.limits.speed_rad_s)
+    plan = checked(model, state.joints_rad, gone, limits, state.limits.speed_rad_s)
     return replace(plan, ways_rad=tuple(map(as_way, ways)))
 
 
@@ -379,7 +379,7 @@ def plan_finals(
         sides.append(bool(ways) and corners_allowed(model, here, [*ways, above], limits))
         ways.append(above if sides[-1] else corners_of(at, pose, False))
         at = pose
-    return FinalPlan(_checked(model, checks[-1], ways, limits, state.limits.jog_speed_rad_s), tuple(sides))
+    return FinalPlan(checked(model, checks[-1], ways, limits, state.limits.jog_speed_rad_s), tuple(sides))
 
 
 def compare_drawn(
@@ -462,10 +462,10 @@ def _timed(
     for pose in poses:
         ways.append(corners_of(here, pose, one_by_one))
         here = pose
-    return _checked(model, start_rad, ways, limits, speed_rad_s)
+    return checked(model, start_rad, ways, limits, speed_rad_s)
 
 
-def _checked(
+def checked(
     model: RobotModel, start_rad: Joints, ways: list[Array], limits: MotionLimits, speed_rad_s: float
 ) -> MotionPlan:
     """Return the plan of ways that are gone one after the other, as slow as its caps ask; refuse a broken one."""
