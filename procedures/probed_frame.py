@@ -68,7 +68,9 @@ class ProbedFrame:
     frame_number: Annotated[int, Field(ge=0, le=99)]
     nominal: Pose | None = None  # within search_way_m; None: the user frame that the controller holds
     touching: CornerRules = field(default_factory=CornerRules)
-    arm_sigma_m: Annotated[float, Field(ge=0, le=0.01)] = 0.0003  # the arm's own errors, one coordinate
+    arm_sigma_m: Annotated[float, Field(ge=0, le=0.01)] = (
+        0.001  # the arm's own errors, one coordinate in its base; less of a calibrated arm
+    )
     accuracy_class: AccuracyClass = "B"
     limits: FrameLimits | None = None
     write_anyway: WriteAnyway = ""
@@ -290,7 +292,7 @@ def _forecast(spec: ProbedFrame, known: Knowledge) -> Forecast:
 
 ENTRY = Entry(
     name="probed_frame",
-    title="User frame from a corner felt by a touch probe (3-2-1)",
+    title="User frame from a corner felt by a touch probe",
     version=1,
     procedure=probed_frame,
     spec_type=ProbedFrame,

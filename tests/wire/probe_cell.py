@@ -89,7 +89,7 @@ overtravel_mm = 6.0
 delay_ms = 6.0
 delay_tolerance_ms = 3.0
 deadline_s = 5.0
-silence_ms = 1000.0  # a test machine may be busy
+silence_ms = {silence}  # a test machine may be busy
 debounce_ms = 40.0
 poll_ms = 6.0
 
@@ -108,7 +108,7 @@ deadline_s = 5.0
 
 [fake]
 seed = 1
-time_factor = 3.0
+time_factor = {pace}
 hidden = {hidden}
 control_port = 0
 """
@@ -154,13 +154,20 @@ def at_a_corner(
 ) -> Iterator[tuple[Path, Door]]:
     """Play a robot with a probe in a corner that opens to +x, +y, +z of a frame (4, 4), all hidden effects on."""
     tables = corner_tables(robot, base_frame)
-    with _playing(folder, robot, tables, hidden=True, tip_sigma_mm=tip_sigma_mm) as cell:
+    with _playing(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=8.0, silence_ms=400.0) as cell:
         yield cell
 
 
 @contextmanager
 def _playing(
-    folder: Path, robot: str, artefacts: str, *, hidden: bool, tip_sigma_mm: float
+    folder: Path,
+    robot: str,
+    artefacts: str,
+    *,
+    tip_sigma_mm: float,
+    hidden: bool = True,
+    pace: float = 3.0,
+    silence_ms: float = 1000.0,
 ) -> Iterator[tuple[Path, Door]]:
     text = (_ROBOTS[robot] + _REST).format(
         robot=robot,
@@ -169,6 +176,8 @@ def _playing(
         pretravel=PRETRAVEL_MM,
         hidden=str(hidden).lower(),
         tip_sigma=tip_sigma_mm,
+        pace=pace,
+        silence=silence_ms,
     )
     with running(folder, text + artefacts) as cell:
         yield cell
