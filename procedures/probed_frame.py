@@ -39,6 +39,7 @@ from procedures.teaching.corner_touches import (
     Corner,
     CornerGoal,
     CornerOutlook,
+    FeltPoint,
     compare_checks,
     construct_corner,
     corner_outlook,
@@ -91,7 +92,7 @@ class ProbedSetup:
     read_back: Pose
     goal: CornerGoal
     touch_sigma_m: float  # of one touch, along its normal
-    touches: int
+    points: tuple[FeltPoint, ...]
     outlook: CornerOutlook  # after the last of them
     checks: tuple[CheckTouch, ...]
 
@@ -117,7 +118,7 @@ async def probed_frame(run: Run, spec: ProbedFrame) -> ProbedSetup:
         read_back=found.base_frame,  # as it will be, if a person wants it
         goal=corner.goal,
         touch_sigma_m=touch_sigma(bench, felt),
-        touches=len(felt),
+        points=tuple(map(FeltPoint.of, felt)),
         outlook=outlook_of(corner, felt),
         checks=await run.solve("compare the check touches", compare_checks, bench, rules, found, checks),
     )
@@ -134,8 +135,9 @@ def _planned(plan: FacePlan, rules: CornerRules) -> Instruction:
     motion, fastest_rad_s = plan.motion, max(plan.motion.speeds_rad_s)
     what = (
         f"the robot with its touch probe, to {len(plan.ways_rad)} points of three faces and to at most "
-        f"{rules.max_touches - len(plan.ways_rad) + len(FACES)} more; at each it goes {rules.search_way_m * 2e3:.0f} mm "
-        f"towards the face at {rules.search_speed_m_s * 1e3:.1f} mm/s and stops at the contact"
+        f"{rules.max_touches - len(plan.ways_rad) + len(FACES)} more; at each it goes "
+        f"{rules.search_way_m * 2e3:.0f} mm towards the face at {rules.search_speed_m_s * 1e3:.1f} mm/s and stops at the "
+        "contact"
     )
     tour = Tour(len(plan.ways_rad), Paced(motion.travel_rad, motion.moving_s, fastest_rad_s))
     asked = Instruction("accept_plan", plan_words(what, tour, motion.not_checked))
@@ -242,17 +244,17 @@ def _checked(check: CheckTouch) -> Characteristic:
 
 
 def _saving(setup: ProbedSetup, most: int) -> str:
-    outlook = setup.outlook
+    outlook, touches = setup.outlook, len(setup.points)
     if not outlook.reached:
         return (
-            f"{setup.touches} touches; further ones were not asked for: {most} would leave the origin within "
+            f"{touches} touches; further ones were not asked for: {most} would leave the origin within "
             f"{outlook.origin_u_m * 1e3:.2f} mm and the axes within {outlook.angle_u_rad * 1e3:.2f} mm per "
             "metre (k=2)"
         )
-    if setup.touches >= outlook.in_turn:
-        return f"no saving: {setup.touches} touches, as many as the three faces in turn would take"
+    if touches >= outlook.in_turn:
+        return f"no saving: {touches} touches, as many as the three faces in turn would take"
     return (
-        f"{setup.touches} touches, each where it tells most; the three faces touched in turn would take "
+        f"{touches} touches, each where it tells most; the three faces touched in turn would take "
         f"{outlook.in_turn} for the U of the limits"
     )
 
@@ -271,7 +273,9 @@ def _forecast(spec: ProbedFrame, known: Knowledge) -> Forecast:
     touches = sum(counts.values())
     each = CornerGoal(math.inf, math.inf, goal.arm_sigma_m, goal.tip_sigma_m)
     after = corner_outlook(replace(rules, max_touches=touches), each, sigma_m, counts)
-    feel_s = rules.search_way_m / rules.search_speed_m_s + rules.repeats * (1e-3 / rules.measure_speed_m_s + BETWEEN_S)
+    feel_s = rules.search_way_m / rules.search_speed_m_s + rules.repeats * (
+        1e-3 / rules.measure_speed_m_s + BETWEEN_S
+    )
     origin = {name: limit.origin_m for name, limit in FRAME.items()}
     turn = {name: limit.angle_rad for name, limit in FRAME.items()}
     return Forecast(

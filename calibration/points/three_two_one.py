@@ -76,7 +76,7 @@ class CornerFrame:
 def outward_in_frame(face: FaceName, corner: Corner) -> Array:
     """Return a face's outward normal (3,) seen from the frame: z up; x and y from the material of the corner."""
     sign = 1.0 if face == "z" or corner == "inside" else -1.0
-    return sign * np.eye(3)[_AXIS[face]]
+    return np.asarray(sign * np.eye(3)[_AXIS[face]])
 
 
 def three_two_one(faces: dict[FaceName, Face], *, radius_m: float, corner: Corner) -> CornerFrame:
@@ -124,7 +124,7 @@ def corner_covariance(surfaces_m: dict[FaceName, Array], sigma_m: dict[FaceName,
     """Return the covariance (6, 6) of the frame's shift and turn for points (N, 3) of each face seen from it."""
     estimate = corner_estimate(surfaces_m)
     variances = np.square(np.concatenate([np.asarray(sigma_m[name], dtype=float) for name in FACES]))
-    return (estimate * variances) @ estimate.T
+    return np.asarray((estimate * variances) @ estimate.T)
 
 
 def corner_estimate(surfaces_m: dict[FaceName, Array]) -> Array:

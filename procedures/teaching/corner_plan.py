@@ -53,7 +53,9 @@ class CornerRules:
     inset_m: Length = 0.02  # from an edge
     depth_m: Length = 0.012  # from the first face: where the others are felt
     clear_m: Length = 0.03  # off a face, between touches
-    search_way_m: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.004  # before and behind where a face should be
+    search_way_m: Annotated[float, Field(ge=0.0005, le=0.05)] = (
+        0.004  # before and behind where a face should be
+    )
     search_speed_m_s: Annotated[float, Field(gt=0, le=PROBING_CAP_M_S)] = PROBING_CAP_M_S
     measure_speed_m_s: Annotated[float, Field(gt=0, le=PROBING_CAP_M_S)] = 0.0005
     repeats: Annotated[int, Field(ge=1, le=20)] = 2
@@ -64,7 +66,9 @@ class CornerRules:
         if min(self.along_x_m, self.along_y_m) < 2.0 * self.inset_m:
             raise ValueError("along_x_m and along_y_m must be twice inset_m or more: points would coincide")
         if self.clear_m < 2.0 * self.search_way_m:
-            raise ValueError("clear_m must be twice search_way_m or more: the tip has to pass a face that is off")
+            raise ValueError(
+                "clear_m must be twice search_way_m or more: the tip has to pass a face that is off"
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,8 +290,8 @@ def _refuse_unfit(bench: ProbeBench, rules: CornerRules, nominal: Pose) -> None:
     least = bench.radius_m + rules.search_way_m
     if min(rules.inset_m, rules.depth_m) <= least:
         raise DegenerateDataError(
-            f"inset_m and depth_m must be more than {least * 1e3:.1f} mm, the ball's radius and search_way_m: the ball "
-            "would meet an edge or the next face.",
+            f"inset_m and depth_m must be more than {least * 1e3:.1f} mm, the ball's radius and search_way_m: the "
+            "ball would meet an edge or the next face.",
             remedy="Feel farther from the edges, or search less far.",
         )
     axis = load_model(bench.model).base_flange(np.array([bench.joints_rad]))[0, :3, :3] @ bench.axis_in_flange

@@ -99,6 +99,22 @@ class CornerOutlook:
 
 
 @dataclass(frozen=True, slots=True)
+class FeltPoint:
+    """A touch as it counts in a frame; what its times told stands in the journal."""
+
+    face: FaceName
+    tip_in_base_m: tuple[float, float, float]  # the ball's centre, by the nominal model
+    sigma_m: float  # of probe and times, along the normal
+    spread_m: float  # of its repeats
+
+    @classmethod
+    def of(cls, felt: Felt) -> "FeltPoint":
+        """Return what counts of a touch."""
+        point = felt.point
+        return cls(felt.face, point.tip_in_base_m, point.sigma_m, point.spread_m)
+
+
+@dataclass(frozen=True, slots=True)
 class CheckTouch:
     """By how much a touch that the frame was not found from misses its face, and what explains."""
 

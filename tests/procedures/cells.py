@@ -35,7 +35,7 @@ from procedures.six_point_tcp import SixPointTcp
 from procedures.survey.survey import SurveyRules
 from procedures.teaching.corner_plan import CornerRules
 from procedures.three_point_frame import ThreePointFrame
-from tests.procedures.corners import FeelingArm, Feeler, corner_below, home_at, off_by, with_probe
+from tests.procedures.corners import Feeler, FeelingArm, corner_below, home_at, off_by, with_probe
 from tests.procedures.ideal import ZERO, Hands, IdealArm, IdealTracker, IdealWire
 from tests.procedures.ledgers import MemoryLedger
 from tests.unit.helpers.tags import FIXTURE_BASE, two_paths
@@ -361,13 +361,17 @@ def undoing(written: Counts = WRITTEN, before: MasteringData | None = None) -> S
 def probing(corner: Corner = "outside", **more: Any) -> Scene:
     """Return a cell whose robot carries a probe over a corner, which is a little off what the controller holds."""
     rules = CornerRules(corner=corner, repeats=1, **more.pop("rules", {}))
-    made = scene(ProbedFrame(frame_number=5, touching=rules, **({"arm_sigma_m": 0.0, "accuracy_class": "C"} | more)))
+    made = scene(
+        ProbedFrame(frame_number=5, touching=rules, **({"arm_sigma_m": 0.0, "accuracy_class": "C"} | more))
+    )
     arm = FeelingArm(model=made.arm.model)
     true = corner_below(arm.model)
     arm.feeler = Feeler(true, corner)
     arm.frames[5] = off_by(true, (0.001, -0.0015, 0.0012), (0.004, -0.006, 0.008))
     home_at(arm, true, (0.05, 0.05, 0.06))
-    devices = dict.fromkeys(("robot", "jogs", "mastering", "tool_frames", "user_frames", "frames", "mode"), arm)
+    devices = dict.fromkeys(
+        ("robot", "jogs", "mastering", "tool_frames", "user_frames", "frames", "mode"), arm
+    )
     made.arm, made.cell = arm, with_probe(replace(made.cell, **devices), arm, 5e-5)  # type: ignore[arg-type]
     return made
 

@@ -112,7 +112,9 @@ class FeelingArm(IdealArm):
         low, high = 0.0, 1.0
         for _ in range(_ROUNDS):
             shares = np.linspace(low, high, _PIECES)
-            tips = self.model.tip_positions(start + shares[:, None] * delta, np.array(self.feeler.tip_in_flange_m))
+            tips = self.model.tip_positions(
+                start + shares[:, None] * delta, np.array(self.feeler.tip_in_flange_m)
+            )
             off = [self.feeler.clearance_m(tip) + _PRESSED_M for tip in tips]
             closed = [each <= 0.0 for each in off]
             if closed[0] and off[1] < off[0]:

@@ -61,7 +61,7 @@ async def test_a_corner_that_is_off_its_drawing_is_felt_and_written(corner: Corn
     assert np.abs(twist[3:]).max() < 5e-5
     assert made.arm.frames[5] == setup.read_back == setup.found.base_frame
     assert judged(made, setup).word == "pass"
-    assert setup.touches == 7  # six, and one to spare
+    assert len(setup.points) == 7  # six, and one to spare
     assert [check.face for check in setup.checks] == ["x", "y", "z"]
 
 
@@ -82,7 +82,7 @@ async def test_what_no_touch_lessens_is_counted_and_further_touches_are_not_made
     made = probing(arm_sigma_m=0.0003, accuracy_class="B")
     setup = await felt(made)
     verdict = judged(made, setup)
-    assert (setup.touches, verdict.word) == (6, "undecided")
+    assert (len(setup.points), verdict.word) == (6, "undecided")
     origin = verdict.characteristics[0]
     parts = [line.standard_uncertainty for line in origin.budget]
     assert origin.standard_uncertainty == pytest.approx(math.hypot(*parts), rel=1e-9)
@@ -95,7 +95,7 @@ async def test_touches_are_added_where_they_tell_most_until_the_frame_is_known()
     made = probing(limits=FrameLimits(0.001, math.radians(0.15)))
     setup = await felt(made)
     assert judged(made, setup).word == "pass"
-    assert setup.touches == 9
+    assert len(setup.points) == 9
     assert judged(made, setup).remarks[0].startswith("9 touches, each where it tells most; the three faces")
 
 
@@ -107,7 +107,7 @@ async def test_what_was_foretold_is_what_is_stated() -> None:
     figures = judged(made, setup).characteristics
     assert told.predictions[0].expanded == pytest.approx(figures[0].expanded, rel=0.05)
     assert told.predictions[1].expanded == pytest.approx(figures[1].expanded, rel=0.05)
-    assert f"after {setup.touches} touches" in told.predictions[0].name
+    assert f"after {len(setup.points)} touches" in told.predictions[0].name
 
 
 async def test_the_tip_of_the_cell_file_is_not_known_better_than_it_says() -> None:

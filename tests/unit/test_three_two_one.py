@@ -187,7 +187,10 @@ def _with(name: FaceName, places: tuple[tuple[float, float, float], ...]) -> dic
     ("faces", "words"),
     [
         (_with("z", ((0.02, 0.02, 0.0), (0.06, 0.021, 0.0), (0.1, 0.022, 0.0))), "nearly on one line"),
-        (_with("z", ((0.02, 0.02, 0.0), (0.021, 0.02, 0.0), (0.02, 0.021, 0.0))), "within 20 mm of each other"),
+        (
+            _with("z", ((0.02, 0.02, 0.0), (0.021, 0.02, 0.0), (0.02, 0.021, 0.0))),
+            "within 20 mm of each other",
+        ),
         (_with("z", LEAST_PLACES["z"][:2]), "needs 3 points or more"),
         (_with("y", LEAST_PLACES["y"][:1]), "needs 2 points or more"),
         (_with("y", ((0.02, 0.0, -0.01), (0.02, 0.0, -0.05))), "above each other"),

@@ -21,7 +21,7 @@ from tests.wire.probe_cell import HOME_RAD, TIP_MM, at_a_corner, true_corner
 
 HOME = HOME_RAD["fanuc"]
 YES = {"approve_move": "yes", "probe_at_corner": "yes", "accept_plan": "yes", "accept_frame": "yes"}
-COARSE = FrameLimits(0.003, 0.005)  # an arm by its drawing
+COARSE = FrameLimits(0.003, 0.012)  # an arm by its drawing
 QUICK = CornerRules(corner="inside", clear_m=0.02, search_way_m=0.0025, repeats=1, measure_speed_m_s=0.0015)
 
 
