@@ -43,6 +43,7 @@ from procedures.teaching.corner_touches import (
     compare_checks,
     construct_corner,
     corner_outlook,
+    fewest,
     outlook_of,
     read_probe_bench,
     touch_checks,
@@ -117,7 +118,7 @@ async def probed_frame(run: Run, spec: ProbedFrame) -> ProbedSetup:
         before=before,
         read_back=found.base_frame,  # as it will be, if a person wants it
         goal=corner.goal,
-        touch_sigma_m=touch_sigma(bench, felt),
+        touch_sigma_m=touch_sigma(felt),
         points=tuple(map(FeltPoint.of, felt)),
         outlook=outlook_of(corner, felt),
         checks=await run.solve("compare the check touches", compare_checks, bench, rules, found, checks),
@@ -136,8 +137,8 @@ def _planned(plan: FacePlan, rules: CornerRules) -> Instruction:
     what = (
         f"the robot with its touch probe, to {len(plan.ways_rad)} points of three faces and to at most "
         f"{rules.max_touches - len(plan.ways_rad) + len(FACES)} more; at each it goes "
-        f"{rules.search_way_m * 2e3:.0f} mm towards the face at {rules.search_speed_m_s * 1e3:.1f} mm/s and stops at the "
-        "contact"
+        f"{rules.search_way_m * 2e3:.0f} mm towards the face at {rules.search_speed_m_s * 1e3:.1f} mm/s and stops "
+        "at the contact"
     )
     tour = Tour(len(plan.ways_rad), Paced(motion.travel_rad, motion.moving_s, fastest_rad_s))
     asked = Instruction("accept_plan", plan_words(what, tour, motion.not_checked))
@@ -261,7 +262,7 @@ def _saving(setup: ProbedSetup, most: int) -> str:
 
 def _expected_counts(spec: ProbedFrame, tip_sigma_m: float = 0.0) -> dict[FaceName, int]:
     """Return how many touches of each face are expected; out of reach, none is asked for beyond those that fix it."""
-    outlook = corner_outlook(spec.touching, spec.goal(tip_sigma_m), ARM_SIGMA_M, dict(LEAST))
+    outlook = corner_outlook(spec.touching, spec.goal(tip_sigma_m), ARM_SIGMA_M, fewest(ARM_SIGMA_M))
     again = outlook.again if outlook.reached else ()
     return {face: LEAST[face] + again.count(face) for face in FACES}
 
@@ -270,9 +271,9 @@ def _forecast(spec: ProbedFrame, known: Knowledge) -> Forecast:
     tools, rules = known.instruments, spec.touching
     goal, sigma_m = spec.goal(tools.probe_tip_sigma_m), math.hypot(tools.probe_sigma_m, ARM_SIGMA_M)
     counts = _expected_counts(spec, tools.probe_tip_sigma_m)
-    touches = sum(counts.values())
+    touches, made = sum(counts.values()), {face: (sigma_m,) * counts[face] for face in FACES}
     each = CornerGoal(math.inf, math.inf, goal.arm_sigma_m, goal.tip_sigma_m)
-    after = corner_outlook(replace(rules, max_touches=touches), each, sigma_m, counts)
+    after = corner_outlook(replace(rules, max_touches=touches), each, sigma_m, made)
     feel_s = rules.search_way_m / rules.search_speed_m_s + rules.repeats * (
         1e-3 / rules.measure_speed_m_s + BETWEEN_S
     )

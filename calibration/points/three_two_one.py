@@ -2,7 +2,7 @@ r"""A workpiece frame from the faces of a corner, felt with a ball: three points
 
 The 3-2-1 rule (Autodesk PowerInspect 2025, reference help, GUID-B9E4C498-6AA9-4D6E-AB61-7AF16C679D99: three points
 fix a plane, two an axis, one a position): the first face gives z, the second turns the frame about it, the third
-says where the origin lies along x. More points of a face are fitted by least squares.
+says where the origin lies along x. More points of a face are fitted by least squares, weighted by 1 / s^2.
 
 Linearised at the solution, with the frame's shift t and turn w in its own axes, a surface point p misses
 
@@ -13,7 +13,7 @@ the points' errors d along their normals, with covariance G diag(s^2) G^T. Deriv
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -120,14 +120,16 @@ def three_two_one(faces: dict[FaceName, Face], *, radius_m: float, corner: Corne
     )
 
 
-def corner_covariance(surfaces_m: dict[FaceName, Array], sigma_m: dict[FaceName, Sequence[float]]) -> Array:
+def corner_covariance(
+    surfaces_m: dict[FaceName, Array], sigma_m: Mapping[FaceName, Sequence[float]]
+) -> Array:
     """Return the covariance (6, 6) of the frame's shift and turn for points (N, 3) of each face seen from it."""
-    estimate = corner_estimate(surfaces_m)
+    estimate = corner_estimate(surfaces_m, sigma_m)
     variances = np.square(np.concatenate([np.asarray(sigma_m[name], dtype=float) for name in FACES]))
     return np.asarray((estimate * variances) @ estimate.T)
 
 
-def corner_estimate(surfaces_m: dict[FaceName, Array]) -> Array:
+def corner_estimate(surfaces_m: dict[FaceName, Array], sigma_m: Mapping[FaceName, Sequence[float]]) -> Array:
     """Return G (6, N): what errors of the points along +z, +y, +x make of the frame's shift and turn."""
     count = {name: len(surfaces_m[name]) for name in FACES}
     estimate, first = np.zeros((6, sum(count.values()))), 0
@@ -135,7 +137,8 @@ def corner_estimate(surfaces_m: dict[FaceName, Array]) -> Array:
         rows, own = _rows(name, surfaces_m[name]), list(_TELLS[name])
         told = -rows @ estimate  # what the faces before it make these points miss
         told[:, first : first + count[name]] += np.eye(count[name])
-        estimate[own] = np.linalg.pinv(rows[:, own]) @ told
+        weights = 1.0 / np.asarray(sigma_m[name], dtype=float)[:, None]
+        estimate[own] = np.linalg.pinv(rows[:, own] * weights) @ (told * weights)
         first += count[name]
     return estimate
 
@@ -161,25 +164,23 @@ def _solved(faces: dict[FaceName, Face], radius_m: float, corner: Corner) -> tup
     stop = x * outward_in_frame("x", corner)[0]
     _refuse_wrong_side("x", stop, faces["x"])
     square = _squareness(faces, (x, y, z))
-    places = (np.mean(faces["x"].centres_m, axis=0) @ stop, y_at @ out, z_at @ z)
+    places = (_weighted(faces["x"])[1] @ stop, y_at @ out, z_at @ z)
     origin = sum((at - radius_m) * normal for at, normal in zip(places, (stop, out, z), strict=True))
     return homogeneous(np.column_stack([x, y, z]), np.asarray(origin)), square
 
 
 def _plane(face: Face) -> tuple[Array, Array]:
     """Return the outward normal of the plane of least squares, and a point of it."""
-    points = np.array(face.centres_m)
-    middle = points.mean(axis=0)
-    normal = np.linalg.svd(points - middle)[2][2]
+    apart, middle, weights = _weighted(face)
+    normal = np.linalg.svd(apart * weights)[2][2]
     return normal * (1.0 if normal @ np.array(face.outward) > 0 else -1.0), middle
 
 
 def _line(face: Face, flat: Array) -> tuple[Array, Array]:
     """Return the outward normal, square to z, of a face's points as they are seen along z, and a point of it."""
-    points = np.array(face.centres_m)
-    middle = points.mean(axis=0)
-    seen = (points - middle) @ flat
-    along = np.linalg.svd(seen)[2][0]
+    apart, middle, weights = _weighted(face)
+    seen = apart @ flat
+    along = np.linalg.svd(seen * weights)[2][0]
     if np.linalg.norm(seen @ along) < MIN_DISTANCE_M / 2:
         raise DegenerateDataError(
             "the points of the y face lie above each other: they do not tell its direction.",
@@ -189,6 +190,13 @@ def _line(face: Face, flat: Array) -> tuple[Array, Array]:
     out = out - along * (along @ out)
     size = float(np.linalg.norm(out))
     return out / max(size, 1e-12), middle
+
+
+def _weighted(face: Face) -> tuple[Array, Array, Array]:
+    """Return points from their weighted middle (N, 3), the middle, and their weights (N, 1)."""
+    points, weights = np.array(face.centres_m), 1.0 / np.array(face.sigma_m)[:, None]
+    middle = np.average(points, axis=0, weights=weights[:, 0] ** 2)
+    return points - middle, middle, weights / weights.max()
 
 
 def _squareness(faces: dict[FaceName, Face], axes: tuple[Array, Array, Array]) -> tuple[float, ...]:

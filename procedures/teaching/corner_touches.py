@@ -5,7 +5,8 @@ frame is known within its limits; where the limits are out of reach of so many, 
 """
 
 import math
-from collections.abc import Sequence
+import statistics
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,8 @@ CHECK_STEP = "touch a check point"
 # Over which an arm's own errors become others: two points so far apart share none of them. Of 120 drawn arms (the
 # M-6iB of fake_devices, 0.35 mm and 0.35 mrad at each parameter) 0.84 mm and 0.69 mrad, hence 1.7 m.
 ERROR_SPAN_M = 1.7
+_POWER = 8  # its sum stands for the worst of six: it falls with every touch, where a maximum may stand still
+Made = Mapping[FaceName, tuple[float, ...]]
 SPARE = sum(LEAST.values()) + 1  # so many touches, and one can be compared
 
 
@@ -71,20 +74,21 @@ class CornerGoal:
 
     def u(self, covariance: Array) -> tuple[float, float]:
         """Return U (k = 2) of the origin's worst coordinate [m] and about the worst axis [rad]."""
-        own = np.diag(covariance)
-        origin = float(own[:3].max()) + self.arm_sigma_m**2 + self.tip_sigma_m**2
-        turn = float(own[3:].max()) + self.arm_turn_rad**2
-        return 2.0 * math.sqrt(origin), 2.0 * math.sqrt(turn)
+        each = self._each(covariance)
+        return float(each[:3].max()), float(each[3:].max())
 
     @property
     def arm_turn_rad(self) -> float:
         """Standard uncertainty of a direction that the arm's own errors leave, whatever is touched."""
         return math.sqrt(2.0) * self.arm_sigma_m / ERROR_SPAN_M
 
-    def share(self, covariance: Array) -> float:
-        """Return the larger of the two U over its limit."""
-        origin, turn = self.u(covariance)
-        return max(origin / self.origin_u_m, turn / self.angle_u_rad)
+    def shares(self, covariance: Array) -> Array:
+        """Return the six U, shift before turn, over their limits."""
+        return np.asarray(self._each(covariance) / np.repeat([self.origin_u_m, self.angle_u_rad], 3))
+
+    def _each(self, covariance: Array) -> Array:
+        common = np.repeat([self.arm_sigma_m**2 + self.tip_sigma_m**2, self.arm_turn_rad**2], 3)
+        return np.asarray(2.0 * np.sqrt(np.diag(covariance) + common))
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,24 +127,23 @@ class CheckTouch:
     sigma_m: float
 
 
-def touch_sigma(bench: ProbeBench, felt: Sequence[Felt] = ()) -> float:
-    """Return the standard uncertainty of one touch along its normal, the arm's scatter included."""
-    probed = max((one.point.sigma_m for one in felt), default=bench.probe_sigma_m)
-    return math.hypot(probed, ARM_SIGMA_M)
+def touch_sigma(felt: Sequence[Felt]) -> float:
+    """Return the standard uncertainty of a usual touch along its normal, the arm's scatter included."""
+    return math.hypot(statistics.median(one.point.sigma_m for one in felt), ARM_SIGMA_M)
 
 
-def corner_outlook(
-    rules: CornerRules, goal: CornerGoal, sigma_m: float, counts: dict[FaceName, int]
-) -> CornerOutlook:
-    """Return which faces to touch again so that the goal is met with few touches, one of them to spare."""
-    again, now = [], dict(counts)
-    while not _enough(rules, goal, sigma_m, now) and (left := _left(rules, now)):
-        each = {face: goal.share(_covariance(rules, sigma_m, {**now, face: now[face] + 1})) for face in left}
-        best = min(left, key=lambda face: each[face])
-        again.append(best)
-        now[best] += 1
-    origin, turn = goal.u(_covariance(rules, sigma_m, now))
-    reached = _enough(rules, goal, sigma_m, now)
+def corner_outlook(rules: CornerRules, goal: CornerGoal, sigma_m: float, made: Made) -> CornerOutlook:
+    """Return which faces to touch again so that the goal is met with few touches, one of them to spare.
+
+    ``made``: the standard uncertainty of each touch made, by its face; ``sigma_m``: that of a further one.
+    """
+    again, now = list[FaceName](), dict(made)
+    while not _enough(rules, goal, now) and (left := _left(rules, now)):
+        after = {face: goal.shares(_covariance(rules, _more(now, face, sigma_m))) for face in left}
+        again.append(min(left, key=lambda face: float((after[face] ** _POWER).sum())))
+        now = _more(now, again[-1], sigma_m)
+    origin, turn = goal.u(_covariance(rules, now))
+    reached = _enough(rules, goal, now)
     in_turn = _in_turn(rules, goal, sigma_m) if reached else 0
     return CornerOutlook(tuple(again), reached, origin, turn, in_turn)
 
@@ -240,8 +243,8 @@ def compare_checks(
 
 def outlook_of(corner: Corner, felt: Sequence[Felt]) -> CornerOutlook:
     """Return what further touches would tell after those made."""
-    counts: dict[FaceName, int] = {face: sum(one.face == face for one in felt) for face in FACES}
-    return corner_outlook(corner.rules, corner.goal, touch_sigma(corner.bench, felt), counts)
+    made = {name: face.sigma_m for name, face in felt_faces(felt, ARM_SIGMA_M).items()}
+    return corner_outlook(corner.rules, corner.goal, touch_sigma(felt), made)
 
 
 async def _planned(
@@ -266,28 +269,37 @@ def _compared(bench: ProbeBench, rules: CornerRules, found: CornerFrame, check: 
     moved[axis] = 1.0
     moved[3:] = np.cross(local, np.eye(3)[axis])
     variance = float(moved @ np.array(found.covariance) @ moved)
-    return CheckTouch(check.face, float(local[axis]), math.sqrt(variance + touch_sigma(bench, (check,)) ** 2))
+    return CheckTouch(check.face, float(local[axis]), math.sqrt(variance + touch_sigma((check,)) ** 2))
 
 
-def _enough(rules: CornerRules, goal: CornerGoal, sigma_m: float, counts: dict[FaceName, int]) -> bool:
-    spare = sum(counts.values()) >= min(SPARE, rules.max_touches)
-    return spare and goal.share(_covariance(rules, sigma_m, counts)) <= 1.0
+def fewest(sigma_m: float) -> Made:
+    """Return the touches that fix a frame, each so good."""
+    return {face: (sigma_m,) * LEAST[face] for face in FACES}
 
 
-def _left(rules: CornerRules, counts: dict[FaceName, int]) -> list[FaceName]:
-    if sum(counts.values()) >= rules.max_touches:
+def _more(made: Made, face: FaceName, sigma_m: float) -> Made:
+    return {**made, face: (*made[face], sigma_m)}
+
+
+def _enough(rules: CornerRules, goal: CornerGoal, made: Made) -> bool:
+    spare = sum(map(len, made.values())) >= min(SPARE, rules.max_touches)
+    return spare and bool(goal.shares(_covariance(rules, made)).max() <= 1.0)
+
+
+def _left(rules: CornerRules, made: Made) -> list[FaceName]:
+    if sum(map(len, made.values())) >= rules.max_touches:
         return []
-    return [face for face in FACES if counts[face] < len(places(rules)[face])]
+    return [face for face in FACES if len(made[face]) < len(places(rules)[face])]
 
 
 def _in_turn(rules: CornerRules, goal: CornerGoal, sigma_m: float) -> int:
-    now: dict[FaceName, int] = dict(LEAST)
-    while not _enough(rules, goal, sigma_m, now) and (left := _left(rules, now)):
-        now[min(left, key=lambda face: now[face] - LEAST[face])] += 1
-    return sum(now.values())
+    now = fewest(sigma_m)
+    while not _enough(rules, goal, now) and (left := _left(rules, now)):
+        behind = {face: len(now[face]) - LEAST[face] for face in left}
+        now = _more(now, min(left, key=lambda face: behind[face]), sigma_m)
+    return sum(map(len, now.values()))
 
 
-def _covariance(rules: CornerRules, sigma_m: float, counts: dict[FaceName, int]) -> Array:
+def _covariance(rules: CornerRules, made: Made) -> Array:
     known = places(rules)
-    used = {face: np.array(known[face][: counts[face]]) for face in FACES}
-    return corner_covariance(used, {face: (sigma_m,) * counts[face] for face in FACES})
+    return corner_covariance({face: np.array(known[face][: len(made[face])]) for face in FACES}, made)

@@ -67,6 +67,10 @@ def solved(faces: dict[FaceName, Face], corner: Corner = "outside") -> CornerFra
     return three_two_one(faces, radius_m=RADIUS_M, corner=corner)
 
 
+def weighted(faces: dict[FaceName, Face], sigma_m: dict[FaceName, tuple[float, ...]]) -> dict[FaceName, Face]:
+    return {name: replace(face, sigma_m=sigma_m[name]) for name, face in faces.items()}
+
+
 def twist_off(found: CornerFrame, true: Array = TRUE) -> Array:
     return log_transform(inverse_transform(true) @ found.base_frame.matrix())
 
@@ -102,13 +106,16 @@ def test_the_ball_is_taken_off_along_each_normal() -> None:
 def test_the_estimate_is_what_finite_differences_of_the_solution_give(
     corner: Corner, places: dict[FaceName, tuple[tuple[float, float, float], ...]]
 ) -> None:
-    estimate = corner_estimate({name: np.array(places[name]) for name in FACES})
+    dice = np.random.default_rng(3)
+    sigma = {name: tuple(dice.uniform(5e-5, 3e-4, len(places[name]))) for name in FACES}
+    estimate = corner_estimate({name: np.array(places[name]) for name in FACES}, sigma)
     step = 1e-6
     for k in range(estimate.shape[1]):
         error = np.zeros(estimate.shape[1])
         error[k] = step
         ends = [
-            twist_off(solved(felt(places, corner, errors_m=sign * error), corner)) for sign in (1.0, -1.0)
+            twist_off(solved(weighted(felt(places, corner, errors_m=sign * error), sigma), corner))
+            for sign in (1.0, -1.0)
         ]
         assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(estimate[:, k], abs=1e-5)
 
