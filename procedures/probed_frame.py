@@ -140,7 +140,8 @@ def _planned(plan: FacePlan, rules: CornerRules) -> Instruction:
         f"{rules.search_way_m * 2e3:.0f} mm towards the face at {rules.search_speed_m_s * 1e3:.1f} mm/s and stops "
         "at the contact"
     )
-    tour = Tour(len(plan.ways_rad), Paced(motion.travel_rad, motion.moving_s, fastest_rad_s))
+    moving_s = motion.moving_s + len(plan.ways_rad) * _feeling_s(rules)
+    tour = Tour(len(plan.ways_rad), Paced(motion.travel_rad, moving_s, fastest_rad_s))
     asked = Instruction("accept_plan", plan_words(what, tour, motion.not_checked))
     names = tuple(f"{spot.face} {spot.number + 1}" for spot in first_spots())
     moves = Moves(
@@ -267,6 +268,12 @@ def _expected_counts(spec: ProbedFrame, tip_sigma_m: float = 0.0) -> dict[FaceNa
     return {face: LEAST[face] + again.count(face) for face in FACES}
 
 
+def _feeling_s(rules: CornerRules) -> float:
+    """Return how long a touch takes with its repeats, about."""
+    again_s = rules.retreat_m / rules.measure_speed_m_s + BETWEEN_S
+    return rules.search_way_m / rules.search_speed_m_s + BETWEEN_S + rules.repeats * again_s
+
+
 def _forecast(spec: ProbedFrame, known: Knowledge) -> Forecast:
     tools, rules = known.instruments, spec.touching
     goal, sigma_m = spec.goal(tools.probe_tip_sigma_m), math.hypot(tools.probe_sigma_m, ARM_SIGMA_M)
@@ -274,13 +281,10 @@ def _forecast(spec: ProbedFrame, known: Knowledge) -> Forecast:
     touches, made = sum(counts.values()), {face: (sigma_m,) * counts[face] for face in FACES}
     each = CornerGoal(math.inf, math.inf, goal.arm_sigma_m, goal.tip_sigma_m)
     after = corner_outlook(replace(rules, max_touches=touches), each, sigma_m, made)
-    feel_s = rules.search_way_m / rules.search_speed_m_s + rules.repeats * (
-        1e-3 / rules.measure_speed_m_s + BETWEEN_S
-    )
     origin = {name: limit.origin_m for name, limit in FRAME.items()}
     turn = {name: limit.angle_rad for name, limit in FRAME.items()}
     return Forecast(
-        duration_s=PERSON_S + 2.0 * ANSWER_S + (touches + len(FACES)) * (TRAVEL_S + BETWEEN_S + feel_s),
+        duration_s=PERSON_S + 2.0 * ANSWER_S + (touches + len(FACES)) * (TRAVEL_S + _feeling_s(rules)),
         predictions=(
             Prediction(f"origin of the frame, after {touches} touches", after.origin_u_m, "m", origin),
             Prediction(

@@ -62,6 +62,11 @@ class CornerRules:
     max_touches: Annotated[int, Field(ge=6, le=14)] = 12  # further ones are made if so many can do it
     room: Room = field(default_factory=Room)
 
+    @property
+    def retreat_m(self) -> float:
+        """How far the tip goes back from a contact before it feels again."""
+        return min(0.001, self.search_way_m / 2.0)
+
     def __post_init__(self) -> None:
         if min(self.along_x_m, self.along_y_m) < 2.0 * self.inset_m:
             raise ValueError("along_x_m and along_y_m must be twice inset_m or more: points would coincide")
@@ -239,7 +244,7 @@ def _approach(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName
         search_m_s=rules.search_speed_m_s,
         measure_m_s=rules.measure_speed_m_s,
         repeats=rules.repeats,
-        retreat_m=min(0.001, rules.search_way_m / 2.0),
+        retreat_m=rules.retreat_m,
     )
 
 
