@@ -6,7 +6,7 @@ frame is known within its limits; where the limits are out of reach of so many, 
 
 import math
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +59,7 @@ CHECK_STEP = "touch a check point"
 # M-6iB of fake_devices, 0.35 mm and 0.35 mrad at each parameter) 0.84 mm and 0.69 mrad, hence 1.7 m.
 ERROR_SPAN_M = 1.7
 _POWER = 8  # its sum stands for the worst of six: it falls with every touch, where a maximum may stand still
-Made = Mapping[FaceName, tuple[float, ...]]
+Made = dict[FaceName, tuple[float, ...]]
 SPARE = sum(LEAST.values()) + 1  # so many touches, and one can be compared
 
 

@@ -8,13 +8,15 @@ import pytest
 
 from calibration.errors import CellError, DegenerateDataError
 from calibration.geometry import Pose, exp_rotation, homogeneous, inverse_transform, log_transform
-from calibration.points.three_two_one import Corner, outward_in_frame
+from calibration.points.three_two_one import FACES, Corner, FaceName, outward_in_frame
 from procedures.cell import MotionLevel
 from procedures.entry import lacking
 from procedures.limits import FrameLimits
 from procedures.probed_frame import ENTRY, ProbedSetup, probed_frame
 from procedures.run import DeclinedError, RefusalError, Run
 from procedures.steps.touch import AlreadyInContactError, ContactError, NoContactError
+from procedures.teaching.corner_plan import CornerRules, rest_of_way
+from procedures.teaching.corner_touches import CornerGoal, corner_outlook, fewest
 from procedures.verdict import Verdict
 from service.runs.outline import known_of
 from tests.procedures.cells import Scene, probing
@@ -97,6 +99,26 @@ async def test_touches_are_added_where_they_tell_most_until_the_frame_is_known()
     assert judged(made, setup).word == "pass"
     assert len(setup.points) == 9
     assert judged(made, setup).remarks[0].startswith("9 touches, each where it tells most; the three faces")
+
+
+@pytest.mark.parametrize("weak", FACES)
+def test_a_touch_whose_times_tell_little_is_made_good_by_another_of_its_face(weak: FaceName) -> None:
+    good, goal = 8e-5, CornerGoal(0.0006, math.radians(0.3), 0.0, 5e-5)
+    made = dict(fewest(good))
+    assert corner_outlook(CornerRules(), goal, good, made).reached
+    made[weak] = (*made[weak][:-1], 1e-3)
+    outlook = corner_outlook(CornerRules(), goal, good, made)
+    assert outlook.reached
+    assert outlook.again[0] == weak
+
+
+def test_of_a_way_only_what_lies_before_the_arm_is_gone() -> None:
+    way = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
+    assert rest_of_way(way, (0.0, 0.01)) == way[1:]
+    assert rest_of_way(way, (0.5, 0.01)) == way[1:]
+    assert rest_of_way(way, (1.0, 0.0)) == way[2:]
+    assert rest_of_way(way, (0.99, 0.6)) == way[2:]
+    assert rest_of_way(way, (1.0, 1.0)) == way[2:]
 
 
 async def test_what_was_foretold_is_what_is_stated() -> None:
