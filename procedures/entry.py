@@ -6,7 +6,7 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
 
-from procedures.cell import Cell
+from procedures.cell import Cell, MotionLevel
 from procedures.forecast import Forecast, Knowledge
 from procedures.past import Finding
 from procedures.refit import Refit
@@ -80,6 +80,10 @@ class Entry:
 
 NEEDS: dict[str, tuple[str, Callable[[Cell], bool]]] = {
     "moves_joints": ("a robot that moves on command", lambda cell: cell.robot.capabilities.moves_joints),
+    "commanded": (
+        'a robot that this software moves (motion = "commanded" in cell.toml)',
+        lambda cell: cell.level is MotionLevel.COMMANDED,
+    ),
     "jogs_single_axes": ("a robot that jogs single axes", lambda cell: cell.jogs is not None),
     "writes_mastering": ("access to encoder counts and mastering", lambda cell: cell.mastering is not None),
     "writes_tool_frame": ("access to the tool frames", lambda cell: cell.tool_frames is not None),

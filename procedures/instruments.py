@@ -13,6 +13,7 @@ class Instruments:
 
     probe_tip_m: Triple | None = None
     probe_sigma_m: float = 0.0
+    probe_tip_sigma_m: float = 0.0  # of one coordinate of that tip in the flange
     target_m: Triple | None = None  # of a tracker
     tracker_sigma_m: float = 0.0
     tool_tip_m: Triple | None = None  # of the tool frame that is active on the controller
@@ -25,6 +26,7 @@ def instruments_of(cell: Cell, tool_tip_m: Triple | None = None) -> Instruments:
     return Instruments(
         probe_tip_m=None if probe is None else probe.tip_in_flange_m,
         probe_sigma_m=getattr(getattr(cell.probe, "capabilities", None), "sigma_m", 0.0),
+        probe_tip_sigma_m=0.0 if probe is None else probe.sigma_tip_m,
         target_m=None if tracker is None else tracker.target_in_flange_m,
         tracker_sigma_m=getattr(getattr(cell.tracker, "capabilities", None), "sigma_m", 0.0),
         tool_tip_m=tool_tip_m,

@@ -81,9 +81,9 @@ class Bench:
         return task if priors is None else replace(task, priors=priors)
 
 
-async def read_bench(cell: Cell, method: Method) -> Bench:
-    """Read who the robot is and where it stands; refuse one that is not ready, not mastered, or another model."""
-    condition, identity = await cell.robot.condition(), await cell.robot.identify()
+async def healthy_arm(cell: Cell) -> tuple[RobotModel, Joints]:
+    """Return the arm as it is drawn and where it stands; refuse one not ready, not mastered, or another model."""
+    condition = await cell.robot.condition()
     mastering = None if cell.mastering is None else await cell.mastering.mastering()
     if condition.readiness is not Readiness.READY or (mastering is not None and not mastering.mastered):
         raise RefusalError(
@@ -100,6 +100,14 @@ async def read_bench(cell: Cell, method: Method) -> Bench:
             code="procedure.wrong_model",
             remedy="Correct the robot's model in the cell file, then start a new run.",
         )
+    return model, joints_rad
+
+
+async def read_bench(cell: Cell, method: Method) -> Bench:
+    """Read who the robot is and where it stands; refuse one that is not ready, not mastered, or another model."""
+    model, joints_rad = await healthy_arm(cell)
+    identity = await cell.robot.identify()
+    mastering = None if cell.mastering is None else await cell.mastering.mastering()
     target, anchor, range_m, sigma_m = _device(cell, method)
     return Bench(
         method=method,

@@ -7,8 +7,9 @@ joint readings around it; what their times leave open is part of the uncertainty
 import asyncio
 import math
 import statistics
-from collections.abc import Sequence
+from collections.abc import Coroutine, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -123,8 +124,8 @@ async def touch(cell: Cell, label: str, approach: Approach) -> TouchedPoint:
     probe, setup = probe_of(cell)
     line = _line(cell, setup, approach)
     _refuse_unsafe(label, line, approach, probe)
-    await _refuse_contact(label, probe)
-    await _go(cell, label, [approach.start_rad], min(approach.travel_rad_s, cell.limits.speed_rad_s))
+    await refuse_contact(label, probe)
+    await go_untouched(cell, label, [approach.start_rad], approach.travel_rad_s, care=Care.TOUCHING)
     found = await _feel(cell, label, line, approach, approach.search_m_s)
     await _retreat(cell, label, line, approach, found)
     touches: list[Touch] = []
@@ -175,7 +176,8 @@ def _refuse_unsafe(label: str, line: ProbeLine, approach: Approach, probe: Touch
         )
 
 
-async def _refuse_contact(label: str, probe: TouchProbe) -> None:
+async def refuse_contact(label: str, probe: TouchProbe) -> None:
+    """Refuse to begin with a contact that is closed."""
     if (await probe.contact()).closed:
         raise AlreadyInContactError(
             f"{label}: the probe's contact is closed before the approach begins",
@@ -189,7 +191,7 @@ async def _feel(cell: Cell, label: str, line: ProbeLine, approach: Approach, spe
     here_m = line.distance_of((await cell.robot.joints()).joints_rad)
     pieces = max(math.ceil((line.length_m - here_m) / approach.segment_m), 1)
     stops = [line.joints_at(float(at)) for at in np.linspace(here_m, line.length_m, pieces + 1)[1:]]
-    travel = await _guarded(cell, stops, line.joint_speed_rad_s(speed_m_s))
+    travel = await _guarded(cell, stops, line.joint_speed_rad_s(speed_m_s), Care.TOUCHING)
     if travel.edge is None:
         raise NoContactError(
             f"{label}: no contact within {(line.length_m - here_m) * 1e3:.1f} mm",
@@ -233,9 +235,11 @@ async def _becomes(probe: TouchProbe, *, closed: bool) -> bool:
     return True
 
 
-async def _go(cell: Cell, label: str, stops: Sequence[Joints], speed_rad_s: float) -> None:
-    """Move where nothing should be touched."""
-    travel = await _guarded(cell, stops, speed_rad_s)
+async def go_untouched(
+    cell: Cell, label: str, stops: Sequence[Joints], speed_rad_s: float, *, care: Care = Care.FREE
+) -> None:
+    """Move from stop to stop where nothing should be touched; the arm stands where the contact closes after all."""
+    travel = await _guarded(cell, stops, min(speed_rad_s, cell.limits.speed_rad_s), care)
     if travel.edge is not None:
         raise ContactError(
             f"{label}: the probe touched something on its way to the start of the approach",
@@ -243,7 +247,7 @@ async def _go(cell: Cell, label: str, stops: Sequence[Joints], speed_rad_s: floa
         )
 
 
-async def _guarded(cell: Cell, stops: Sequence[Joints], speed_rad_s: float) -> _Travel:
+async def _guarded(cell: Cell, stops: Sequence[Joints], speed_rad_s: float, care: Care) -> _Travel:
     """Move from stop to stop until the contact closes; the arm stands when this returns or raises."""
     probe, _ = probe_of(cell)
     travel, enough = _Travel(), asyncio.Event()
@@ -251,7 +255,8 @@ async def _guarded(cell: Cell, stops: Sequence[Joints], speed_rad_s: float) -> _
     recording = asyncio.create_task(_record(cell.robot, travel.readings, enough))
     try:
         for stop in stops:
-            await _move(cell, stop, speed_rad_s, watching, recording)
+            going = motion_gate.move_along(cell, [stop], speed_rad_s, care=care)
+            await _move(going, watching, recording)
             if watching.done():
                 break
         await asyncio.wait(
@@ -267,14 +272,9 @@ async def _guarded(cell: Cell, stops: Sequence[Joints], speed_rad_s: float) -> _
 
 
 async def _move(
-    cell: Cell,
-    target: Joints,
-    speed_rad_s: float,
-    watching: asyncio.Task[ContactEdge],
-    recording: asyncio.Task[None],
+    going: Coroutine[Any, Any, None], watching: asyncio.Task[ContactEdge], recording: asyncio.Task[None]
 ) -> None:
     """Move unless and until one of the guards ends: a cancelled move stops. Raise what went wrong with any."""
-    going = motion_gate.move_along(cell, [target], speed_rad_s, care=Care.TOUCHING)
     moving = asyncio.create_task(going)
     try:
         await asyncio.wait({moving, watching, recording}, return_when=asyncio.FIRST_COMPLETED)

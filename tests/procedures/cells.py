@@ -11,6 +11,7 @@ from calibration.drift.reference import DriftReference
 from calibration.geometry import Pose, homogeneous, quaternion_from_rotation
 from calibration.mastering.counts import MasteringRecord
 from calibration.points.alignment import Alignment
+from calibration.points.three_two_one import Corner
 from drivers.interfaces import Counts, MasteringData
 from procedures.accuracy_check import AccuracyCheck, CheckRules
 from procedures.arm.arm_bench import Method
@@ -27,11 +28,14 @@ from procedures.limits import FrameLimits
 from procedures.mastering_record import MasteringRecordSpec, mastering_record
 from procedures.mastering_recovery import MasteringRecoverySpec
 from procedures.mastering_undo import MasteringUndo, mastering_sha256
+from procedures.probed_frame import ProbedFrame
 from procedures.run import Run
 from procedures.simulation_cell import SimulationCell
 from procedures.six_point_tcp import SixPointTcp
 from procedures.survey.survey import SurveyRules
+from procedures.teaching.corner_plan import CornerRules
 from procedures.three_point_frame import ThreePointFrame
+from tests.procedures.corners import Feeler, FeelingArm, corner_below, home_at, off_by, with_probe
 from tests.procedures.ideal import ZERO, Hands, IdealArm, IdealTracker, IdealWire
 from tests.procedures.ledgers import MemoryLedger
 from tests.unit.helpers.tags import FIXTURE_BASE, two_paths
@@ -354,6 +358,24 @@ def undoing(written: Counts = WRITTEN, before: MasteringData | None = None) -> S
     return made
 
 
+def probing(corner: Corner = "outside", **more: Any) -> Scene:
+    """Return a cell whose robot carries a probe over a corner, which is a little off what the controller holds."""
+    rules = CornerRules(corner=corner, repeats=1, **more.pop("rules", {}))
+    made = scene(
+        ProbedFrame(frame_number=5, touching=rules, **({"arm_sigma_m": 0.0, "accuracy_class": "C"} | more))
+    )
+    arm = FeelingArm(model=made.arm.model)
+    true = corner_below(arm.model)
+    arm.feeler = Feeler(true, corner)
+    arm.frames[5] = off_by(true, (0.001, -0.0015, 0.0012), (0.004, -0.006, 0.008))
+    home_at(arm, true, (0.05, 0.05, 0.06))
+    devices = dict.fromkeys(
+        ("robot", "jogs", "mastering", "tool_frames", "user_frames", "frames", "mode"), arm
+    )
+    made.arm, made.cell = arm, with_probe(replace(made.cell, **devices), arm, 5e-5)  # type: ignore[arg-type]
+    return made
+
+
 async def scene_for(name: str) -> Scene:
     """Return a scene in which the procedure of this name succeeds."""
     if name == "mastering_recovery":
@@ -369,6 +391,7 @@ SCENES: dict[str, Callable[[], Scene]] = {
     "mastering_undo": undoing,
     "six_point_tcp": touching,
     "three_point_frame": pointing,
+    "probed_frame": probing,
     "fixture_alignment": aligning,
     "end_effector_points": lambda: hanging(TARGETS[:1]),  # one spot: the fixture's scene has more
     "frame_offset": moved_workpiece,

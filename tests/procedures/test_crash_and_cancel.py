@@ -34,6 +34,7 @@ CASES = [*NAMES, *PLACES]
 ASKED = os.environ.get("CELLCAL_CRASHES", "")
 CRASHES = int(ASKED or 24)  # of a procedure's writes, evenly spread; `make soak` takes all of them
 FEW = int(ASKED or 4)  # of further scenes of a procedure, and of moves
+FELT = int(ASKED or 10)  # of a procedure whose arm waits at each contact until it has been looked at
 
 
 async def _scene(case: str) -> Scene:
@@ -53,7 +54,8 @@ async def _whole(case: str) -> tuple[object, MemoryLedger, Scene]:
 
 
 def _spread(case: str, count: int) -> list[int]:
-    return _evenly(count, FEW if case in PLACES else CRASHES)
+    most = FELT if case == "probed_frame" else FEW if case in PLACES else CRASHES
+    return _evenly(count, most)
 
 
 def _evenly(count: int, most: int) -> list[int]:

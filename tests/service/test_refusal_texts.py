@@ -51,6 +51,7 @@ WHOLE = (
     "calibration/points/end_effector.py",
     "calibration/points/fixture.py",
     "calibration/points/frames.py",
+    "calibration/points/three_two_one.py",
     "calibration/points/tool_point.py",
     "calibration/poses/measurement_poses.py",
     "calibration/poses/optimal_design.py",

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from calibration.geometry import Array, homogeneous
+from calibration.geometry import Array, homogeneous, quaternion_from_rotation
 from calibration.points.tag_points import TagPath
-from tests.stories.day_cell import POINTS_M, TARGETS_M
+from tests.stories.day_cell import CORNER, OVER_THE_CORNER_RAD, POINTS_M, TARGETS_M
 from tests.stories.days import Story
-from tests.stories.hands import MISSED_M, flange_at, turned
+from tests.stories.hands import MISSED_M, MODEL, flange_at, turned
 from tests.unit.helpers.tags import FIXTURE_BASE, two_paths
 
 TIP_M = (0.012, -0.034, 0.215)
@@ -36,6 +36,22 @@ FIXTURE: dict[str, Any] = {
 }
 
 
+# About where the nest is, and what an arm by its drawing can promise of it.
+PROBED = Story(
+    "probed_frame",
+    {
+        "frame_number": 5,
+        "nominal": {
+            "position_m": [round(float(v), 3) for v in CORNER[:3, 3]],
+            "quaternion": [float(v) for v in quaternion_from_rotation(CORNER[:3, :3])],
+        },
+        "touching": {"corner": "inside", "clear_m": 0.02, "repeats": 1, "measure_speed_m_s": 0.001},
+        "limits": {"origin_m": 0.003, "angle_rad": 0.012},
+    },
+    {"probe_at_corner": MODEL.base_flange(np.array([OVER_THE_CORNER_RAD]))[0]},
+    robot="second",
+    pace=5.0,
+)
 QUICK = ("six_point_tcp", "three_point_frame", "frame_offset", "simulation_cell")
 
 
@@ -57,6 +73,7 @@ def stories() -> tuple[Story, ...]:
         Story("simulation_cell", _tags()),
         Story("end_effector_points", tool),
         Story("fixture_alignment", FIXTURE),
+        PROBED,
         Story("mastering_record", robot="second"),
         Story("fixture_alignment", FIXTURE, robot="second"),
         Story(

@@ -1,15 +1,27 @@
-"""The cell of a working day: two robots with a wire each, a tracker, a fixture and an end-effector; all fakes."""
+"""The cell of a working day, all fakes: two robots with a wire each, a tracker, a fixture and an end-effector.
+
+The second robot carries a touch probe, and a nest stands before it: a corner of three planes.
+"""
 
 import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+from calibration.arm.kinematics import load_model
 from service.demo.door import Door
 from service.demo.fake_cell import free_address, running_fakes
+from tests.procedures.corners import corner_below
+from tests.wire.probe_cell import corner_tables
 
 POINTS_M = ((-0.35, -0.45, 0.0), (0.35, -0.45, 0.0), (-0.35, 0.45, 0.0), (0.35, 0.45, 0.25))
 TARGETS_M = ((0.0, 0.0, 0.0), (0.16, 0.0, -0.05), (0.0, 0.16, -0.05))
+TIP_MM = (10.0, -20.0, 160.0)
+OVER_THE_CORNER_RAD = (0.1, 0.17, -0.44, 0.26, -1.05, 0.35)  # where the probe looks straight into the nest
+CORNER = corner_below(
+    load_model("fanuc_m6ib"), [value * 1e-3 for value in TIP_MM], OVER_THE_CORNER_RAD, height_m=0.04
+)
+PACE = 1500.0  # so many times as fast as real time
 ROBOTS = {"fanuc": "F-104711", "second": "F-104712"}
 
 _ROBOT = """
@@ -59,12 +71,35 @@ deadline_s = 10.0
 robot = "fanuc"
 target_in_flange_mm = [80.0, 40.0, 100.0]
 
+[[probe]]
+name = "probe"
+driver = "touch_probe"
+address = "{other}"
+port = 1503
+serial = "00:30:DE:0A:0B:0C"
+robot = "second"
+contact_input = 1
+echo_output = 1
+echo_input = 2
+tip_in_flange_mm = {tip}
+tip_sigma_mm = 0.1
+tip_radius_mm = 1.5
+pretravel_mm = 0.02
+sigma_mm = 0.003
+overtravel_mm = 6.0
+delay_ms = 6.0
+delay_tolerance_ms = 3.0
+deadline_s = 5.0
+silence_ms = 400.0
+debounce_ms = 40.0
+poll_ms = 6.0
+
 [watch]
 period_s = 0.5
 
 [fake]
 seed = {seed}
-time_factor = 1500.0
+time_factor = {pace}
 control_port = 0
 
 [fake.fixture]
@@ -87,7 +122,16 @@ async def day_cell(
             _ROBOT.format(name=name, serial=serial, address=address)
             for (name, serial), address in zip(ROBOTS.items(), (one, other), strict=True)
         ]
-        rest = _REST.format(address=one, seed=seed, points=_in_mm(points_m), targets=_in_mm(TARGETS_M))
+        rest = _REST.format(
+            address=one,
+            other=other,
+            seed=seed,
+            pace=PACE,
+            tip=list(TIP_MM),
+            points=_in_mm(points_m),
+            targets=_in_mm(TARGETS_M),
+        )
+        rest += corner_tables("second", CORNER)
         path = folder / "cell.toml"
         head = f'[cell]\nname = "working day"\ndata_dir = {json.dumps(str(folder / "data"))}\n'
         path.write_text(head + "".join(robots) + rest, encoding="utf-8")

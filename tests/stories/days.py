@@ -13,7 +13,7 @@ from playwright.async_api import TimeoutError as NotThere
 
 from service.web.app import Settings, create_app
 from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium, served
-from tests.stories.day_cell import day_cell
+from tests.stories.day_cell import PACE, day_cell
 from tests.stories.forms import fill_in
 from tests.stories.hands import Hands
 
@@ -34,6 +34,7 @@ class Story:
     places: dict[str, Any] = field(default_factory=dict)
     robot: str = "fanuc"
     hold: bool = False  # the technician keeps a finger on the button while the robot moves
+    pace: float = PACE  # of the world's clock: a probe is watched in real time
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ class Day:
         """Run one procedure from its page until the page tells how it ended."""
         await self._choose(story.robot)
         self.hands.places = story.places
+        await self.hands.door.ask("pace", time_factor=story.pace)
         await self._start(story)
         asked: list[str] = []
         async with asyncio.timeout(PATIENCE_S):

@@ -15,7 +15,7 @@ from tests.service.desks import without_a_wire_to_the_gauge
 from tests.service.doors import Clock
 from tests.service.shop import a_shop
 from tests.service.test_pages import looking_at
-from tests.stories.catalogue_day import QUICK, stories
+from tests.stories.catalogue_day import PROBED, QUICK, stories
 from tests.stories.day_cell import day_cell
 from tests.stories.days import Day, Ended, Story, working_day
 from tests.stories.hands import Hands
@@ -41,6 +41,15 @@ async def test_a_technician_teaches_tool_frame_and_workpiece_and_places_a_simula
     assert [(end.story.procedure, end.verdict) for end in ended] == [(name, "pass") for name in QUICK]
     for end in ended:
         certificate_of(tmp_path, end)
+
+
+async def test_a_technician_watches_a_probe_feel_for_a_corner(tmp_path: Path) -> None:
+    async with working_day(tmp_path) as day:
+        ended = await day.tell(PROBED)
+    assert ended.verdict == "pass", ended.words
+    assert ended.asked == ("probe_at_corner", "accept_plan", "accept_frame")
+    _, content = certificate_of(tmp_path, ended)
+    assert [point["face"] for point in content["result"]["points"]][:6] == ["z", "z", "z", "y", "y", "x"]
 
 
 async def test_a_recovered_mastering_is_signed_line_by_line_and_the_certificate_says_by_whom(

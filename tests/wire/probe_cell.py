@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.arm.kinematics import RobotModel
+from calibration.geometry import homogeneous
 from procedures.cell import Cell
 from procedures.motion.probe_line import joints_for_tip
 from procedures.steps.touch import Approach, probe_of
@@ -88,7 +89,7 @@ overtravel_mm = 6.0
 delay_ms = 6.0
 delay_tolerance_ms = 3.0
 deadline_s = 5.0
-silence_ms = 1000.0  # a test machine may be busy
+silence_ms = {silence}  # a test machine may be busy
 debounce_ms = 40.0
 poll_ms = 6.0
 
@@ -107,10 +108,11 @@ deadline_s = 5.0
 
 [fake]
 seed = 1
-time_factor = 3.0
+time_factor = {pace}
 hidden = {hidden}
 control_port = 0
-
+"""
+_BALL = """
 [[fake.artefact]]
 name = "ball"
 kind = "sphere"
@@ -118,6 +120,15 @@ robot = "{robot}"
 radius_mm = {ball}
 place_in_base_mm = {place}
 sigma_mm = 0.3
+"""
+_PLANE = """
+[[fake.artefact]]
+name = "{name} face"
+kind = "plane"
+robot = "{robot}"
+place_in_base_mm = {place}
+axis_in_base = {axis}
+sigma_mm = 0.4
 """
 
 
@@ -132,18 +143,61 @@ def probing(
     folder: Path, robot: str, place_m: Sequence[float], *, hidden: bool = True, tip_sigma_mm: float = 1.0
 ) -> Iterator[tuple[Path, Door]]:
     """Play a robot with a probe and a ball near ``place_m``."""
+    ball = _BALL.format(robot=robot, ball=BALL_MM, place=[float(1e3 * value) for value in place_m])
+    with _playing(folder, robot, ball, hidden=hidden, tip_sigma_mm=tip_sigma_mm) as cell:
+        yield cell
+
+
+@contextmanager
+def at_a_corner(
+    folder: Path, robot: str, base_frame: np.ndarray, *, tip_sigma_mm: float
+) -> Iterator[tuple[Path, Door]]:
+    """Play a robot with a probe in a corner that opens to +x, +y, +z of a frame (4, 4), all hidden effects on."""
+    tables = corner_tables(robot, base_frame)
+    with _playing(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=8.0, silence_ms=400.0) as cell:
+        yield cell
+
+
+@contextmanager
+def _playing(
+    folder: Path,
+    robot: str,
+    artefacts: str,
+    *,
+    tip_sigma_mm: float,
+    hidden: bool = True,
+    pace: float = 3.0,
+    silence_ms: float = 1000.0,
+) -> Iterator[tuple[Path, Door]]:
     text = (_ROBOTS[robot] + _REST).format(
         robot=robot,
         tip=list(TIP_MM),
         tip_radius=TIP_RADIUS_MM,
         pretravel=PRETRAVEL_MM,
-        ball=BALL_MM,
-        place=[float(1e3 * value) for value in place_m],
         hidden=str(hidden).lower(),
         tip_sigma=tip_sigma_mm,
+        pace=pace,
+        silence=silence_ms,
     )
-    with running(folder, text) as cell:
+    with running(folder, text + artefacts) as cell:
         yield cell
+
+
+def corner_tables(robot: str, base_frame: np.ndarray) -> str:
+    """Return the artefacts of a corner for a cell file."""
+    place = [float(1e3 * value) for value in base_frame[:3, 3]]
+    return "".join(
+        _PLANE.format(name=name, robot=robot, place=place, axis=[float(v) for v in base_frame[:3, k]])
+        for k, name in enumerate("xyz")
+    )
+
+
+def true_corner(truth: dict[str, Any]) -> np.ndarray:
+    """Return the frame (4, 4) in which the planes of the world's truth really meet."""
+    planes = [truth["artefacts"][f"{name} face"] for name in "xyz"]
+    axes = np.array([plane["axis_in_base"] for plane in planes])
+    heights = [axis @ np.array(plane["place_in_base_m"]) for axis, plane in zip(axes, planes, strict=True)]
+    return homogeneous(axes.T, np.linalg.solve(axes, heights))
 
 
 def approach_from(

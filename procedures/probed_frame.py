@@ -1,0 +1,313 @@
+"""A user frame felt by a touch probe at a corner: three points of one face, two of the next, one of the third.
+
+The rule and its source are in `calibration.points.three_two_one`. The robot moves by itself, slowly, and stops at
+each contact; a frame is only written after touches that it was not found from have agreed with it.
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Annotated
+
+from pydantic import Field
+from pydantic_core import to_jsonable_python
+
+from calibration.geometry import Pose
+from calibration.points.three_two_one import FACES, LEAST, CornerFrame, FaceName
+from drivers.interfaces import Instruction
+from procedures.arm.arm_bench import ARM_SIGMA_M, same_robot
+from procedures.canonical import sha256_of
+from procedures.entry import Entry, Keepsake, Phase
+from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
+from procedures.judged_write import (
+    WriteAnyway,
+    frame_changes,
+    ordered,
+    refuse_failed,
+    shift_told,
+    with_verdict,
+)
+from procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
+from procedures.motion.pace import Paced
+from procedures.motion.plan_words import Tour, plan_words
+from procedures.run import Run
+from procedures.steps.ask import accept, ask
+from procedures.steps.pages import ARM_CHECKS, Moves, frame_displacement, plan_page, with_changes
+from procedures.steps.write import read_user_frame, write_user_frame
+from procedures.teaching.corner_plan import CornerRules, FacePlan, first_spots, plan_spots
+from procedures.teaching.corner_touches import (
+    CheckTouch,
+    Corner,
+    CornerGoal,
+    CornerOutlook,
+    FeltPoint,
+    compare_checks,
+    construct_corner,
+    corner_outlook,
+    fewest,
+    outlook_of,
+    read_probe_bench,
+    touch_checks,
+    touch_corner,
+    touch_sigma,
+)
+from procedures.verdict import Characteristic, Contribution, Verdict, enough, held, known_within, stated
+
+CHECK_SIGMAS = 3.0
+TRAVEL_S = 6.0  # from touch to touch
+BETWEEN_S = 1.0  # to stop, to go back and to come to rest, at each contact
+
+READY = Instruction(
+    "probe_at_corner",
+    "Mount the touch probe and clamp the workpiece. Bring the tip over the first face near the corner, 30 mm or "
+    "more above it, the probe looking straight at that face: it stays in this attitude.",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ProbedFrame:
+    """Which user frame to write, where it is about, and how well it must be known."""
+
+    frame_number: Annotated[int, Field(ge=0, le=99)]
+    nominal: Pose | None = None  # within search_way_m; None: the user frame that the controller holds
+    touching: CornerRules = field(default_factory=CornerRules)
+    arm_sigma_m: Annotated[float, Field(ge=0, le=0.01)] = (
+        0.001  # the arm's own errors, one coordinate in its base; less of a calibrated arm
+    )
+    accuracy_class: AccuracyClass = "B"
+    limits: FrameLimits | None = None
+    write_anyway: WriteAnyway = ""
+
+    def goal(self, tip_sigma_m: float) -> CornerGoal:
+        """Return what the touches are for."""
+        limits = chosen(FRAME, self.accuracy_class, self.limits)
+        return CornerGoal(limits.origin_m, limits.angle_rad, self.arm_sigma_m, tip_sigma_m)
+
+
+@dataclass(frozen=True, slots=True)
+class ProbedSetup:
+    """The user frame as found, written and read back, and what it rests on."""
+
+    frame_number: int
+    found: CornerFrame
+    before: Pose
+    read_back: Pose
+    goal: CornerGoal
+    touch_sigma_m: float  # of one touch, along its normal
+    points: tuple[FeltPoint, ...]
+    outlook: CornerOutlook  # after the last of them
+    checks: tuple[CheckTouch, ...]
+
+
+async def probed_frame(run: Run, spec: ProbedFrame) -> ProbedSetup:
+    """Feel for the faces of a corner, solve for the user frame there, check it, and write it."""
+    await run.ensure("the probe is mounted", ask, READY)
+    bench = await run.step("read the robot", read_probe_bench)
+    await run.ensure("the robot kept its position", same_robot, bench.epoch)
+    before = await run.step("read the user frame", read_user_frame, spec.frame_number)
+    nominal, rules = before if spec.nominal is None else spec.nominal, spec.touching
+
+    plan = await run.solve("plan the touches", plan_spots, bench, rules, nominal, (), first_spots())
+    await run.step("accept the plan", accept, _planned(plan, rules), sha256_of(to_jsonable_python(plan)))
+    corner = Corner(bench, rules, spec.goal(bench.tip_sigma_m), nominal)
+    felt = await touch_corner(run, corner, plan)
+    found = await run.solve("construct the frame", construct_corner, bench, rules, felt)
+    checks = await touch_checks(run, corner, felt)
+    setup = ProbedSetup(
+        frame_number=spec.frame_number,
+        found=found,
+        before=before,
+        read_back=found.base_frame,  # as it will be, if a person wants it
+        goal=corner.goal,
+        touch_sigma_m=touch_sigma(felt),
+        points=tuple(map(FeltPoint.of, felt)),
+        outlook=outlook_of(corner, felt),
+        checks=await run.solve("compare the check touches", compare_checks, bench, rules, found, checks),
+    )
+    verdict = _judge(spec, setup)
+    refuse_failed(verdict, spec.write_anyway, found)
+    base_user = found.base_frame
+    result, sha256 = _shown(spec, setup, verdict), sha256_of(to_jsonable_python(base_user))
+    await run.step("accept the result", accept, result, sha256)
+    read_back = await run.write("write the user frame", write_user_frame, spec.frame_number, base_user)
+    return replace(setup, read_back=read_back)
+
+
+def _planned(plan: FacePlan, rules: CornerRules) -> Instruction:
+    motion, fastest_rad_s = plan.motion, max(plan.motion.speeds_rad_s)
+    what = (
+        f"the robot with its touch probe, to {len(plan.ways_rad)} points of three faces and to at most "
+        f"{rules.max_touches - len(plan.ways_rad) + len(FACES)} more; at each it goes "
+        f"{rules.search_way_m * 2e3:.0f} mm towards the face at {rules.search_speed_m_s * 1e3:.1f} mm/s and stops "
+        "at the contact"
+    )
+    moving_s = motion.moving_s + len(plan.ways_rad) * _feeling_s(rules)
+    tour = Tour(len(plan.ways_rad), Paced(motion.travel_rad, moving_s, fastest_rad_s))
+    asked = Instruction("accept_plan", plan_words(what, tour, motion.not_checked))
+    names = tuple(f"{spot.face} {spot.number + 1}" for spot in first_spots())
+    moves = Moves(
+        ways_rad=tuple(way[1:] for way in plan.ways_rad),
+        speed_rad_s=fastest_rad_s,
+        checked=ARM_CHECKS,
+        not_checked=motion.not_checked,
+        most=rules.max_touches + len(FACES),
+        names=names,
+    )
+    return plan_page(asked, tour, moves)
+
+
+def _shown(spec: ProbedFrame, setup: ProbedSetup, verdict: Verdict) -> Instruction:
+    x, y, z = (value * 1e3 for value in setup.found.base_frame.position_m)
+    turn = 1e3 * setup.goal.u(setup.found.covariance_matrix())[1]
+    found = Instruction(
+        "accept_frame",
+        f"User frame {spec.frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its axes "
+        f"are known to {turn:.2f} mm per metre (k=2). {shift_told(setup.before, setup.found.base_frame)}",
+    )
+    asked = with_verdict(found, verdict, "Write it to the controller?", spec.write_anyway, writes=True)
+    moved = frame_displacement(setup.before, setup.found.base_frame)
+    return with_changes(asked, frame_changes(setup.before, setup.found.base_frame), **moved)
+
+
+def _outline(spec: ProbedFrame) -> tuple[Phase, ...]:
+    counts = _expected_counts(spec)
+    further = sum(counts.values()) - sum(LEAST.values())
+    return (
+        *(Phase("read the robot"), Phase("read the user frame"), Phase("plan the touches")),
+        *(Phase("accept the plan"), Phase("touch the z face", counts["z"], adaptive=True)),
+        *(Phase("plan the y face"), Phase("touch the y face", counts["y"], adaptive=True)),
+        *(Phase("plan the x face"), Phase("touch the x face", counts["x"], adaptive=True)),
+        *(Phase("plan a further touch", further, adaptive=True), Phase("construct the frame")),
+        *(Phase("plan the check touches"), Phase("touch a check point", len(FACES))),
+        *(Phase("compare the check touches"), Phase("accept the result"), Phase("write the user frame")),
+    )
+
+
+def _keeps(spec: ProbedFrame, result: ProbedSetup) -> Keepsake:
+    return Keepsake("user_frame", str(spec.frame_number), result)
+
+
+def _verdict(spec: ProbedFrame, result: ProbedSetup) -> Verdict:
+    verdict = ordered(_judge(spec, result), spec.write_anyway)
+    return replace(verdict, changes=frame_changes(result.before, result.read_back))
+
+
+def _judge(spec: ProbedFrame, setup: ProbedSetup) -> Verdict:
+    limits, goal, found = chosen(FRAME, spec.accuracy_class, spec.limits), setup.goal, setup.found
+    origin_u, turn_u = (value / 2.0 for value in goal.u(found.covariance_matrix()))
+    origin = known_within("origin of the frame", "m", u=origin_u, limit=limits.origin_m)
+    turn = known_within("direction of the frame's axes", "rad", u=turn_u, limit=limits.angle_rad)
+    spare = enough(
+        "coordinates beyond those that fix the frame",
+        found.redundancy > 0,
+        "PASS if there are points to compare, else UNDECIDED: allow one more touch (max_touches)",
+        found=found.redundancy,
+        limit=1,
+    )
+    return Verdict(
+        (
+            origin.with_budget(
+                Contribution(
+                    "probe, skew of the times and scatter of the arm", max(found.sigma[:3]), "measured"
+                ),
+                Contribution("the tip in the flange, tip_sigma_mm", goal.tip_sigma_m, "cell file"),
+                Contribution("the arm's own errors, arm_sigma_m", goal.arm_sigma_m, "estimated"),
+            ),
+            turn.with_budget(
+                Contribution(
+                    "probe, skew of the times and scatter of the arm", max(found.sigma[3:]), "measured"
+                ),
+                Contribution("the arm's own errors, arm_sigma_m", goal.arm_turn_rad, "estimated"),
+            ),
+            spare,
+            *map(_checked, setup.checks),
+            *(stated("the faces' departure from a right angle", angle, "rad") for angle in found.square_rad),
+        ),
+        limits_from=told(spec.accuracy_class, spec.limits),
+        not_verified=(
+            "The forms of the faces count only as they scatter.",
+            "All touches were made in one attitude: what the tip in the flange is wrong by shifts the frame.",
+        ),
+        remarks=(_saving(setup, spec.touching.max_touches),),
+    )
+
+
+_CHECK_RULE = "PASS if the touch misses the frame by at most three deviations, else FAIL"
+_CHECKS: dict[FaceName, str] = {
+    "z": "check touch of the z face",
+    "y": "check touch of the y face",
+    "x": "check touch of the x face",
+}
+
+
+def _checked(check: CheckTouch) -> Characteristic:
+    most = CHECK_SIGMAS * check.sigma_m
+    holds = abs(check.miss_m) <= most
+    return held(_CHECKS[check.face], holds, _CHECK_RULE, found=abs(check.miss_m), limit=most, unit="m")
+
+
+def _saving(setup: ProbedSetup, most: int) -> str:
+    outlook, touches = setup.outlook, len(setup.points)
+    if not outlook.reached:
+        return (
+            f"{touches} touches; further ones were not asked for: {most} would leave the origin within "
+            f"{outlook.origin_u_m * 1e3:.2f} mm and the axes within {outlook.angle_u_rad * 1e3:.2f} mm per "
+            "metre (k=2)"
+        )
+    if touches >= outlook.in_turn:
+        return f"no saving: {touches} touches, as many as the three faces in turn would take"
+    return (
+        f"{touches} touches, each where it tells most; the three faces touched in turn would take "
+        f"{outlook.in_turn} for the U of the limits"
+    )
+
+
+def _expected_counts(spec: ProbedFrame, tip_sigma_m: float = 0.0) -> dict[FaceName, int]:
+    """Return how many touches of each face are expected; out of reach, none is asked for beyond those that fix it."""
+    outlook = corner_outlook(spec.touching, spec.goal(tip_sigma_m), ARM_SIGMA_M, fewest(ARM_SIGMA_M))
+    again = outlook.again if outlook.reached else ()
+    return {face: LEAST[face] + again.count(face) for face in FACES}
+
+
+def _feeling_s(rules: CornerRules) -> float:
+    """Return how long a touch takes with its repeats, about."""
+    again_s = rules.retreat_m / rules.measure_speed_m_s + BETWEEN_S
+    return rules.search_way_m / rules.search_speed_m_s + BETWEEN_S + rules.repeats * again_s
+
+
+def _forecast(spec: ProbedFrame, known: Knowledge) -> Forecast:
+    tools, rules = known.instruments, spec.touching
+    goal, sigma_m = spec.goal(tools.probe_tip_sigma_m), math.hypot(tools.probe_sigma_m, ARM_SIGMA_M)
+    counts = _expected_counts(spec, tools.probe_tip_sigma_m)
+    touches, made = sum(counts.values()), {face: (sigma_m,) * counts[face] for face in FACES}
+    each = CornerGoal(math.inf, math.inf, goal.arm_sigma_m, goal.tip_sigma_m)
+    after = corner_outlook(replace(rules, max_touches=touches), each, sigma_m, made)
+    origin = {name: limit.origin_m for name, limit in FRAME.items()}
+    turn = {name: limit.angle_rad for name, limit in FRAME.items()}
+    return Forecast(
+        duration_s=PERSON_S + 2.0 * ANSWER_S + (touches + len(FACES)) * (TRAVEL_S + _feeling_s(rules)),
+        predictions=(
+            Prediction(f"origin of the frame, after {touches} touches", after.origin_u_m, "m", origin),
+            Prediction(
+                f"direction of the frame's axes, after {touches} touches", after.angle_u_rad, "rad", turn
+            ),
+        ),
+        assumed=(
+            f"the tip in the flange is known to {goal.tip_sigma_m * 1e3:.2f} mm per coordinate (tip_sigma_mm)",
+            f"the arm's own errors shift the tip by {spec.arm_sigma_m * 1e3:.2f} mm per coordinate (arm_sigma_m)",
+        ),
+        not_checked=("The ways are planned when the probe stands over the corner.",),
+    )
+
+
+ENTRY = Entry(
+    name="probed_frame",
+    title="User frame from a corner felt by a touch probe",
+    version=1,
+    procedure=probed_frame,
+    spec_type=ProbedFrame,
+    needs=("moves_joints", "commanded", "model", "probe", "writes_user_frame"),
+    outline=_outline,
+    keeps=_keeps,
+    verdict=_verdict,
+    forecast=_forecast,
+)

@@ -1,0 +1,346 @@
+"""Where a probe feels for the faces of a corner, and the ways between its touches. Pure functions.
+
+Seen from the frame, the tip hovers ``clear_m`` off a face, feels along its normal, and goes back to where it
+hovered. From face to face it goes over the top, so that it never crosses the workpiece. The attitude is that in
+which the probe stands when the run begins.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from calibration.arm.kinematics import RobotModel, load_model
+from calibration.errors import DegenerateDataError
+from calibration.geometry import Array, Pose
+from calibration.motion.motion_check import MotionLimits, check_moves
+from calibration.points.three_two_one import (
+    FACES,
+    LEAST,
+    Corner,
+    Face,
+    FaceName,
+    outward_in_frame,
+    three_two_one,
+)
+from drivers.interfaces import Joints
+from procedures.cell import MotionLimits as Caps
+from procedures.motion.plan_ways import as_joints, refuse_broken
+from procedures.motion.plans import MotionPlan, Room, checked
+from procedures.motion.probe_line import joints_for_tip
+from procedures.motion.surroundings import clearances
+from procedures.steps.touch import PROBING_CAP_M_S, Approach, TouchedPoint
+from procedures.survey.survey_motion import survey_limits
+
+Triple = tuple[float, float, float]
+Length = Annotated[float, Field(ge=0.002, le=1.0)]
+STEEPEST_RAD = math.radians(45.0)  # between the stylus and the first face's normal: else its shank may touch
+_LOOKS = 21  # along a way, for the workpiece
+_ROUGH_SIGMA_M = 1e-3  # of a point that is only drawn
+
+
+@dataclass(frozen=True, slots=True)
+class CornerRules:
+    """Which corner, where it is felt, how carefully, and what motion must keep to."""
+
+    corner: Corner = "outside"
+    along_x_m: Length = 0.1  # as far from the origin points are felt along x, and along y
+    along_y_m: Length = 0.1
+    inset_m: Length = 0.02  # from an edge
+    depth_m: Length = 0.012  # from the first face: where the others are felt
+    clear_m: Length = 0.03  # off a face, between touches
+    search_way_m: Annotated[float, Field(ge=0.0005, le=0.05)] = (
+        0.004  # before and behind where a face should be
+    )
+    search_speed_m_s: Annotated[float, Field(gt=0, le=PROBING_CAP_M_S)] = PROBING_CAP_M_S
+    measure_speed_m_s: Annotated[float, Field(gt=0, le=PROBING_CAP_M_S)] = 0.0005
+    repeats: Annotated[int, Field(ge=1, le=20)] = 2
+    max_touches: Annotated[int, Field(ge=6, le=14)] = 12  # further ones are made if so many can do it
+    room: Room = field(default_factory=Room)
+
+    @property
+    def retreat_m(self) -> float:
+        """How far the tip goes back from a contact before it feels again."""
+        return min(0.001, self.search_way_m / 2.0)
+
+    def __post_init__(self) -> None:
+        if min(self.along_x_m, self.along_y_m) < 2.0 * self.inset_m:
+            raise ValueError("along_x_m and along_y_m must be twice inset_m or more: points would coincide")
+        if self.clear_m < 2.0 * self.search_way_m:
+            raise ValueError(
+                "clear_m must be twice search_way_m or more: the tip has to pass a face that is off"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeBench:
+    """The robot and its probe before anything moves."""
+
+    model: str
+    serial: str
+    joints_rad: Joints
+    epoch: int | None
+    tip_in_flange_m: Triple
+    tip_sigma_m: float  # of one coordinate of the tip in the flange, as the cell file says
+    axis_in_flange: Triple
+    radius_m: float  # of the ball, less what it gives before its contact closes
+    probe_sigma_m: float
+    limits: Caps
+
+
+@dataclass(frozen=True, slots=True)
+class Felt:
+    """A point of a face, felt."""
+
+    face: FaceName
+    point: TouchedPoint
+    hover_rad: Joints  # where the arm stood before it, and again after it
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A place where a face is felt: the how manieth of its places."""
+
+    face: FaceName
+    number: int  # from 0
+
+
+@dataclass(frozen=True, slots=True)
+class FacePlan:
+    """How to feel at some spots one after the other: for each the way to where the tip hovers, and the approach."""
+
+    ways_rad: tuple[tuple[Joints, ...], ...]  # from where the one before ended, that corner first
+    approaches: tuple[Approach, ...]
+    motion: MotionPlan
+
+
+def places(rules: CornerRules) -> dict[FaceName, tuple[Triple, ...]]:
+    """Return where each face is felt, seen from the frame, in the order of use."""
+    near, x, y = rules.inset_m, rules.along_x_m, rules.along_y_m
+    depth = rules.depth_m if rules.corner == "inside" else -rules.depth_m
+    mid_x, mid_y = (near + x) / 2, (near + y) / 2
+    top = ((near, near), (x, near), (near, y), (x, y), (mid_x, near), (near, mid_y), (x, mid_y), (mid_x, y))
+    return {
+        "z": tuple((u, v, 0.0) for u, v in top),
+        "y": tuple((u, 0.0, depth) for u in (near, x, (mid_x + x) / 2, (near + mid_x) / 2)),
+        "x": tuple((0.0, v, depth) for v in (near, mid_y)),
+    }
+
+
+def check_places(rules: CornerRules) -> dict[FaceName, Triple]:
+    """Return where a face is felt once more to check a frame that was found without that point."""
+    near, x, y = rules.inset_m, rules.along_x_m, rules.along_y_m
+    depth = rules.depth_m if rules.corner == "inside" else -rules.depth_m
+    return {
+        "z": ((near + x) / 2, (near + y) / 2, 0.0),
+        "y": ((near + x) / 2, 0.0, depth),
+        "x": (0.0, y, depth),
+    }
+
+
+def first_spots() -> tuple[Spot, ...]:
+    """Return the touches that fix a frame: three, two, one."""
+    return tuple(Spot(face, number) for face in FACES for number in range(LEAST[face]))
+
+
+def felt_faces(felt: Sequence[Felt], own_sigma_m: float) -> dict[FaceName, Face]:
+    """Return the faces as their points tell them; ``own_sigma_m``: what each arm position scatters by itself."""
+    found: dict[FaceName, Face] = {}
+    for name in FACES:
+        points = [one.point for one in felt if one.face == name]
+        if points:
+            away = -np.mean([point.direction_in_base for point in points], axis=0)
+            sigmas = tuple(math.hypot(point.sigma_m, own_sigma_m) for point in points)
+            found[name] = Face(tuple(point.tip_in_base_m for point in points), _triple(away), sigmas)
+    return found
+
+
+def frame_so_far(bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: Sequence[Felt]) -> Pose:
+    """Return the frame by the faces felt so far; what they leave open is as it was drawn."""
+    drawn = {
+        name: Face(
+            tuple(_centre(bench, rules, nominal, name, at) for at in places(rules)[name][: LEAST[name]]),
+            _triple(nominal.rotation() @ outward_in_frame(name, rules.corner)),
+            (_ROUGH_SIGMA_M,) * LEAST[name],
+        )
+        for name in FACES
+    }
+    faces = drawn | felt_faces(felt, _ROUGH_SIGMA_M)
+    return three_two_one(faces, radius_m=bench.radius_m, corner=rules.corner).base_frame
+
+
+def plan_spots(
+    bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: tuple[Felt, ...], spots: tuple[Spot, ...]
+) -> FacePlan:
+    """Plan touches at spots from where the one felt last ended, or from where the robot stood at first."""
+    known = places(rules)
+    wanted = [(spot.face, known[spot.face][spot.number]) for spot in spots]
+    return _plan(bench, rules, nominal, felt, wanted)
+
+
+def plan_check_touches(
+    bench: ProbeBench, rules: CornerRules, nominal: Pose, felt: tuple[Felt, ...]
+) -> FacePlan:
+    """Plan one touch of each face at a place where it was not felt; the last face first."""
+    known = check_places(rules)
+    return _plan(bench, rules, nominal, felt, [(face, known[face]) for face in reversed(FACES)])
+
+
+def rest_of_way(way_rad: Sequence[Joints], here_rad: Joints) -> tuple[Joints, ...]:
+    """Return the corners still to be gone of a planned way, for an arm that stands anywhere on it."""
+    corners, here = np.array(way_rad), np.array(here_rad)
+    apart = []
+    for start, end in pairwise(corners):
+        leg = end - start
+        share = float(np.clip((here - start) @ leg / max(float(leg @ leg), 1e-12), 0.0, 1.0))
+        apart.append(float(np.linalg.norm(here - start - share * leg)))
+    nearest = len(apart) - 1 - int(np.argmin(apart[::-1]))  # of two that meet where it stands, the later one
+    return tuple(way_rad[nearest + 1 :])
+
+
+def _plan(
+    bench: ProbeBench,
+    rules: CornerRules,
+    nominal: Pose,
+    felt: tuple[Felt, ...],
+    wanted: Sequence[tuple[FaceName, Triple]],
+) -> FacePlan:
+    _refuse_unfit(bench, rules, nominal)
+    frame = frame_so_far(bench, rules, nominal, felt)
+    here = felt[-1].hover_rad if felt else bench.joints_rad
+    before = felt[-1].face if felt else None
+    start, model = here, load_model(bench.model)
+    ways: list[tuple[Joints, ...]] = []
+    approaches: list[Approach] = []
+    for face, at in wanted:
+        hover = _hover(bench, rules, frame, face, at)
+        lifted = () if before == face else _over(bench, rules, frame, (here, hover), first=before is None)
+        ways.append((here, *lifted, hover))
+        approaches.append(_approach(bench, rules, frame, face, at))
+        here, before = hover, face
+    _refuse_crossing(model, bench, rules, frame, ways)
+    limits = replace(
+        survey_limits(None, rules.room, bench.limits.speed_rad_s),
+        clearances=clearances(bench.model, rules.room.surroundings),
+    )
+    motion = checked(model, start, [np.array(way[1:]) for way in ways], limits, bench.limits.speed_rad_s)
+    for way, approach in zip(ways, approaches, strict=True):
+        _refuse_unreachable(model, way[-1], approach, limits)
+    speeds = zip(approaches, motion.speeds_rad_s, strict=True)
+    slow = tuple(replace(one, travel_rad_s=min(one.travel_rad_s, speed)) for one, speed in speeds)
+    return FacePlan(tuple(ways), slow, motion)
+
+
+def _approach(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple) -> Approach:
+    away = frame.rotation() @ outward_in_frame(face, rules.corner)
+    contact = np.array(_centre(bench, rules, frame, face, at))
+    return Approach(
+        start_rad=_joints(bench, contact + rules.search_way_m * away),
+        end_rad=_joints(bench, contact - rules.search_way_m * away),
+        search_m_s=rules.search_speed_m_s,
+        measure_m_s=rules.measure_speed_m_s,
+        repeats=rules.repeats,
+        retreat_m=rules.retreat_m,
+    )
+
+
+def _centre(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple) -> Triple:
+    """Return where the ball's centre is when it touches a face there."""
+    local = np.array(at) + bench.radius_m * outward_in_frame(face, rules.corner)
+    return _triple(frame.rotation() @ local + np.array(frame.position_m))
+
+
+def _hover(bench: ProbeBench, rules: CornerRules, frame: Pose, face: FaceName, at: Triple) -> Joints:
+    away = frame.rotation() @ outward_in_frame(face, rules.corner)
+    return _joints(bench, np.array(_centre(bench, rules, frame, face, at)) + rules.clear_m * away)
+
+
+def _over(
+    bench: ProbeBench, rules: CornerRules, frame: Pose, ends: tuple[Joints, Joints], *, first: bool
+) -> tuple[Joints, ...]:
+    """Return the corners of a way over the top from one face to another; none where an end is up there already."""
+    height, corners = rules.clear_m + bench.radius_m, list[Joints]()
+    for end in ends[1:] if first else ends:
+        local = _seen(bench, frame, end)
+        if abs(local[2] - height) > 1e-4:
+            lifted = np.array([local[0], local[1], height])
+            corners.append(_joints(bench, frame.rotation() @ lifted + np.array(frame.position_m)))
+    return tuple(corners)
+
+
+def _seen(bench: ProbeBench, frame: Pose, joints_rad: Joints) -> Array:
+    """Return the tip (3,) seen from the frame."""
+    tip = load_model(bench.model).tip_positions(np.array([joints_rad]), np.array(bench.tip_in_flange_m))[0]
+    return np.asarray((tip - np.array(frame.position_m)) @ frame.rotation())
+
+
+def _joints(bench: ProbeBench, tip_m: Array) -> Joints:
+    try:
+        found = joints_for_tip(load_model(bench.model), bench.tip_in_flange_m, bench.joints_rad, tip_m)
+    except DegenerateDataError as error:
+        x, y, z = tip_m * 1e3
+        raise DegenerateDataError(
+            f"the tip cannot be brought to x {x:.0f}, y {y:.0f}, z {z:.0f} mm with the attitude in which it stands.",
+            remedy="Give the frame as it is drawn (nominal), or turn the probe so that the whole corner is in reach.",
+        ) from error
+    return as_joints(np.array(found))
+
+
+def _refuse_unfit(bench: ProbeBench, rules: CornerRules, nominal: Pose) -> None:
+    """Refuse a ball that would meet an edge or the next face, and a stylus that lies along a face."""
+    least = bench.radius_m + rules.search_way_m
+    if min(rules.inset_m, rules.depth_m) <= least:
+        raise DegenerateDataError(
+            f"inset_m and depth_m must be more than {least * 1e3:.1f} mm, the ball's radius and search_way_m: the "
+            "ball would meet an edge or the next face.",
+            remedy="Feel farther from the edges, or search less far.",
+        )
+    axis = load_model(bench.model).base_flange(np.array([bench.joints_rad]))[0, :3, :3] @ bench.axis_in_flange
+    lean = math.acos(float(np.clip(-axis @ nominal.rotation()[:, 2], -1.0, 1.0)))
+    if lean > STEEPEST_RAD:
+        raise DegenerateDataError(
+            f"the stylus stands {math.degrees(lean):.0f} deg from the first face's normal: its shank may touch.",
+            remedy="Turn the probe so that it looks straight at the first face, its z towards you; then start a new "
+            "run.",
+        )
+
+
+def _refuse_crossing(
+    model: RobotModel,
+    bench: ProbeBench,
+    rules: CornerRules,
+    frame: Pose,
+    ways: Sequence[Sequence[Joints]],
+) -> None:
+    """Refuse ways on which the tip comes nearer to the corner than it may be off."""
+    share = np.linspace(0.0, 1.0, _LOOKS)[:, None]
+    legs = [(a, b) for way in ways for a, b in pairwise(way)]
+    path = np.vstack([np.array(a) + share * (np.array(b) - np.array(a)) for a, b in legs])
+    tips = model.tip_positions(path, np.array(bench.tip_in_flange_m))
+    off = (tips - np.array(frame.position_m)) @ frame.rotation()
+    heights = np.column_stack([off @ outward_in_frame(name, rules.corner) for name in FACES])
+    nearest = heights.max(axis=1) if rules.corner == "outside" else heights.min(axis=1)
+    least = bench.radius_m + rules.search_way_m
+    if nearest.min() < least:
+        raise DegenerateDataError(
+            f"the tip would pass the faces at {nearest.min() * 1e3:.1f} mm, {least * 1e3:.1f} mm are kept.",
+            remedy="Bring the tip over the first face, well clear of it, then start a new run.",
+        )
+
+
+def _refuse_unreachable(
+    model: RobotModel, hover_rad: Joints, approach: Approach, limits: MotionLimits
+) -> None:
+    """Refuse an approach that breaks a limit; there the tip comes near what it shall touch."""
+    free = replace(limits, clearances=None)
+    ends = np.array([approach.start_rad, approach.end_rad])
+    refuse_broken(check_moves(model, hover_rad, ends, free, speed_rad_s=1e-3, stops=[True, True]))
+
+
+def _triple(values: Array) -> Triple:
+    x, y, z = (float(v) for v in values)
+    return x, y, z

@@ -1,0 +1,305 @@
+"""Touches of a probe on the faces of a corner: first three, two, one; then where one more tells most.
+
+The first face sets the approaches to the second right, both those to the third. Further touches are made until the
+frame is known within its limits; where the limits are out of reach of so many, none is made.
+"""
+
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.geometry import Array, Pose
+from calibration.points.three_two_one import (
+    FACES,
+    LEAST,
+    CornerFrame,
+    FaceName,
+    corner_covariance,
+    outward_in_frame,
+    three_two_one,
+)
+from drivers.interfaces import Joints
+from procedures.arm.arm_bench import ARM_SIGMA_M, healthy_arm
+from procedures.cell import Cell
+from procedures.motion.motion_gate import Care
+from procedures.run import Run
+from procedures.steps.mastering import nominal_model
+from procedures.steps.touch import (
+    Approach,
+    TouchedPoint,
+    go_untouched,
+    probe_of,
+    refuse_contact,
+    touch,
+)
+from procedures.teaching.corner_plan import (
+    CornerRules,
+    FacePlan,
+    Felt,
+    ProbeBench,
+    Spot,
+    felt_faces,
+    first_spots,
+    places,
+    plan_check_touches,
+    plan_spots,
+    rest_of_way,
+)
+
+TOUCH_STEP: dict[FaceName, str] = {
+    "z": "touch the z face",
+    "y": "touch the y face",
+    "x": "touch the x face",
+}
+CHECK_STEP = "touch a check point"
+# Over which an arm's own errors become others: two points so far apart share none of them. Of 120 drawn arms (the
+# M-6iB of fake_devices, 0.35 mm and 0.35 mrad at each parameter) 0.84 mm and 0.69 mrad, hence 1.7 m.
+ERROR_SPAN_M = 1.7
+_POWER = 8  # its sum stands for the worst of six: it falls with every touch, where a maximum may stand still
+Made = dict[FaceName, tuple[float, ...]]
+SPARE = sum(LEAST.values()) + 1  # so many touches, and one can be compared
+
+
+@dataclass(frozen=True, slots=True)
+class CornerGoal:
+    """What is asked for, k = 2, and what no touch lessens."""
+
+    origin_u_m: float
+    angle_u_rad: float
+    arm_sigma_m: float  # of one coordinate
+    tip_sigma_m: float  # the same for all touches, which are made in one attitude
+
+    def u(self, covariance: Array) -> tuple[float, float]:
+        """Return U (k = 2) of the origin's worst coordinate [m] and about the worst axis [rad]."""
+        each = self._each(covariance)
+        return float(each[:3].max()), float(each[3:].max())
+
+    @property
+    def arm_turn_rad(self) -> float:
+        """Standard uncertainty of a direction that the arm's own errors leave, whatever is touched."""
+        return math.sqrt(2.0) * self.arm_sigma_m / ERROR_SPAN_M
+
+    def shares(self, covariance: Array) -> Array:
+        """Return the six U, shift before turn, over their limits."""
+        return np.asarray(self._each(covariance) / np.repeat([self.origin_u_m, self.angle_u_rad], 3))
+
+    def _each(self, covariance: Array) -> Array:
+        common = np.repeat([self.arm_sigma_m**2 + self.tip_sigma_m**2, self.arm_turn_rad**2], 3)
+        return np.asarray(2.0 * np.sqrt(np.diag(covariance) + common))
+
+
+@dataclass(frozen=True, slots=True)
+class CornerOutlook:
+    """Which faces to touch again, in order, until the goal is met; what is known then, k = 2."""
+
+    again: tuple[FaceName, ...]
+    reached: bool
+    origin_u_m: float
+    angle_u_rad: float
+    in_turn: int  # touches for the same, were the faces touched in turn
+
+
+@dataclass(frozen=True, slots=True)
+class FeltPoint:
+    """A touch as it counts in a frame; what its times told stands in the journal."""
+
+    face: FaceName
+    tip_in_base_m: tuple[float, float, float]  # the ball's centre, by the nominal model
+    sigma_m: float  # of probe and times, along the normal
+    spread_m: float  # of its repeats
+
+    @classmethod
+    def of(cls, felt: Felt) -> "FeltPoint":
+        """Return what counts of a touch."""
+        point = felt.point
+        return cls(felt.face, point.tip_in_base_m, point.sigma_m, point.spread_m)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckTouch:
+    """By how much a touch that the frame was not found from misses its face, and what explains."""
+
+    face: FaceName
+    miss_m: float
+    sigma_m: float
+
+
+def touch_sigma(felt: Sequence[Felt]) -> float:
+    """Return the standard uncertainty of a usual touch along its normal, the arm's scatter included."""
+    return math.hypot(statistics.median(one.point.sigma_m for one in felt), ARM_SIGMA_M)
+
+
+def corner_outlook(rules: CornerRules, goal: CornerGoal, sigma_m: float, made: Made) -> CornerOutlook:
+    """Return which faces to touch again so that the goal is met with few touches, one of them to spare.
+
+    ``made``: the standard uncertainty of each touch made, by its face; ``sigma_m``: that of a further one.
+    """
+    again, now = list[FaceName](), dict(made)
+    while not _enough(rules, goal, now) and (left := _left(rules, now)):
+        after = {face: goal.shares(_covariance(rules, _more(now, face, sigma_m))) for face in left}
+        again.append(min(left, key=lambda face: float((after[face] ** _POWER).sum())))
+        now = _more(now, again[-1], sigma_m)
+    origin, turn = goal.u(_covariance(rules, now))
+    reached = _enough(rules, goal, now)
+    in_turn = _in_turn(rules, goal, sigma_m) if reached else 0
+    return CornerOutlook(tuple(again), reached, origin, turn, in_turn)
+
+
+async def read_probe_bench(cell: Cell) -> ProbeBench:
+    """Read who the robot is, where it stands, and what its probe is like."""
+    model, joints_rad = await healthy_arm(cell)
+    probe, setup = probe_of(cell)
+    can = probe.capabilities
+    return ProbeBench(
+        model=model.name,
+        serial=(await cell.robot.identify()).serial,
+        joints_rad=joints_rad,
+        epoch=None if cell.mastering is None else await cell.mastering.encoder_epoch(),
+        tip_in_flange_m=setup.tip_in_flange_m,
+        tip_sigma_m=setup.sigma_tip_m,
+        axis_in_flange=setup.axis_in_flange,
+        radius_m=can.tip_radius_m - can.pretravel_m,
+        probe_sigma_m=can.sigma_m,
+        limits=cell.limits,
+    )
+
+
+async def touch_spot(cell: Cell, way_rad: tuple[Joints, ...], approach: Approach, label: str) -> TouchedPoint:
+    """Go along a planned way, or the rest of it; feel for the face; go back to where the tip hovers.
+
+    All the way a contact stops the arm.
+    """
+    probe, setup = probe_of(cell)
+    await refuse_contact(label, probe)
+    here, hover = (await cell.robot.joints()).joints_rad, way_rad[-1]
+    tip = np.array(setup.tip_in_flange_m)
+    at, above, end = nominal_model(cell).tip_positions(np.array([here, hover, approach.end_rad]), tip)
+    if np.linalg.norm(at - above) <= np.linalg.norm(
+        end - above
+    ):  # interrupted near the face, as a resume finds it
+        await go_untouched(cell, label, [hover], approach.travel_rad_s, care=Care.TOUCHING)
+    else:
+        await go_untouched(cell, label, rest_of_way(way_rad, here), approach.travel_rad_s)
+    found = await touch(cell, label, approach)
+    await go_untouched(cell, label, [hover], approach.travel_rad_s, care=Care.TOUCHING)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Corner:
+    """Where a corner is drawn, and how it is felt."""
+
+    bench: ProbeBench
+    rules: CornerRules
+    goal: CornerGoal
+    nominal: Pose
+
+
+async def touch_corner(run: Run, corner: Corner, first: FacePlan) -> tuple[Felt, ...]:
+    """Feel for the three faces until they tell the frame well enough."""
+    felt: list[Felt] = []
+    for face in FACES:
+        spots = tuple(spot for spot in first_spots() if spot.face == face)
+        if felt:
+            first = await _planned(run, f"plan the {face} face", corner, felt, spots)
+        await _touch(run, first, spots, felt)
+    further = 0
+    while (outlook := outlook_of(corner, felt)).reached and outlook.again:
+        further += 1
+        count = sum(one.face == outlook.again[0] for one in felt)
+        spots = (Spot(outlook.again[0], count),)
+        plan = await _planned(run, f"plan a further touch {further}", corner, felt, spots)
+        await _touch(run, plan, spots, felt)
+    return tuple(felt)
+
+
+async def touch_checks(run: Run, corner: Corner, felt: tuple[Felt, ...]) -> tuple[Felt, ...]:
+    """Feel for each face once more, where it was not felt before."""
+    plan = await run.solve(
+        "plan the check touches", plan_check_touches, corner.bench, corner.rules, corner.nominal, felt
+    )
+    checks = []
+    for number, face in enumerate(reversed(FACES), 1):
+        step, k = f"{CHECK_STEP} {number}", number - 1
+        point = await run.move(step, touch_spot, plan.ways_rad[k], plan.approaches[k], step)
+        checks.append(Felt(face, point, plan.ways_rad[k][-1]))
+    return tuple(checks)
+
+
+def construct_corner(bench: ProbeBench, rules: CornerRules, felt: tuple[Felt, ...]) -> CornerFrame:
+    """Return the frame by all points felt."""
+    return three_two_one(felt_faces(felt, ARM_SIGMA_M), radius_m=bench.radius_m, corner=rules.corner)
+
+
+def compare_checks(
+    bench: ProbeBench, rules: CornerRules, found: CornerFrame, checks: tuple[Felt, ...]
+) -> tuple[CheckTouch, ...]:
+    """Return what the check touches miss the frame's planes by."""
+    return tuple(_compared(bench, rules, found, check) for check in checks)
+
+
+def outlook_of(corner: Corner, felt: Sequence[Felt]) -> CornerOutlook:
+    """Return what further touches would tell after those made."""
+    made = {name: face.sigma_m for name, face in felt_faces(felt, ARM_SIGMA_M).items()}
+    return corner_outlook(corner.rules, corner.goal, touch_sigma(felt), made)
+
+
+async def _planned(
+    run: Run, step: str, corner: Corner, felt: Sequence[Felt], spots: tuple[Spot, ...]
+) -> FacePlan:
+    return await run.solve(step, plan_spots, corner.bench, corner.rules, corner.nominal, tuple(felt), spots)
+
+
+async def _touch(run: Run, plan: FacePlan, spots: Sequence[Spot], felt: list[Felt]) -> None:
+    for spot, way, approach in zip(spots, plan.ways_rad, plan.approaches, strict=False):
+        step = f"{TOUCH_STEP[spot.face]} {spot.number + 1}"
+        point = await run.move(step, touch_spot, way, approach, step)
+        felt.append(Felt(spot.face, point, way[-1]))
+
+
+def _compared(bench: ProbeBench, rules: CornerRules, found: CornerFrame, check: Felt) -> CheckTouch:
+    axis = "xyz".index(check.face)
+    frame = found.base_frame
+    local = (np.array(check.point.tip_in_base_m) - np.array(frame.position_m)) @ frame.rotation()
+    local = local - bench.radius_m * outward_in_frame(check.face, rules.corner)
+    moved = np.zeros(6)  # by the frame's shift and turn, along the face's normal
+    moved[axis] = 1.0
+    moved[3:] = np.cross(local, np.eye(3)[axis])
+    variance = float(moved @ np.array(found.covariance) @ moved)
+    return CheckTouch(check.face, float(local[axis]), math.sqrt(variance + touch_sigma((check,)) ** 2))
+
+
+def fewest(sigma_m: float) -> Made:
+    """Return the touches that fix a frame, each so good."""
+    return {face: (sigma_m,) * LEAST[face] for face in FACES}
+
+
+def _more(made: Made, face: FaceName, sigma_m: float) -> Made:
+    return {**made, face: (*made[face], sigma_m)}
+
+
+def _enough(rules: CornerRules, goal: CornerGoal, made: Made) -> bool:
+    spare = sum(map(len, made.values())) >= min(SPARE, rules.max_touches)
+    return spare and bool(goal.shares(_covariance(rules, made)).max() <= 1.0)
+
+
+def _left(rules: CornerRules, made: Made) -> list[FaceName]:
+    if sum(map(len, made.values())) >= rules.max_touches:
+        return []
+    return [face for face in FACES if len(made[face]) < len(places(rules)[face])]
+
+
+def _in_turn(rules: CornerRules, goal: CornerGoal, sigma_m: float) -> int:
+    now = fewest(sigma_m)
+    while not _enough(rules, goal, now) and (left := _left(rules, now)):
+        behind = {face: len(now[face]) - LEAST[face] for face in left}
+        now = _more(now, min(left, key=lambda face: behind[face]), sigma_m)
+    return sum(map(len, now.values()))
+
+
+def _covariance(rules: CornerRules, made: Made) -> Array:
+    known = places(rules)
+    return corner_covariance({face: np.array(known[face][: len(made[face])]) for face in FACES}, made)

@@ -1,0 +1,232 @@
+"""A user frame felt at a corner: what is found, what is claimed, and what is refused before or on the way."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.errors import CellError, DegenerateDataError
+from calibration.geometry import Pose, exp_rotation, homogeneous, inverse_transform, log_transform
+from calibration.points.three_two_one import FACES, Corner, FaceName, outward_in_frame
+from procedures.cell import MotionLevel
+from procedures.entry import lacking
+from procedures.limits import FrameLimits
+from procedures.probed_frame import ENTRY, ProbedSetup, probed_frame
+from procedures.run import DeclinedError, RefusalError, Run
+from procedures.steps.touch import AlreadyInContactError, ContactError, NoContactError
+from procedures.teaching.corner_plan import CornerRules, rest_of_way
+from procedures.teaching.corner_touches import CornerGoal, corner_outlook, fewest
+from procedures.verdict import Verdict
+from service.runs.outline import known_of
+from tests.procedures.cells import Scene, probing
+from tests.procedures.corners import FeelingArm, home_at
+from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
+
+
+async def felt(made: Scene, ledger: MemoryLedger | None = None) -> ProbedSetup:
+    return await probed_frame(Run(made.cell, ledger or MemoryLedger()), made.spec)
+
+
+def arm_of(made: Scene) -> FeelingArm:
+    assert isinstance(made.arm, FeelingArm)
+    return made.arm
+
+
+def truth(made: Scene) -> np.ndarray:
+    feeler = arm_of(made).feeler
+    assert feeler is not None
+    return feeler.base_frame
+
+
+def judged(made: Scene, setup: ProbedSetup) -> Verdict:
+    assert ENTRY.verdict is not None
+    return ENTRY.verdict(made.spec, setup)
+
+
+async def refused(made: Scene, error: type[CellError], words: str) -> CellError:
+    """Return the refusal of a run that writes nothing."""
+    before = dict(made.arm.frames)
+    with pytest.raises(error, match=words) as told:
+        await felt(made)
+    assert made.arm.frames == before
+    assert told.value.remedy
+    return told.value
+
+
+@pytest.mark.parametrize("corner", ["outside", "inside"])
+async def test_a_corner_that_is_off_its_drawing_is_felt_and_written(corner: Corner) -> None:
+    made = probing(corner)
+    setup = await felt(made)
+    twist = log_transform(inverse_transform(truth(made)) @ setup.found.base_frame.matrix())
+    assert np.abs(twist[:3]).max() < 5e-6
+    assert np.abs(twist[3:]).max() < 5e-5
+    assert made.arm.frames[5] == setup.read_back == setup.found.base_frame
+    assert judged(made, setup).word == "pass"
+    assert len(setup.points) == 7  # six, and one to spare
+    assert [check.face for check in setup.checks] == ["x", "y", "z"]
+
+
+async def test_a_resumed_run_feels_for_no_point_twice() -> None:
+    whole = probing()
+    await felt(whole)
+    made, facts = probing(), []
+    with pytest.raises(CrashError):
+        await probed_frame(Run(made.cell, MortalLedger(facts, 21, stored=True)), made.spec)
+    ledger = MemoryLedger(facts)
+    done = [finding.step for finding in ledger.past().findings]
+    assert "touch the y face 1" in done
+    await probed_frame(Run(made.cell, ledger, ledger.past()), made.spec)
+    assert arm_of(made).contacts == arm_of(whole).contacts
+
+
+async def test_what_no_touch_lessens_is_counted_and_further_touches_are_not_made_for_it() -> None:
+    made = probing(arm_sigma_m=0.0003, accuracy_class="B")
+    setup = await felt(made)
+    verdict = judged(made, setup)
+    assert (len(setup.points), verdict.word) == (6, "undecided")
+    origin = verdict.characteristics[0]
+    parts = [line.standard_uncertainty for line in origin.budget]
+    assert origin.standard_uncertainty == pytest.approx(math.hypot(*parts), rel=1e-9)
+    assert parts[1:] == [5e-5, 0.0003]
+    assert origin.expanded > 2 * 0.0003
+    assert "further ones were not asked for: 12 would leave the origin within" in verdict.remarks[0]
+
+
+async def test_touches_are_added_where_they_tell_most_until_the_frame_is_known() -> None:
+    made = probing(limits=FrameLimits(0.001, math.radians(0.15)))
+    setup = await felt(made)
+    assert judged(made, setup).word == "pass"
+    assert len(setup.points) == 9
+    assert judged(made, setup).remarks[0].startswith("9 touches, each where it tells most; the three faces")
+
+
+@pytest.mark.parametrize("weak", FACES)
+def test_a_touch_whose_times_tell_little_is_made_good_by_another_of_its_face(weak: FaceName) -> None:
+    good, goal = 8e-5, CornerGoal(0.0006, math.radians(0.3), 0.0, 5e-5)
+    made = dict(fewest(good))
+    assert corner_outlook(CornerRules(), goal, good, made).reached
+    made[weak] = (*made[weak][:-1], 1e-3)
+    outlook = corner_outlook(CornerRules(), goal, good, made)
+    assert outlook.reached
+    assert outlook.again[0] == weak
+
+
+def test_of_a_way_only_what_lies_before_the_arm_is_gone() -> None:
+    way = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
+    assert rest_of_way(way, (0.0, 0.01)) == way[1:]
+    assert rest_of_way(way, (0.5, 0.01)) == way[1:]
+    assert rest_of_way(way, (1.0, 0.0)) == way[2:]
+    assert rest_of_way(way, (0.99, 0.6)) == way[2:]
+    assert rest_of_way(way, (1.0, 1.0)) == way[2:]
+
+
+async def test_what_was_foretold_is_what_is_stated() -> None:
+    made = probing()
+    assert ENTRY.forecast is not None
+    told = ENTRY.forecast(made.spec, known_of(made.cell, None))
+    setup = await felt(made)
+    figures = judged(made, setup).characteristics
+    assert told.predictions[0].expanded == pytest.approx(figures[0].expanded, rel=0.05)
+    assert told.predictions[1].expanded == pytest.approx(figures[1].expanded, rel=0.05)
+    assert f"after {len(setup.points)} touches" in told.predictions[0].name
+
+
+async def test_the_tip_of_the_cell_file_is_not_known_better_than_it_says() -> None:
+    made = probing()
+    assert made.cell.probe_setup is not None
+    made.cell = replace(made.cell, probe_setup=replace(made.cell.probe_setup, sigma_tip_m=0.001))
+    verdict = judged(made, await felt(made))
+    assert verdict.word == "undecided"
+    assert verdict.characteristics[0].expanded > 0.002
+
+
+async def test_a_face_that_is_not_there_is_told_and_the_arm_stands() -> None:
+    made = probing()
+    feeler = arm_of(made).feeler
+    assert feeler is not None
+    feeler.faces = ("z", "y")
+    feeler.corner = "inside"  # what is left is felt from above and from the side
+    arm_of(made).frames[5] = Pose.from_matrix(feeler.base_frame)
+    made.spec = replace(made.spec, touching=replace(made.spec.touching, corner="inside"))
+    told = await refused(made, NoContactError, "touch the x face 1: no contact within")
+    assert "surface" in told.remedy
+    assert not made.arm.moving
+
+
+async def test_a_contact_that_is_closed_before_anything_moves_is_refused() -> None:
+    made = probing()
+    made.cell.probe.stuck_closed = True  # type: ignore[union-attr]
+    await refused(made, AlreadyInContactError, "closed before the approach begins")
+    assert made.arm.moves == []
+
+
+async def test_something_on_the_way_stops_the_arm() -> None:
+    made = probing()
+    feeler = arm_of(made).feeler
+    assert feeler is not None
+    feeler.base_frame = feeler.base_frame @ homogeneous(np.eye(3), np.array([0.0, 0.0, 0.035]))
+    await refused(made, ContactError, "touched something on its way")
+    assert arm_of(made).contacts == 1
+
+
+async def test_a_check_touch_that_disagrees_is_not_written() -> None:
+    made = probing()
+    feeler = arm_of(made).feeler
+    assert feeler is not None
+    feeler.lean = {"x": exp_rotation(np.array([0.0, 0.0, 0.03])) @ outward_in_frame("x", "outside")}
+    arm_of(made).frames[5] = Pose.from_matrix(feeler.base_frame)
+    told = await refused(made, RefusalError, "check touch of the x face: FAIL")
+    assert told.code == "procedure.failed"
+
+
+async def test_a_frame_that_looks_away_from_the_probe_is_refused_before_anything_moves() -> None:
+    made = probing()
+    made.spec = replace(made.spec, nominal=Pose.from_matrix(truth(made) @ np.diag([1.0, -1.0, -1.0, 1.0])))
+    await refused(made, DegenerateDataError, "stands 1.. deg from the first face's normal")
+    assert made.arm.moves == []
+
+
+async def test_a_frame_that_nobody_taught_is_out_of_reach_and_nothing_moves() -> None:
+    made = probing()
+    made.arm.frames.clear()
+    told = await refused(made, DegenerateDataError, "cannot be brought|deg from the first")
+    assert "nominal" in told.remedy or "probe" in told.remedy
+    assert made.arm.moves == []
+
+
+@pytest.mark.parametrize("given", [{"inset_m": 0.004}, {"depth_m": 0.004}])
+async def test_points_too_near_an_edge_for_the_ball_are_refused(given: dict[str, float]) -> None:
+    made = probing(rules=given)
+    await refused(made, DegenerateDataError, "would meet an edge or the next face")
+    assert made.arm.moves == []
+
+
+async def test_a_way_that_would_cross_the_workpiece_is_refused() -> None:
+    made = probing()
+    home_at(made.arm, truth(made), (0.05, -0.03, -0.05))
+    await refused(made, DegenerateDataError, "the tip would pass the faces at")
+    assert made.arm.moves == []
+
+
+async def test_a_plan_that_a_person_refuses_moves_nothing() -> None:
+    made = probing()
+    made.hands.refuses.add("accept_plan")
+    await refused(made, DeclinedError, "declined")
+    assert made.arm.moves == []
+
+
+def test_a_robot_that_this_software_may_not_move_lacks_what_the_procedure_needs() -> None:
+    made = probing()
+    assert lacking(ENTRY, made.cell) == ()
+    watching = replace(made.cell, level=MotionLevel.OBSERVE, probe=None)
+    assert [words.split(" ")[1] for words in lacking(ENTRY, watching)] == ["robot", "touch"]
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [({"inset_m": 0.06}, "twice inset_m"), ({"clear_m": 0.006}, "twice search_way_m")],
+)
+def test_rules_that_do_not_fit_each_other_are_refused(given: dict[str, float], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        probing(rules=given)
