@@ -8,7 +8,7 @@ import numpy as np
 from calibration.arm.kinematics import load_model
 from calibration.geometry import Array
 from calibration.mastering.counts import MasteringRecord
-from calibration.mastering.recovery_walk import NEEDED_POWER
+from calibration.mastering.recovery_walk import NEEDED_POWER, nearby_joints
 from calibration.mastering.turn_recovery import verification_power
 from calibration.motion.motion_check import MotionLimits
 from drivers.interfaces import Joints
@@ -20,6 +20,7 @@ from procedures.steps.mastering import MotorState
 
 VERIFICATION_SIGMAS = 6.0
 DRAWS = 3  # of poses to choose from: the soonest checks of them are taken
+NEARBY_CANDIDATES = 2500  # among few of them none may show a wrong turn, and the robot goes far
 LACK_S = 300.0  # of robot time for a wrong turn that would not show at all
 _CHOICES_TRIED = 8
 
@@ -80,7 +81,8 @@ class _Checks:
         """Return the plan of the best that can be reached of one draw; None where none can."""
         record, state, known, limits = self.record, self.state, self.known, self.limits
         model, here = load_model(record.model), np.array(known.here_rad)
-        found = unmeasured(candidates(model, record, limits, here, seed=seed), known.visited)
+        near = nearby_joints(here, NEARBY_CANDIDATES, seed=seed)
+        found = unmeasured(candidates(model, record, limits, near), known.visited)
         power, seen = self._power(found), self._seen(self._shown)
         planner = walk_planner(model, record, limits, state)
         ordered: list[Array] = []

@@ -122,7 +122,8 @@ class _NextPose:
         model, limits = load_model(record.model), self.limits()
         here = np.array(self.here_rad)
         known = np.array(self.measured).reshape(-1, model.axes)
-        found = unmeasured(candidates(model, record, limits, here, seed=3), self.measured)
+        near = nearby_joints(here, NEARBY_CANDIDATES, seed=3)
+        found = unmeasured(candidates(model, record, limits, near), self.measured)
         planner = walk_planner(model, record, limits, self.state)
         worth, gain = planner.worth(here, known, found, efold_s=efold_s)
         for index in np.argsort(-worth):
@@ -218,12 +219,9 @@ def walk_planner(
     return WalkPlanner(model, record, lambda joints: allowed_postures(model, joints, limits, hook), pace)
 
 
-def candidates(
-    model: RobotModel, record: MasteringRecord, limits: MotionLimits, here: Array, *, seed: int
-) -> Array:
-    """Return postures to choose from: drawn near and everywhere, and the record's own."""
+def candidates(model: RobotModel, record: MasteringRecord, limits: MotionLimits, near: Array) -> Array:
+    """Return postures to choose from: those (M, n) [rad] drawn near that are allowed, the record's, and others."""
     hook = record.lengths()[1].hook_in_flange_m
-    near = nearby_joints(here, NEARBY_CANDIDATES, seed=seed)
     near = near[allowed_postures(model, near, limits, hook)]
     spread = candidate_joints(model, limits, SPARE_CANDIDATES, seed=2, hook_in_flange_m=hook)
     return np.vstack([near, record.capture_joints_rad(), spread])

@@ -8,7 +8,7 @@ import numpy as np
 from calibration.mastering.recovery_walk import WalkPlanner, nearby_joints
 from calibration.mastering.turn_recovery import TurnRecovery, verification_power, verify_recovery
 from calibration.motion.motion_check import allowed_postures
-from procedures.motion.lost_plans import NEARBY_CANDIDATES
+from procedures.motion import check_plans, lost_plans
 from tests.unit.helpers.recovery_cases import DRIVE, LIMITS, MODEL, PRIOR, Loss, healthy_record, kit, lose
 from tests.unit.helpers.wire_world import WireWorld
 
@@ -99,8 +99,8 @@ def _doubtful(found):
     return max(found.offset_u_rad) > 8.7e-4 or found.doubt_sigmas > 2.0
 
 
-def _candidates(here):
-    near = nearby_joints(here, NEARBY_CANDIDATES, seed=3)
+def _candidates(here, count=lost_plans.NEARBY_CANDIDATES):
+    near = nearby_joints(here, count, seed=3)
     near = near[allowed_postures(MODEL, near, LIMITS, PRIOR.hook_in_flange_m)]
     return np.vstack([near, kit()])
 
@@ -109,7 +109,7 @@ def _checked(loss, found, poses):
     if not found.accepted:
         return found
     poses, back = _corrected(loss, found, poses)
-    candidates = _candidates(poses[-1])
+    candidates = _candidates(poses[-1], check_plans.NEARBY_CANDIDATES)
     apart = np.abs(candidates[:, None] - np.array(poses)[None]).max(axis=2).min(axis=1)
     candidates = candidates[apart > 0.02]
     power = verification_power(MODEL, loss.record, candidates, found.offset_covariance) / 6.0
