@@ -50,7 +50,10 @@ def test_every_question_before_a_write_is_among_those_that_write() -> None:
     """In a procedure that writes master data, what it asks is a plan, parameters to keep, or a yes to writing."""
     work = "write_mastering|write_user_frame|write_and_read_back"
     writing = re.compile(rf"run\.write\(\s*\"[^\"]+\",\s*(?:{work})")
-    elsewhere = {"told_correction": "accept_mastering"}  # a question that two procedures share
+    elsewhere = {  # questions that two procedures share
+        "told_correction": "accept_mastering",
+        "shown_tool": "accept_tool",
+    }
     seen = set()
     for path in PROCEDURES.rglob("*.py"):
         text = path.read_text(encoding="utf-8")

@@ -95,4 +95,4 @@ async def _choose_file(page: Page, path: str, told: Mapping[str, Any]) -> None:
     chosen: FilePayload = {"name": file["name"], "mimeType": "text/csv", "buffer": content}
     await page.get_by_test_id(f"value-{path}").set_input_files([chosen])
     if unit := told.get("units", {}).get("position"):
-        await page.get_by_test_id(f"unit-{path}").select_option(unit)
+        await page.get_by_test_id(f"{path}-unit-position").select_option(unit)
