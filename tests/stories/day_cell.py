@@ -23,6 +23,7 @@ CORNER = corner_below(
 )
 PACE = 1500.0  # so many times as fast as real time
 ROBOTS = {"fanuc": "F-104711", "second": "F-104712"}
+WIRES = {"fanuc": 4711, "second": 4712}  # two instruments: nothing that one has wrong is wrong with the other
 
 _ROBOT = """
 [[robot]]
@@ -51,7 +52,7 @@ host = "{address}"
 port = 29536
 channel = "can0"
 node_id = 7
-serial = 4711
+serial = {wire}
 range_m = 3.0
 sigma_m = 0.0001
 deadline_s = 10.0
@@ -119,7 +120,7 @@ async def day_cell(
     """Run the cell's fakes; its file is in ``folder``."""
     with free_address() as one, free_address() as other:
         robots = [
-            _ROBOT.format(name=name, serial=serial, address=address)
+            _ROBOT.format(name=name, serial=serial, wire=WIRES[name], address=address)
             for (name, serial), address in zip(ROBOTS.items(), (one, other), strict=True)
         ]
         rest = _REST.format(
