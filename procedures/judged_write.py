@@ -12,7 +12,7 @@ from calibration.geometry import Pose, log_rotation
 from calibration.points.frames import frame_offset as offset_between
 from drivers.interfaces import Instruction
 from procedures.run import RefusalError
-from procedures.steps.pages import review_page
+from procedures.steps.pages import LEVER_M, frame_displacement, review_page, with_changes
 from procedures.verdict import FAIL, PASS, Change, Characteristic, Verdict
 
 WriteAnyway = Annotated[
@@ -41,6 +41,24 @@ def with_verdict(
     )
     asked = replace(shown, text=f"{text}{doubt} {question}")
     return review_page(asked, verdict, writes=writes, write_anyway=write_anyway)
+
+
+def ask_to_write(
+    found: Instruction,
+    verdict: Verdict,
+    before: Pose,
+    after: Pose,
+    write_anyway: str = "",
+    *,
+    lever_m: float = LEVER_M,
+) -> Instruction:
+    """Return the question whether a frame is written to the controller, with what it was and what it will be.
+
+    ``lever_m``: how far from its origin the point is whose displacement is told.
+    """
+    asked = with_verdict(found, verdict, "Write it to the controller?", write_anyway, writes=True)
+    moved = frame_displacement(before, after, lever_m=lever_m)
+    return with_changes(asked, frame_changes(before, after), **moved)
 
 
 def refuse_failed(verdict: Verdict, write_anyway: str | None, evidence: object) -> None:

@@ -20,18 +20,18 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
 from procedures.judged_write import (
     WriteAnyway,
+    ask_to_write,
     frame_changes,
     ordered,
     refuse_failed,
     shift_told,
-    with_verdict,
 )
 from procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
 from procedures.motion.pace import Paced
 from procedures.motion.plan_words import Tour, plan_words
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
-from procedures.steps.pages import ARM_CHECKS, Moves, frame_displacement, plan_page, with_changes
+from procedures.steps.pages import ARM_CHECKS, Moves, plan_page
 from procedures.steps.write import read_user_frame, write_user_frame
 from procedures.teaching.corner_plan import CornerRules, FacePlan, first_spots, plan_spots
 from procedures.teaching.corner_touches import (
@@ -163,9 +163,7 @@ def _shown(spec: ProbedFrame, setup: ProbedSetup, verdict: Verdict) -> Instructi
         f"User frame {spec.frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its axes "
         f"are known to {turn:.2f} mm per metre (k=2). {shift_told(setup.before, setup.found.base_frame)}",
     )
-    asked = with_verdict(found, verdict, "Write it to the controller?", spec.write_anyway, writes=True)
-    moved = frame_displacement(setup.before, setup.found.base_frame)
-    return with_changes(asked, frame_changes(setup.before, setup.found.base_frame), **moved)
+    return ask_to_write(found, verdict, setup.before, setup.found.base_frame, spec.write_anyway)
 
 
 def _outline(spec: ProbedFrame) -> tuple[Phase, ...]:

@@ -20,16 +20,14 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
 from procedures.judged_write import (
     WriteAnyway,
-    frame_changes,
+    ask_to_write,
     ordered,
     refuse_failed,
     shift_told,
-    with_verdict,
 )
 from procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
-from procedures.steps.pages import frame_displacement, with_changes
 from procedures.steps.write import read_tool_frame, write_and_read_back
 from procedures.teaching.tcp_methods import Held, Method, Orientation, Way, take_axes
 from procedures.teaching.tcp_refit import refit_touches
@@ -145,9 +143,7 @@ def _shown(spec: SixPointTcp, found: ToolSetup, verdict: Verdict) -> Instruction
         f"{tip.tip_u_in_space_m * 1e3:.2f} mm (95 %); the touches agree within {tip.rms_m * 1e3:.2f} mm RMS."
         f"{axes} {shift_told(found.before, found.flange_tool)}",
     )
-    asked = with_verdict(shown, verdict, "Write it to the controller?", spec.write_anyway, writes=True)
-    moved = frame_displacement(found.before, found.flange_tool, lever_m=0.0)
-    return with_changes(asked, frame_changes(found.before, found.flange_tool), **moved)
+    return ask_to_write(shown, verdict, found.before, found.flange_tool, spec.write_anyway, lever_m=0.0)
 
 
 def _outline(spec: SixPointTcp) -> tuple[Phase, ...]:

@@ -18,16 +18,15 @@ from procedures.entry import Entry, Keepsake, Phase
 from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
 from procedures.judged_write import (
     WriteAnyway,
+    ask_to_write,
     frame_changes,
     ordered,
     refuse_failed,
     shift_told,
-    with_verdict,
 )
 from procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
 from procedures.run import Run
 from procedures.steps.ask import accept, ask
-from procedures.steps.pages import frame_displacement, with_changes
 from procedures.steps.write import read_user_frame, write_user_frame
 from procedures.teaching.frame_refit import refit_frame
 from procedures.teaching.frame_touches import (
@@ -133,9 +132,7 @@ def _shown(spec: ThreePointFrame, taught: TaughtFrame, before: Pose, verdict: Ve
         f"User frame {spec.frame_number}: origin x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the base; its axes "
         f"are known to {turn:.2f} mm per metre (k=2). {shift_told(before, taught.base_frame)}",
     )
-    asked = with_verdict(found, verdict, "Write it to the controller?", spec.write_anyway, writes=True)
-    moved = frame_displacement(before, taught.base_frame)
-    return with_changes(asked, frame_changes(before, taught.base_frame), **moved)
+    return ask_to_write(found, verdict, before, taught.base_frame, spec.write_anyway)
 
 
 def _outline(spec: ThreePointFrame) -> tuple[Phase, ...]:

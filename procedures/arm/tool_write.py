@@ -12,12 +12,11 @@ from calibration.points.fixture import PlacedPoints
 from drivers.interfaces import Instruction
 from procedures.arm.tool_result import FoundTool
 from procedures.canonical import sha256_of
-from procedures.judged_write import frame_changes, shift_told, with_verdict
+from procedures.judged_write import ask_to_write, shift_told
 from procedures.limits import ToolLimits
 from procedures.run import Run
 from procedures.steps.ask import accept
 from procedures.steps.end_effector import bad_shape
-from procedures.steps.pages import frame_displacement, with_changes
 from procedures.steps.write import write_and_read_back
 from procedures.verdict import FAIL, PASS, Characteristic, Verdict, held, known_within, stated
 
@@ -124,10 +123,8 @@ def why_not_written(found: FoundTool, verdict: Verdict, order: ToolOrder) -> str
 def shown_tool(found: ToolByPoints, verdict: Verdict, order: ToolOrder) -> Instruction:
     """Return the question whether the tool frame is written, with what it is and what it was."""
     told = " ".join((tool_words(found, f"Tool {order.number}"), shift_told(order.before, found.flange_tool)))
-    question = "Write it to the controller?"
-    asked = with_verdict(Instruction("accept_tool", told), verdict, question, order.write_anyway, writes=True)
-    moved = frame_displacement(order.before, found.flange_tool, lever_m=0.0)
-    return with_changes(asked, frame_changes(order.before, found.flange_tool), **moved)
+    asked = Instruction("accept_tool", told)
+    return ask_to_write(asked, verdict, order.before, found.flange_tool, order.write_anyway, lever_m=0.0)
 
 
 async def write_tool(run: Run, found: FoundTool, verdict: Verdict, order: ToolOrder) -> WrittenTool:
