@@ -88,6 +88,7 @@ def _serve(listener: "Listener", folder: Path, port: int) -> int:
     import uvicorn
 
     from service.cli.printing import EN_ROUTE
+    from service.settled import settle
     from service.web.fleet import create_fleet_app
 
     address = f"http://127.0.0.1:{port}"
@@ -100,6 +101,7 @@ def _serve(listener: "Listener", folder: Path, port: int) -> int:
     app = create_fleet_app(listener, folder, on_console_token=show)
     EN_ROUTE.print(f"The cells of {listener.fleet.site} on {address} (Ctrl+C ends it).", markup=False)
     show(app.state.house.entrance.console_token())
+    settle()
     uvicorn.run(
         app, host="127.0.0.1", port=port, log_level="warning", ws="websockets-sansio",
         timeout_graceful_shutdown=3, server_header=False, proxy_headers=False,

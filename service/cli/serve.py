@@ -44,6 +44,7 @@ def serve(
 
     listening = Listening(host, tls_cert, tls_key, tuple(name.lower() for name in allow_host))
     refuse_unguarded(cell, listening)
+    from service.settled import settle
     from service.web.app import Settings, create_app  # the heavy part last
 
     address = f"{listening.scheme}://{listening.name}:{port}"
@@ -61,6 +62,7 @@ def serve(
     EN_ROUTE.print(f"cellcal serves {cell} on {address} (Ctrl+C ends it).", markup=False, soft_wrap=True)
     if listening.on_loopback:
         show(app.state.house.entrance.console_token())
+    settle()
     uvicorn.run(
         app, host=host, port=port, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=5,
         ws_per_message_deflate=False,  # fifty screens ten times a second: packing costs more than the bytes

@@ -17,6 +17,7 @@ from fastapi import FastAPI
 
 from calibration.errors import CellError
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from service.settled import settle
 
 HOST = "127.0.0.1"
 PORT = 8471
@@ -112,6 +113,7 @@ async def _serve(folder: Path, staging: Staging, listening: socket.socket) -> No
 
         app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
         server = _Server(app)
+        settle()
         opening = asyncio.create_task(Opening(app.state.house.link, staging.time_factor).play())
         telling = asyncio.create_task(_tell(server, listening, staging))
         try:

@@ -18,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from service.configuration.cell_file import read_cell_file
 from service.desk.desk import Desk
 from service.desk.messages import LONGEST_LINE, Command
+from service.settled import settle
 
 _COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
 
@@ -33,6 +34,7 @@ def main(path: str) -> None:
 async def _attend(path: Path) -> None:
     write = _writer()
     desk = Desk(read_cell_file(path), lambda kind, content: write({"told": kind, "content": content}))
+    settle()
     at_work = asyncio.create_task(desk.attend(), name="desk")
     lines = await _lines()
     orders: set[asyncio.Task[None]] = set()

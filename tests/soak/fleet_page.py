@@ -20,6 +20,7 @@ from pathlib import Path
 from playwright.async_api import BrowserContext, Page
 
 from service.certificates.signing import station_key
+from service.settled import settle
 from service.site.enrolment import Applicant, NewSite, enroll
 from service.site.listener import Listener
 from service.web.fleet import FleetHouse, create_fleet_app
@@ -145,6 +146,7 @@ async def _cost(listener: Listener, house: FleetHouse) -> _Cost:
 async def _context_of(listener: Listener, folder: Path) -> AsyncIterator[tuple[BrowserContext, FleetHouse]]:
     """Open a browser that is signed in at the monitor's service."""
     app = create_fleet_app(listener, folder)
+    settle()  # as `cellcal monitor --port` does
     async with served(app) as url, chromium() as browser:
         context = await browser.new_context(viewport={"width": 1280, "height": 800}, base_url=url)
         context.set_default_timeout(PATIENCE_MS)
