@@ -22,7 +22,7 @@ def procedures(
     Parameters
     ----------
     name
-        The procedure whose settings for ``cellcal run --set`` are shown.
+        The procedure whose settings for ``cellcal run --set`` are shown; with a cell, as its file answers them.
     cell
         The cell file (TOML).
     robot
@@ -40,9 +40,9 @@ def procedures(
     from service.runs.outline import possible
     from service.watching.watched import watched
 
-    if name is not None:
-        return _tell_settings(name, as_json=as_json)
     config = None if cell is None else read_cell_file(cell)
+    if name is not None:
+        return _tell_settings(name, config, robot, as_json=as_json)
     rows = possible(config, robot)
     seen = {entry.name: watched(entry.capabilities) for entry in (config.robots if config else ())}
     if as_json:
@@ -63,7 +63,7 @@ def procedures(
     return 0
 
 
-def _tell_settings(procedure: str, *, as_json: bool) -> int:
+def _tell_settings(procedure: str, config: "CellConfig | None", robot: str | None, *, as_json: bool) -> int:
     from dataclasses import asdict
 
     from rich.console import Console
@@ -72,8 +72,10 @@ def _tell_settings(procedure: str, *, as_json: bool) -> int:
 
     from service.cli.printing import print_json
     from service.runs.settings_told import settings_of
+    from service.runs.specs import chosen_by_cell
 
-    settings = settings_of(procedure)
+    usual = {} if config is None else chosen_by_cell(config, config.robot(robot).name, procedure)
+    settings = settings_of(procedure, usual)
     if as_json:
         print_json({"procedure": procedure, "settings": [asdict(setting) for setting in settings]})
         return 0

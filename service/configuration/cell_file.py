@@ -26,6 +26,7 @@ from service.configuration.device_keys import CHOICES, keys_of, nearest, wrong_c
 from service.configuration.motion_config import MOTION_KEYS, RobotMotion, read_motion
 from service.configuration.report_tables import MetricsTable, Reports, WebhookTable
 from service.configuration.site_config import SiteTable
+from service.configuration.usual_settings import USUAL_KEY, Usual, read_usual
 
 Triple = tuple[float, float, float]
 
@@ -190,6 +191,7 @@ class CellConfig:
     motions: Mapping[str, RobotMotion] = field(default_factory=dict)  # by the robot's name
     site: SiteTable | None = None
     reports: Reports = field(default_factory=Reports)
+    usual: Mapping[str, Usual] = field(default_factory=dict)  # settings, by the robot's name
 
     @property
     def sha256(self) -> str:
@@ -290,6 +292,10 @@ class _Reader:
             str(table.get("name")): read_motion(table, f"robot[{i}]", self.faults)
             for i, table in enumerate(tables)
         }
+        usual = {
+            str(table.get("name")): read_usual(table, f"robot[{i}]", self.faults)
+            for i, table in enumerate(tables)
+        }
         gauges = self._placed(document, "gauge", GaugeConfig, GaugeEntry, GaugeSetup)
         trackers = self._placed(document, "tracker", TrackerConfig, TrackerEntry, TrackerSetup)
         probes = self._placed(document, "probe", ProbeConfig, ProbeEntry, ProbeSetup)
@@ -326,11 +332,13 @@ class _Reader:
             motions,
             None if site is None else site.seen_from(self.path),
             reports.seen_from(self.path),
+            usual,
         )
 
     def _robot(self, table: dict[str, Any], where: str) -> Any:
-        device = {key: value for key, value in table.items() if key not in MOTION_KEYS}
-        return self._device(RobotConfig, device, where, MOTION_KEYS)
+        ours = (*MOTION_KEYS, USUAL_KEY)
+        device = {key: value for key, value in table.items() if key not in ours}
+        return self._device(RobotConfig, device, where, ours)
 
     def _models(self, robots: list[Any]) -> None:
         for i, robot in enumerate(robots):

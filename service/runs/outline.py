@@ -17,7 +17,7 @@ from procedures.run import RefusalError
 from service.configuration.cell_file import CellConfig
 from service.quantities import quantity
 from service.runs.cell import journal_path, on_paper, open_journal
-from service.runs.specs import build_spec
+from service.runs.specs import build_spec, chosen_by_cell
 from service.runs.store import Store
 from service.site.drift_schedule import PROCEDURE, next_drift_checks
 from service.watching.watch import LastHealthyCounts
@@ -118,8 +118,9 @@ def refuse_class_out_of_reach(
     ClassOutOfReachError
         The message names the prediction and the classes within reach.
     """
-    chosen = settings.get("accuracy_class")
-    if chosen is None or settings.get("limits") is not None:
+    in_force = chosen_by_cell(config, config.robot(robot).name, procedure) | settings
+    chosen = in_force.get("accuracy_class")
+    if chosen is None or in_force.get("limits") is not None:
         return
     found = dry_run(config, procedure, settings, robot)
     for prediction in found.forecast.predictions if found.forecast else ():

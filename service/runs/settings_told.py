@@ -33,8 +33,8 @@ class Setting:
     default: str | None
 
 
-def settings_of(procedure: str) -> tuple[Setting, ...]:
-    """Return the settings of a procedure, those that must be given first.
+def settings_of(procedure: str, usual: Mapping[str, Any] | None = None) -> tuple[Setting, ...]:
+    """Return the settings of a procedure, those that must be given first; ``usual`` is what a cell decides.
 
     Raises
     ------
@@ -43,7 +43,9 @@ def settings_of(procedure: str) -> tuple[Setting, ...]:
     """
     schema = TypeAdapter(entry_named(procedure).spec_type).json_schema()
     known = schema.get("$defs", {})
-    needed = set(schema.get("required", ()))
+    for name, value in (usual or {}).items():
+        schema["properties"][name]["default"] = value
+    needed = set(schema.get("required", ())) - set(usual or ())
     told = [
         Setting(name, _takes(each, known), None if name in needed else _default(each))
         for name, each in schema.get("properties", {}).items()

@@ -1,6 +1,5 @@
 """A procedure's settings as the service completes them: what was typed, and what only it remembers."""
 
-import math
 from dataclasses import asdict, fields, is_dataclass, replace
 from typing import Any, get_type_hints
 
@@ -13,6 +12,7 @@ from procedures.catalogue import entry_named
 from procedures.motion.plans import Room
 from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
 from service.configuration.cell_file import CellConfig
+from service.configuration.usual_settings import bool_became_number, is_finite
 from service.parameters.simulated_cells import with_files
 from service.watching.watch import LastHealthyCounts
 
@@ -38,7 +38,7 @@ def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[st
 
 
 def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
-    """Return the settings whose usual value follows from the devices that this robot has."""
+    """Return the settings whose usual value follows from the cell: its devices, and what its file says."""
     takes = get_type_hints(entry_named(procedure).spec_type)
     wired, tracked = config.gauge_for(robot) is not None, config.tracker_for(robot) is not None
     chosen: dict[str, Any] = {}
@@ -46,7 +46,7 @@ def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, 
         chosen["evidence"] = "places"  # without a draw-wire, by touched points, a seat or targets
     if takes.get("method") == Method and wired != tracked:
         chosen["method"] = "wire" if wired else "tracker"
-    return chosen
+    return chosen | dict(config.usual.get(robot, {}).get(procedure, {}))
 
 
 def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
@@ -66,10 +66,10 @@ def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
         faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {_said(e)}" for e in error.errors())
         raise _wrong(procedure, faults) from error
     became = asdict(spec)
-    endless = [key for key, value in became.items() if not _is_finite(value)]
+    endless = [key for key, value in became.items() if not is_finite(value)]
     if endless:
         raise _wrong(procedure, f"{', '.join(endless)}: not a finite number")
-    yes_or_no = [key for key, value in settings.items() if _bool_became_number(value, became[key])]
+    yes_or_no = [key for key, value in settings.items() if bool_became_number(value, became[key])]
     if yes_or_no:
         raise _wrong(procedure, f"{', '.join(yes_or_no)}: true and false are no numbers")
     return spec
@@ -110,22 +110,3 @@ def _said(fault: ErrorDetails) -> str:
     if fault["type"] == "value_error":  # our own words, without the word that pydantic puts before them
         return str(fault["ctx"]["error"])
     return "must be given" if fault["type"] == "missing" else fault["msg"]
-
-
-def _is_finite(value: Any) -> bool:
-    if isinstance(value, dict):
-        return all(_is_finite(part) for part in value.values())
-    if isinstance(value, list | tuple):
-        return all(_is_finite(part) for part in value)
-    return not isinstance(value, float) or math.isfinite(value)
-
-
-def _bool_became_number(given: Any, became: Any) -> bool:
-    """Tell whether a true or false is taken for 1 or 0 anywhere in a setting: the types alone let it pass."""
-    if isinstance(given, bool):
-        return isinstance(became, int | float) and not isinstance(became, bool)
-    if isinstance(given, dict) and isinstance(became, dict):
-        return any(_bool_became_number(value, became.get(key)) for key, value in given.items())
-    if isinstance(given, list | tuple) and isinstance(became, list | tuple):
-        return any(_bool_became_number(a, b) for a, b in zip(given, became, strict=False))
-    return False

@@ -65,6 +65,7 @@ def _schema(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
         schema["properties"][name]["x-tags"] = WRITTEN
     for name, value in chosen_by_cell(config, robot, procedure).items():
         schema["properties"][name]["default"] = value
+        schema["required"] = [each for each in schema.get("required", ()) if each != name]
     return schema
 
 

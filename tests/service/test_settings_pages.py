@@ -1,6 +1,7 @@
 """Settings in a real browser: every kind has fields, units and words; what the service refuses is said in them."""
 
 from collections.abc import AsyncIterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -9,8 +10,10 @@ from playwright.async_api import Page, expect
 
 from procedures.catalogue import ENTRIES
 from procedures.limits import in_reach
+from service.web.app import Settings, create_app
 from tests.service.browsers import go, hold_to_rules, speaks
-from tests.service.test_pages import Looking, looking_at_a_cell
+from tests.service.desks import a_cell
+from tests.service.test_pages import Looking, looking_at, looking_at_a_cell
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
 ROOM = "setting-room"
@@ -26,6 +29,14 @@ NEGATIVE = {"de": "endliche", "es": "finit", "zh": "有限"}
 async def looking(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Looking]:
     async with looking_at_a_cell(tmp_path_factory.mktemp("cell")) as looks:
         yield looks
+
+
+USUAL = """[robot.usual.fixture_alignment]
+fixture = "door jig"
+points_in_fixture_m = [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [0.0, 0.4, 0.0], [0.3, 0.2, 0.3]]
+rough_base_fixture = { position_m = [0.9, -0.2, -0.1] }
+rules = { samples = 30 }
+[[robot]]"""
 
 
 async def fill(page: Page, test_id: str, text: str) -> None:
@@ -193,3 +204,26 @@ async def test_how_a_file_of_tags_is_written_is_told_in_fields(looking: Looking)
         await unfold(page)
         await expect(page.get_by_test_id("simulated-convention")).to_have_value("kuka_abc")
         await hold_to_rules(page, "a file of tags")
+
+
+async def test_what_the_cell_file_answers_is_filled_in_and_need_not_be_told(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (path, _):
+        text = path.read_text(encoding="utf-8")
+        at = text.index("[[robot]]", text.index("[[robot]]") + 1)  # the end of the first robot's table
+        path.write_text(text[:at] + USUAL + text[at + len("[[robot]]") :], encoding="utf-8")
+        async with looking_at(create_app(Settings(path, open_access=True))) as looks:
+            await _is_filled_in(looks)
+
+
+async def _is_filled_in(looks: Looking) -> None:
+    async with looks.page("#/procedure/fixture_alignment") as page:
+        await expect(page.get_by_test_id("value-fixture")).to_have_value("door jig")
+        await unfold(page)
+        await expect(page.get_by_test_id("points_in_fixture_m-1-x")).to_have_value("600")
+        await expect(page.get_by_test_id("rough_base_fixture-0-y")).to_have_value("-200")
+        await expect(page.get_by_test_id("value-rules.samples")).to_have_value("30")
+        assert (await foretell(page))["settings"] == {}
+        await fill(page, "value-rules.samples", "12")
+        asked = (await foretell(page))["settings"]
+        assert asked.keys() == {"rules"}
+        assert asked["rules"]["samples"] == 12

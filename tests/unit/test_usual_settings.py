@@ -1,0 +1,103 @@
+"""[robot.usual]: what the cell file answers to settings, in every place where settings are asked for or told."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procedures.fixture_alignment import FixtureAlignment
+from procedures.six_point_tcp import SixPointTcp
+from service.cli.app import run_command_line as main
+from service.configuration.cell_file import ConfigError, read_cell_file
+from service.demo.fake_cell import write_cell_file
+from service.runs.outline import ClassOutOfReachError, refuse_class_out_of_reach
+from service.runs.specs import build_spec, chosen_by_cell
+
+POINTS = [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [0.0, 0.4, 0.0], [0.3, 0.2, 0.3]]
+USUAL = f"""
+[robot.usual.six_point_tcp]
+tool_number = 3
+arm_sigma_m = 0.0001
+accuracy_class = "A"
+[robot.usual.fixture_alignment]
+fixture = "door jig"
+points_in_fixture_m = {POINTS}
+rough_base_fixture = {{ position_m = [0.9, -0.2, -0.1] }}
+rules = {{ samples = 30 }}
+"""
+
+
+@pytest.fixture
+def plain(tmp_path: Path) -> Path:
+    return write_cell_file(tmp_path, "127.0.0.9", seed=3, time_factor=50.0)
+
+
+@pytest.fixture
+def cell(plain: Path) -> Path:
+    """The demo's cell file, whose first robot has usual settings."""
+    return with_usual(plain, USUAL)
+
+
+def with_usual(path: Path, tables: str) -> Path:
+    first, second = path.read_text().split("[[robot]]", 2)[1:]
+    before = path.read_text().split("[[robot]]", 1)[0]
+    path.write_text(f"{before}[[robot]]{first}{tables}\n[[robot]]{second}")
+    return path
+
+
+def test_a_run_takes_what_the_cell_file_says_and_its_own_word_goes_first(cell: Path) -> None:
+    config = read_cell_file(cell)
+    usual = build_spec(config, "fanuc", "six_point_tcp", {})
+    assert isinstance(usual, SixPointTcp)
+    assert (usual.tool_number, usual.arm_sigma_m, usual.accuracy_class) == (3, 0.0001, "A")
+    told = build_spec(config, "fanuc", "six_point_tcp", {"tool_number": 4})
+    assert (told.tool_number, told.arm_sigma_m) == (4, 0.0001)
+
+
+def test_a_group_of_which_one_part_is_said_keeps_the_procedures_own_others(cell: Path) -> None:
+    config = read_cell_file(cell)
+    spec = build_spec(config, "fanuc", "fixture_alignment", {})
+    assert isinstance(spec, FixtureAlignment)
+    np.testing.assert_allclose(spec.rough_base_fixture.position_m, [0.9, -0.2, -0.1])
+    typed = build_spec(config, "fanuc", "fixture_alignment", {"rules": {"samples": 30}})
+    assert spec.rules == typed.rules
+
+
+def test_another_robot_has_its_own(cell: Path) -> None:
+    config = read_cell_file(cell)
+    assert "tool_number" not in chosen_by_cell(config, "ur", "six_point_tcp")
+
+
+@pytest.mark.parametrize(
+    ("tables", "key", "says"),
+    [
+        ("[robot.usual.six_point_tpc]\ntool_number = 3", "six_point_tpc", "did you mean 'six_point_tcp'?"),
+        ("[robot.usual.six_point_tcp]\ntool_numbr = 3", "tool_numbr", "did you mean 'tool_number'?"),
+        ("[robot.usual.six_point_tcp]\ntool_number = true", "tool_number", "no numbers"),
+        ("[robot.usual.six_point_tcp]\narm_sigma_m = nan", "arm_sigma_m", "equal to 0"),
+        ("[robot.usual.six_point_tcp]\narm_sigma_m = 3.0", "arm_sigma_m", "0.01"),
+        ("[robot.usual.six_point_tcp]\nwrite_anyway = 'because'", "write_anyway", "one run"),
+        ("[robot.usual.mastering_recovery]\nlast_counts = [0, 0, 0, 0, 0, 0]", "last_counts", "one run"),
+        ("[robot.usual.simulation_cell]\nmeasured = 'x.csv'", "measured", "file of one run"),
+        ("[robot.usual]\nsix_point_tcp = 3", "usual", "[robot.usual.PROCEDURE]"),
+    ],
+)
+def test_nonsense_is_named_with_its_key(plain: Path, tables: str, key: str, says: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        read_cell_file(with_usual(plain, tables))
+    ((where, sentence),) = caught.value.faults
+    assert where.startswith("robot[0].usual")
+    assert where.endswith(key)
+    assert says in sentence
+
+
+def test_a_class_of_the_file_must_be_within_reach_as_one_that_is_typed(cell: Path) -> None:
+    with pytest.raises(ClassOutOfReachError):
+        refuse_class_out_of_reach(read_cell_file(cell), "six_point_tcp", {})
+
+
+def test_the_terminal_tells_what_the_cell_answers(cell: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["procedures", "six_point_tcp", "--cell", str(cell), "--json"]) == 0
+    told = {each["name"]: each["default"] for each in json.loads(capsys.readouterr().out)["settings"]}
+    assert (told["tool_number"], told["arm_sigma_m"]) == ("3", "0.0001")
