@@ -18,6 +18,7 @@ from service.demo.technician import DemoTechnician
 from service.runs.cell import lend_record, open_cell, open_journal
 from service.runs.conduct import run_procedure
 from service.runs.journal import Journal
+from service.runs.outcome import Verdict
 from service.runs.specs import build_spec
 from tests.soak.figures import Figures
 from tests.soak.fixtures import MOST_ANGLE_RAD, MOST_ORIGIN_M
@@ -77,7 +78,7 @@ class Robot:
                 lent = await lend_record(cell, self.journal)
                 spec = build_spec(self.config, self.name, procedure, settings)
                 outcome = await run_procedure(lent, procedure, spec, self.journal)
-                if outcome.result is None:
+                if outcome.result is None or outcome.verdict is not Verdict.PASSED:
                     raise AlignmentsError(f"{procedure} of {self.name}: {outcome.reason}")
                 results.append(outcome.result)
         return results
