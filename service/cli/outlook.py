@@ -173,4 +173,6 @@ def _degrees(joints_rad: tuple[float, ...]) -> str:
 
 
 def _time(seconds: float) -> str:
+    if seconds >= 7200:
+        return f"{seconds / 3600.0:.1f} hours"
     return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60.0:.0f} minutes"
