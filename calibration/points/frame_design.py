@@ -14,6 +14,7 @@ import numpy as np
 
 from calibration.geometry import Array, Pose
 from calibration.points.frames import miss_rows
+from calibration.points.most_telling import most_telling
 
 Triple = tuple[float, float, float]
 FrameRole = Literal["origin", "on_x", "in_plane"]
@@ -23,7 +24,6 @@ FIRST_FIXED: dict[FrameRole, int] = {
     "in_plane": 2,
 }  # coordinates from here on are zero
 FIXING = 3  # so many points fix a frame, and say nothing of how well they were touched
-_POWER = 8  # its sum stands for the worst of six: it falls with every touch, where a maximum may stand still
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ def frame_outlook(base_frame: Pose, points: Sequence[FramePoint], goal: FrameGoa
     shares = _shares(told, goal)
     while shares.max() > 1.0 and len(points) + len(again) < most:
         after = [_shares(told + one, goal) for one in each]
-        best = int(np.argmin([float((share**_POWER).sum()) for share in after]))
+        best = most_telling(after)
         told, shares = told + each[best], after[best]
         again.append(best)
     if shares.max() <= 1.0 and len(points) + len(again) <= FIXING < most:

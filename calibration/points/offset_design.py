@@ -13,9 +13,9 @@ import numpy as np
 from calibration.geometry import Array, Pose
 from calibration.points.fixture import placing_covariance, u_of
 from calibration.points.frame_design import FrameOutlook
+from calibration.points.most_telling import most_telling
 
 Triple = tuple[float, float, float]
-_POWER = 8  # its sum stands for the worst of both: it falls with every touch, where a maximum may stand still
 _MOST_ROUNDS = 100
 _HERE = Pose((0.0, 0.0, 0.0))  # of touches alike in all directions the frame's own place says nothing
 
@@ -64,7 +64,7 @@ def offset_outlook(
     shares = _shares(points_in_frame_m, counts, goal)
     while shares.max() > 1.0 and sum(counts) < most:
         after = [_shares(points_in_frame_m, _one_more(counts, k), goal) for k in range(len(counts))]
-        best = int(np.argmin([float((share**_POWER).sum()) for share in after]))
+        best = most_telling(after)
         counts, shares = _one_more(counts, best), after[best]
         again.append(best)
     return FrameOutlook(

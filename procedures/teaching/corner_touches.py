@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.geometry import Array, Pose
+from calibration.points.most_telling import most_telling
 from calibration.points.three_two_one import (
     FACES,
     LEAST,
@@ -58,7 +59,6 @@ CHECK_STEP = "touch a check point"
 # Over which an arm's own errors become others: two points so far apart share none of them. Of 120 drawn arms (the
 # M-6iB of fake_devices, 0.35 mm and 0.35 mrad at each parameter) 0.84 mm and 0.69 mrad, hence 1.7 m.
 ERROR_SPAN_M = 1.7
-_POWER = 8  # its sum stands for the worst of six: it falls with every touch, where a maximum may stand still
 Made = dict[FaceName, tuple[float, ...]]
 SPARE = sum(LEAST.values()) + 1  # so many touches, and one can be compared
 
@@ -139,8 +139,8 @@ def corner_outlook(rules: CornerRules, goal: CornerGoal, sigma_m: float, made: M
     """
     again, now = list[FaceName](), dict(made)
     while not _enough(rules, goal, now) and (left := _left(rules, now)):
-        after = {face: goal.shares(_covariance(rules, _more(now, face, sigma_m))) for face in left}
-        again.append(min(left, key=lambda face: float((after[face] ** _POWER).sum())))
+        after = [goal.shares(_covariance(rules, _more(now, face, sigma_m))) for face in left]
+        again.append(left[most_telling(after)])
         now = _more(now, again[-1], sigma_m)
     origin, turn = goal.u(_covariance(rules, now))
     reached = _enough(rules, goal, now)
