@@ -2,7 +2,7 @@
 
 from collections.abc import Awaitable, Callable, Mapping
 
-from drivers.errors import RefusedError
+from drivers.errors import NobodyThereError, RefusedError
 from drivers.interfaces import Answer, Instruction, Question
 
 Hook = Callable[[], Awaitable[None]]
@@ -11,7 +11,7 @@ Hook = Callable[[], Awaitable[None]]
 class ScriptedOperator:
     """Operator. Answers by key; ``hooks`` do what the person would do, before the answer is given.
 
-    An instruction or question without an answer is refused, never guessed; ``"no"`` declines.
+    An instruction or question without an answer ends in NobodyThereError, never in a guess; ``"no"`` declines.
     """
 
     def __init__(
@@ -28,8 +28,10 @@ class ScriptedOperator:
     async def _answer(self, key: str, text: str) -> Answer:
         value = self._answers.get(key)
         if value is None:
-            raise RefusedError(
-                "operator", f"the script has no answer to {key!r}: {text}", remedy="Add it to the script."
+            raise NobodyThereError(
+                "operator",
+                f"the script has no answer to {key!r}: {text}",
+                remedy="Add one to the script, then resume the run.",
             )
         if value.strip().lower() in ("n", "no"):
             raise RefusedError(

@@ -31,6 +31,6 @@ def plan_words(what: str, tour: Tour, not_checked: Sequence[str]) -> str:
         f"What moves: {what}.\n"
         f"How far: about {math.degrees(tour.paced.travel_rad):.0f} deg of the slowest joint in all, none faster than "
         f"{math.degrees(tour.paced.fastest_rad_s):.1f} deg/s; every way keeps limits and distances or is not gone.\n"
-        f"How long: about {max(tour.minutes, 1.0):.0f} minutes{hands}.\n"
+        f"How long: about {max(tour.minutes, 1.0):.0f} min{hands}.\n"
         f"Not checked: {left_out}. Look: is nobody near, are no cables or hoses in the way? May it move?"
     )

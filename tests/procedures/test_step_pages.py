@@ -68,7 +68,7 @@ def test_a_plan_says_how_long_on_its_page_what_it_says_in_words() -> None:
     moves = Moves(straight([(0.1, 0.2), (0.3, 0.4)]), 0.02, ("joint_limits",), ())
     told = plan_page(asked, tour, moves).page.data["plan"]
     assert told["duration_s"] == 300.0 + 9 * PER_POSE_S
-    assert f"about {told['duration_s'] / 60.0:.0f} minutes" in asked.text
+    assert f"about {told['duration_s'] / 60.0:.0f} min" in asked.text
     assert [pose["joints_rad"] for pose in told["poses"]] == [[0.1, 0.2], [0.3, 0.4]]
 
 

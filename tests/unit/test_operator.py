@@ -116,7 +116,7 @@ class TestScript:
         assert await operator.enter(NUMBER) == Answer("demo", "F-1")
 
     async def test_never_guesses(self) -> None:
-        with pytest.raises(RefusedError, match="hook_wire"):
+        with pytest.raises(NobodyThereError, match="hook_wire"):
             await ScriptedOperator({}).confirm(HOOK)
 
     async def test_no_means_no_and_nothing_is_done(self) -> None:
