@@ -122,7 +122,11 @@ def _told(figure: Characteristic) -> str:
     word = "-" if figure.decision is None else figure.decision.value.upper()
     if figure.limit is None:
         return f"{figure.name}: {word}"
-    factor, unit, digits = _SHOWN.get(figure.unit, (1.0, figure.unit, 3))
-    found, limit = (f"{value * factor:.{digits}f} {unit}" for value in (figure.value, figure.limit))
-    known = "" if figure.value == figure.expanded else f", U {figure.expanded * factor:.{digits}f} {unit}"
+    found, limit = _quantity(figure.value, figure.unit), _quantity(figure.limit, figure.unit)
+    known = "" if figure.expanded in (0.0, figure.value) else f", U {_quantity(figure.expanded, figure.unit)}"
     return f"{figure.name}: {word}, {found}{known}, limit {limit}"
+
+
+def _quantity(value: float, unit: str) -> str:
+    factor, shown, digits = _SHOWN.get(unit, (1.0, unit, 3))
+    return f"{value:g}" if unit == "1" else f"{value * factor:.{digits}f} {shown}"
