@@ -27,7 +27,10 @@ from tests.unit.helpers.fixture_world import error_of, stated_u
 from tests.unit.helpers.two_robots import FOR_BASES, FOR_FIXTURES
 
 LEAST_INSIDE, LEAST_WITHIN = 0.935, 0.95
-LEAST_ACCEPTED, _PER_CELL = 0.95, 4  # a refusal costs a repetition: few may be; two robots, two alignments each
+LEAST_ACCEPTED, _PER_CELL = (
+    0.95,
+    4,
+)  # a refusal costs a repetition: few may be; two robots, two alignments each
 _LIMITS = {"origin_m": MOST_ORIGIN_M, "angle_rad": MOST_ANGLE_RAD}
 _SIX: dict[str, Any] = {
     "fixture": "by six points",
