@@ -14,6 +14,7 @@ _PIECES = 40
 _STEPS = 30
 _THERE_M, _THERE_RAD = 1e-9, 1e-9
 _LONGEST_STEP_RAD = 0.2
+_BESIDE_RAD = 1e-3  # 1 mm at a metre: no farther does an arm stand from where it was stopped on the line
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,11 @@ class ProbeLine:
         """Return how far along the line joints are that lie on it, or near it."""
         share = float((np.array(joints_rad) - self.start_rad) @ self.way_rad / (self.way_rad @ self.way_rad))
         return float(np.interp(share, np.linspace(0.0, 1.0, len(self.travelled_m)), self.travelled_m))
+
+    def holds(self, joints_rad: Joints) -> bool:
+        """Tell whether joints lie on the line, as far as an arm stands where it was sent."""
+        beside = np.array(joints_rad) - self.joints_at(self.distance_of(joints_rad))
+        return bool(np.abs(beside).max() < _BESIDE_RAD)
 
     def joint_speed_rad_s(self, tip_speed_m_s: float) -> float:
         """Return the speed of the joint with the longest way at which the tip is nowhere faster than asked."""

@@ -135,6 +135,26 @@ async def touch(cell: Cell, label: str, approach: Approach) -> TouchedPoint:
     return _point(label, line, touches)
 
 
+async def leave_face(cell: Cell, label: str, approach: Approach) -> None:
+    """Where a touch that was broken off still presses its face: go back along its own line, and see the contact open.
+
+    Raises
+    ------
+    AlreadyInContactError
+        The contact is closed and the arm does not stand on that line: it is something else that touches.
+    StuckContactError
+        The contact stays closed at the start of the line.
+    """
+    probe, setup = probe_of(cell)
+    line = _line(cell, setup, approach)
+    if not line.holds((await cell.robot.joints()).joints_rad):
+        await refuse_contact(label, probe)
+    elif (await probe.contact()).closed:
+        speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
+        await motion_gate.move_along(cell, [approach.start_rad], speed, care=Care.TOUCHING)
+        await _see_open(label, probe, "at the start of its approach")
+
+
 def probe_of(cell: Cell) -> tuple[TouchProbe, ProbeSetup]:
     """Return the probe and where its tip is; NeedsUnmetError without one."""
     if cell.probe is None or cell.probe_setup is None:
@@ -219,9 +239,13 @@ async def _retreat(cell: Cell, label: str, line: ProbeLine, approach: Approach, 
     target = line.joints_at(max(line.distance_of(found.joints_rad) - clear_m, 0.0))
     speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
     await motion_gate.move_along(cell, [target], speed, care=Care.TOUCHING)
+    await _see_open(label, probe, f"{clear_m * 1e3:.1f} mm away from the surface")
+
+
+async def _see_open(label: str, probe: TouchProbe, where: str) -> None:
     if not await _becomes(probe, closed=False):
         raise StuckContactError(
-            f"{label}: the contact stays closed {clear_m * 1e3:.1f} mm away from the surface",
+            f"{label}: the contact stays closed {where}",
             remedy="Move the tip clear by hand; clean the probe or check its cable. Then resume.",
         )
 

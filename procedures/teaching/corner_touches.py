@@ -32,8 +32,8 @@ from procedures.steps.touch import (
     Approach,
     TouchedPoint,
     go_untouched,
+    leave_face,
     probe_of,
-    refuse_contact,
     touch,
 )
 from procedures.teaching.corner_plan import (
@@ -172,8 +172,8 @@ async def touch_spot(cell: Cell, way_rad: tuple[Joints, ...], approach: Approach
 
     All the way a contact stops the arm.
     """
-    probe, setup = probe_of(cell)
-    await refuse_contact(label, probe)
+    _, setup = probe_of(cell)
+    await leave_face(cell, label, approach)  # nothing, unless this touch was broken off before
     here, hover = (await cell.robot.joints()).joints_rad, way_rad[-1]
     tip = np.array(setup.tip_in_flange_m)
     at, above, end = nominal_model(cell).tip_positions(np.array([here, hover, approach.end_rad]), tip)
