@@ -54,7 +54,7 @@ def test_every_driver_has_an_example() -> None:
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_what_stands_in_comments_is_right_too(path: Path, tmp_path: Path) -> None:
     text = re.sub(
-        r"^# (?=\[{1,2}[a-z.]+\]|[a-z_]+ = )", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE
+        r"^# (?=\[{1,2}[a-z._]+\]|[a-z_]+ = )", "", path.read_text(encoding="utf-8"), flags=re.MULTILINE
     )
     (tmp_path / path.name).write_text(text)
     config = read_cell_file(tmp_path / path.name)
@@ -62,6 +62,7 @@ def test_what_stands_in_comments_is_right_too(path: Path, tmp_path: Path) -> Non
         assert config.reports.metrics is not None
         assert config.reports.webhook is not None
         assert config.site is not None
+        assert config.usual["fanuc"].keys() == {"six_point_tcp", "fixture_alignment"}
         assert config.gauges[0].setup.certificate is not None
 
 

@@ -31,8 +31,12 @@ async def test_a_redone_run_ends_in_a_certificate_that_a_stranger_can_check(tmp_
 
         redo = ("resume", "last", *told, "--from", "capture 2")
         code, words = await (await Command.start(*redo)).end()
+        assert (code, "no answer to 'discard_findings'" in words) == (ExitCode.CANCELLED, True), words
+        answers = dict.fromkeys(YES, "yes")
+        (tmp_path / "answers.json").write_text(json.dumps(answers | {"discard_findings": "no"}))
+        code, words = await (await Command.start(*redo)).end()
         assert (code, "nothing was discarded" in words) == (ExitCode.CANCELLED, True), words
-        (tmp_path / "answers.json").write_text(json.dumps(dict.fromkeys((*YES, "discard_findings"), "yes")))
+        (tmp_path / "answers.json").write_text(json.dumps(answers | {"discard_findings": "yes"}))
         code, words = await (await Command.start(*redo)).end()
         assert code == ExitCode.PASS, words
         assert "verdict: PASS" in words

@@ -1,10 +1,12 @@
 """A user frame felt at a corner: what is found, what is claimed, and what is refused before or on the way."""
 
+import asyncio
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydantic_core import to_jsonable_python
 
 from calibration.errors import CellError, DegenerateDataError
 from calibration.geometry import Pose, exp_rotation, homogeneous, inverse_transform, log_transform
@@ -14,13 +16,13 @@ from procedures.entry import lacking
 from procedures.limits import FrameLimits
 from procedures.probed_frame import ENTRY, ProbedSetup, probed_frame
 from procedures.run import DeclinedError, RefusalError, Run
-from procedures.steps.touch import AlreadyInContactError, ContactError, NoContactError
+from procedures.steps.touch import AlreadyInContactError, ContactError, NoContactError, StuckContactError
 from procedures.teaching.corner_plan import CornerRules, rest_of_way
 from procedures.teaching.corner_touches import CornerGoal, corner_outlook, fewest
 from procedures.verdict import Verdict
 from service.runs.outline import known_of
 from tests.procedures.cells import Scene, probing
-from tests.procedures.corners import FeelingArm, home_at
+from tests.procedures.corners import FeelingArm, IdealProbe, home_at
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
 
 
@@ -78,6 +80,46 @@ async def test_a_resumed_run_feels_for_no_point_twice() -> None:
     assert "touch the y face 1" in done
     await probed_frame(Run(made.cell, ledger, ledger.past()), made.spec)
     assert arm_of(made).contacts == arm_of(whole).contacts
+
+
+async def broken_off_in_contact(made: Scene) -> MemoryLedger:
+    """Cancel a run while its tip still presses a face; return what it had found."""
+    arm, ledger = arm_of(made), MemoryLedger()
+
+    def cancel_where_it_presses(_: int) -> None:
+        if arm.clearance_m() < 0.0:
+            going.cancel()
+
+    arm.midway = cancel_where_it_presses
+    going = asyncio.create_task(felt(made, ledger))
+    with pytest.raises(asyncio.CancelledError):
+        await going
+    arm.midway = None
+    assert arm.clearance_m() < 0.0
+    return MemoryLedger(ledger.facts)
+
+
+async def test_a_touch_that_was_broken_off_in_contact_leaves_its_face_and_ends_as_ever() -> None:
+    made = probing()
+    ledger = await broken_off_in_contact(made)
+    resumed = await probed_frame(Run(made.cell, ledger, ledger.past()), made.spec)
+    assert to_jsonable_python(resumed) == to_jsonable_python(await felt(probing()))
+
+
+@pytest.mark.parametrize(
+    ("aside_rad", "error"), [(0.0, StuckContactError), (0.02, AlreadyInContactError)], ids=["there", "aside"]
+)
+async def test_a_contact_that_no_way_back_opens_is_refused(aside_rad: float, error: type[CellError]) -> None:
+    made = probing()
+    ledger = await broken_off_in_contact(made)
+    moves, frames = len(made.arm.moves), dict(made.arm.frames)
+    made.arm.put(made.arm.true_joints + np.array([aside_rad, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert isinstance(made.cell.probe, IdealProbe)
+    made.cell.probe.stuck_closed = True
+    with pytest.raises(error):
+        await probed_frame(Run(made.cell, ledger, ledger.past()), made.spec)
+    assert (len(made.arm.moves) == moves) == (error is AlreadyInContactError)
+    assert made.arm.frames == frames
 
 
 async def test_what_no_touch_lessens_is_counted_and_further_touches_are_not_made_for_it() -> None:
