@@ -35,8 +35,10 @@ def matrix(most: int) -> Figures:
     ended = subprocess.run(
         command, env=os.environ | {"CELLCAL_CRASHES": str(most)}, capture_output=True, text=True, check=False
     )
-    last = ended.stdout.strip().splitlines()[-1]
-    return Figures(f"matrix: at most {most} crashes and cancels per procedure: {last}", ended.returncode == 0)
+    lines = ended.stdout.strip().splitlines()
+    failed = [line.split(" - ")[0] for line in lines if line.startswith(("FAILED", "ERROR"))]
+    told = f"{len(failed)} failed {failed}" if failed else lines[-1]
+    return Figures(f"matrix: at most {most} crashes and cancels per procedure: {told}", ended.returncode == 0)
 
 
 def power(cuts: int) -> Figures:
