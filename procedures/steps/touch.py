@@ -146,13 +146,15 @@ async def leave_face(cell: Cell, label: str, approach: Approach) -> None:
         The contact stays closed at the start of the line.
     """
     probe, setup = probe_of(cell)
+    if not (await probe.contact()).closed:
+        return
     line = _line(cell, setup, approach)
     if not line.holds((await cell.robot.joints()).joints_rad):
         await refuse_contact(label, probe)
-    elif (await probe.contact()).closed:
-        speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
-        await motion_gate.move_along(cell, [approach.start_rad], speed, care=Care.TOUCHING)
-        await _see_open(label, probe, "at the start of its approach")
+        return
+    speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
+    await motion_gate.move_along(cell, [approach.start_rad], speed, care=Care.TOUCHING)
+    await _see_open(label, probe, "at the start of its approach")
 
 
 def probe_of(cell: Cell) -> tuple[TouchProbe, ProbeSetup]:

@@ -41,16 +41,23 @@ def settings_of(procedure: str, usual: Mapping[str, Any] | None = None) -> tuple
     UnknownProcedureError
         No procedure has this name.
     """
-    schema = TypeAdapter(entry_named(procedure).spec_type).json_schema()
+    schema = schema_of(procedure, usual or {})
     known = schema.get("$defs", {})
-    for name, value in (usual or {}).items():
-        schema["properties"][name]["default"] = value
-    needed = set(schema.get("required", ())) - set(usual or ())
+    needed = set(schema.get("required", ()))
     told = [
         Setting(name, _takes(each, known), None if name in needed else _default(each))
         for name, each in schema.get("properties", {}).items()
     ]
     return tuple(sorted(told, key=lambda setting: setting.name not in needed))
+
+
+def schema_of(procedure: str, usual: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the settings as JSON schema; what is usual in a cell stands as default and need not be given."""
+    schema = TypeAdapter(entry_named(procedure).spec_type).json_schema()
+    for name, value in usual.items():
+        schema["properties"][name]["default"] = value
+    schema["required"] = [name for name in schema.get("required", ()) if name not in usual]
+    return schema
 
 
 def _default(schema: Mapping[str, Any]) -> str:

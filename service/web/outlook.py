@@ -4,7 +4,7 @@ import asyncio
 from typing import Any
 
 from fastapi import APIRouter, Request
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_jsonable_python
 
 from service.configuration.cell_file import CellConfig
@@ -55,17 +55,15 @@ def _schema(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
     from procedures.catalogue import entry_named  # noqa: PLC0415  as above
     from service.measured.tag_files import WRITTEN  # noqa: PLC0415  as above
     from service.parameters.simulated_cells import file_settings, tag_settings  # noqa: PLC0415  as above
+    from service.runs.settings_told import schema_of  # noqa: PLC0415  as above
     from service.runs.specs import chosen_by_cell  # noqa: PLC0415  as above
 
     kind = entry_named(procedure).spec_type
-    schema = TypeAdapter(kind).json_schema()
+    schema = schema_of(procedure, chosen_by_cell(config, robot, procedure))
     for name in file_settings(kind):
         schema["properties"][name]["x-file"] = True
     for name in tag_settings(kind):
         schema["properties"][name]["x-tags"] = WRITTEN
-    for name, value in chosen_by_cell(config, robot, procedure).items():
-        schema["properties"][name]["default"] = value
-        schema["required"] = [each for each in schema.get("required", ()) if each != name]
     return schema
 
 

@@ -14,6 +14,7 @@ from service.web.app import Settings, create_app
 from tests.service.browsers import go, hold_to_rules, speaks
 from tests.service.desks import a_cell
 from tests.service.test_pages import Looking, looking_at, looking_at_a_cell
+from tests.unit.helpers.usual import with_usual
 
 pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
 ROOM = "setting-room"
@@ -35,8 +36,7 @@ USUAL = """[robot.usual.fixture_alignment]
 fixture = "door jig"
 points_in_fixture_m = [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [0.0, 0.4, 0.0], [0.3, 0.2, 0.3]]
 rough_base_fixture = { position_m = [0.9, -0.2, -0.1] }
-rules = { samples = 30 }
-[[robot]]"""
+rules = { samples = 30 }"""
 
 
 async def fill(page: Page, test_id: str, text: str) -> None:
@@ -207,12 +207,11 @@ async def test_how_a_file_of_tags_is_written_is_told_in_fields(looking: Looking)
 
 
 async def test_what_the_cell_file_answers_is_filled_in_and_need_not_be_told(tmp_path: Path) -> None:
-    async with a_cell(tmp_path) as (path, _):
-        text = path.read_text(encoding="utf-8")
-        at = text.index("[[robot]]", text.index("[[robot]]") + 1)  # the end of the first robot's table
-        path.write_text(text[:at] + USUAL + text[at + len("[[robot]]") :], encoding="utf-8")
-        async with looking_at(create_app(Settings(path, open_access=True))) as looks:
-            await _is_filled_in(looks)
+    async with (
+        a_cell(tmp_path) as (path, _),
+        looking_at(create_app(Settings(with_usual(path, USUAL), open_access=True))) as looks,
+    ):
+        await _is_filled_in(looks)
 
 
 async def _is_filled_in(looks: Looking) -> None:

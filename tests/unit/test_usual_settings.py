@@ -13,6 +13,7 @@ from service.configuration.cell_file import ConfigError, read_cell_file
 from service.demo.fake_cell import write_cell_file
 from service.runs.outline import ClassOutOfReachError, refuse_class_out_of_reach
 from service.runs.specs import build_spec, chosen_by_cell
+from tests.unit.helpers.usual import with_usual
 
 POINTS = [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [0.0, 0.4, 0.0], [0.3, 0.2, 0.3]]
 USUAL = f"""
@@ -37,13 +38,6 @@ def plain(tmp_path: Path) -> Path:
 def cell(plain: Path) -> Path:
     """The demo's cell file, whose first robot has usual settings."""
     return with_usual(plain, USUAL)
-
-
-def with_usual(path: Path, tables: str) -> Path:
-    first, second = path.read_text().split("[[robot]]", 2)[1:]
-    before = path.read_text().split("[[robot]]", 1)[0]
-    path.write_text(f"{before}[[robot]]{first}{tables}\n[[robot]]{second}")
-    return path
 
 
 def test_a_run_takes_what_the_cell_file_says_and_its_own_word_goes_first(cell: Path) -> None:
