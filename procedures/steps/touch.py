@@ -154,7 +154,8 @@ async def leave_face(cell: Cell, label: str, approach: Approach) -> None:
         return
     speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
     await motion_gate.move_along(cell, [approach.start_rad], speed, care=Care.TOUCHING)
-    await _see_open(label, probe, "at the start of its approach")
+    trouble = f"{label}: the contact stays closed at the start of its approach"
+    await _see_open(probe, trouble)
 
 
 def probe_of(cell: Cell) -> tuple[TouchProbe, ProbeSetup]:
@@ -241,13 +242,14 @@ async def _retreat(cell: Cell, label: str, line: ProbeLine, approach: Approach, 
     target = line.joints_at(max(line.distance_of(found.joints_rad) - clear_m, 0.0))
     speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
     await motion_gate.move_along(cell, [target], speed, care=Care.TOUCHING)
-    await _see_open(label, probe, f"{clear_m * 1e3:.1f} mm away from the surface")
+    trouble = f"{label}: the contact stays closed {clear_m * 1e3:.1f} mm away from the surface"
+    await _see_open(probe, trouble)
 
 
-async def _see_open(label: str, probe: TouchProbe, where: str) -> None:
+async def _see_open(probe: TouchProbe, trouble: str) -> None:
     if not await _becomes(probe, closed=False):
         raise StuckContactError(
-            f"{label}: the contact stays closed {where}",
+            trouble,
             remedy="Move the tip clear by hand; clean the probe or check its cable. Then resume.",
         )
 
@@ -341,7 +343,7 @@ async def _refuse_doubt(label: str, edge: ContactEdge, probe: TouchProbe) -> Non
     """Refuse a contact that flickers, or that is open although the arm stands beyond it."""
     if not edge.steady:
         raise BouncingContactError(
-            f"{label}: the contact opened {edge.bounces} times and did not settle",
+            f"{label}: the contact did not settle; times it opened: {edge.bounces}",
             remedy="Probe more slowly; if it stays so, clean the probe and check its cable. Then resume.",
         )
     if not await _becomes(probe, closed=True):
