@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from calibration.arm.kinematics import RobotModel, load_model
 from calibration.geometry import Array
 from drivers.operator.scripted import ScriptedOperator
-from service.cli.runs import tell
+from service.cli.run_end import tell
 from service.configuration.cell_file import read_cell_file
 from service.demo.door import Door
 from service.runs.execute import Where, start

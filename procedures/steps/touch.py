@@ -7,17 +7,17 @@ joint readings around it; what their times leave open is part of the uncertainty
 import asyncio
 import math
 import statistics
-from collections.abc import Coroutine, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.interfaces import ContactEdge, Joints, Robot, TouchProbe
+from drivers.interfaces import ContactEdge, Joints, TouchProbe
 from procedures.cell import Cell, ProbeSetup
 from procedures.entry import NEEDS
 from procedures.motion import motion_gate
-from procedures.motion.latch import Latched, TimedJoints, latch
+from procedures.motion.guarded_move import Travel, move_until_contact
+from procedures.motion.latch import Latched, latch
 from procedures.motion.motion_gate import Care
 from procedures.motion.probe_line import Place, ProbeLine, probe_line
 from procedures.run import NeedsUnmetError, ProcedureError
@@ -26,7 +26,6 @@ from procedures.steps.teach import still
 PROBING_CAP_M_S = 0.002
 STOP_S = 0.2  # a controller's own reaction and its braking at probing speed
 SETTLE_S = 0.5
-READ_PAUSE_S = 0.005
 
 
 class ContactError(ProcedureError):
@@ -109,14 +108,6 @@ class TouchedPoint:
     sigma_m: float  # along the approach, of the mean
     spread_m: float  # largest difference of the repeats along the approach
     touches: tuple[Touch, ...]
-
-
-@dataclass(slots=True)
-class _Travel:
-    """What was seen on the way."""
-
-    readings: list[TimedJoints] = field(default_factory=list)
-    edge: ContactEdge | None = None
 
 
 async def touch(cell: Cell, label: str, approach: Approach) -> TouchedPoint:
@@ -214,7 +205,7 @@ async def _feel(cell: Cell, label: str, line: ProbeLine, approach: Approach, spe
     here_m = line.distance_of((await cell.robot.joints()).joints_rad)
     pieces = max(math.ceil((line.length_m - here_m) / approach.segment_m), 1)
     stops = [line.joints_at(float(at)) for at in np.linspace(here_m, line.length_m, pieces + 1)[1:]]
-    travel = await _guarded(cell, stops, line.joint_speed_rad_s(speed_m_s), Care.TOUCHING)
+    travel = await move_until_contact(cell, probe, stops, line.joint_speed_rad_s(speed_m_s), Care.TOUCHING)
     if travel.edge is None:
         raise NoContactError(
             f"{label}: no contact within {(line.length_m - here_m) * 1e3:.1f} mm",
@@ -267,7 +258,8 @@ async def go_untouched(
     cell: Cell, label: str, stops: Sequence[Joints], speed_rad_s: float, *, care: Care = Care.FREE
 ) -> None:
     """Move from stop to stop where nothing should be touched; the arm stands where the contact closes after all."""
-    travel = await _guarded(cell, stops, min(speed_rad_s, cell.limits.speed_rad_s), care)
+    probe, _ = probe_of(cell)
+    travel = await move_until_contact(cell, probe, stops, min(speed_rad_s, cell.limits.speed_rad_s), care)
     if travel.edge is not None:
         raise ContactError(
             f"{label}: the probe touched something on its way to the start of the approach",
@@ -275,58 +267,7 @@ async def go_untouched(
         )
 
 
-async def _guarded(cell: Cell, stops: Sequence[Joints], speed_rad_s: float, care: Care) -> _Travel:
-    """Move from stop to stop until the contact closes; the arm stands when this returns or raises."""
-    probe, _ = probe_of(cell)
-    travel, enough = _Travel(), asyncio.Event()
-    watching = asyncio.create_task(probe.touched())
-    recording = asyncio.create_task(_record(cell.robot, travel.readings, enough))
-    try:
-        for stop in stops:
-            going = motion_gate.move_along(cell, [stop], speed_rad_s, care=care)
-            await _move(going, watching, recording)
-            if watching.done():
-                break
-        await asyncio.wait(
-            {watching}, timeout=probe.capabilities.reaction_s
-        )  # a touch may still be on its way
-        travel.edge = watching.result() if watching.done() else None
-        enough.set()
-        await recording
-    finally:
-        await _end(watching, recording)
-    travel.readings.append(await _timed(cell.robot))
-    return travel
-
-
-async def _move(
-    going: Coroutine[Any, Any, None], watching: asyncio.Task[ContactEdge], recording: asyncio.Task[None]
-) -> None:
-    """Move unless and until one of the guards ends: a cancelled move stops. Raise what went wrong with any."""
-    moving = asyncio.create_task(going)
-    try:
-        await asyncio.wait({moving, watching, recording}, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        await _end(moving)
-    for task in (moving, watching, recording):
-        if task.done() and not task.cancelled() and (trouble := task.exception()) is not None:
-            raise trouble
-
-
-async def _record(robot: Robot, readings: list[TimedJoints], enough: asyncio.Event) -> None:
-    """Read the joints over and over, and end between two readings: a cancelled one may cost the link."""
-    while not enough.is_set():
-        readings.append(await _timed(robot))
-        await asyncio.sleep(READ_PAUSE_S)
-
-
-async def _timed(robot: Robot) -> TimedJoints:
-    asked_s = _now()
-    reading = await robot.joints()
-    return TimedJoints(asked_s, reading.taken_at_s, reading.joints_rad, reading.device_time_s)
-
-
-async def _standing(cell: Cell, label: str, travel: _Travel) -> Joints:
+async def _standing(cell: Cell, label: str, travel: Travel) -> Joints:
     """Return where the arm stands; refuse one that does not."""
     before = await cell.robot.joints()
     after = await cell.robot.joints()
@@ -387,23 +328,6 @@ def _point(label: str, line: ProbeLine, touches: Sequence[Touch]) -> TouchedPoin
 def _place(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Place:
     x, y, z = (float(value) for value in values)
     return x, y, z
-
-
-async def _end(*tasks: asyncio.Task[None] | asyncio.Task[ContactEdge]) -> None:
-    """Cancel what still runs and wait for its end, also when we are cancelled ourselves; then re-raise."""
-    cancelled: asyncio.CancelledError | None = None
-    for task in tasks:
-        task.cancel()
-    while not all(task.done() for task in tasks):
-        try:
-            await asyncio.wait(tasks)
-        except asyncio.CancelledError as error:
-            cancelled = error
-    for task in tasks:
-        if not task.cancelled():
-            task.exception()  # consumed: what matters of it is raised by who looked
-    if cancelled is not None:
-        raise cancelled
 
 
 def _now() -> float:

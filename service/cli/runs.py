@@ -46,11 +46,13 @@ def run(  # noqa: PLR0913  a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
+    from service.cli.given import settings_of
     from service.cli.outlook import tell_dry_run
+    from service.cli.run_end import tell
     from service.configuration.cell_file import read_cell_file
     from service.runs.outline import refuse_class_out_of_reach
 
-    config, settings = read_cell_file(cell), _settings(setting)
+    config, settings = read_cell_file(cell), settings_of(setting)
     if dry_run:
         return tell_dry_run(config, procedure, robot, settings, as_json=as_json)
     refuse_class_out_of_reach(config, procedure, settings, robot)
@@ -86,6 +88,7 @@ def resume(
     as_json
         Print one JSON object on standard output.
     """
+    from service.cli.run_end import tell
     from service.configuration.cell_file import read_cell_file
 
     config = read_cell_file(cell)
@@ -246,35 +249,6 @@ def _short(value: Any) -> str:
     return text if len(text) <= 100 else text[:97] + "…"
 
 
-def _settings(pairs: tuple[str, ...]) -> dict[str, Any]:
-    import json
-
-    from calibration.errors import CellError
-
-    settings: dict[str, Any] = {}
-    for pair in pairs:
-        key, separator, text = pair.partition("=")
-        if not separator or not key:
-            raise CellError(
-                f"--set {pair!r} is not KEY=VALUE", remedy="For example --set tool_number=2.", code="usage"
-            )
-        if key in settings:
-            raise CellError(f"--set {key} is given twice", remedy="Give each setting once.", code="usage")
-        try:
-            settings[key] = json.loads(text, parse_constant=_refuse_constant)
-        except json.JSONDecodeError:
-            settings[key] = text
-    return settings
-
-
-def _refuse_constant(constant: str) -> Any:
-    from calibration.errors import CellError
-
-    raise CellError(
-        f"{constant} is not a number that a robot can use", remedy="Give a finite number.", code="usage"
-    )
-
-
 class _Opened:
     """A cell's journal for reading."""
 
@@ -300,11 +274,12 @@ async def run_live(
     config: "CellConfig", procedure: str, robot: str | None, settings: dict[str, Any], answers: Path | None
 ) -> "Outcome":
     """Run a procedure with progress on standard error."""
+    from service.cli.given import operator_of
     from service.cli.progress import live_progress
     from service.runs.execute import Where, start
 
     with live_progress(procedure) as show_event:
-        where = Where(config, _operator(answers), robot, show_event, _who_typed())
+        where = Where(config, operator_of(answers), robot, show_event, _who_typed())
         return await start(where, procedure, settings)
 
 
@@ -320,105 +295,9 @@ def _who_typed() -> str:
 async def _resume(
     config: "CellConfig", run_id: str, robot: str | None, answers: Path | None, redo_from: str | None
 ) -> "Outcome":
+    from service.cli.given import operator_of
     from service.cli.progress import live_progress
     from service.runs.execute import Where, go_on
 
     with live_progress("resume") as show_event:
-        return await go_on(Where(config, _operator(answers), robot, show_event), run_id, redo_from)
-
-
-def _operator(answers: Path | None) -> Any:
-    if answers is None:
-        from drivers.operator.terminal import TerminalOperator
-
-        return TerminalOperator()
-    from drivers.operator.scripted import ScriptedOperator
-
-    return ScriptedOperator(_read_answers(answers))
-
-
-_MOST_ANSWERS = 1 << 20  # bytes
-
-
-def _read_answers(path: Path) -> dict[str, str]:
-    import json
-
-    from calibration.errors import CellError
-
-    try:
-        with path.open("rb") as file:
-            raw = file.read(_MOST_ANSWERS + 1)
-        if len(raw) > _MOST_ANSWERS:
-            raise ValueError(f"it is larger than {_MOST_ANSWERS >> 20} MB, as no answers are")
-        found = json.loads(raw.decode("utf-8"))
-    except ValueError as error:  # also what is no text
-        found, why = None, f"is not JSON that holds answers: {error}"
-    else:
-        why = 'is not one object of texts, {"instruction key": "yes"}'
-    if isinstance(found, dict) and all(isinstance(answer, str) for answer in found.values()):
-        return found
-    raise CellError(f"the answers {path}: the file {why}.", remedy="Correct --answers.", code="usage")
-
-
-_WORDS = {
-    "passed": "passed",
-    "out_of_tolerance": "out of tolerance",
-    "refused": "refused",
-    "cell_failed": "broken off",
-    "cancelled": "cancelled",
-    "declined": "declined",
-}
-
-
-def tell(outcome: "Outcome", config: "CellConfig", *, as_json: bool) -> int:
-    """Print how a run ended, write its certificate or the record of its refusal, and return its exit code."""
-    from pydantic_core import to_jsonable_python
-    from rich.markup import escape
-
-    from service.cli.certificate import issue_after_run
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.exit_codes import exit_code_named, exit_code_of_word
-    from service.runs.outcome import Verdict
-
-    passed = outcome.verdict is Verdict.PASSED
-    if not as_json:
-        colour = "green" if passed else "red"
-        EN_ROUTE.print(
-            f"[bold {colour}]{_WORDS[outcome.verdict]}[/] {outcome.procedure}, run {outcome.run_id}"
-        )
-        for line in (outcome.reason, f"What to do: {outcome.remedy}" if outcome.remedy else ""):
-            if line:
-                EN_ROUTE.print(escape(line))
-        tell_judgement(outcome.judgement)
-    told = passed or outcome.verdict in (Verdict.REFUSED, Verdict.OUT_OF_TOLERANCE)
-    issued = issue_after_run(config, outcome.run_id) if told else None
-    if as_json:
-        path = None if issued is None else str(issued.json_path)
-        print_json({**to_jsonable_python(outcome), "certificate": path})
-    return (
-        exit_code_of_word((outcome.judgement or {}).get("word")) if passed else exit_code_named(outcome.code)
-    )
-
-
-def tell_judgement(judgement: Any) -> None:
-    """Print the verdict, what keeps it from being PASS, and its remarks: what was saved among them."""
-    from rich.markup import escape
-
-    from service.cli.printing import EN_ROUTE
-    from service.quantities import quantity
-
-    if judgement is None:
-        return
-    word = judgement["word"]
-    colour = {"pass": "green", "fail": "red"}.get(word, "yellow")
-    EN_ROUTE.print(f"verdict: [bold {colour}]{word.upper()}[/] ({escape(judgement['limits_from'])})")
-    for figure in judgement["characteristics"]:
-        if figure["decision"] in ("fail", "undecided"):
-            unit, limit = figure["unit"], figure["limit"]
-            found = f"{figure['name']}: {quantity(figure['value'], unit)}"
-            found += "" if limit is None else f", limit {quantity(limit, unit)}"
-            EN_ROUTE.print(escape(f"  {figure['decision'].upper()} {found}. {figure['rule']}"))
-    for line in judgement["remarks"]:
-        EN_ROUTE.print(escape(f"  {line}"))
-    for line in judgement["to_sign"]:
-        EN_ROUTE.print(f"[bold yellow]to be signed by hand:[/] {escape(line)}")
+        return await go_on(Where(config, operator_of(answers), robot, show_event), run_id, redo_from)

@@ -230,7 +230,7 @@ def _tell(found: "CalibratedPart", spec: "SimulationCell", out: Path | None, *, 
 
     from procedures.simulation_cell import CalibratedRobot, verdict_on_part
     from service.cli.printing import print_json
-    from service.cli.runs import tell_judgement
+    from service.cli.run_end import tell_judgement
     from service.exit_codes import exit_code_of_word
     from service.parameters.simulated_cells import placed_text, robot_text
 

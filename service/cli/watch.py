@@ -65,7 +65,7 @@ async def _recover_alone(config: "CellConfig", robot: str, procedure: str, setti
     from drivers.operator.terminal import TerminalOperator
     from service.cli.printing import EN_ROUTE
     from service.cli.progress import live_progress
-    from service.cli.runs import tell
+    from service.cli.run_end import tell
     from service.runs.execute import Where, start
     from service.watching.answers_to_loss import WATCH
     from service.watching.standing_answers import StandingAnswers
