@@ -24,7 +24,7 @@ $(VENV)/.dev: requirements-dev.lock $(VENV)/.runtime
 	@touch $@
 
 # Node is needed only here; where none is installed, a pinned one comes from the package registry.
-$(PAGES): $(VENV)/.runtime web/package-lock.json web/index.html web/fleet.html web/vite.config.ts $(shell find web/src web/public -type f)
+$(PAGES): $(VENV)/.runtime web/package-lock.json web/index.html web/fleet.html web/vite.config.ts web/chinese_font.mjs $(shell find web/src web/public -type f)
 	@./deploy/build_pages.sh
 
 pages: $(PAGES)

@@ -14,6 +14,8 @@ from tests.service.doors import a_door
 LATIN_ONLY = """<?xml version="1.0"?><fontconfig><dir>/usr/share/fonts/truetype/dejavu</dir>
 <cachedir>{cache}</cachedir></fontconfig>"""
 OURS = "Noto Sans SC"
+SMALL = "/assets/pages-"  # cut to the characters of our own texts
+RARE = "龘龖"  # in nobody's texts; a person may be called so
 
 
 @asynccontextmanager
@@ -52,7 +54,7 @@ async def test_a_device_without_a_chinese_font_is_given_one(tmp_path: Path, chos
     config = tmp_path / "fonts.conf"
     config.write_text(LATIN_ONLY.format(cache=tmp_path / "cache"))
     locale = "en-US" if chosen_later else "zh-CN"
-    async with sign_in_page(tmp_path, locale, FONTCONFIG_FILE=str(config)) as (page, _):
+    async with sign_in_page(tmp_path, locale, FONTCONFIG_FILE=str(config)) as (page, fetched):
         if chosen_later:
             await page.get_by_test_id("language").select_option("zh")
             await speaks(page, "zh")
@@ -62,6 +64,11 @@ async def test_a_device_without_a_chinese_font_is_given_one(tmp_path: Path, chos
             assert chinese, text
             ours = partial(glyphs_of_ours, page, place)
             assert await comes(ours, lambda count, all_=chinese: count == all_), place  # type: ignore[misc]
+        assert fetched
+        assert all(SMALL in url for url in fetched), "our own texts need no whole piece of the font"
+        await page.evaluate("name => document.querySelector('main h1').textContent = name", RARE)
+        assert await comes(partial(glyphs_of_ours, page, "main h1"), lambda count: count == len(RARE))
+        assert not all(SMALL in url for url in fetched)
 
 
 async def glyphs_of_ours(page: Page, place: str) -> int:

@@ -50,7 +50,9 @@ function remembered(): Locale {
 function speak(locale: Locale): void {
   document.documentElement.lang = locale === "zh" ? "zh-Hans" : locale;
   if (locale === "zh" && pictureOf("中") === pictureOf("\u{10FFFD}")) {
-    void import("@fontsource-variable/noto-sans-sc/index.css").then(() => document.documentElement.classList.add("brought-font"));
+    void Promise.all([import("../../node_modules/.chinese-font/index.css"), import("@fontsource-variable/noto-sans-sc/index.css")]).then(
+      () => document.documentElement.classList.add("brought-font"),
+    );
   }
 }
 
