@@ -70,8 +70,9 @@ CRAMPED = """(buttons) => {
         if (seen[i][2] === seen[j][2] && Math.max(dx, dy) < 8 - 0.01)
             wrong.push('close: ' + seen[i][0] + ' and ' + seen[j][0]);
     }
-    for (const e of document.querySelectorAll('.main, [data-testid=hold], [data-testid=stop], [data-testid^=key-]'))
-        if (e.checkVisibility() && e.getBoundingClientRect().height < 64)
+    const lows = [['.main, [data-testid=hold], [data-testid=stop]', 75.5], ['[data-testid^=key-]', 64]]; // 20 mm
+    for (const [keys, least] of lows) for (const e of document.querySelectorAll(keys))
+        if (e.checkVisibility() && e.getBoundingClientRect().height < least)
             wrong.push('low: ' + e.outerHTML.slice(0, 90));
     if (document.documentElement.scrollWidth > innerWidth + 1) wrong.push('wider than the screen');
     return wrong;
