@@ -4,6 +4,7 @@ import asyncio
 import os
 import tempfile
 from collections.abc import Iterable
+from itertools import cycle, islice
 from pathlib import Path
 
 from rich.console import Console
@@ -15,21 +16,29 @@ from tests.soak.figures import Figures
 from tests.stories.catalogue_day import stories
 from tests.stories.days import Ended, Story, working_day
 
+LOCALES = "en-US", "de-DE", "es-ES", "zh-CN"
+
 
 def day(days: int) -> Figures:
-    """Every procedure passes, its certificate holds; the recovery after every battery was lost. Pictures are kept."""
-    wanted, passed, missed, pictures = set(CATALOGUE), set(), [], _kept_in()
-    for _ in range(days):
-        for end in asyncio.run(_whole_day(pictures)):
+    """Every procedure passes, its certificate holds; the recovery after every battery was lost. Pictures are kept.
+
+    Each day is told in the next of the four languages.
+    """
+    wanted, told, missed, pictures = set(CATALOGUE), [], [], _kept_in()
+    for locale in islice(cycle(LOCALES), days):
+        passed = set()
+        for end in asyncio.run(_whole_day(pictures, locale)):
             if end.verdict == "pass" and end.certificate is not None:
                 passed.add(end.story.procedure)
             else:
-                missed.append(f"{end.story.procedure} of {end.story.robot}: {end.words}")
+                missed.append(f"{end.story.procedure} of {end.story.robot} in {locale}: {end.words}")
+        missed += [f"{each} in {locale}: not told" for each in sorted(wanted - passed)]
+        told.append(f"{len(passed)} in {locale}")
     line = (
-        f"day: {len(passed)} of {len(wanted)} procedures told in a browser to a PASS and a certificate that holds; "
-        f"pictures in {pictures}{'; '.join(['', *missed])}"
+        f"day: of {len(wanted)} procedures told in a browser, so many to a PASS and a certificate that holds: "
+        f"{', '.join(told)}; pictures in {pictures}{'; '.join(['', *missed])}"
     )
-    return Figures(line, passed == wanted and not missed)
+    return Figures(line, not missed)
 
 
 def _kept_in() -> Path:
@@ -40,9 +49,11 @@ def _kept_in() -> Path:
     return Path(named)
 
 
-async def _whole_day(pictures: Path) -> list[Ended]:
+async def _whole_day(pictures: Path, locale: str) -> list[Ended]:
+    seen = pictures / locale
+    seen.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        async with working_day(Path(folder), pictures) as day:
+        async with working_day(Path(folder), seen, locale=locale) as day:
             ended = []
             for story in _told(stories()):
                 if story.procedure == "mastering_recovery":

@@ -195,14 +195,16 @@ class Day:
 
 
 @asynccontextmanager
-async def working_day(folder: Path, pictures: Path | None = None) -> AsyncIterator[Day]:
-    """Run the cell, its service and a browser at it."""
+async def working_day(
+    folder: Path, pictures: Path | None = None, *, locale: str = "en-US"
+) -> AsyncIterator[Day]:
+    """Run the cell, its service and a browser at it, which speaks that language."""
     async with (
         day_cell(folder) as (path, door),
         served(create_app(Settings(path, open_access=True))) as url,
         chromium() as browser,
     ):
-        page = await browser.new_page(viewport={"width": 1280, "height": 800})
+        page = await browser.new_page(viewport={"width": 1280, "height": 800}, locale=locale)
         page.set_default_timeout(PATIENCE_MS)
         broken: list[str] = []
         page.on("pageerror", lambda error: broken.append(str(error)))
