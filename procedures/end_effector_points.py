@@ -39,6 +39,7 @@ from procedures.steps.mastering import same_epoch
 from procedures.steps.pages import plan_page
 from procedures.steps.write import read_tool_frame, write_and_read_back
 from procedures.survey.survey import (
+    EACH_CAPTURE,
     Captures,
     Goal,
     Spot,
@@ -234,7 +235,7 @@ def _outline(spec: EndEffectorPoints) -> tuple[Phase, ...]:
         *(Phase("read the robot"), Phase("read the tool frame")),
         *(Phase("plan the poses"), Phase("accept the plan")),
         *(Phase("go to rest", points), Phase("move the wire", points)),
-        *(Phase(name, expected, adaptive=True) for name in ("choose a pose", "go to pose", "capture")),
+        *(Phase(name, expected, adaptive=True) for name in EACH_CAPTURE),
         *(Phase("look at the lengths", points, adaptive=True), Phase("locate the tool")),
         *(Phase("accept the result"), Phase("write the tool frame")),
     )

@@ -46,6 +46,7 @@ from procedures.survey.shared_fixture import (
     told_by_wire,
 )
 from procedures.survey.survey import (
+    EACH_CAPTURE,
     Captures,
     Goal,
     Spot,
@@ -307,7 +308,7 @@ def _outline(spec: FixtureAlignment) -> tuple[Phase, ...]:
         *(Phase("plan the poses"), Phase("accept the plan")),
         Phase("go to rest", points),
         Phase("move the wire", points),
-        *(Phase(name, expected, adaptive=True) for name in ("choose a pose", "go to pose", "capture")),
+        *(Phase(name, expected, adaptive=True) for name in EACH_CAPTURE),
         *(Phase("look at the lengths", points, adaptive=True), Phase("place the fixture")),
         Phase("accept the result"),
     )

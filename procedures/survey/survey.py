@@ -25,7 +25,7 @@ from procedures.steps.pages import WIRE_CHECKS, Moves, straight
 from procedures.survey.survey_motion import Wire
 
 Captures = tuple[tuple[LengthCapture, ...], ...]  # of every spot
-
+EACH_CAPTURE = "choose a pose", "go to pose", "capture"  # the phases that come with each
 
 # Of a limit. How large the disturbances are shows fully at the last spot only, where the others cannot be mended any
 # more: surveys that stopped at the limit itself ended above it every second time.

@@ -13,7 +13,7 @@ from procedures.forecast import (
     wire_lacking,
 )
 from procedures.limits import FRAME
-from procedures.survey.survey import Survey, SurveyState, recorded_wire
+from procedures.survey.survey import EACH_CAPTURE, Survey, SurveyState, recorded_wire
 from procedures.survey.survey_choice import expected_at_least
 
 _CAREFUL = 4  # times the readings, or a fourth of the scale's uncertainty: what more care is taken to be
@@ -79,6 +79,7 @@ def survey_forecast(survey: Survey, what: str, known: Knowledge) -> Forecast:
         if survey.state.recorded
         else ("no mastering record: the arm's errors are taken from the maker's",),
         not_checked=plan.not_checked,
+        planned=dict.fromkeys(EACH_CAPTURE, captures),
     )
 
 

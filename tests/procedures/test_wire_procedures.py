@@ -13,6 +13,7 @@ from drivers.interfaces import MasteringData
 from procedures.base_to_base import BasesResult, BaseToBaseSpec, base_to_base
 from procedures.catalogue import CATALOGUE
 from procedures.end_effector_points import MeasuredTool, end_effector_points
+from procedures.entry import as_planned
 from procedures.fixture_alignment import AlignmentResult, fixture_alignment, plan_alignment
 from procedures.forecast import Knowledge
 from procedures.frame_offset import OffsetResult, frame_offset
@@ -20,7 +21,7 @@ from procedures.limits import FrameLimits
 from procedures.run import DeclinedError, RefusalError, Run
 from procedures.steps.length import LengthCapture
 from procedures.steps.write import same_pose
-from procedures.survey.survey import Survey, SurveyRules
+from procedures.survey.survey import EACH_CAPTURE, Survey, SurveyRules
 from procedures.survey.survey_choice import Standing, choose_pose
 from procedures.survey.wire_survey import read_survey_state
 from procedures.three_point_frame import three_point_frame
@@ -98,6 +99,9 @@ async def test_a_dry_run_foretells_captures_and_uncertainty_without_a_device() -
     told = forecast(made.spec, known)
     assert told.predictions[0].expanded <= FINE.origin_m
     assert 24 <= len(told.poses) <= 160
+    phases = as_planned(CATALOGUE["fixture_alignment"].outline(made.spec), told.planned)
+    counts = {phase.name: len(phase.steps) for phase in phases if phase.name in EACH_CAPTURE}
+    assert counts == dict.fromkeys(EACH_CAPTURE, len(told.poses))
     assert any("obstacles" in words for words in told.not_checked)
     assert forecast(made.spec, Knowledge()).lacks
     assert made.arm.moves == []
