@@ -12,6 +12,7 @@ from typing import Any
 
 from calibration.errors import CellError
 from service.demo.door import Door
+from service.demo.furniture import FURNITURE, USUAL
 
 # ur-rtde cannot be told other ports, so every fake robot needs a loopback address of its own.
 _PORTS = (29999, 30001, 30002, 30003, 30004, 1502, 29536)
@@ -42,7 +43,7 @@ settle_s = {settle_s}
 name = "floor"
 point_in_base_mm = [0, 0, -900]
 normal_in_base = [0, 0, 1]
-
+{usual}
 [[robot]]
 name = "ur"
 driver = "universal_robots"
@@ -85,7 +86,7 @@ drift_check_days = 14
 seed = {seed}
 time_factor = {time_factor}
 control_port = 0
-"""
+{furniture}"""
 
 
 @contextmanager
@@ -113,14 +114,25 @@ def _is_free(address: str, port: int) -> bool:
     return True
 
 
-def write_cell_file(folder: Path, address: str, *, seed: int, time_factor: float) -> Path:
-    """Write the demo's cell file into ``folder``; devices listen on ``address``."""
+def write_cell_file(
+    folder: Path, address: str, *, seed: int, time_factor: float, furnished: bool = False
+) -> Path:
+    """Write the demo's cell file into ``folder``; devices listen on ``address``.
+
+    ``furnished``: with what procedures measure beside the robot, and the settings that they need for it.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "cell.toml"
     data_dir = json.dumps(str(folder / "data"))
     settle_s = max(0.01, 1.0 / time_factor)  # one second of the world's time
     text = _CELL_FILE.format(
-        address=address, seed=seed, time_factor=time_factor, data_dir=data_dir, settle_s=settle_s
+        address=address,
+        seed=seed,
+        time_factor=time_factor,
+        data_dir=data_dir,
+        settle_s=settle_s,
+        usual=USUAL if furnished else "",
+        furniture=FURNITURE if furnished else "",
     )
     path.write_text(text, encoding="utf-8")
     return path

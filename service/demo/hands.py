@@ -7,6 +7,7 @@ from service.demo.door import Door
 _MOUNT = re.compile(r"mount_wire_(\d+)")
 _HOOK = re.compile(r"hook_wire_(\d+)")
 _MOUTH = re.compile(r"towards x (-?\d+), y (-?\d+), z (-?\d+) mm")
+_HOOKED_AT_HOME = ("wire_is_hooked", "hook_stays_on", "hook_wire_back")  # a fixture or a tool may have had it
 _AT_THE_CABINET = {"new_battery": "new_battery", "power_cycle": "power_cycle"}
 
 
@@ -28,7 +29,7 @@ async def lend_a_hand(door: Door, key: str, text: str, wire: str | None = None) 
     if hook := _HOOK.fullmatch(key):
         await door.fault("hook_wire", target=int(hook[1]), **which)
         return "hook_wire"
-    if key == "hook_wire_back":
+    if key in _HOOKED_AT_HOME:
         await door.fault("wire_home", **which)
         return "wire_home"
     return ""

@@ -104,7 +104,9 @@ def _listening(port: int | None) -> Iterator[socket.socket]:
 
 async def _serve(folder: Path, staging: Staging, listening: socket.socket) -> None:
     with free_address() as address:
-        path = write_cell_file(folder, address, seed=staging.seed, time_factor=staging.time_factor)
+        path = write_cell_file(
+            folder, address, seed=staging.seed, time_factor=staging.time_factor, furnished=True
+        )
     loading = asyncio.create_task(asyncio.to_thread(_load))  # while the fakes start
     async with running_fakes(path) as door:
         await loading

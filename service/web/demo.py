@@ -10,11 +10,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, cast
 
+import numpy as np
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict, Field
 
+from calibration.errors import CellError
 from service.demo.door import Door
 from service.demo.hands import lend_a_hand
+from service.demo.jogging import can_jog, jog_for
 from service.demo.mishaps import MISHAPS, ROBOT, happen, mend
 from service.desk.messages import Name
 from service.web.door import Who, house_of
@@ -22,7 +25,7 @@ from service.web.link import DeskLink
 
 router = APIRouter(prefix="/demo")
 _KEPT = 50
-MENDED = "mended"
+MENDED, JOGGED = "mended", "hand_jog"
 
 
 class Wanted(BaseModel):
@@ -57,6 +60,7 @@ class DemoWorld:
     door: Door
     pressed: deque[Pressed] = field(default_factory=lambda: deque(maxlen=_KEPT))
     preparing: bool = False  # the demo takes the mastering record by itself
+    dice: np.random.Generator = field(default_factory=np.random.default_rng)  # of the technician's eye
     _count: int = 0
 
     def note(self, name: str) -> None:
@@ -94,6 +98,28 @@ class DemoLink(DeskLink):
                 self.world.note(f"hand_{done}")
         return await super().order(command)
 
+    @property
+    def touches(self) -> tuple[str, str, str] | None:
+        """Robot, procedure and key of what is asked, where the technician can jog the arm there; else None."""
+        session = self.session or {}
+        run, prompt = session.get("run"), session.get("prompt")
+        if run is None or prompt is None:
+            return None
+        asked = session["robot"], run["procedure"], prompt["key"]
+        return asked if can_jog(*asked) else None
+
+    async def jog(self) -> None:
+        """Bring the arm to where the step that is asked wants it."""
+        asked = self.touches
+        if asked is None:
+            raise CellError(
+                "no step that the demo's technician can jog the arm to is asked just now.",
+                remedy="Look at the present step.",
+                code="usage",
+            )
+        await jog_for(self.world.door, *asked, self.world.dice)
+        self.world.note(JOGGED)
+
     def _is_yes(self, command: dict[str, Any]) -> bool:
         """Whether the desk will take this as the answer to what it asks just now."""
         order, session = command["order"], self.session or {}
@@ -109,39 +135,51 @@ class DemoLink(DeskLink):
 
 @router.get("")
 async def shown(request: Request, who: Who) -> dict[str, Any]:
-    """Return the mishaps that there are, what was pressed, and the truth."""
+    """Return the mishaps that there are, what was pressed, the truth, and whether the arm can be jogged now."""
     del who
-    return await _world(request).told()
+    return await _told(request)
 
 
 @router.post("/mishaps")
 async def let_happen(wanted: Wanted, request: Request, who: Who) -> dict[str, Any]:
     """Let something happen to the fake cell."""
     del who
-    world = _world(request)
+    world = _link(request).world
     await happen(world.door, wanted.name)
     world.note(wanted.name)
-    return await world.told()
+    return await _told(request)
+
+
+@router.post("/jog")
+async def jog(request: Request, who: Who) -> dict[str, Any]:
+    """Let the technician bring the arm to where the step that is asked wants it."""
+    del who
+    await _link(request).jog()
+    return await _told(request)
 
 
 @router.post("/mend")
 async def mend_all(request: Request, who: Who) -> dict[str, Any]:
     """Put cables, wire, stops and switches back in order; what was lost stays lost."""
     del who
-    world = _world(request)
+    world = _link(request).world
     await mend(world.door)
     world.note(MENDED)
-    return await world.told()
+    return await _told(request)
 
 
 @router.post("/pace")
 async def set_pace(pace: Pace, request: Request, who: Who) -> dict[str, Any]:
     """Let the world's time run faster or slower."""
     del who
-    world = _world(request)
-    await world.door.ask("pace", time_factor=pace.time_factor)
-    return await world.told()
+    await _link(request).world.door.ask("pace", time_factor=pace.time_factor)
+    return await _told(request)
 
 
-def _world(request: Request) -> DemoWorld:
-    return cast(DemoLink, house_of(request).link).world
+async def _told(request: Request) -> dict[str, Any]:
+    link = _link(request)
+    return {**await link.world.told(), "can_jog": link.touches is not None}
+
+
+def _link(request: Request) -> DemoLink:
+    return cast(DemoLink, house_of(request).link)

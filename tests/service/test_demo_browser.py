@@ -21,7 +21,14 @@ from tests.service.browsers import (
 )
 from tests.service.desks import a_cell
 
-HANDS = ("new_battery", "power_cycle", "mount_wire", "hook_wire")  # as service/demo/hands.py lends them
+HANDS = (
+    "new_battery",
+    "power_cycle",
+    "mount_wire",
+    "hook_wire",
+    "wire_home",
+    "jog",
+)  # as service/demo/hands.py lends them
 
 
 async def test_the_demos_buttons_are_for_everybody_and_a_pressed_loss_is_noticed(tmp_path: Path) -> None:

@@ -49,7 +49,7 @@ async def _address_of(process: asyncio.subprocess.Process) -> str:
     return line.decode().partition("fake cell at ")[2].strip()
 
 
-async def _until(client: httpx.AsyncClient, path: str, true: Any) -> dict[str, Any]:
+async def until(client: httpx.AsyncClient, path: str, true: Any) -> dict[str, Any]:
     async with asyncio.timeout(PATIENCE_S):
         while True:
             told: dict[str, Any] = (await client.get(path)).json()
@@ -84,15 +84,15 @@ def _lives(pid: int) -> bool:
 
 async def test_a_loss_pressed_is_noticed_and_offered_for_recovery_and_ctrl_c_ends_all() -> None:
     async with a_demo("--port", "0", "--time-factor", "600") as (process, client):
-        shown = await _until(client, "/api/demo", lambda told: not told["preparing"])
+        shown = await until(client, "/api/demo", lambda told: not told["preparing"])
         assert shown["tcp_error_m"]["max"] < 1e-9
         assert {each["name"] for each in shown["mishaps"]} == {each.name for each in MISHAPS}
         assert (await client.get("/api/session")).json()["demo"] is True
         runs = (await client.get("/api/runs")).json()
         assert [(run["procedure"], run["state"]) for run in runs] == [("mastering_record", "passed")]
         pressed = (await client.post("/api/demo/mishaps", json={"name": "battery"})).json()
-        assert [each["name"] for each in pressed["pressed"]] == ["battery"]
-        told = await _until(client, "/api/session", lambda told: told["session"]["losses"])
+        assert [each["name"] for each in pressed["pressed"]] == ["battery", "hand_wire_home"]
+        told = await until(client, "/api/session", lambda told: told["session"]["losses"])
         loss = told["session"]["losses"][0]
         assert (loss["mode"], loss["procedure"]) == ("M1", "mastering_recovery")
         assert "[watch] recover_alone is not set" in loss["reasons"]  # it is offered: a person presses
@@ -111,7 +111,7 @@ async def test_two_demos_at_once_and_a_killed_one_leaves_no_orphan() -> None:
     async with a_demo("--port", "0") as (one, first), a_demo("--port", "0") as (_, second):
         for client in (first, second):
             connected = lambda told: told["session"] and told["session"]["connection"]["connected"]  # noqa: E731
-            await _until(client, "/api/session", connected)
+            await until(client, "/api/session", connected)
         children = _below(one.pid)
         assert len(children) >= 2
         one.kill()

@@ -1,0 +1,113 @@
+"""The demo's cell has what procedures measure, and a technician who jogs the arm: they end with a verdict there."""
+
+import asyncio
+import itertools
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from playwright.async_api import expect
+
+from service.demo.furniture import BASE_FRAME, DOWN, PIN_IN_BASE_M, TIP_IN_FLANGE_M, place_for
+from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium
+from tests.service.test_demo_pages import PATIENCE_S, a_demo, until
+
+TOUCHED = ("six_point_tcp", "three_point_frame", "frame_offset", "end_effector_points")
+_presses = itertools.count(1)
+
+
+async def test_procedures_that_a_person_teaches_pass_in_the_demo_with_nothing_to_type() -> None:
+    async with a_demo("--port", "0", "--time-factor", "600") as (_, client):
+        await until(client, "/api/demo", lambda told: not told["preparing"])
+        nothing = await client.post("/api/demo/jog", json={})
+        assert nothing.status_code == 422
+        assert "no step" in nothing.json()["message"]
+        for procedure in TOUCHED:
+            outcome = await _run(client, procedure)
+            assert (outcome["judgement"] or {}).get("word") == "pass", (procedure, outcome)
+
+
+async def test_the_button_that_jogs_the_arm_comes_with_the_step_and_makes_it_recordable() -> None:
+    async with a_demo("--port", "0", "--time-factor", "600") as (_, client), chromium() as browser:
+        await until(client, "/api/demo", lambda told: not told["preparing"])
+        page = await browser.new_page(viewport={"width": 1280, "height": 800})
+        page.set_default_timeout(PATIENCE_MS)
+        await page.add_init_script(NO_WEBGL)
+        await page.goto(str(client.base_url))
+        await _start(client, "six_point_tcp")
+        await page.get_by_test_id("yes").click()  # the pin is fixed
+        await page.get_by_test_id("demo-jog").click()
+        record = page.get_by_test_id("yes")
+        await expect(record).to_be_enabled()
+        await record.click()
+        await expect(page.locator("[data-testid=points] li[data-state=recorded]")).to_have_count(1)
+        await expect(page.get_by_test_id("demo-last")).to_contain_text("Arm jogged")
+
+
+async def _start(client: httpx.AsyncClient, procedure: str) -> None:
+    session = (await until(client, "/api/session", lambda told: _free(told["session"])))["session"]
+    if session["run"] is not None:
+        session = await _order(client, session, {"op": "dismiss"})
+    order = {"op": "start", "procedure": procedure, "settings": {}, "hold_to_move": False}
+    await _order(client, session, order)
+
+
+def _free(session: dict[str, Any]) -> bool:
+    return bool(session["connection"]["connected"]) and (session["run"] is None or session["run"]["outcome"])
+
+
+async def _order(client: httpx.AsyncClient, session: dict[str, Any], order: dict[str, Any]) -> dict[str, Any]:
+    command = {"id": f"press {next(_presses)}", "rev": session["rev"], "order": order}
+    await client.post("/api/commands", json=command)
+    told: dict[str, Any] = (await client.get("/api/session")).json()["session"]
+    return told
+
+
+async def _run(client: httpx.AsyncClient, procedure: str) -> dict[str, Any]:
+    """Run a procedure: jog where the demo can, and agree to everything; return how it ended."""
+    await _start(client, procedure)
+    jogged = set[str]()
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            session = (await client.get("/api/session")).json()["session"]
+            prompt, outcome = session["prompt"], session["run"] and session["run"]["outcome"]
+            if outcome:
+                return dict(outcome)
+            if prompt is not None:
+                if prompt["id"] not in jogged and (await client.get("/api/demo")).json()["can_jog"]:
+                    (await client.post("/api/demo/jog", json={})).raise_for_status()
+                    jogged.add(prompt["id"])
+                yes = {"op": "answer", "prompt_id": prompt["id"], "value": "yes"}
+                await _order(client, session, yes)
+            await asyncio.sleep(0.1)
+
+
+def test_a_touch_puts_the_tip_on_what_is_touched() -> None:
+    for key in ("touch", "touch_about_x", "touch_about_y", "touch_4", "touch_11", "touch_anew_2"):
+        assert _tip("six_point_tcp", key) == pytest.approx(PIN_IN_BASE_M)
+    assert _tip("three_point_frame", "touch_origin") == pytest.approx(BASE_FRAME[:3, 3])
+    moved = _tip("frame_offset", "touch_point_2_again") - _tip("frame_offset", "touch_point_1")
+    assert np.linalg.norm(moved) == pytest.approx(0.4)  # a workpiece moves as a whole
+    along = _tip("six_point_tcp", "along_x") - PIN_IN_BASE_M
+    assert along / np.linalg.norm(along) == pytest.approx(DOWN[:, 0])
+
+
+@pytest.mark.parametrize(
+    ("procedure", "key"),
+    [
+        ("six_point_tcp", "accept_tool"),
+        ("six_point_tcp", "hold_tool"),
+        ("three_point_frame", "touch_point_1"),
+        ("frame_offset", "touch_point_9"),
+        ("mastering_recovery", "touch"),
+    ],
+)
+def test_what_hands_do_not_know_is_not_jogged(procedure: str, key: str) -> None:
+    assert place_for(procedure, key) is None
+
+
+def _tip(procedure: str, key: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    base_flange = place_for(procedure, key)
+    assert base_flange is not None
+    return np.asarray(base_flange[:3, :3] @ np.array(TIP_IN_FLANGE_M) + base_flange[:3, 3])
