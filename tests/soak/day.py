@@ -27,7 +27,9 @@ def day(days: int) -> Figures:
     wanted, told, missed, pictures = set(CATALOGUE), [], [], _kept_in()
     for locale in islice(cycle(LOCALES), days):
         passed = set()
-        for end in asyncio.run(_whole_day(pictures, locale)):
+        ended, english = asyncio.run(_whole_day(pictures, locale))
+        missed += [f"left in English in {locale}: {each}" for each in sorted(english)]
+        for end in ended:
             if end.verdict == "pass" and end.certificate is not None:
                 passed.add(end.story.procedure)
             else:
@@ -49,7 +51,7 @@ def _kept_in() -> Path:
     return Path(named)
 
 
-async def _whole_day(pictures: Path, locale: str) -> list[Ended]:
+async def _whole_day(pictures: Path, locale: str) -> tuple[list[Ended], set[str]]:
     seen = pictures / locale
     seen.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
@@ -61,7 +63,7 @@ async def _whole_day(pictures: Path, locale: str) -> list[Ended]:
                 ended.append(await day.tell(story))
         kept = Path(folder) / "data" / "certificates"
         assert all(verify(kept / end.certificate) == 0 for end in ended if end.certificate)
-        return ended
+        return ended, day.english
 
 
 def _told(day: tuple[Story, ...]) -> Iterable[Story]:

@@ -54,6 +54,7 @@ class Day:
     def __init__(self, page: Page, hands: Hands, pictures: Path | None) -> None:
         self.page, self.hands, self._pictures = page, hands, pictures
         self._taken: set[str] = set()
+        self.english: set[str] = set()  # what pages in another language left in English
         self._holds = False
 
     async def tell(self, story: Story) -> Ended:
@@ -189,6 +190,7 @@ class Day:
         if self._pictures is not None and name not in self._taken:
             self._taken.add(name)
             await self.page.wait_for_timeout(300)
+            self.english.update(await self.page.locator("main span[lang=en]").all_inner_texts())
             await self.page.screenshot(
                 path=self._pictures / f"{len(self._taken):03d}_{name}.png", full_page=True, style=UNFIXED
             )
