@@ -60,7 +60,7 @@ from procedures.survey.survey_motion import (
 )
 from procedures.survey.survey_refit import refit_lengths, survey_of
 from procedures.survey.wire_survey import measure_spots, read_survey_state
-from procedures.verdict import Verdict, stated
+from procedures.verdict import SetAside, Verdict, stated
 
 WIRE_STANDS = Instruction(
     "wire_stands",
@@ -99,6 +99,7 @@ class MeasuredTool:
     fixed_plan_captures: int | None
     before: Pose
     read_back: Pose
+    set_aside: tuple[SetAside, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +113,7 @@ class ToolFound:
     network: WireNetwork
     captures: int
     fixed_plan_captures: int | None
+    set_aside: tuple[SetAside, ...] = ()
 
 
 _FOUND: TypeAdapter[ToolFound] = TypeAdapter(ToolFound)
@@ -129,9 +131,10 @@ async def end_effector_points(run: Run, spec: EndEffectorPoints) -> MeasuredTool
     await run.step("accept the plan", accept, _shown_plan(plan, spec), sha256_of(to_jsonable_python(plan)))
 
     survey = Survey(state, plan, spec.rules)
-    captures = await measure_spots(run, survey)
+    measured = await measure_spots(run, survey)
 
-    tool = await run.solve("locate the tool", locate_tool, survey, spec, captures)
+    tool = await run.solve("locate the tool", locate_tool, survey, spec, measured.captures)
+    tool = replace(tool, set_aside=measured.set_aside)
     first_of((bad_shape(tool.placed, tool), _badly_known(tool, spec)), spec.write_anyway)
     verdict = _judge(spec, tool)
     refuse_failed(verdict, spec.write_anyway, tool)
@@ -153,6 +156,7 @@ async def end_effector_points(run: Run, spec: EndEffectorPoints) -> MeasuredTool
         fixed_plan_captures=tool.fixed_plan_captures,
         before=before,
         read_back=read_back,
+        set_aside=tool.set_aside,
     )
 
 
@@ -257,6 +261,7 @@ def _judge(spec: EndEffectorPoints, result: MeasuredTool | ToolFound) -> Verdict
         limits_from="limits of the settings",
         not_verified=(UNTOLD_AXES,) if result.placed is None else (),
         remarks=(saving(result.captures, result.fixed_plan_captures),),
+        set_aside=result.set_aside,
     )
 
 

@@ -7,7 +7,7 @@ the points give the fixture's pose. What cannot be told from its mirror image is
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -69,7 +69,7 @@ from procedures.survey.survey_motion import (
 )
 from procedures.survey.survey_refit import refit_lengths, survey_of
 from procedures.survey.wire_survey import measure_spots, read_survey_state
-from procedures.verdict import Characteristic, Verdict, held, known_within, stated
+from procedures.verdict import Characteristic, SetAside, Verdict, held, known_within, stated
 
 ALIGNMENT_LIMITS = FrameLimits(0.00015, math.radians(0.02))
 _SHARED_WIRE = (
@@ -111,6 +111,7 @@ class AlignmentResult:
     fixed_plan_captures: int | None  # evenly drawn poses for the same U; None: more than were drawn
     limits: FrameLimits
     base: BaseOutlook | None = None  # None where it was not asked for
+    set_aside: tuple[SetAside, ...] = ()
 
     @property
     def saving(self) -> str:
@@ -133,9 +134,10 @@ async def fixture_alignment(run: Run, spec: FixtureAlignment) -> AlignmentResult
     await run.step("accept the plan", accept, _shown_plan(plan, spec), sha256_of(to_jsonable_python(plan)))
 
     survey = Survey(state, plan, spec.rules)
-    captures = await measure_spots(run, survey)
+    measured = await measure_spots(run, survey)
 
-    result = await run.solve("place the fixture", place_fixture, survey, spec, captures, known)
+    result = await run.solve("place the fixture", place_fixture, survey, spec, measured.captures, known)
+    result = replace(result, set_aside=measured.set_aside)
     first_of((_bad_shape(result), _badly_known(result, spec)), spec.write_anyway)
     verdict = _judge(spec, result)
     refuse_failed(verdict, spec.write_anyway, result)
@@ -340,6 +342,7 @@ def _judge(spec: FixtureAlignment, result: AlignmentResult) -> Verdict:
         ),
         limits_from="limits of the settings",
         remarks=(result.saving,),
+        set_aside=result.set_aside,
         not_verified=(
             f"the wire's scale is taken from its certificate: {rules.scale_sigma:.1e} (k=1)",
             f"drawing and seat of a point are taken as {rules.point_sigma_m * 1e3:.3f} mm (k=1)",

@@ -257,9 +257,7 @@ def verdict_on_record(result: RecordResult) -> Verdict:
             "Take a new record after a motor, encoder, belt or gear was exchanged.",
             "The number of poses is fixed by the settings, their places by design: nothing to save.",
         ),
-        set_aside=tuple(
-            SetAside(step, "contradicted by the others; measured again") for step in result.set_aside
-        ),
+        set_aside=tuple(SetAside(step, MEASURED_AGAIN) for step in result.set_aside),
     )
 
 

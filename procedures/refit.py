@@ -18,6 +18,7 @@ Along = Literal["wire", "space", "touch", "place"]
 Use = tuple[bool, ...]  # of every point, in their order
 STANDS_OUT = 4.5  # deviations
 MEASURED_AGAIN = "contradicted by the others; measured again"
+LEFT_OUT = "contradicted by the others; the fit left it out"
 
 
 class RefitError(ProcedureError):

@@ -11,6 +11,7 @@ from drivers.interfaces import Joints
 from procedures.arm.arm_bench import ArmCapture, Bench, agree, apart_m, capture_arm, noise_m
 from procedures.cell import Cell
 from procedures.motion.pace import Pace
+from procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from procedures.run import Run
 from procedures.steps.measure_point import SAME_SIGMAS, PointCapture, StationMovedError, hold_station
 from procedures.steps.motion import follow
@@ -43,9 +44,7 @@ class Visits:
 
     def not_used(self, rejected: tuple[int, ...]) -> tuple[SetAside, ...]:
         """Return what was taken and not used; ``rejected`` are captures in force that the fit left out."""
-        left_out = (
-            SetAside(self.sources[k], "contradicted by the others; the fit left it out") for k in rejected
-        )
+        left_out = (SetAside(self.sources[k], LEFT_OUT) for k in rejected)
         return (*self.set_aside, *left_out)
 
     async def rest(self, way_rad: tuple[Joints, ...]) -> None:
@@ -64,7 +63,7 @@ class Visits:
             return
         self.retaken.append(again)
         if not agree(self.taken[again], found, self.bench.sigma_m):
-            self.set_aside.append(SetAside(self.sources[again], "contradicted by the others; measured again"))
+            self.set_aside.append(SetAside(self.sources[again], MEASURED_AGAIN))
             self.taken[again], self.sources[again] = found, source
         else:
             self.set_aside.append(SetAside(source, "measured again, and the same as before"))

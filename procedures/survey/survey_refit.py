@@ -9,6 +9,7 @@ from pydantic import TypeAdapter
 from calibration.wires.network_fit import WireNetwork, misses
 from procedures.past import Finding
 from procedures.refit import (
+    LEFT_OUT,
     MEASURED_AGAIN,
     FitPoint,
     Miss,
@@ -30,12 +31,12 @@ _CAPTURE: TypeAdapter[LengthCapture] = TypeAdapter(LengthCapture)
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """One length: its step, at which spot, and whether it was set aside."""
+    """One length: its step, at which spot, and why it was set aside; empty where it was not."""
 
     step: str
     spot: int
     capture: LengthCapture
-    aside: bool = False
+    aside: str = ""
 
 
 def survey_of(found: Mapping[str, Any], rules: SurveyRules) -> Survey:
@@ -45,25 +46,40 @@ def survey_of(found: Mapping[str, Any], rules: SurveyRules) -> Survey:
 
 
 def lengths_of(findings: Sequence[Finding]) -> tuple[Taken, ...]:
-    """Return all lengths of a run in their order: one that was contradicted was taken again just after a look."""
+    """Return all lengths of a run in their order.
+
+    One that was contradicted was taken again just after a look; where no length follows a look, and no choice, it was
+    left out.
+    """
     taken: list[Taken] = []
-    spot, doubted = -1, -1
+    recorded = next(f.value["recorded"] for f in findings if f.step == "read the robot")
+    first = int(recorded is not None)  # the record's lengths come before all spots
+    spot, doubted = -1, None
     for finding in findings:
         if finding.step.startswith("move the wire "):
             spot += 1
         elif finding.step.startswith("choose a pose "):
-            doubted = -1
+            doubted = None
         elif finding.step.startswith("look at the lengths "):
-            doubted = finding.value["worst_capture"]
+            if doubted is not None:
+                taken[doubted] = replace(taken[doubted], aside=LEFT_OUT)
+            doubted = _standing_out(taken, finding.value, first)
         elif finding.step.startswith("capture "):
             capture = _CAPTURE.validate_python(finding.value)
-            if doubted >= 0:
-                at = [k for k, each in enumerate(taken) if each.spot == spot and not each.aside][doubted]
-                taken.append(replace(taken[at], aside=True))
-                taken[at] = Taken(finding.step, spot, capture)
-            else:
+            if doubted is None:
                 taken.append(Taken(finding.step, spot, capture))
+                continue
+            taken.append(replace(taken[doubted], aside=MEASURED_AGAIN))
+            taken[doubted] = Taken(finding.step, spot, capture)
+            doubted = None
     return tuple(taken)
+
+
+def _standing_out(taken: Sequence[Taken], network: Mapping[str, Any], first: int) -> int | None:
+    """Return which length a look found worst; None where it is one of the record's."""
+    spot = network["worst_mounting"] - first
+    standing = [k for k, each in enumerate(taken) if each.spot == spot and not each.aside]
+    return standing[network["worst_capture"]] if standing else None
 
 
 def refit_lengths(
@@ -71,7 +87,7 @@ def refit_lengths(
 ) -> Refit:
     """Return the lengths of a survey as points of a fit; ``solve`` is the procedure's own, of the lengths used."""
     taken = lengths_of(findings)
-    points = tuple(FitPoint(t.step, not t.aside, MEASURED_AGAIN if t.aside else "") for t in taken)
+    points = tuple(FitPoint(t.step, not t.aside, t.aside) for t in taken)
 
     def again(use: Use) -> Refitted:
         captures = _captures(survey, tuple(t for t, used in zip(taken, use, strict=True) if used))

@@ -4,10 +4,13 @@ Shared by the fixture alignment (the wire's exit moves) and the end-effector's p
 capture the survey knows how well the frame sought would be known; it goes on while that is not enough.
 """
 
+from dataclasses import dataclass
+
 from calibration.wires.network_fit import WireNetwork
 from drivers.interfaces import Joints, Readiness
 from procedures.cell import Cell
 from procedures.motion.pace import Pace
+from procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from procedures.run import NeedsUnmetError, RefusalError, Run
 from procedures.steps.ask import ask
 from procedures.steps.length import LengthCapture, capture_length
@@ -23,6 +26,9 @@ from procedures.survey.survey import (
     recorded_wire,
 )
 from procedures.survey.survey_choice import Choice, Standing, choose_pose
+from procedures.verdict import SetAside
+
+LEAST_LEFT = 4  # lengths at a spot: three fix a point and show no wrong one
 
 
 async def read_survey_state(cell: Cell) -> SurveyState:
@@ -70,14 +76,30 @@ def _recorded(cell: Cell, serial: str, counts_at_zero: tuple[int, ...]) -> Recor
     return recorded_wire(record)
 
 
-async def measure_spots(run: Run, survey: Survey) -> Captures:
-    """Have the wire moved to every spot, and measure there until the goal is in reach; return all captures."""
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """The captures of every spot that the fit uses, and those that the others contradicted."""
+
+    captures: Captures
+    set_aside: tuple[SetAside, ...]
+
+
+async def measure_spots(run: Run, survey: Survey) -> Measured:
+    """Have the wire moved to every spot, and measure there until the goal is in reach."""
     walk = _Walk(run, survey)
     for spot, place in enumerate(survey.plan.spots):
         await walk.rest(spot)
         await run.step(f"move the wire {spot + 1}", ask, place.instruction)
         await walk.measure(spot)
-    return walk.captures()
+    return Measured(walk.captures(), tuple(walk.set_aside))
+
+
+@dataclass(frozen=True, slots=True)
+class _Length:
+    """A capture, and the step that took it."""
+
+    step: str
+    capture: LengthCapture
 
 
 class _Walk:
@@ -85,12 +107,14 @@ class _Walk:
 
     def __init__(self, run: Run, survey: Survey) -> None:
         self._run, self._survey = run, survey
-        self._taken: list[list[LengthCapture]] = [[] for _ in survey.plan.spots]
+        self._taken: list[list[_Length]] = [[] for _ in survey.plan.spots]
+        self._lost_one: set[int] = set()  # spots that a length was left out of
+        self.set_aside: list[SetAside] = []
         self._here_rad, self._factor = survey.state.joints_rad, 1.0
         self._choices = self._poses = self._looks = 0
 
     def captures(self) -> Captures:
-        return tuple(tuple(spot) for spot in self._taken)
+        return tuple(tuple(length.capture for length in spot) for spot in self._taken)
 
     async def rest(self, spot: int) -> None:
         """Bring the robot where the wire can be moved: every pose gone to has a free way there."""
@@ -121,20 +145,26 @@ class _Walk:
             raise _no_pose(spot, choice)
         return choice
 
-    async def _visit(self, spot: int, way_rad: tuple[Joints, ...]) -> LengthCapture:
+    async def _visit(self, spot: int, way_rad: tuple[Joints, ...]) -> _Length:
         self._poses += 1
         number = self._poses
         await self._go(f"go to pose {number}", way_rad, self._survey.plan.paces[spot])
         self._here_rad = way_rad[-1]
         label = f"spot {spot + 1}, pose {number}"
-        return await self._run.step(f"capture {number}", capture_length, label, self._survey.rules.samples)
+        step = f"capture {number}"
+        return _Length(step, await self._run.step(step, capture_length, label, self._survey.rules.samples))
 
     async def _go(self, name: str, way_rad: tuple[Joints, ...], pace: Pace) -> None:
         await self._run.move(name, follow, way_rad, pace.joint_speed_rad_s, pace=pace)
 
     async def _look(self, spot: int) -> None:
-        """Fit what is there; take again the length that the others contradict; refuse what stays contradictory."""
-        for retake in range(self._survey.rules.retakes + 1):
+        """Fit what is there, and mend the length that the others contradict; refuse what stays contradictory.
+
+        Here it is taken again. One that stays as it was, or is of a spot that the wire has left, is left out: one at
+        each spot, for what is wrong with more of them is wrong with the spot.
+        """
+        retakes = self._survey.rules.retakes
+        while True:
             self._looks += 1
             name = f"look at the lengths {self._looks}"
             network = await self._run.solve(name, fit_survey, self._survey, self.captures())
@@ -142,12 +172,26 @@ class _Walk:
             if network.consistent():
                 return
             at = network.worst_mounting - (self._survey.state.recorded is not None)
-            if at != spot or retake == self._survey.rules.retakes:
-                raise _contradiction(self._survey.plan, network, at, self._taken)
-            worst = self._taken[spot][network.worst_capture]
-            self._taken[spot][network.worst_capture] = await self._visit(
-                spot, (self._survey.plan.rest_rad, worst.joints_rad)
-            )
+            if at == spot and retakes > 0:
+                retakes -= 1
+                await self._take_again(spot, network.worst_capture)
+            elif self._can_spare(at):
+                self._leave_out(at, network.worst_capture)
+            else:
+                raise _contradiction(self._survey.plan, network, at, self.captures())
+
+    async def _take_again(self, spot: int, worst: int) -> None:
+        doubted = self._taken[spot][worst]
+        self.set_aside.append(SetAside(doubted.step, MEASURED_AGAIN))
+        way_rad = (self._survey.plan.rest_rad, doubted.capture.joints_rad)
+        self._taken[spot][worst] = await self._visit(spot, way_rad)
+
+    def _can_spare(self, spot: int) -> bool:
+        return spot >= 0 and spot not in self._lost_one and len(self._taken[spot]) > LEAST_LEFT
+
+    def _leave_out(self, spot: int, worst: int) -> None:
+        self._lost_one.add(spot)
+        self.set_aside.append(SetAside(self._taken[spot].pop(worst).step, LEFT_OUT))
 
 
 def _no_pose(spot: int, choice: Choice) -> RefusalError:
@@ -167,9 +211,7 @@ def _no_pose(spot: int, choice: Choice) -> RefusalError:
     )
 
 
-def _contradiction(
-    plan: SurveyPlan, network: WireNetwork, spot: int, taken: list[list[LengthCapture]]
-) -> RefusalError:
+def _contradiction(plan: SurveyPlan, network: WireNetwork, spot: int, taken: Captures) -> RefusalError:
     if spot < 0:
         return RefusalError(
             "the lengths contradict those of the mastering record: arm, wire or hook have changed since",

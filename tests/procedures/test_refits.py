@@ -12,8 +12,9 @@ from calibration.geometry import Pose, homogeneous
 from calibration.points.alignment import WirePoints
 from procedures.base_to_base import BaseToBaseSpec
 from procedures.catalogue import CATALOGUE
+from procedures.limits import FrameLimits
 from procedures.past import Finding
-from procedures.refit import Refit, Refitted, TooFewPointsError, Use
+from procedures.refit import LEFT_OUT, Refit, Refitted, TooFewPointsError, Use
 from procedures.run import Run
 from procedures.simulation_cell import SimulationCell
 from procedures.survey.survey import SurveyRules
@@ -31,6 +32,7 @@ from tests.procedures.cells import (
     hanging,
     moved_workpiece,
     pointing,
+    record_of,
     recording,
     scene,
     touching,
@@ -247,6 +249,23 @@ async def test_a_survey_without_a_length_is_that_of_the_others(what: str) -> Non
     assert run.refit.again(run.recorded) == whole
     with pytest.raises(CellError, match="too few"):
         run.without(*(f"capture {k}" for k in (1, 2, 3, 5, 6)))
+
+
+async def test_a_length_left_out_of_a_spot_that_the_wire_has_left_can_be_put_back() -> None:
+    rules = SurveyRules(min_captures=6, max_captures=8, candidates=24, samples=1)
+    made = aligning(FIXTURE_POINTS, limits=FrameLimits(0.0005, 0.0009), rules=rules)
+    made.cell = replace(made.cell, record=await record_of(scene()))
+    made.wire.kink_m = {2: 0.0015}  # little enough for the lengths of its own spot
+    run = await done(made, "fixture_alignment")
+    (aside,) = (point for point in run.refit.points if not point.used)
+    assert (aside.step, aside.reason) == ("capture 3", LEFT_OUT)
+    whole, recorded = run.refit.again(run.recorded), run.found("place the fixture")
+    assert isinstance(recorded, dict)
+    assert place_of(whole) == pytest.approx(recorded["alignment"]["base_fixture"]["position_m"], abs=1e-10)
+    assert np.linalg.norm(place_of(whole) - BASE_FIXTURE.position_m) < whole.u_m
+    put_back = run.refit.again(run.swapped("capture 3"))
+    assert whole.misses[run.index("capture 3")].outlier
+    assert put_back.u_m != whole.u_m
 
 
 async def test_a_record_without_a_length_is_that_of_the_others() -> None:

@@ -18,6 +18,7 @@ from procedures.fixture_alignment import AlignmentResult, fixture_alignment, pla
 from procedures.forecast import Knowledge
 from procedures.frame_offset import OffsetResult, frame_offset
 from procedures.limits import FrameLimits
+from procedures.refit import LEFT_OUT, MEASURED_AGAIN
 from procedures.run import DeclinedError, RefusalError, Run
 from procedures.steps.length import LengthCapture
 from procedures.steps.write import same_pose
@@ -105,6 +106,34 @@ async def test_a_dry_run_foretells_captures_and_uncertainty_without_a_device() -
     assert any("obstacles" in words for words in told.not_checked)
     assert forecast(made.spec, Knowledge()).lacks
     assert made.arm.moves == []
+
+
+def _knocked(made: Scene, *captures: int) -> Scene:
+    """Let lengths be 20 mm wrong, counted from one as the run takes them."""
+    first = made.wire.readings - 1
+    made.wire.kink_m = {first + capture: 0.02 for capture in captures}
+    return made
+
+
+async def test_a_length_that_stays_wrong_when_taken_again_is_left_out_and_told() -> None:
+    rules = SurveyRules(min_captures=7, max_captures=8, candidates=24, samples=1)
+    made = _knocked(aligning(rules=rules), 4, 8, 9)  # the fourth, and both times that it is taken again
+    result = await _align(made)
+    assert [(aside.step, aside.reason) for aside in result.set_aside] == [
+        ("capture 4", MEASURED_AGAIN),
+        ("capture 8", MEASURED_AGAIN),
+        ("capture 9", LEFT_OUT),
+    ]
+    assert _apart_m(result.alignment.base_fixture, BASE_FIXTURE) <= result.placed.origin_u_m
+    verdict = CATALOGUE["fixture_alignment"].verdict
+    assert verdict is not None
+    assert verdict(made.spec, result).set_aside == result.set_aside
+
+
+async def test_more_than_one_wrong_length_at_a_spot_is_refused() -> None:
+    rules = SurveyRules(min_captures=7, max_captures=8, candidates=24, samples=1, retakes=0)
+    with pytest.raises(RefusalError, match="contradict each other"):
+        await _align(_knocked(aligning(rules=rules), 2, 5))
 
 
 async def test_alignment_points_on_one_line_are_refused_before_anything_moves() -> None:
