@@ -16,7 +16,7 @@ from drivers.interfaces import ContactEdge, Joints, TouchProbe
 from procedures.cell import Cell, ProbeSetup
 from procedures.entry import NEEDS
 from procedures.motion import motion_gate
-from procedures.motion.guarded_move import Travel, move_until_contact
+from procedures.motion.guarded_move import move_until_contact
 from procedures.motion.latch import Latched, latch
 from procedures.motion.motion_gate import Care
 from procedures.motion.probe_line import Place, ProbeLine, probe_line
@@ -212,7 +212,7 @@ async def _feel(cell: Cell, label: str, line: ProbeLine, approach: Approach, spe
             remedy="See that the surface is where it is expected and the probe is plugged in and signals, "
             "then resume from a nearer start.",
         )
-    standing = await _standing(cell, label, travel)
+    standing = await _standing(cell, label)
     await _refuse_doubt(label, travel.edge, probe)
     tips = line.tips_m(np.array([reading.joints_rad for reading in travel.readings]))
     at = latch(travel.readings, tips, travel.edge.earliest_s, travel.edge.latest_s)
@@ -267,7 +267,7 @@ async def go_untouched(
         )
 
 
-async def _standing(cell: Cell, label: str, travel: Travel) -> Joints:
+async def _standing(cell: Cell, label: str) -> Joints:
     """Return where the arm stands; refuse one that does not."""
     before = await cell.robot.joints()
     after = await cell.robot.joints()
