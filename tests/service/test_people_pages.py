@@ -3,6 +3,7 @@
 The desk is a double that asks one question that writes; what needs devices is in test_two_tablets.
 """
 
+import asyncio
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 import pytest_asyncio
 from fastapi import FastAPI
-from playwright.async_api import Page, expect
+from playwright.async_api import Page, Route, expect
 
 from service.demo.fake_cell import write_cell_file
 from service.people.sessions import FRESH_S, IDLE_S
@@ -136,6 +137,30 @@ async def test_a_browser_that_nobody_knows_sees_nothing_until_it_is_enrolled(sho
         await enabled(page, "stop")
         await page.get_by_test_id("to-sign-in").click()
         await shown(page, "people")
+
+
+async def test_an_answer_from_before_the_enrolment_ends_no_session(shop: Shop) -> None:
+    """It says that the device is unknown, so the device proves itself again: not over whoever signed in meanwhile."""
+    asked, answered = asyncio.Event(), asyncio.Event()
+
+    async def late(route: Route) -> None:
+        answer = await route.fetch()
+        asked.set()
+        await asyncio.sleep(2.0)
+        await route.fulfill(response=answer)
+        answered.set()
+
+    async with unknown(shop) as page:
+        await page.goto(f"http://127.0.0.1:{shop.port}/")
+        await shown(page, "unknown-device")
+        await page.route("**/api/sign-in", late, times=1)
+        await asked.wait()
+        await shop.enrol(page, "tablet that looked early")
+        await sign_in(page, "Tom")
+        await answered.wait()
+        await page.wait_for_timeout(500)  # what follows from the answer may happen
+        await page.reload()
+        await expect(page.get_by_test_id("who")).to_have_attribute("data-role", "technician")
 
 
 async def test_a_person_signs_in_orders_and_signs_out(shop: Shop, desk: OneQuestion) -> None:

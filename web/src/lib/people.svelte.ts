@@ -51,6 +51,7 @@ class People {
   wanted = $state<Standing["wanted"] | null>(null); // null until the service has said
   person = $state<Person | null>(null);
   #first: typeof early | null = early; // asked while the page was still loading; later it would be old
+  #turns: Promise<unknown> = Promise.resolve(); // what asks for or changes the session, one after the other
   /** Called when the session's cookie is a new one. */
   onNewSession: () => void = () => {};
 
@@ -64,7 +65,11 @@ class People {
   }
 
   /** Ask what is wanted; an enrolled device proves itself unasked. False when the service does not answer. */
-  async check(): Promise<boolean> {
+  check(): Promise<boolean> {
+    return this.#inTurn(() => this.#check());
+  }
+
+  async #check(): Promise<boolean> {
     try {
       const first = this.#first;
       this.#first = null;
@@ -82,18 +87,20 @@ class People {
     return answer.json();
   }
 
-  async signIn(name: string, secret: string): Promise<Answer> {
-    return this.#changed(await post("sign-in/person", { name, secret }));
+  signIn(name: string, secret: string): Promise<Answer> {
+    return this.#change(() => post("sign-in/person", { name, secret }));
   }
 
-  async leave(): Promise<Answer> {
-    return this.#changed(await post("sign-in/leave", {}));
+  leave(): Promise<Answer> {
+    return this.#change(() => post("sign-in/leave", {}));
   }
 
-  async confirm(secret: string): Promise<Answer> {
-    const answer = await post("sign-in/confirm", { secret });
-    if (answer.ok) await this.check();
-    return answer;
+  confirm(secret: string): Promise<Answer> {
+    return this.#inTurn(async () => {
+      const answer = await post("sign-in/confirm", { secret });
+      if (answer.ok) await this.#check();
+      return answer;
+    });
   }
 
   /** Whether whoever sits here has a passphrase: the role that counts just now may be less, behind a lock. */
@@ -104,18 +111,30 @@ class People {
   }
 
   /** Begin a session of this device's own, after it was enrolled. */
-  async comeInAsDevice() {
-    if (!(await prove())) return;
-    await this.check();
-    this.onNewSession();
+  comeInAsDevice(): Promise<void> {
+    return this.#inTurn(async () => {
+      if (!(await prove())) return;
+      await this.#check();
+      this.onNewSession();
+    });
   }
 
-  async #changed(answer: Answer): Promise<Answer> {
-    if (answer.ok) {
-      await this.check();
-      this.onNewSession();
-    }
-    return answer;
+  #change(ask: () => Promise<Answer>): Promise<Answer> {
+    return this.#inTurn(async () => {
+      const answer = await ask();
+      if (answer.ok) {
+        await this.#check();
+        this.onNewSession();
+      }
+      return answer;
+    });
+  }
+
+  /** A device that proves itself late would end the session that a person has begun meanwhile. */
+  #inTurn<T>(act: () => Promise<T>): Promise<T> {
+    const done = this.#turns.then(act);
+    this.#turns = done.catch(() => undefined);
+    return done;
   }
 }
 
