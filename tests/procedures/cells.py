@@ -22,7 +22,7 @@ from procedures.base_to_base import BaseToBaseSpec
 from procedures.cell import Cell, GaugeSetup, MasteringBackup, MotionLevel, MotionLimits, TrackerSetup
 from procedures.drift_check import DriftCheck, drift_check
 from procedures.end_effector_points import EndEffectorPoints
-from procedures.fixture_alignment import FixtureAlignment
+from procedures.fixture_alignment import FixtureAlignment, fixture_alignment
 from procedures.frame_offset import FrameOffset
 from procedures.limits import FrameLimits
 from procedures.mastering_record import MasteringRecordSpec, mastering_record
@@ -213,6 +213,31 @@ def aligning(points: tuple[Triple, ...] = FIXTURE_POINTS[:3], **more: Any) -> Sc
             made.wire, "anchor_in_base_m", seat
         )
     return made
+
+
+_wrong_at: list[tuple[float, ...]] = []
+
+
+async def with_a_length_to_leave_out() -> Scene:
+    """Return a fixture alignment in which the lengths of later spots contradict one of the first.
+
+    It is wrong by its place, as an arm's own error is, however often a run begins anew.
+    """
+
+    async def made() -> Scene:
+        rules = SurveyRules(min_captures=6, max_captures=8, candidates=24, samples=1)
+        found = aligning(FIXTURE_POINTS, limits=FrameLimits(0.0005, 0.0009), rules=rules)
+        found.cell = replace(found.cell, record=await record_of(scene()))
+        return found
+
+    if not _wrong_at:
+        healthy, ledger = await made(), MemoryLedger()
+        await fixture_alignment(Run(healthy.cell, ledger), healthy.spec)
+        third = next(finding for finding in ledger.past().findings if finding.step == "capture 3")
+        _wrong_at.append(tuple(third.value["joints_rad"]))
+    contradicted = await made()
+    contradicted.wire.kink_at = (_wrong_at[0], 0.0015)  # little enough for the lengths of its own spot
+    return contradicted
 
 
 def hanging(points: tuple[Triple, ...] = TARGETS, **more: Any) -> Scene:

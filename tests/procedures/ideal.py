@@ -249,6 +249,7 @@ class IdealWire:
     name: str = "wire"
     serial: str = "W-1"
     kink_m: dict[int, float] = field(default_factory=dict)  # added to the n-th reading
+    kink_at: tuple[tuple[float, ...], float] | None = None  # joints [rad], and what is added there [m]
     readings: int = 0
 
     @property
@@ -271,6 +272,8 @@ class IdealWire:
         digest = hashlib.sha256(repr([round(float(q), 4) for q in joints]).encode()).digest()
         noise = (sum(digest[:12]) - 12 * 127.5) / (12**0.5 * 73.9) * self.noise_m
         value = length + noise + self.kink_m.get(self.readings, 0.0)
+        if self.kink_at is not None and np.allclose(joints, self.kink_at[0], atol=1e-3):
+            value += self.kink_at[1]
         self.readings += 1
         return Reading(value, 2e-4, 0.0, round(value * 1e5))
 

@@ -13,15 +13,16 @@ from pydantic_core import to_jsonable_python
 from procedures.catalogue import CATALOGUE, ENTRIES
 from procedures.past import Kind
 from procedures.progress import Progress
+from procedures.refit import LEFT_OUT
 from procedures.run import Run
-from tests.procedures.cells import Scene, pointing, scene_for
+from tests.procedures.cells import Scene, pointing, scene_for, with_a_length_to_leave_out
 from tests.procedures.conclusions import same_end
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
 from tests.procedures.test_record_by_places import recording_places
 from tests.procedures.test_recovery_by_places import lost_places
 
 NAMES = [entry.name for entry in ENTRIES]
-PLACES: dict[str, Callable[[], Awaitable[Scene]]] = {
+FURTHER: dict[str, Callable[[], Awaitable[Scene]]] = {
     f"{procedure} by {what}": made
     for what, record, recovery in (
         ("touched points", partial(recording_places, "probe"), partial(lost_places, "point")),
@@ -29,8 +30,8 @@ PLACES: dict[str, Callable[[], Awaitable[Scene]]] = {
         ("a tracker", partial(recording_places, "tracker"), partial(lost_places, "target")),
     )
     for procedure, made in (("mastering_record", record), ("mastering_recovery", recovery))
-}
-CASES = [*NAMES, *PLACES]
+} | {"fixture_alignment by all lengths but one": with_a_length_to_leave_out}
+CASES = [*NAMES, *FURTHER]
 ASKED = os.environ.get("CELLCAL_CRASHES", "")
 CRASHES = int(ASKED or 24)  # of a procedure's writes, evenly spread; `make soak` takes all of them
 FEW = int(ASKED or 4)  # of further scenes of a procedure, and of moves
@@ -39,8 +40,8 @@ FELT = int(ASKED or 10)  # of a procedure whose arm waits at each contact until 
 
 async def _scene(case: str) -> Scene:
     """Return a scene of the procedure in which it goes on until it knows enough."""
-    if case in PLACES:
-        return await PLACES[case]()
+    if case in FURTHER:
+        return await FURTHER[case]()
     return pointing(accuracy_class="C") if case == "three_point_frame" else await scene_for(case)
 
 
@@ -54,7 +55,7 @@ async def _whole(case: str) -> tuple[object, MemoryLedger, Scene]:
 
 
 def _spread(case: str, count: int) -> list[int]:
-    most = FELT if case == "probed_frame" else FEW if case in PLACES else CRASHES
+    most = FELT if case == "probed_frame" else FEW if case in FURTHER else CRASHES
     return _evenly(count, most)
 
 
@@ -86,6 +87,11 @@ async def test_a_replay_gives_the_identical_result_and_moves_nothing(name: str) 
     )
     assert again == result
     assert (len(made.arm.moves), made.arm.writes) == (moves, writes)
+
+
+async def test_a_length_is_left_out_in_the_scene_that_says_so() -> None:
+    result, _, _ = await _whole("fixture_alignment by all lengths but one")
+    assert [aside.reason for aside in result.set_aside] == [LEFT_OUT]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("stored", [False, True])
