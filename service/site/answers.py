@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from service.runs.journal import Event
-from service.site.journal_tail import told
+from service.site.journal_tail import journal_to_read, told
 from service.site.keys import SiteError
 from service.site.ledger import Ledger
-from service.site.outbox import read_only, rows_between
+from service.site.outbox import rows_between
 
 MOST_ROWS = 500
 ASKABLE = ("from", "most", "id", "after")
@@ -72,9 +72,9 @@ class Answers:
 
     def _run(self, asked: Mapping[str, str]) -> Iterator[dict[str, Any]]:
         run_id, after = asked.get("id", ""), _number(asked, "after", 0)
-        if not self._journal.exists():
+        database = journal_to_read(self._journal)
+        if database is None:
             return
-        database = read_only(self._journal)
         try:
             rows = database.execute(_EVENTS, (run_id, after, MOST_ROWS)).fetchall()
         finally:

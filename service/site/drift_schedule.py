@@ -10,7 +10,7 @@ from typing import Any
 from procedures.past import Kind
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import journal_path
-from service.site.outbox import read_only
+from service.site.journal_tail import journal_to_read
 
 PROCEDURE = "drift_check"
 _RUNS = (
@@ -42,9 +42,9 @@ def next_drift_checks(config: CellConfig, today: date | None = None) -> dict[str
 
 def _last_checks(journal: Path) -> Mapping[str, date]:
     """Return on which day each robot, by its serial number, was checked last; a check that found drift is one too."""
-    if not journal.exists():
+    database = journal_to_read(journal)
+    if database is None:
         return {}
-    database = read_only(journal)
     try:
         rows = database.execute(_RUNS, (Kind.STARTED, Kind.ENDED)).fetchall()
     finally:

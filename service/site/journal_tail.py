@@ -11,6 +11,27 @@ _COLUMNS = "seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, acto
 LONGEST_BODY = 1_000_000
 
 
+def journal_to_read(path: Path) -> sqlite3.Connection | None:
+    """Open a cell's journal; None while there is none: no file, or one whose first writer has not got to its table.
+
+    Raises
+    ------
+    sqlite3.Error
+        It is there and cannot be read.
+    """
+    if not path.exists():
+        return None
+    database = read_only(path)
+    try:
+        if database.execute("SELECT 1 FROM sqlite_schema WHERE name = 'event'").fetchone() is not None:
+            return database
+    except sqlite3.Error:
+        database.close()
+        raise
+    database.close()
+    return None
+
+
 class JournalTail:
     """What was appended since the last look. A journal that is not there yet has no events."""
 
@@ -41,8 +62,8 @@ class JournalTail:
             self._database = None
 
     def _opened(self) -> sqlite3.Connection | None:
-        if self._database is None and self._path.exists():
-            self._database = read_only(self._path)
+        if self._database is None:
+            self._database = journal_to_read(self._path)
         return self._database
 
 

@@ -49,6 +49,9 @@ async def test_a_week_after_the_last_check_the_next_is_due_and_everybody_is_told
     config = weekly(tmp_path)
     robot, other = (each.name for each in config.robots)
     assert next_drift_checks(config, TODAY) == {robot: TODAY, other: TODAY}  # never checked
+    journal_path(config).parent.mkdir(parents=True, exist_ok=True)
+    journal_path(config).touch()  # somebody opens it for the first time just now
+    assert next_drift_checks(config, TODAY) == {robot: TODAY, other: TODAY}
     await run_in(config, await scene_for("drift_check"), "drift_check")
     due = today() + timedelta(7)
     assert next_drift_checks(config, TODAY) == {robot: due, other: TODAY}

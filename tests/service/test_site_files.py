@@ -282,6 +282,8 @@ def test_two_events_under_one_number_and_a_rewritten_journal_are_named(tmp_path:
 def test_the_tail_follows_while_the_journal_is_written_and_cannot_write_it(tmp_path: Path) -> None:
     tail = JournalTail(tmp_path / "journal.db")
     assert tail.after(0) == []
+    (tmp_path / "journal.db").touch()  # its writer has opened it and not come to the table yet
+    assert (tail.after(0), tail.trouble) == ([], "")
     with Journal.open(tmp_path / "journal.db") as journal:
         journal.append("r-1", "finding", {"value": 0.1})
         first = tail.after(0)
