@@ -45,7 +45,8 @@ async def a_healthy_look(person: AtDesk) -> None:
     """Wait until the desk has looked at the robot, also since the run before: it looks five times a second."""
     memory = LastHealthyCounts(read_cell_file(person.cell_file).cell.data_dir)
     await person.until(lambda _: memory.load("fanuc"))
-    await asyncio.sleep(1.0)
+    watches = person.desk._watch.watches
+    await person.until(lambda _: (seen := watches.known("fanuc")) is not None and not seen._after_run)
 
 
 def journalled(folder: Path, run_id: str) -> tuple[set[str], dict[str, str]]:

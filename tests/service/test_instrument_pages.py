@@ -99,6 +99,8 @@ async def test_a_capture_by_the_tracker_shows_the_tracker_and_not_the_wire(looki
         return str(session["run"]["instrument"])
 
     assert await comes(ready) == "tracker"
+    await looking.order(op="pause")  # it would be over before a busy computer has opened the page
+    await looking.until(lambda session: session["run"]["state"] == "paused")
     async with looking.page("#/run") as page:
         gauge = page.locator("aside [data-testid=gauge]")
         await expect(gauge).to_have_attribute("data-role", "tracker")

@@ -129,6 +129,8 @@ async def test_a_written_mastering_is_undone_and_redone_to_the_last_byte(
         with open_journal(config_of(pendant)) as journal:
             lost = {"mastering": {"counts_at_zero": other, "mastered": False}}
             wrote(journal, lost, robot, "over a lost one")
+        # the watch tells of it within ten seconds; a press made for the session before is refused
+        await expect(banner).to_contain_text("holds a mastering that nobody confirmed")
         await start(page)  # what it goes back to is no mastering, and nobody has to unfold a text to learn it
         await expect(page.get_by_test_id("review-unmasters")).to_contain_text("NOT be mastered")
         await expect(rows.nth(6).locator("td")).to_have_text(["mastered", "yes", re.compile("no"), NO_CHANGE])

@@ -296,8 +296,7 @@ class Wire {
     this.online = true;
     const { kind, content } = message;
     if (kind === "session") {
-      const session = content as Session;
-      if (!this.session || session.rev >= this.session.rev) this.#show(session);
+      this.#show(content as Session);
     } else if (kind === "live") {
       this.live = content;
       this.liveAtMs = Date.now();
@@ -308,6 +307,7 @@ class Wire {
   }
 
   #show(session: Session) {
+    if (this.session && session.rev < this.session.rev) return; // it was under way for longer
     if (session.prompt && session.prompt.id !== this.session?.prompt?.id) this.#askedAtMs = this.nowMs = Date.now();
     this.session = session;
   }
