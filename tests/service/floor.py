@@ -5,6 +5,7 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from playwright.async_api import CDPSession, Page, expect
 
@@ -30,8 +31,9 @@ class Floor(Shop):
         async with asyncio.timeout(PATIENCE_S):
             while True:
                 rev = link.session["rev"]
-                asked = {"id": f"{order} {rev}", "rev": rev, "who": "test", "order": order}
-                if (await link.order(asked)).get("code") != "desk.stale":
+                told = await link.order({"id": uuid4().hex, "rev": rev, "who": "test", "order": order})
+                if told.get("code") != "desk.stale":
+                    assert told["ok"], told
                     return
 
     async def no_run(self) -> None:

@@ -359,10 +359,13 @@ def test_the_command_serves_what_a_real_bus_tells(tmp_path: Path) -> None:
                     row: dict[str, Any] = browser.get(f"http://127.0.0.1:{port}/api/fleet").json()["rows"][0]
                     return row
 
+                def stopped() -> bool:
+                    say("session", session_of("cell-07"))  # as a desk does, again and again
+                    say("live", live_of(state="stopped"))
+                    return bool(cell()["link"] == "online" and cell()["alarms"])
+
                 until(lambda: _answers(browser, address))
-                say("session", session_of("cell-07"))
-                say("live", live_of(state="stopped"))
-                until(lambda: cell()["link"] == "online" and cell()["alarms"])
+                until(stopped)
                 assert cell()["alarms"][0]["text"] == "E-stop."
             with httpx.Client(timeout=PATIENCE_S) as stranger:
                 assert stranger.get(f"http://127.0.0.1:{port}/api/fleet").status_code == 401

@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import httpx
 import numpy as np
@@ -102,7 +103,7 @@ class Looking:
         async with asyncio.timeout(PATIENCE_S):
             while True:
                 rev = (await self.session())["rev"]
-                asked = {"id": f"{order} {rev}", "rev": rev, "order": order}
+                asked = {"id": uuid4().hex, "rev": rev, "order": order}
                 answer = await self.client.post("/api/commands", json=asked)
                 if answer.status_code != 409:
                     break

@@ -201,8 +201,8 @@ async def test_how_a_file_of_tags_is_written_is_told_in_fields(looking: Looking)
         assert asked["measured"].keys() == {"name", "content_base64"}
         await expect(page.get_by_test_id("no-outlook")).to_have_count(0)
         await page.reload()
-        await unfold(page)
         await expect(page.get_by_test_id("simulated-convention")).to_have_value("kuka_abc")
+        await unfold(page)
         await hold_to_rules(page, "a file of tags")
 
 

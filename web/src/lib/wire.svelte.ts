@@ -197,8 +197,8 @@ class Wire {
 
   async wish(what: "ask" | "withdraw" | "give" | "refuse") {
     const answer = await post("control", { do: what });
-    if (answer.ok) this.#takeControl(answer.told as unknown as Control);
-    else if (answer.code === "people.pin") people.wanted = "pin";
+    if (answer.ok) return; // every screen is told what came of it
+    if (answer.code === "people.pin") people.wanted = "pin";
     else if (answer.code !== "offline") this.refusal = answer;
   }
 
