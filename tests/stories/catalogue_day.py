@@ -50,7 +50,7 @@ PROBED = Story(
     },
     {"probe_at_corner": MODEL.base_flange(np.array([OVER_THE_CORNER_RAD]))[0]},
     robot="second",
-    pace=5.0,
+    pace=2.5,  # a busy computer reads the contact late, and more so for a faster world
 )
 QUICK = ("six_point_tcp", "three_point_frame", "frame_offset", "simulation_cell")
 
