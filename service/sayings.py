@@ -124,7 +124,13 @@ class Sayings:
         return None if None in said else "; ".join(part for part in said if part)
 
     def _value(self, words: str) -> str:
-        return self.number(words) if _ONLY_A_NUMBER.fullmatch(words) else self._said(words) or words
+        if _ONLY_A_NUMBER.fullmatch(words):
+            return self.number(words)
+        if (said := self._said(words)) is not None:
+            return said
+        if "; " in words:  # a controller's own words, and ours
+            return "; ".join(self._said(part) or part for part in words.split("; "))
+        return self.step(words) if _NUMBERED.fullmatch(words) else words
 
 
 @cache

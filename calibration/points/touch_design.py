@@ -22,7 +22,7 @@ AXES = {
     "+z": (0.0, 0.0, 1.0),
     "-z": (0.0, 0.0, -1.0),
 }
-_TILTS = AXES | {
+TURNS = AXES | {
     "the line midway between +x and +y": (_D, _D, 0.0),
     "the line midway between -x and -y": (-_D, -_D, 0.0),
     "the line midway between +x and -y": (_D, -_D, 0.0),
@@ -47,7 +47,7 @@ class Turn:
 
     def rotation(self) -> Array:
         """Return it as a matrix."""
-        return exp_rotation(np.array(_TILTS[self.about]) * self.angle_rad)
+        return exp_rotation(np.array(TURNS[self.about]) * self.angle_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +139,7 @@ def alike_touch(touches: Sequence[Pose], *, min_turn_rad: float, worst_gain: flo
 def next_turn(touches: Sequence[Pose], most_rad: float) -> Turn:
     """Return the turn from the first touch's attitude that makes the tip best known (least trace)."""
     attitudes = [touch.rotation() for touch in touches]
-    turns = [Turn(about, share * most_rad) for about in _TILTS for share in (1.0, 0.5)]
+    turns = [Turn(about, share * most_rad) for about in TURNS for share in (1.0, 0.5)]
     asked = [(turn, attitudes[0] @ turn.rotation()) for turn in turns]
     fresh = [(turn, a) for turn, a in asked if min(_angle(a, one) for one in attitudes) > _FRESH_RAD]
     return min(fresh or asked, key=lambda pair: _trace([*attitudes, pair[1]]))[0]

@@ -14,6 +14,7 @@ from calibration.arm.kinematics import load_model
 from calibration.motion.collision import CollisionCheck, Plane, Sphere, assumed_shape
 from calibration.motion.doubt import PostureDoubt
 from calibration.motion.motion_check import MotionLimits, WirePath, check_moves
+from calibration.points.touch_design import TURNS, Turn
 from drivers.wire.tables import code_table
 from service.sayings import Sayings
 from tests.service.spoken import ROOT, SENTENCE, sentences
@@ -235,3 +236,38 @@ def test_what_a_check_of_motion_finds_is_said_in_every_language() -> None:
         sayings = Sayings.read(locale, ROOT / "web/src/locales")
         said = [sayings.say(f"the way is not free: {sentence}") for sentence in found]
         assert not [words for words in said if english.search(words)], locale
+
+
+TIMED = ("deadline", "_deadline", "too_long", "_alone", "_block", "_read")  # who is told what was being done
+
+
+def _done_in_time() -> set[str]:
+    """Return what drivers say they were doing when a device took too long."""
+    doing: set[str] = set()
+    for file in (ROOT / "drivers").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            called = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+            words = [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+            if called in TIMED:
+                doing.update(word for word in words if re.fullmatch(r"[a-z]+ing( [a-z]+)*", word))
+    return doing
+
+
+@pytest.mark.parametrize("locale", TRANSLATED)
+def test_what_fills_a_hole_is_said_in_every_language_too(locale: str) -> None:
+    said = [f"probe: {doing} took longer than 0.4 s. Look at the robot." for doing in _done_in_time()]
+    assert len(said) > 20
+    said += [
+        "Try 'touch the y face 2' again?",
+        "the controller reports: SRVO-062 BZAL; the robot is not mastered",
+    ]
+    for turn in (Turn(about, 1.0) for about in TURNS):
+        said.append(f"Turn the tool {turn.told()} of the flange, or further.")
+        said.append(
+            f"From the first touch's attitude, turn the tool {turn.told()} of the flange, about; touch the pin."
+        )
+    sayings = Sayings.read(locale, ROOT / "web/src/locales")
+    english = re.compile(r"\b(the|of|and|between|about|touch|try|is|not|[a-z]+ing)\b")
+    assert not [words for words in map(sayings.say, said) if english.search(words)], locale

@@ -110,7 +110,11 @@ class Sayings {
   }
 
   #value(words: string): string {
-    return ONLY_A_NUMBER.test(words) ? this.#written(words) : (this.#one(words) ?? words);
+    if (ONLY_A_NUMBER.test(words)) return this.#written(words);
+    const said = this.#one(words);
+    if (said !== null) return said;
+    if (words.includes("; ")) return words.split("; ").map((part) => this.#one(part) ?? part).join("; "); // a controller's own, and ours
+    return / \d+$/.test(words) ? this.step(words) : words;
   }
 
   #written(number: string): string {
