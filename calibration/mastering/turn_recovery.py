@@ -354,6 +354,7 @@ def _integer_checks(story: Story) -> list[GateCheck]:
     fix = story.fix
     ratio = min(fix.ratio, 1e6)
     chance = f"the chance that all whole turns are right is {fix.success_probability:.6f}"
+    further = f"{ratio:.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
     rounding = "search and rounding agree" if story.rounded_same else "search and rounding disagree"
     return [
         GateCheck(
@@ -364,7 +365,7 @@ def _integer_checks(story: Story) -> list[GateCheck]:
             chance,
         ),
         GateCheck(
-            "ratio", ratio > RATIO, ratio, RATIO, f"the next best turns are {ratio:.3g} times further away"
+            "ratio", ratio > RATIO, ratio, RATIO, f"the next best turns are {further} times further away"
         ),
         GateCheck("rounding", story.rounded_same, float(story.rounded_same), 1.0, rounding),
     ]
