@@ -22,7 +22,7 @@ _ONLY_A_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?")
 _SENTENCE = re.compile(r"(?<=[.?!])\s+")
 _NUMBERED = re.compile(r"(.*?),? (\d+)")
 _HOLE = re.compile(r"\{(\d+)\}")
-_NAMED = re.compile(r"([\w/-]+(?: [\w-]+){0,2}): (.+)", re.DOTALL)
+_NAMED = re.compile(r"([\w/-]+(?: [\w-]+){0,2}|[\w ,/-]+ \d+): (.+)", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,10 @@ class Sayings:
     def _of_named(self, text: str) -> str | None:
         found = _NAMED.fullmatch(text)
         said = None if found is None else self._said(found[2])
-        return None if found is None or said is None else f"{found[1]}: {said}"
+        if found is None or said is None:
+            return None
+        name = found[1]  # a step is said, too; a device has its own name
+        return f"{self.step(name) if _NUMBERED.fullmatch(name) else name}: {said}"
 
     def _listed(self, text: str) -> str | None:
         first, cut, rest = text.partition("; ")

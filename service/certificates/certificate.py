@@ -132,7 +132,7 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
     refused = view.state in REFUSED
     if view.state != Verdict.PASSED and not refused:
         raise CertificateError(
-            f"run {run_id} has no result to certify ({view.state.replace('_', ' ')}). {view.reason}".strip(),
+            f"run {run_id} has no result to certify. {view.reason}".strip(),
             remedy=f"`cellcal show {run_id} --cell {config.path}` tells what it found; `resume` goes on with it.",
         )
     entry = entry_named(view.procedure)

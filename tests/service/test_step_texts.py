@@ -69,7 +69,7 @@ def instructions() -> tuple[set[str], set[str]]:
 
 
 def step_names() -> set[str]:
-    names = (said(call.args[0]) for call in calls("Phase"))
+    names = (said(call.args[0]) for call in calls("Phase", "ensure"))
     return {name for found in names if found is not None and not found[1] for name in [found[0]]}
 
 

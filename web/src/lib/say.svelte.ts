@@ -14,7 +14,8 @@ const SENTENCE = /(?<=[.?!])\s+/;
 const STOPPED = /[.。?？!！]$/;
 const WORD = /\p{L}{2}/u; // a name like "x" is the same everywhere
 const HOLE = /\{(\d+)\}/;
-const DEVICE = /^([\w/-]+(?: [\w-]+){0,2}): (.+)$/s; // a device's trouble begins with its name, a message's with its key
+// A device's trouble begins with its name, a message's with its key, a step's with its name and number.
+const DEVICE = /^([\w/-]+(?: [\w-]+){0,2}|[\w ,/-]+ \d+): (.+)$/s;
 
 /** A sentence, and whether it is still English on a page that is not. */
 export interface Spoken {
