@@ -141,6 +141,9 @@ def alignments(seeds: int) -> Figures:
                 continue
         fixtures += found
         bases.append(base)
+        sys.stderr.write(
+            f"seed {seed}: {_told('fixtures', found)[0]}; {_told('base', [base])[0]}\n"
+        )  # hours are long
     told = [_told("fixtures by six points", fixtures), _told("bases by ten points", bases)]
     line = "; ".join(words for words, _ in told)
     share = 1.0 - broken / (_PER_CELL * seeds)
