@@ -118,8 +118,10 @@ class Sayings:
         said = None if found is None else self._said(found[2])
         if found is None or said is None:
             return None
-        name = found[1]  # a step is said, too; a device has its own name
-        return f"{self.step(name) if _NUMBERED.fullmatch(name) else name}: {said}"
+        return f"{self._name(found[1])}: {said}"
+
+    def _name(self, words: str) -> str:
+        return self.step(words) if _NUMBERED.fullmatch(words) else words  # a device has its own name
 
     def _listed(self, text: str) -> str | None:
         first, cut, rest = text.partition("; ")
@@ -133,7 +135,7 @@ class Sayings:
             return said
         if "; " in words:  # a controller's own words, and ours
             return "; ".join(self._said(part) or part for part in words.split("; "))
-        return self.step(words) if _NUMBERED.fullmatch(words) else words
+        return self._name(words)
 
 
 @cache

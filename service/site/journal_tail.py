@@ -22,14 +22,13 @@ def journal_to_read(path: Path) -> sqlite3.Connection | None:
     if not path.exists():
         return None
     database = read_only(path)
+    begun = False
     try:
-        if database.execute("SELECT 1 FROM sqlite_schema WHERE name = 'event'").fetchone() is not None:
-            return database
-    except sqlite3.Error:
-        database.close()
-        raise
-    database.close()
-    return None
+        begun = database.execute("SELECT 1 FROM sqlite_schema WHERE name = 'event'").fetchone() is not None
+    finally:
+        if not begun:
+            database.close()
+    return database if begun else None
 
 
 class JournalTail:

@@ -99,8 +99,7 @@ class Sayings {
     const found = DEVICE.exec(text);
     const said = found ? this.#one(found[2]!) : null;
     if (said === null) return null;
-    const name = found![1]!; // a step is said, too; a device has its own name
-    return `${/ \d+$/.test(name) ? this.step(name) : name}: ${said}`;
+    return `${this.#name(found![1]!)}: ${said}`;
   }
 
   #listed(text: string): string | null {
@@ -115,7 +114,11 @@ class Sayings {
     const said = this.#one(words);
     if (said !== null) return said;
     if (words.includes("; ")) return words.split("; ").map((part) => this.#one(part) ?? part).join("; "); // a controller's own, and ours
-    return / \d+$/.test(words) ? this.step(words) : words;
+    return this.#name(words);
+  }
+
+  #name(words: string): string {
+    return / \d+$/.test(words) ? this.step(words) : words; // a device has its own name
   }
 
   #written(number: string): string {
