@@ -12,6 +12,7 @@ flag                           Protocol
 ``writes_user_frame``          ``UserFrameStore``
 ``tells_active_frames``        ``KnowsActiveFrames``
 ``tells_mode``                 ``KnowsMode``
+``tells_speed_override``       ``KnowsSpeedOverride``
 ``measures_poses``             ``MeasuresPoses``
 =============================  ==========================
 
@@ -106,6 +107,7 @@ class RobotCapabilities:
     writes_user_frame: bool = False
     tells_active_frames: bool = False
     tells_mode: bool = False
+    tells_speed_override: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,6 +217,14 @@ class KnowsActiveFrames(Protocol):
 
     async def active_frames(self) -> ActiveFrames:
         """Return the tool, user frame and payload that are active. Fresh: read after the call began."""
+        ...
+
+
+class KnowsSpeedOverride(Protocol):
+    """Robots with capabilities.tells_speed_override."""
+
+    async def speed_override(self) -> float:
+        """Return the share of a commanded speed that the pendant lets through, 0 to 1. Fresh: read after the call."""
         ...
 
 

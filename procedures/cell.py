@@ -19,6 +19,7 @@ from drivers.interfaces import (
     Joints,
     KnowsActiveFrames,
     KnowsMode,
+    KnowsSpeedOverride,
     MasteringData,
     MasteringStore,
     Operator,
@@ -63,6 +64,7 @@ class MotionMemory:
     agreed_at_s: float | None = None  # when somebody last said yes to motion; None: nobody has, or was asked
     epoch: int | None = None
     frames: ActiveFrames | None = None  # None: nobody has looked
+    override: float | None = None  # the highest that somebody saw the arm move at, or agreed to
 
     def agree(self, now_s: float) -> None:
         """Note that a person has just said yes to motion that was shown or told."""
@@ -167,6 +169,7 @@ class Cell:
     user_frames: UserFrameStore | None = None
     frames: KnowsActiveFrames | None = None
     mode: KnowsMode | None = None
+    override: KnowsSpeedOverride | None = None
     named_frames: ActiveFrames = field(default_factory=ActiveFrames)  # what the cell file wants active
     gauge: DistanceGauge | None = None
     gauge_setup: GaugeSetup | None = None

@@ -64,6 +64,7 @@ def capabilities_of(profile: Profile) -> RobotCapabilities:
         writes_user_frame=True,
         tells_active_frames=True,
         tells_mode=True,
+        tells_speed_override=True,
     )
 
 
@@ -213,6 +214,10 @@ class ModbusRobot:
         async with self._deadline("reading the mode"):
             _, program = await self._status()
             return program.mode_name
+
+    async def speed_override(self) -> float:
+        async with self._deadline("reading the speed override"):
+            return (await self._panel.read("override")).numbers("override")[0]
 
     async def _status(self) -> tuple[Block, ProgramState]:
         """Read position and counts between two looks at the program's counter."""

@@ -71,7 +71,9 @@ class MotionOptions:
     tolerances: Tolerances
 
 
-CAPABILITIES = RobotCapabilities(axes=6, hand_guiding=True, tells_active_frames=True, tells_mode=True)
+CAPABILITIES = RobotCapabilities(
+    axes=6, hand_guiding=True, tells_active_frames=True, tells_mode=True, tells_speed_override=True
+)
 
 
 class UniversalRobot:
@@ -137,6 +139,13 @@ class UniversalRobot:
         async with deadline(self.name, self._options.deadline_s, "asking its mode"):
             remote = await self._contact.in_remote_control()
         return "remote control" if remote else "local control"
+
+    async def speed_override(self) -> float:
+        sample = await self._read("reading the speed slider")
+        if not math.isfinite(sample.speed_fraction):
+            raise RefusedError(self.name, "the controller tells a speed slider that is not a number.",
+                               remedy="Move the speed slider on the pendant.")  # fmt: skip
+        return sample.speed_fraction
 
     async def factory_kinematics(self) -> FactoryKinematics:
         """Return the arm's kinematics as measured by the maker and used by the controller."""

@@ -20,7 +20,7 @@ from calibration.motion.doubt import PostureDoubt
 from calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
 from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
 from drivers.interfaces import Counts, Instruction, JointReading, Joints, Readiness
-from procedures.cell import Cell, MotionLevel
+from procedures.cell import Cell, MotionLevel, MotionMemory
 from procedures.motion.active_frames import same_frames
 from procedures.motion.by_hand import jog_by_hand, move_by_hand
 from procedures.motion.pace import Pace
@@ -34,6 +34,7 @@ HAND_TOLERANCE_RAD = 0.0087266  # 0.5 deg: what a person sets on a pendant
 SLACK_SHARE = 0.5  # of the distances that plans keep: an arm comes to rest beside its target by up to 0.1 deg
 WRAP_RAD = 9.424778  # 540 deg: a plan winds the wire by up to 270 to either side of where it began
 STALE_S = 1.0
+SAME_OVERRIDE = 0.005  # pendants show whole per cent
 AGREED_S = 8 * 3600.0  # a shift: whoever agreed to motion before that has gone home
 SLOWEST_RAD_S = 1e-5
 _STRAIGHT = 0.01  # smallest singular value of the Jacobian on a straight move; about 5 deg at a wrist
@@ -284,6 +285,7 @@ async def _approved(
     What was agreed to a shift ago is asked again, whatever it was: a run may have waited over night.
     """
     await _recently(cell, here_rad)
+    await _no_faster(cell, here_rad)
     if cell.surroundings.known or cell.motion.approved:
         return
     deltas = "" if here_rad is None else _turns(here_rad, way_rad[-1])
@@ -312,6 +314,29 @@ async def _recently(cell: Cell, here_rad: Joints | None) -> None:
     )
     await _as_asked(cell, here_rad, stood)
     memory.agree(_now())
+
+
+async def _no_faster(cell: Cell, here_rad: Joints | None) -> None:
+    """Have a person agree to an override above the one that the arm was watched at; below, nobody is asked."""
+    if cell.override is None:
+        return
+    memory = cell.motion
+    while (now := await cell.override.speed_override()) > (before := _watched(memory, now)) + SAME_OVERRIDE:
+        words = (
+            f"The speed override stands at {now:.0%}, and was {before:.0%} at most while this run moved the robot. "
+            "Nothing recorded is lost. Look at the robot. May it move that fast?"
+        )
+        stood = await _counts(cell) if here_rad is None else None
+        await ask(cell, Instruction("may_move_faster", words))
+        await _as_asked(cell, here_rad, stood)
+        memory.override = now
+
+
+def _watched(memory: MotionMemory, now: float) -> float:
+    """Return the highest override agreed to: that of this entry's first move, until somebody says more."""
+    if memory.override is None:
+        memory.override = now
+    return memory.override
 
 
 async def _as_asked(cell: Cell, here_rad: Joints | None, stood: Counts | None) -> None:

@@ -45,7 +45,7 @@ RIGHTS: Mapping[Role, frozenset[Right]] = MappingProxyType(
 # What a yes to a procedure's question brings. A test holds these tables against the procedures' own texts.
 WRITES = frozenset({"accept_mastering", "accept_zeros", "accept_tool", "accept_frame", "accept_offset"})
 KEEPS = frozenset({"accept_alignment", "accept_bases", "accept_parameters", "accept_part"})
-MOVES = frozenset({"accept_plan", "approve_move", "may_move", "may_still_move"})
+MOVES = frozenset({"accept_plan", "approve_move", "may_move", "may_move_faster", "may_still_move"})
 _WEIGHTY = ("accept", "approve", "may_", "write", "sign")
 LIMIT_SETTINGS = frozenset({"limits", "write_anyway"})
 

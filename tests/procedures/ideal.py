@@ -73,6 +73,7 @@ class IdealArm:
     moves: list[str] = field(default_factory=list)
     stops: int = 0
     writes: int = 0
+    override: float = 1.0
     moving: bool = False
     midway: Callable[[int], None] | None = None  # told the number of a move, from 1, in the middle of it
 
@@ -87,6 +88,7 @@ class IdealArm:
             writes_user_frame=True,
             tells_active_frames=True,
             tells_mode=True,
+            tells_speed_override=True,
         )
 
     def lose_encoders(self, turns: Counts) -> None:
@@ -226,6 +228,10 @@ class IdealArm:
 
     async def controller_mode(self) -> str:
         return "AUTO"
+
+    async def speed_override(self) -> float:
+        await asyncio.sleep(0)
+        return self.override
 
     async def read_user_frame(self, number: int) -> Pose:
         await asyncio.sleep(0)

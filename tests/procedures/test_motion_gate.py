@@ -231,6 +231,50 @@ async def test_what_was_agreed_to_a_shift_ago_is_asked_again_and_holds_for_anoth
     assert made.arm.moves == ["move"] * 4
 
 
+async def test_more_speed_than_was_watched_is_asked_for_and_less_never_is() -> None:
+    made = standing()
+    made.cell = replace(made.cell, override=made.arm)
+    made.arm.override = 0.3
+    await move_along(made.cell, [THERE], 0.1)
+    made.arm.override = 0.1
+    await move_along(made.cell, [HERE], 0.1)
+    made.arm.override = 0.3
+    await jog_axis(made.cell, Jog(0, 0.1, 0.02))
+    assert made.hands.asked == []
+    made.arm.override = 1.0
+    await move_along(made.cell, [THERE], 0.1)
+    await move_along(made.cell, [HERE], 0.1)
+    assert made.hands.asked == ["may_move_faster"]
+    assert "stands at 100%, and was 30% at most" in made.hands.read["may_move_faster"]
+
+
+async def test_nobody_who_says_no_to_more_speed_is_moved_until_it_is_turned_back() -> None:
+    made = standing()
+    made.cell = replace(made.cell, override=made.arm)
+    made.arm.override = 0.1
+    await move_along(made.cell, [THERE], 0.1)
+    made.arm.override = 0.5
+    made.hands.refuses.add("may_move_faster")
+    for _ in range(2):
+        with pytest.raises(DeclinedError):
+            await move_along(made.cell, [HERE], 0.1)
+    assert made.arm.moves == ["move"]
+    made.arm.override = 0.1
+    await move_along(made.cell, [HERE], 0.1)
+    assert made.arm.moves == ["move"] * 2
+
+
+async def test_speed_turned_up_while_it_is_asked_about_is_asked_about_again() -> None:
+    made = standing()
+    made.cell = replace(made.cell, override=made.arm)
+    made.arm.override = 0.1
+    await move_along(made.cell, [THERE], 0.1)
+    made.arm.override = 0.5
+    made.hands.does["may_move_faster"] = lambda: setattr(made.arm, "override", 1.0)
+    await move_along(made.cell, [HERE], 0.1)
+    assert made.hands.asked == ["may_move_faster"] * 2
+
+
 async def test_no_part_of_the_arm_is_faster_than_its_cap() -> None:
     made = standing()
     speeds = []

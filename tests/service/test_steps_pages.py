@@ -311,6 +311,39 @@ async def test_the_approved_plan_is_drawn_until_the_run_has_left_it(pendant: Pen
         await expect(ghosts).to_have_count(0)
 
 
+async def test_more_speed_turned_up_at_the_pendant_waits_for_a_yes(pendant: Pendant, tmp_path: Path) -> None:
+    """U7: old and new are named, the points stay, and the robot stands until somebody agrees; less is never asked."""
+    await pendant.bring(pendant.start_rad)
+    await pendant.door.fault("override", device="fanuc", percent=30)
+    async with a_run(pendant, "mastering_record", hold=True, poses=12) as page:
+        await asked(page, "wire_is_hooked")
+        await record(page)
+        await asked(page, "accept_plan")
+        await page.get_by_test_id("yes").click()
+        await page.locator("[data-testid=working][data-page=motion]").wait_for()
+        await page.get_by_test_id("hold").hover()
+        await page.mouse.down()
+        await pendant.looks.until(lambda session: len(session["run"]["series"]["measured"]) >= 2)
+        await pendant.door.fault("override", device="fanuc", percent=100)
+        await asked(page, "may_move_faster")
+        await page.mouse.up()
+        said = page.get_by_test_id("instruction")
+        await expect(said).to_contain_text("The speed override stands at 100%, and was 30% at most")
+        taken = len((await pendant.looks.session())["run"]["series"]["measured"])
+        assert 2 <= taken < 12
+        stood = (await pendant.door.truth())["robots"]["fanuc"]["joints_rad"]
+        await _shoot(page, tmp_path, "faster")
+        assert (await pendant.door.truth())["robots"]["fanuc"]["joints_rad"] == pytest.approx(stood, abs=1e-9)
+        await page.get_by_test_id("yes").click()
+        await page.get_by_test_id("hold").hover()
+        await page.mouse.down()
+        await pendant.looks.until(lambda session: len(session["run"]["series"]["measured"]) > taken)
+        await pendant.door.fault("override", device="fanuc", percent=60)
+        await page.get_by_test_id("outcome").wait_for()
+        await page.mouse.up()
+    await pendant.door.fault("override", device="fanuc", percent=100)
+
+
 async def test_a_photo_is_taken_with_the_camera_or_the_page_says_what_else_to_do(pendant: Pendant) -> None:
     """Witness marks: a real picture of the browser's camera; no camera, a forbidden one, and one out of reach."""
     async with a_run(pendant, "mastering_record", poses=12) as page:

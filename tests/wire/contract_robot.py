@@ -20,6 +20,7 @@ ABILITIES = {
     "writes_user_frame": ("read_user_frame", "write_user_frame"),
     "tells_active_frames": ("active_frames",),
     "tells_mode": ("controller_mode",),
+    "tells_speed_override": ("speed_override",),
 }
 
 
@@ -190,6 +191,14 @@ class RobotContract:
         assert await robot.controller_mode() == before
         await door.fault(fault, device=robot_case.name)
         assert await robot.controller_mode() == after
+
+    async def test_the_speed_override_is_the_one_that_somebody_has_turned_to(
+        self, robot: Any, robot_case: RobotCase, door: Door
+    ) -> None:
+        fault, parameters = robot_case.slow_fault
+        assert await robot.speed_override() == pytest.approx(1.0)
+        await door.fault(fault, device=robot_case.name, **parameters)
+        assert await robot.speed_override() == pytest.approx(0.15)
 
     @pytest.mark.parametrize("bad", [math.nan, math.inf])
     async def test_a_target_that_is_no_number_is_refused_and_nothing_moves(
