@@ -212,14 +212,14 @@ def _finally(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
 
 def _by_wire(spec: MasteringRecoverySpec) -> tuple[Phase, ...]:
     memory = (
-        *(("plan the memory checks from", 0), ("accept the memory checks", 0), ("go to memory check", 0)),
-        *(("memory check", 0), ("confirm the memory with", 0)),
+        *(("plan the memory checks", 0), ("accept the memory checks", 0), ("go to memory check", 0)),
+        *(("memory check", 0), ("confirm the memory", 0)),
     )
     measuring = (
         *(("go to capture", spec.first_captures), ("capture", spec.first_captures)),
-        *(("judge after", 1), ("plan after", 0), ("compare the arm's plate", 0)),
-        ("plan the checks from", 1),
-        *(("go to check", spec.check_captures), ("check", spec.check_captures), ("confirm with", 1)),
+        *(("judge the captures", 1), ("plan one more pose", 0), ("compare the arm's plate", 0)),
+        ("plan the checks", 1),
+        *(("go to check", spec.check_captures), ("check", spec.check_captures), ("confirm by checks", 1)),
     )
     return (
         Phase("read the motors"),

@@ -101,7 +101,7 @@ async def check_the_memory(campaign: Campaign) -> TurnRecovery | None:
         known = Known(
             campaign.here, tuple(campaign.visited), looked, recovery.offset_covariance, campaign.doubt_turns
         )
-        name, count = f"plan the memory checks from {len(looks) + 1}", 2 if looks else spec.check_captures
+        name, count = f"plan the memory checks {len(looks) + 1}", 2 if looks else spec.check_captures
         plan = await run.solve(
             name, plan_checks, record, campaign.state, spec.room, known, count, MEMORY_POWER
         )
@@ -112,7 +112,7 @@ async def check_the_memory(campaign: Campaign) -> TurnRecovery | None:
         for pose in plan.poses_rad:
             looks.append(await campaign.jog_and_capture(pose, plan, "memory check", len(looks) + 1))
         held = await run.solve(
-            f"confirm the memory with {len(looks)}", confirmed_memory, record, recovery, tuple(looks)
+            f"confirm the memory {len(looks)}", confirmed_memory, record, recovery, tuple(looks)
         )
         if held.accepted:
             campaign.checks = looks
@@ -145,7 +145,10 @@ async def measure_until_decided(campaign: Campaign, guess: tuple[int, ...]) -> T
     changed = False
     while True:
         captures = tuple(campaign.kept)
-        name, known_new = f"judge after {campaign.taken}", tuple(axis - 1 for axis in spec.exchanged_axes)
+        name, known_new = (
+            f"judge the captures {campaign.taken}",
+            tuple(axis - 1 for axis in spec.exchanged_axes),
+        )
         recovery = await run.solve(name, judge, campaign.record, captures, guess, known_new)
         campaign.doubt_turns = doubt_after(recovery, guess, campaign.doubt_turns)
         exhausted = campaign.taken >= spec.max_captures
@@ -174,7 +177,7 @@ async def _measure_finer(campaign: Campaign, recovery: TurnRecovery) -> bool:
     if sure and recovery.doubt_sigmas <= DOUBT_SIGMAS:
         return False
     known = (campaign.record, campaign.state, campaign.spec.room)
-    name = f"plan after {campaign.taken}"
+    name = f"plan one more pose {campaign.taken}"
     plan = await campaign.run.solve(name, plan_finer, *known, *_standing(campaign))
     if plan is None:
         return False
@@ -186,7 +189,7 @@ async def _measure_next(campaign: Campaign, recovery: TurnRecovery) -> None:
     """Measure a suspect capture again, once; otherwise the pose that tells most."""
     suspect = recovery.suspect_capture
     known = (campaign.record, campaign.state, campaign.spec.room)
-    name = f"plan after {campaign.taken}"
+    name = f"plan one more pose {campaign.taken}"
     plan = await campaign.run.solve(name, plan_next, *known, *_standing(campaign))
     target = plan.poses_rad[0]
     if suspect is not None:
@@ -214,13 +217,13 @@ async def confirm_elsewhere(campaign: Campaign, recovery: TurnRecovery) -> TurnR
     while True:
         checked = tuple(campaign.mapping.joints(check.counts) for check in campaign.checks)
         known = Known(campaign.here, tuple(campaign.visited), checked, recovery.offset_covariance)
-        name = f"plan the checks from {len(campaign.checks) + 1}"
+        name = f"plan the checks {len(campaign.checks) + 1}"
         plan = await run.solve(name, plan_checks, record, campaign.state, spec.room, known, count)
         for pose in plan.poses_rad:
             k = len(campaign.checks) + 1
             campaign.checks.append(await campaign.jog_and_capture(pose, plan, "check", k))
         checks = tuple(campaign.checks)
-        verified = await run.solve(f"confirm with {len(checks)}", confirmed, record, recovery, checks)
+        verified = await run.solve(f"confirm by checks {len(checks)}", confirmed, record, recovery, checks)
         if verified.accepted:
             return verified
         if not lacks_only_power(verified) or len(checks) >= spec.max_check_captures:

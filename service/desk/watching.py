@@ -29,6 +29,10 @@ class DeskWatch:
 
     async def look(self, cell: Cell, *, now_s: float, busy: bool) -> PreparedAnswer | None:
         """Look once if it is time; return the answer to a loss that it found, where that may be started alone."""
+        if cell.mastering is not None and busy:
+            self.watches.of(cell.robot.name, cell.robot).forget_motion()
+            self._next_s = now_s  # a run that has mended a loss takes it off the screens at its end
+            return None
         if now_s < self._next_s:
             return None
         self._next_s = now_s + self._config.watch.period_s
@@ -36,9 +40,6 @@ class DeskWatch:
             await self.mend(cell.robot.name)
             return None
         watch = self.watches.of(cell.robot.name, cell.robot)
-        if busy:
-            watch.forget_motion()
-            return None
         self._allowed = None
         try:
             await watch.look()

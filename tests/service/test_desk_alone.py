@@ -134,6 +134,18 @@ async def test_it_is_offered_and_not_started_where_the_cell_file_does_not_allow_
         assert person.session["run"] is None
 
 
+async def test_the_robot_is_looked_at_as_soon_as_a_run_has_let_it_go(tmp_path: Path) -> None:
+    """Not a period later: a screen would show what the run has mended, or nothing of what went wrong in it."""
+    async with a_watching_desk(tmp_path, "") as person:
+        await person.order(RECORD | {"hold_to_move": False})
+        await person.until(lambda session: (session["prompt"] or {}).get("key") == "wire_is_hooked")
+        object.__setattr__(person.desk._watch._config.watch, "period_s", 3600.0)
+        await asyncio.sleep(0.5)
+        await person.door.fault("memory_loss")
+        await person.order({"op": "stop"})
+        await person.until(lambda session: session["losses"])
+
+
 async def test_a_loss_during_a_run_is_left_to_whoever_works_there(tmp_path: Path) -> None:
     async with a_watching_desk(tmp_path, VOUCHED) as person:
         await person.order(RECORD | {"hold_to_move": False})

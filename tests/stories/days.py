@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from playwright.async_api import Page, expect
+from playwright.async_api import Page, ViewportSize, expect
 from playwright.async_api import TimeoutError as NotThere
 
 from service.web.app import Settings, create_app
@@ -22,8 +22,7 @@ PATIENCE_S = 600.0
 PRESS_MS = 4000
 LOOKS_S = 0.15
 
-# What stays at the screen's edge while a page is scrolled would lie over the middle of a picture of the whole page.
-UNFIXED = ".acts, .start, .buttons, .outlook { position: static !important; }"
+SCREEN = ViewportSize(width=1280, height=800)
 
 
 @dataclass(frozen=True)
@@ -200,9 +199,14 @@ class Day:
             if await self.page.locator("html").get_attribute("lang") != "en":
                 told = NAMES.sub("", await self.page.locator("body").inner_text())
                 self.english.update(line for line in told.splitlines() if ENGLISH.search(line))
+            # as high as the page: what stays at a lower screen's edge would lie over the middle of the picture
+            high = await self.page.evaluate("document.documentElement.scrollHeight")
+            whole = ViewportSize(width=SCREEN["width"], height=max(SCREEN["height"], high))
+            await self.page.set_viewport_size(whole)
             await self.page.screenshot(
-                path=self._pictures / f"{len(self._taken):03d}_{name}.png", full_page=True, style=UNFIXED
+                path=self._pictures / f"{len(self._taken):03d}_{name}.png", full_page=True
             )
+            await self.page.set_viewport_size(SCREEN)
 
 
 @asynccontextmanager
@@ -215,7 +219,7 @@ async def working_day(
         served(create_app(Settings(path, open_access=True))) as url,
         chromium() as browser,
     ):
-        page = await browser.new_page(viewport={"width": 1280, "height": 800}, locale=locale)
+        page = await browser.new_page(viewport=SCREEN, locale=locale)
         page.set_default_timeout(PATIENCE_MS)
         broken: list[str] = []
         page.on("pageerror", lambda error: broken.append(str(error)))
