@@ -16,7 +16,7 @@ from drivers.interfaces import ContactEdge, Joints, TouchProbe
 from procedures.cell import Cell, ProbeSetup
 from procedures.entry import NEEDS
 from procedures.motion import motion_gate
-from procedures.motion.guarded_move import move_until_contact
+from procedures.motion.guarded_move import Travel, move_until_contact
 from procedures.motion.latch import Latched, latch
 from procedures.motion.motion_gate import Care
 from procedures.motion.probe_line import Place, ProbeLine, probe_line
@@ -200,7 +200,35 @@ async def refuse_contact(label: str, probe: TouchProbe) -> None:
 
 
 async def _feel(cell: Cell, label: str, line: ProbeLine, approach: Approach, speed_m_s: float) -> Touch:
-    """Travel the line from where the arm stands until the contact closes."""
+    """Travel the line from where the arm stands until the contact closes.
+
+    A segment may end just where the surface begins: the arm swings as it comes to rest there, and the contact opens
+    again. That is felt for once more, from nearer: its segments end elsewhere.
+    """
+    probe, _ = probe_of(cell)
+    travel, edge = await _travel(cell, label, line, approach, speed_m_s)
+    standing = await _standing(cell, label)
+    if not edge.steady:
+        back_m = approach.retreat_m + speed_m_s * (probe.capabilities.reaction_s + STOP_S)
+        await _back(cell, label, line, line.distance_of(standing), back_m)
+        travel, edge = await _travel(cell, label, line, approach, speed_m_s)
+        standing = await _standing(cell, label)
+    await _refuse_doubt(label, edge, probe)
+    tips = line.tips_m(np.array([reading.joints_rad for reading in travel.readings]))
+    at = latch(travel.readings, tips, edge.earliest_s, edge.latest_s)
+    found = _touch(line, at, standing, edge, probe)
+    if found.overtravel_m > probe.capabilities.overtravel_m:
+        raise OvertravelError(
+            f"{label}: the arm pushed the tip in by {found.overtravel_m * 1e3:.2f} mm, "
+            f"the probe allows {probe.capabilities.overtravel_m * 1e3:.2f} mm",
+            remedy="Look whether the stylus is bent; measure its tip again before anything else.",
+        )
+    return found
+
+
+async def _travel(
+    cell: Cell, label: str, line: ProbeLine, approach: Approach, speed_m_s: float
+) -> tuple[Travel, ContactEdge]:
     probe, _ = probe_of(cell)
     here_m = line.distance_of((await cell.robot.joints()).joints_rad)
     pieces = max(math.ceil((line.length_m - here_m) / approach.segment_m), 1)
@@ -212,29 +240,22 @@ async def _feel(cell: Cell, label: str, line: ProbeLine, approach: Approach, spe
             remedy="See that the surface is where it is expected and the probe is plugged in and signals, "
             "then resume from a nearer start.",
         )
-    standing = await _standing(cell, label)
-    await _refuse_doubt(label, travel.edge, probe)
-    tips = line.tips_m(np.array([reading.joints_rad for reading in travel.readings]))
-    at = latch(travel.readings, tips, travel.edge.earliest_s, travel.edge.latest_s)
-    found = _touch(line, at, standing, travel.edge, probe)
-    if found.overtravel_m > probe.capabilities.overtravel_m:
-        raise OvertravelError(
-            f"{label}: the arm pushed the tip in by {found.overtravel_m * 1e3:.2f} mm, "
-            f"the probe allows {probe.capabilities.overtravel_m * 1e3:.2f} mm",
-            remedy="Look whether the stylus is bent; measure its tip again before anything else.",
-        )
-    return found
+    return travel, travel.edge
 
 
 async def _retreat(cell: Cell, label: str, line: ProbeLine, approach: Approach, found: Touch) -> None:
+    """Move back from a touch along the line; where it was is known no better than it says."""
+    clear_m = approach.retreat_m + math.sqrt(3) * found.sigma_m
+    await _back(cell, label, line, line.distance_of(found.joints_rad), clear_m)
+
+
+async def _back(cell: Cell, label: str, line: ProbeLine, from_m: float, by_m: float) -> None:
     """Move back along the line, and see the contact open."""
     probe, _ = probe_of(cell)
-    clear_m = approach.retreat_m + math.sqrt(3) * found.sigma_m  # where it touched is known no better
-    target = line.joints_at(max(line.distance_of(found.joints_rad) - clear_m, 0.0))
+    target = line.joints_at(max(from_m - by_m, 0.0))
     speed = line.joint_speed_rad_s(PROBING_CAP_M_S)
     await motion_gate.move_along(cell, [target], speed, care=Care.TOUCHING)
-    trouble = f"{label}: the contact stays closed {clear_m * 1e3:.1f} mm away from the surface"
-    await _see_open(probe, trouble)
+    await _see_open(probe, f"{label}: the contact stays closed {by_m * 1e3:.1f} mm away from the surface")
 
 
 async def _see_open(probe: TouchProbe, trouble: str) -> None:

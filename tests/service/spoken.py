@@ -21,6 +21,7 @@ _BY_NAME = """
     several computed later copied different otherwise called caller unused unused_alone barred
     barred_different barred_computed barred_set barred_moved seen_from_flange
     unreachable other_configuration other_turns no_posture fixed cure hindrances occupied
+    text question asked
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """
@@ -30,6 +31,7 @@ _CALLED = """
 """
 _REMARKS = "Remark remark _remark _grouped _lines _of_functions"  # (where, code, text) of a program's line
 SAID_BY_NAME, SAYING = frozenset(_BY_NAME.split()), frozenset(_CALLED.split())
+ASKED = frozenset(("Instruction", "Question", "MeterReading"))  # a key or a code, and what is said
 REMARKING = frozenset(_REMARKS.split())
 _PROSE = re.compile(
     r"(?:[^\s\\|]+\s){2,}[^\\|]*[.]"
@@ -86,6 +88,8 @@ def _said(node: ast.AST) -> Iterator[ast.expr]:
             yield from node.args
         elif name in REMARKING:
             yield from node.args[2:]
+        elif name in ASKED:
+            yield from node.args[1:2]
         yield from (each.value for each in node.keywords if each.arg in SAID_BY_NAME)
     elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
         names = node.targets if isinstance(node, ast.Assign) else [node.target]

@@ -93,7 +93,6 @@ delay_tolerance_ms = 3.0
 deadline_s = 5.0
 silence_ms = 1000.0
 debounce_ms = 40.0
-bounce_ms = 60.0                  # the arm rings at the face after its stop, and lifts the stylus for a moment
 poll_ms = 6.0
 
 [watch]

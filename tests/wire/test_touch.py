@@ -138,6 +138,7 @@ async def test_one_scene_after_the_other_each_fault_is_told_and_the_arm_stands(t
         await _loses_contact(made, short)
         await _sticks(made, short)
         await _begins_in_contact(made, short)
+        await _springs_once(made, short)
         await _springs_for_ever(made, short)
         await _stale(made, short)
         await _cancelled(made, short)
@@ -193,6 +194,24 @@ async def _begins_in_contact(made: Scene, approach: Approach) -> None:
         await touch(made.cell, "faulty", approach)
     assert (await made.cell.robot.joints()).joints_rad == pytest.approx(before, abs=1e-4)
     await made.door.ask("clear")
+
+
+async def _springs_once(made: Scene, approach: Approach) -> None:
+    """The contact opens again, as where an arm comes to rest just at the surface: it is felt for once more."""
+
+    before_s = (await made.truth())["touched_at_s"]
+
+    async def mend_when_it_has_let_go() -> None:
+        while (await made.truth())["touched_at_s"] == before_s:
+            await asyncio.sleep(0.01)
+        while (await made.truth())["clearance_m"] < 0:
+            await asyncio.sleep(0.01)
+        await made.door.ask("clear")
+
+    await made.door.fault("bounce", device="probe", s=60.0, half_s=0.011)
+    mending = asyncio.create_task(mend_when_it_has_let_go())
+    await touch(made.cell, "swung", approach)
+    await mending
 
 
 async def _springs_for_ever(made: Scene, approach: Approach) -> None:
