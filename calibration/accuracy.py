@@ -262,8 +262,8 @@ def _departures(poses: int, cycles: int, conditions: Conditions) -> tuple[str, .
     checks = [
         (cycles >= FULL_CYCLES, f"{cycles} cycles instead of {FULL_CYCLES}"),
         (poses == FULL_POSES, f"{poses} poses instead of {FULL_POSES}"),
-        (conditions.load_share == 1.0, f"{conditions.load_share:.0%} of the rated load"),
-        (conditions.speed_share == 1.0, f"{conditions.speed_share:.0%} of the rated speed"),
+        (conditions.load_share == 1.0, f"{conditions.load_share * 100:.0f} % of the rated load"),
+        (conditions.speed_share == 1.0, f"{conditions.speed_share * 100:.0f} % of the rated speed"),
         (conditions.warmed_up, "not warmed up"),
         (conditions.one_direction, "approached from different sides"),
     ]

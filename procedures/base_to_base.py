@@ -237,7 +237,9 @@ def _verdict(spec: BaseToBaseSpec, result: BasesResult) -> Verdict:
 
 def _judge(spec: BaseToBaseSpec, result: BasesResult) -> Verdict:
     rule = "chi square of the points that all robots found, against one drawing, 99.9 %"
-    shape = held("one shape of the fixture", _same_shape(result), rule, found=result.chi_square)
+    freedom = result.degrees_of_freedom
+    most = chi_square_limit(freedom) if freedom else None
+    shape = held("one shape of the fixture", _same_shape(result), rule, found=result.chi_square, limit=most)
     figures = [
         figure
         for base in result.bases

@@ -126,7 +126,7 @@ class DriftResult:
         if taken >= every:
             return f"no saving: all {every} poses of the reference were needed"
         share = 1.0 - taken / every
-        return f"{taken} poses; a fixed plan goes to all {every} of the reference: {share:.0%} saved"
+        return f"{taken} poses; a fixed plan goes to all {every} of the reference: {share * 100:.0f} % saved"
 
 
 async def drift_check(run: Run, spec: DriftCheck) -> DriftResult:
@@ -315,7 +315,9 @@ def _verdict(spec: DriftCheck, result: DriftResult) -> Verdict:
         return Verdict(
             (repeats, sigma),
             limits_from="fixed limits of the procedure",
-            not_verified=told,
+            not_verified=(
+                "Whether the robot has drifted: this run took the reference that later ones compare with.",
+            ),
             remarks=(result.saving,),
         )
     finding, share = result.look.finding, spec.rules.probability

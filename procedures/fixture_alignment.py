@@ -124,7 +124,7 @@ _RESULT: TypeAdapter[AlignmentResult] = TypeAdapter(AlignmentResult)
 
 async def fixture_alignment(run: Run, spec: FixtureAlignment) -> AlignmentResult:
     """Find a fixture in the robot's base from wire lengths to its alignment points."""
-    await run.ensure("the wire is hooked", ask, HOOK_WIRE)
+    await run.ensure("the hook's adaptor is on", ask, HOOK_WIRE)
     state = await run.step("read the robot", read_survey_state)
     known = await run.step("read the alignments", read_known_wire, spec.fixture)
     if state.epoch is not None:
@@ -335,6 +335,7 @@ def _judge(spec: FixtureAlignment, result: AlignmentResult) -> Verdict:
                 placed.consistent(),
                 "chi square of the points found against the drawing, 99.9 %",
                 found=placed.chi_square,
+                limit=placed.most_chi_square,
             ),
             *_base_figures(spec, result),
             stated("residual of the points", placed.rms_m, "m"),
@@ -344,7 +345,7 @@ def _judge(spec: FixtureAlignment, result: AlignmentResult) -> Verdict:
         remarks=(result.saving,),
         set_aside=result.set_aside,
         not_verified=(
-            f"the wire's scale is taken from its certificate: {rules.scale_sigma:.1e} (k=1)",
+            f"the wire's scale is taken from its certificate: {rules.scale_sigma * 1e3:.3f} mm per metre (k=1)",
             f"drawing and seat of a point are taken as {rules.point_sigma_m * 1e3:.3f} mm (k=1)",
         ),
     )

@@ -245,6 +245,7 @@ def _judge(spec: FrameOffset, found: FoundOffset) -> Verdict:
                 found.placed.consistent(),
                 "chi square of the points touched against those given, 99.9 %",
                 found=found.placed.chi_square,
+                limit=found.placed.most_chi_square,
             ),
             stated("shift of the origin", found.shift_m, "m"),
             stated("turn", found.turn_rad, "rad"),

@@ -149,6 +149,7 @@ def _changes(names: tuple[str, ...], old: MasteringData, new: MasteringData) -> 
 
 _MASTERED = "The robot will be mastered."
 _NOT_MASTERED = "The robot will NOT be mastered, as before that run."
+_UNMASTERED = ("The robot is marked as not mastered and stays out of production until it is mastered again.",)
 _NOT_VERIFIED = (
     "Nothing was measured: whether the old mastering was right is not known.",
     "No production point was touched; the witness marks were not compared.",
@@ -164,7 +165,7 @@ def _verdict(spec: MasteringUndo, result: UndoResult) -> Verdict:
         limits_from="equal or refused",
         not_verified=_NOT_VERIFIED,
         changes=_changes(result.joint_names, result.undone, result.restored),
-        to_sign=AFTER_MASTERING,
+        to_sign=AFTER_MASTERING if result.restored.mastered else _UNMASTERED,
     )
 
 

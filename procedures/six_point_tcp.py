@@ -136,13 +136,13 @@ async def six_point_tcp(run: Run, spec: SixPointTcp) -> ToolSetup:
 
 def _shown(spec: SixPointTcp, found: ToolSetup, verdict: Verdict) -> Instruction:
     tip, (x, y, z) = found.tip, (value * 1e3 for value in found.flange_tool.position_m)
-    axes = " Its axes stay as they are." if spec.method == "four_point" else ""
-    shown = Instruction(
-        "accept_tool",
+    words = [
         f"Tool {spec.tool_number}: x {x:.2f}, y {y:.2f}, z {z:.2f} mm from the flange, within "
-        f"{tip.tip_u_in_space_m * 1e3:.2f} mm (95 %); the touches agree within {tip.rms_m * 1e3:.2f} mm RMS."
-        f"{axes} {shift_told(found.before, found.flange_tool)}",
-    )
+        f"{tip.tip_u_in_space_m * 1e3:.2f} mm (95 %); the touches agree within {tip.rms_m * 1e3:.2f} mm RMS.",
+        *(["Its axes stay as they are."] if spec.method == "four_point" else []),
+        shift_told(found.before, found.flange_tool),
+    ]
+    shown = Instruction("accept_tool", " ".join(words))
     return ask_to_write(shown, verdict, found.before, found.flange_tool, spec.write_anyway, lever_m=0.0)
 
 

@@ -126,16 +126,20 @@ class Sayings:
     def _listed(self, text: str) -> str | None:
         first, cut, rest = text.partition("; ")
         said = [self._said(part) for part in (first, rest)] if cut else [None]
-        return None if None in said else "; ".join(part for part in said if part)
+        return None if None in said else self._between.join(part for part in said if part)
+
+    @property
+    def _between(self) -> str:
+        return "；" if self.locale == "zh" else "; "  # noqa: RUF001 - Chinese
 
     def _value(self, words: str) -> str:
         if _ONLY_A_NUMBER.fullmatch(words):
             return self.number(words)
-        if (said := self._said(words)) is not None:
-            return said
-        if "; " in words:  # a controller's own words, and ours
-            return "; ".join(self._said(part) or part for part in words.split("; "))
-        return self._name(words)
+        parts = words.split("; ")  # a list: of names, or of a controller's own words and ours
+        told = [self._said(part) for part in parts]
+        if len(parts) > 1 and any(told) and self._counted(words) is None:
+            return self._between.join(said or part for said, part in zip(told, parts, strict=True))
+        return self._said(words) or self._name(words)
 
 
 @cache

@@ -88,7 +88,7 @@ def not_identified(fit: Fit) -> tuple[NotIdentified, ...]:
 def _describe(fit: Fit, own: int, ratio: float) -> NotIdentified:
     parameters = fit.layout.parameters
     partners, share = _partners(fit, own)
-    words = ", ".join(_words(parameter) for parameter in partners)
+    words = "; ".join(_words(parameter) for parameter in partners)
     return NotIdentified(parameters[own].name, words, _cure(parameters[own], partners), ratio, share)
 
 

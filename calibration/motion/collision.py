@@ -184,7 +184,7 @@ class CollisionCheck:
         if not self.shape.obstacles:
             words.append("no obstacles known: path not checked for collisions with the cell")
         if self.shape.wire is None:
-            words.append("no draw-wire known")
+            words.append("the draw-wire is not part of this plan")
         words.append("cables, hoses and people are not known")
         return tuple(words)
 

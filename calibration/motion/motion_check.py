@@ -320,6 +320,6 @@ def _not_checked(limits: MotionLimits) -> tuple[str, ...]:
         words.append("no obstacles known: path not checked for collisions")
     if limits.box_low_m is None or limits.box_high_m is None:
         words.append("no workspace box known")
-    if limits.wire is None and "no draw-wire known" not in words:
-        words.append("no draw-wire known")
+    if limits.wire is None and "the draw-wire is not part of this plan" not in words:
+        words.append("the draw-wire is not part of this plan")
     return tuple(words)

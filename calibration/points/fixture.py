@@ -49,9 +49,14 @@ class PlacedPoints:
         """U (k = 2) of the turn about the worst axis [rad]."""
         return u_of(np.array(self.covariance)[3:, 3:])
 
+    @property
+    def most_chi_square(self) -> float:
+        """What chi square keeps to at 99.9 % where the points have the drawing's shape."""
+        return chi_square_limit(self.degrees_of_freedom)
+
     def consistent(self) -> bool:
         """Tell whether the points found have the drawing's shape at 99.9 %."""
-        return self.chi_square <= chi_square_limit(self.degrees_of_freedom)
+        return self.chi_square <= self.most_chi_square
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ def condition_of(sample: Sample, *, program_is_ours: bool) -> Condition:
     if sample.speed_fraction < _LOWEST_SLIDER:
         return Condition(
             Readiness.NOT_READY,
-            f"the speed slider stands at {sample.speed_fraction:.0%}.",
+            f"the speed slider stands at {sample.speed_fraction * 100:.0f} %.",
             "Raise the speed slider at the pendant.",
         )
     return Condition(Readiness.READY)

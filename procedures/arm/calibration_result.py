@@ -69,9 +69,14 @@ class HoldOut:
     degrees_of_freedom: int
 
     @property
+    def most_chi_square(self) -> float:
+        """What the stated uncertainty allows chi square at 99.9 %."""
+        return chi_square_limit(self.degrees_of_freedom)
+
+    @property
     def as_predicted(self) -> bool:
-        """Whether the errors are no larger than the stated uncertainty allows, at 99.9 %."""
-        return self.chi_square <= chi_square_limit(self.degrees_of_freedom)
+        """Whether the errors are no larger than the stated uncertainty allows."""
+        return self.chi_square <= self.most_chi_square
 
     @property
     def offsets_explain(self) -> bool:
@@ -108,7 +113,7 @@ class Identified:
         share = 1.0 - self.captures / self.fixed_plan_captures
         return (
             f"{self.captures} captures; a fixed plan of evenly drawn poses needs {self.fixed_plan_captures} for the "
-            f"same U: {share:.0%} saved"
+            f"same U: {share * 100:.0f} % saved"
         )
 
 

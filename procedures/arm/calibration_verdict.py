@@ -25,6 +25,7 @@ def verdict_on_calibration(spec: RobotCalibration, result: CalibrationResult) ->
             held(
                 "the check poses agree with the stated uncertainty", out.as_predicted,
                 "chi square of the errors against what was predicted, 99.9 %", found=out.chi_square,
+                limit=out.most_chi_square,
             ),
             *_goals(spec, found),
             *(() if found.tool is None else tool_figures(found.tool, spec.limits_of_tool())),

@@ -33,9 +33,14 @@ class PointChecks:
     degrees_of_freedom: int
 
     @property
+    def most_chi_square(self) -> float:
+        """What the stated uncertainty allows chi square at 99.9 %."""
+        return chi_square_limit(self.degrees_of_freedom)
+
+    @property
     def as_predicted(self) -> bool:
-        """Whether the errors are no larger than the stated uncertainty allows, at 99.9 %."""
-        return self.chi_square <= chi_square_limit(self.degrees_of_freedom)
+        """Whether the errors are no larger than the stated uncertainty allows."""
+        return self.chi_square <= self.most_chi_square
 
 
 @dataclass(frozen=True, slots=True)

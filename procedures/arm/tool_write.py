@@ -72,6 +72,7 @@ def frame_figures(found: ToolByPoints, tip_m: float, axes_rad: float) -> tuple[C
             found.placed.consistent(),
             "chi square of the points found against the drawing, 99.9 %",
             found=found.placed.chi_square,
+            limit=found.placed.most_chi_square,
         ),
         stated("points found against the drawing, RMS a coordinate", found.placed.rms_m, "m"),
     )
@@ -90,6 +91,7 @@ def tool_figures(found: FoundTool, limits: ToolLimits) -> tuple[Characteristic, 
             checks.as_predicted,
             rule,
             found=checks.chi_square,
+            limit=checks.most_chi_square,
         ),
         stated("RMS error at the points' check poses", checks.rms_m, "m"),
     )

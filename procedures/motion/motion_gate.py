@@ -323,8 +323,8 @@ async def _no_faster(cell: Cell, here_rad: Joints | None) -> None:
     memory = cell.motion
     while (now := await cell.override.speed_override()) > (before := _watched(memory, now)) + SAME_OVERRIDE:
         words = (
-            f"The speed override stands at {now:.0%}, and was {before:.0%} at most while this run moved the robot. "
-            "Nothing recorded is lost. Look at the robot. May it move that fast?"
+            f"The speed override stands at {now * 100:.0f} %, and was {before * 100:.0f} % at most while this run "
+            "moved the robot. Nothing recorded is lost. Look at the robot. May it move that fast?"
         )
         stood = await _counts(cell) if here_rad is None else None
         await ask(cell, Instruction("may_move_faster", words))

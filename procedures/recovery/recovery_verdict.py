@@ -69,8 +69,8 @@ def saving(spec: MasteringRecoverySpec, result: RecoveryResult) -> tuple[str, ..
         )
     return (
         f"{taken} captures, {took:.1f} minutes of moving, and {checked} checks; a fixed plan of evenly drawn poses "
-        f"needs {needs} captures and {longer:.1f} minutes of moving to be as sure: {1.0 - took / longer:.0%} of the "
-        "moving saved",
+        f"needs {needs} captures and {longer:.1f} minutes of moving to be as sure: "
+        f"{(1.0 - took / longer) * 100:.0f} % of the moving saved",
     )
 
 

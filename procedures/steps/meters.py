@@ -92,6 +92,8 @@ def _read_tip(meter: Mapping[str, Any], base_flange: Pose) -> MeterReading:
     if alike is None:
         return MeterReading(figures=tuple(figures))
     key = "tcp.one_axis" if alike.like is None else "tcp.spread_low"
+    if len(touches) > 3:  # the step says itself which turn tells most
+        return MeterReading(key, figures=tuple(figures))
     words = f"Turn the tool {alike.turn.told()} of the flange, or further."
     return MeterReading(key, words, figures=tuple(figures))
 

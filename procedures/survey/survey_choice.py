@@ -99,7 +99,7 @@ def saving(captures: int, fixed: int | None) -> str:
         return f"no saving: {captures} captures; evenly drawn poses need {fixed} for the same U"
     return (
         f"{captures} captures; a fixed plan of evenly drawn poses needs {fixed} for the same U: "
-        f"{1.0 - captures / fixed:.0%} saved"
+        f"{(1.0 - captures / fixed) * 100:.0f} % saved"
     )
 
 

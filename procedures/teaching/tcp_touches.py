@@ -205,7 +205,7 @@ def _asked(
     """Return the next step's name and what the technician is told."""
     if judged.do == "anew":
         number = judged.touch + 1
-        text = f"{judged.why[0].upper()}{judged.why[1:]}: teach touch {number} again. {judged.advice}"
+        text = f"Teach touch {number} again: {judged.why}. {judged.advice}"
         return f"touch anew {anew}", Instruction(f"touch_anew_{number}", text)
     if count < len(named):
         step, instruction = named[count]

@@ -245,7 +245,7 @@ async def test_more_speed_than_was_watched_is_asked_for_and_less_never_is() -> N
     await move_along(made.cell, [THERE], 0.1)
     await move_along(made.cell, [HERE], 0.1)
     assert made.hands.asked == ["may_move_faster"]
-    assert "stands at 100%, and was 30% at most" in made.hands.read["may_move_faster"]
+    assert "stands at 100 %, and was 30 % at most" in made.hands.read["may_move_faster"]
 
 
 async def test_nobody_who_says_no_to_more_speed_is_moved_until_it_is_turned_back() -> None:

@@ -20,7 +20,7 @@ TRANSLATED = ("de", "es", "zh")
 NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")
 SENTENCE = re.compile(r"(?<=[.?!])\s+")
 UNIT = re.compile(r"_(m|rad|s|rad_s|m_s)$")
-SAID = {"sigma_rad": "angle sigma"}
+SAID = json.loads((ROOT / "web/src/lib/setting_names.json").read_text(encoding="utf-8"))
 
 # Sentences that carry words of the run beside figures: shown as they are said. Their figures stand on the page.
 ENGLISH_ONLY = 22  # at most; it may only fall

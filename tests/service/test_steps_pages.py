@@ -328,7 +328,7 @@ async def test_more_speed_turned_up_at_the_pendant_waits_for_a_yes(pendant: Pend
         await asked(page, "may_move_faster")
         await page.mouse.up()
         said = page.get_by_test_id("instruction")
-        await expect(said).to_contain_text("The speed override stands at 100%, and was 30% at most")
+        await expect(said).to_contain_text("The speed override stands at 100 %, and was 30 % at most")
         taken = len((await pendant.looks.session())["run"]["series"]["measured"])
         assert 2 <= taken < 12
         stood = (await pendant.door.truth())["robots"]["fanuc"]["joints_rad"]

@@ -185,7 +185,7 @@ def test_numbers_that_are_not_finite_are_not_free_and_do_not_spoil_the_others():
 def test_it_says_what_it_does_not_see():
     words = " ".join(CollisionCheck.prepare(MODEL, assumed_shape(MODEL)).not_checked)
     assert "no obstacles known" in words
-    assert "no draw-wire known" in words
+    assert "the draw-wire is not part of this plan" in words
     assert "skeleton" in words
     with_wire = assumed_shape(
         MODEL, (Sphere("s", (9.0, 0.0, 0.0), 0.1),), wire=WirePath((1.0, 0, 0), (0, 0, 0), 3.0)

@@ -63,6 +63,7 @@ export function axes(name: string): Group {
   }
   const label = text(name, NAME_PX, 0x12212e);
   label.center.set(0.5, 2.2); // below the origin, whichever way the frame is turned
+  label.userData["center_y"] = 2.2;
   group.add(label);
   return group;
 }
@@ -93,7 +94,8 @@ export function text(words: string, high_px: number, colour: number): Sprite {
   const map = new CanvasTexture(canvas);
   map.colorSpace = SRGBColorSpace;
   const sprite = new Sprite(new SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
-  sprite.userData = { high_px, aspect: canvas.width / canvas.height };
+  const name = words.length > 1; // and no axis' letter
+  sprite.userData = { name, high_px, aspect: canvas.width / canvas.height, center_y: 0.5 };
   sprite.renderOrder = 3;
   return sprite;
 }

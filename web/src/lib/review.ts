@@ -164,16 +164,21 @@ const UNITS: Record<string, [string, number, number]> = {
   m: ["mm", 1e3, 3],
   rad: ["°", 180 / Math.PI, 4],
   "rad/m": ["°/m", 180 / Math.PI, 4],
-  turn: ["rev", 1, 3],
+  count: ["", 1, 0],
 };
 
 /** A figure in the unit that people read: the service keeps metres and radians. */
 export function figure(value: number | null | undefined, unit: string, sign = false): string {
   if (value === null || value === undefined) return "–";
-  const [shown, factor, digits] = UNITS[unit] ?? [unit === "1" ? "" : unit, 1, Number.isInteger(value) ? 0 : 4];
+  const [shown, factor, digits] = UNITS[unit] ?? plainly(unit, Number.isInteger(value));
   const written = language.number(value * factor, digits).replace(/^-(?=[0.,]*$)/, "");
   const plus = sign && value > 0 ? "+" : "";
   return `${plus}${written}${shown === "°" || shown === "°/m" ? "" : " "}${shown}`.trim();
+}
+
+function plainly(unit: string, whole: boolean): [string, number, number] {
+  if (unit === "turn") return [language.t("unit_turn"), 1, whole ? 0 : 3];
+  return [unit === "1" ? "" : unit, 1, whole ? 0 : 4];
 }
 
 export const local = (utc: string): string =>

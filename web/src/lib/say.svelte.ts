@@ -106,15 +106,19 @@ class Sayings {
     const cut = text.indexOf("; ");
     if (cut < 0) return null;
     const said = [text.slice(0, cut), text.slice(cut + 2)].map((part) => this.#one(part));
-    return said.includes(null) ? null : said.join("; ");
+    return said.includes(null) ? null : said.join(this.#between);
   }
 
   #value(words: string): string {
     if (ONLY_A_NUMBER.test(words)) return this.#written(words);
-    const said = this.#one(words);
-    if (said !== null) return said;
-    if (words.includes("; ")) return words.split("; ").map((part) => this.#one(part) ?? part).join("; "); // a controller's own, and ours
-    return this.#name(words);
+    const parts = words.split("; ").map((part) => this.#one(part)); // a list: of names, or of a controller's own words and ours
+    if (parts.length > 1 && parts.some((said) => said !== null) && this.#counted(this.#table, words) === null)
+      return words.split("; ").map((part, place) => parts[place] ?? part).join(this.#between);
+    return this.#one(words) ?? this.#name(words);
+  }
+
+  get #between(): string {
+    return language.locale === "zh" ? "；" : "; ";
   }
 
   #name(words: string): string {

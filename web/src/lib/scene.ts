@@ -30,6 +30,7 @@ import {
 import URDFLoader, { type URDFRobot } from "urdf-loader";
 import type { FrameSeen, PlannedPose, ToolDoubt } from "./cell_view";
 import { axes, bend, Doubt, FIELD_DEG, fitTexts, frame, Ghosts, release, text, type GhostShown } from "./overlays";
+import { spreadNames } from "./names_apart";
 import type { CellSeen } from "./types";
 
 const LEAST_MS = 1000 / 12;
@@ -172,6 +173,9 @@ export class RobotScene {
     this.#timer = setTimeout(() => {
       this.#timer = undefined;
       this.#lastMs = performance.now();
+      this.#scene.updateMatrixWorld();
+      this.#camera.updateMatrixWorld();
+      spreadNames(this.#scene, this.#camera, this.#high_px * this.#camera.aspect, this.#high_px);
       this.#renderer.render(this.#scene, this.#camera);
       this.shown.frames += 1;
     }, wait);

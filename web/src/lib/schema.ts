@@ -1,5 +1,7 @@
 // Settings by their JSON schema: what kind of field each is, so that a new procedure needs no form of its own.
 
+import names from "./setting_names.json";
+
 export interface Field {
   type?: string;
   properties?: Record<string, Field>;
@@ -49,7 +51,8 @@ export function memberOf(setting: Setting, at: number): Setting {
 /** How many numbers a row has. */
 export const lengthOf = (setting: Setting): number => resolved(setting.field, setting.known).minItems ?? 0;
 
-const SAID: Record<string, string> = { sigma_rad: "angle sigma" }; // stands beside sigma_m in one form
+// Names that do not tell a person enough, or stand twice in one form.
+const SAID: Record<string, string> = names;
 
 /** A name as it is said: without its unit, which stands beside the value. */
 export const plainName = (name: string): string => SAID[name] ?? name.replace(/_(m|rad|s|rad_s|m_s)$/, "").replaceAll("_", " ");
