@@ -1,25 +1,27 @@
 """What can be done here, and what it would bring: the catalogue and dry runs, without a device."""
 
 import asyncio
+import gzip
 from typing import Any
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_jsonable_python
 
 from service.configuration.cell_file import CellConfig
 from service.desk.messages import Name
-from service.web.answer_shapes import DryRunSeen, Free, ProcedureSeen, answering
+from service.web.answer_shapes import DryRunSeen, Free, Json, ProcedureSeen, answering
 from service.web.door import Who, house_of
 
 router = APIRouter()
 
 
 @router.get("/procedures", **answering(list[ProcedureSeen], "the catalogue"))
-async def procedures(request: Request, who: Who, robot: str | None = None) -> list[dict[str, Any]]:
+async def procedures(request: Request, who: Who, robot: str | None = None) -> Response:
     """Return the catalogue: title, settings as JSON schema, and what this cell lacks for each."""
     del who
-    return await asyncio.to_thread(_possible, house_of(request).config, robot)
+    packs = "gzip" in request.headers.get("accept-encoding", "").lower()
+    return await asyncio.to_thread(_catalogue, house_of(request).config, robot, packs=packs)
 
 
 class Outlook(BaseModel):
@@ -38,6 +40,14 @@ async def foretell(asked: Outlook, request: Request, who: Who) -> dict[str, Any]
     del who
     config = house_of(request).config
     return await asyncio.to_thread(_foretold, config, asked)
+
+
+def _catalogue(config: CellConfig, robot: str | None, *, packs: bool) -> Response:
+    """Return the answer itself: schemas repeat themselves, and a slow link has enough to carry."""
+    body, headers = Json(_possible(config, robot)).body, {"vary": "Accept-Encoding"}
+    if packs:
+        body, headers = gzip.compress(body), {**headers, "content-encoding": "gzip"}
+    return Response(body, headers=headers, media_type=Json.media_type)
 
 
 def _possible(config: CellConfig, robot: str | None) -> list[dict[str, Any]]:

@@ -1,5 +1,6 @@
 """By keyboard alone, at twice the size, without motion, and in another language in the middle of a run."""
 
+import asyncio
 import json
 import re
 from collections.abc import AsyncIterator
@@ -8,7 +9,7 @@ from contextlib import asynccontextmanager
 import numpy as np
 import pytest
 import pytest_asyncio
-from playwright.async_api import Page, expect
+from playwright.async_api import Page, Route, expect
 
 from tests.service.browsers import LOCALES, ROOT, at_rest, comes, go, hold_to_rules, speaks
 from tests.service.longer import lengthened
@@ -156,6 +157,26 @@ async def test_another_language_keeps_the_step_and_what_was_recorded(pendant: Pe
         assert await page.evaluate("window.kept === true"), "the page was loaded anew"
         now = await pendant.looks.session()
         assert (now["rev"], now["prompt"]["id"]) == (before["rev"], before["prompt"]["id"])
+
+
+async def test_the_language_picked_last_is_spoken_whichever_comes_first(pendant: Pendant) -> None:
+    """U20: a slow link brings the texts of an earlier pick after those of a later one."""
+    come = asyncio.Event()
+
+    async def late(route: Route) -> None:
+        await come.wait()
+        await route.continue_()
+
+    async with a_frame_being_taught(pendant) as page:
+        await page.route("**/assets/es-*", late)
+        await page.get_by_test_id("language").select_option("es")
+        await page.get_by_test_id("language").select_option("de")
+        await speaks(page, "de")
+        async with page.expect_response("**/assets/es-*"):
+            come.set()
+        await at_rest(page)
+        await speaks(page, "de")
+        await expect(page.get_by_test_id("language")).to_have_value("de")
 
 
 async def test_what_was_typed_outlives_another_language(pendant: Pendant) -> None:

@@ -310,6 +310,16 @@ def _blanks(text: str) -> list[str]:
     return sorted(re.findall(r"\{(\w+)\}", text))
 
 
+async def test_the_catalogue_is_packed_for_whoever_takes_it_so(looking: Looking) -> None:
+    """The schemas of all settings are the most that a first page is told; they repeat themselves."""
+    plain = await looking.client.get("/api/procedures", headers={"accept-encoding": "identity"})
+    packed = await looking.client.get("/api/procedures", headers={"accept-encoding": "gzip"})
+    assert "content-encoding" not in plain.headers
+    assert packed.headers["content-encoding"] == "gzip"
+    assert packed.num_bytes_downloaded < len(plain.content) / 4
+    assert packed.json() == plain.json()
+
+
 @pytest.mark.parametrize("locale", LOCALES)
 async def test_the_first_page_says_when_a_drift_check_is_due_and_that_it_was(
     looking: Looking, locale: str

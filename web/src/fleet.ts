@@ -1,5 +1,6 @@
 import { mount } from "svelte";
 import Fleet from "./pages/Fleet.svelte";
 import "./app.css";
+import { language } from "./lib/i18n.svelte";
 
-mount(Fleet, { target: document.getElementById("app")! });
+void language.ready.then(() => mount(Fleet, { target: document.getElementById("app")! }));

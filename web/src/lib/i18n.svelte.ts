@@ -1,32 +1,35 @@
-// Texts by key; every locale has every key (a test compares them). What procedures ask comes from the service.
+// The language of the page. What procedures ask comes from the service, and is said by say.svelte.ts.
 
-import de from "../locales/de.json";
-import en from "../locales/en.json";
-import es from "../locales/es.json";
-import zh from "../locales/zh.json";
+import { later } from "./later";
+import { LOCALES, textsOf, wantedLocale, type Key, type Locale, type Texts } from "./texts";
 
-const TEXTS = { en, de, es, zh } as const;
-export type Locale = keyof typeof TEXTS;
-export type Key = keyof typeof en;
-export const LOCALES: { id: Locale; name: string }[] = [
-  { id: "en", name: "English" },
-  { id: "de", name: "Deutsch" },
-  { id: "es", name: "Español" },
-  { id: "zh", name: "中文" },
-];
+export { LOCALES, type Key, type Locale };
+
+const AGAIN_MS = 1000;
 
 class Language {
-  locale = $state<Locale>(remembered());
+  locale = $state<Locale>(wantedLocale());
+  /** When there is something to say. */
+  readonly ready: Promise<void>;
 
-  choose(locale: Locale) {
-    this.locale = locale;
+  #texts = $state.raw({} as Texts);
+  #turn = 0;
+
+  constructor() {
+    this.ready = this.#speak(this.locale);
+  }
+
+  /** Speak another language from when its texts are there; a link that is down leaves the page as it is. */
+  async choose(locale: Locale): Promise<void> {
     localStorage.setItem("locale", locale);
-    speak(locale);
+    const turn = ++this.#turn;
+    const texts = await textsOf(locale).catch(() => null);
+    if (texts && turn === this.#turn) this.#say(locale, texts);
   }
 
   /** The text of a key, with {names} filled in. */
   t = (key: Key, values: Record<string, string | number> = {}): string => {
-    const text: string = TEXTS[this.locale][key];
+    const text: string = this.#texts[key];
     return text.replace(/\{(\w+)\}/g, (whole, name) => String(values[name] ?? whole));
   };
 
@@ -37,23 +40,28 @@ class Language {
       maximumFractionDigits: digits,
       useGrouping: false,
     });
-}
 
-function remembered(): Locale {
-  const asked = localStorage.getItem("locale") ?? navigator.language.slice(0, 2);
-  const locale = (asked in TEXTS ? asked : "en") as Locale;
-  speak(locale);
-  return locale;
-}
-
-/** Tell the browser the language, and bring a device that has no Chinese characters ours. */
-function speak(locale: Locale): void {
-  document.documentElement.lang = locale === "zh" ? "zh-Hans" : locale;
-  if (locale === "zh" && pictureOf("中") === pictureOf("\u{10FFFD}")) {
-    void Promise.all([import("../../node_modules/.chinese-font/index.css"), import("@fontsource-variable/noto-sans-sc/index.css")]).then(
-      () => document.documentElement.classList.add("brought-font"),
-    );
+  async #speak(locale: Locale): Promise<void> {
+    for (;;) {
+      const texts = await textsOf(locale).catch(() => null);
+      if (texts) return this.#say(locale, texts);
+      await new Promise((done) => setTimeout(done, AGAIN_MS));
+    }
   }
+
+  #say(locale: Locale, texts: Texts): void {
+    this.#texts = texts;
+    this.locale = locale;
+    document.documentElement.lang = locale === "zh" ? "zh-Hans" : locale;
+    if (locale === "zh" && pictureOf("中") === pictureOf("\u{10FFFD}")) void bringFont();
+  }
+}
+
+/** Bring a device that has no Chinese characters ours, and then all others, which people may type. */
+async function bringFont(): Promise<void> {
+  await import("../../node_modules/.chinese-font/index.css");
+  document.documentElement.classList.add("brought-font");
+  later(() => import("@fontsource-variable/noto-sans-sc/index.css"));
 }
 
 /** How a character is drawn; one that no font has is drawn as a box. */

@@ -6,8 +6,11 @@
 // sentence without an entry is shown as it was said, and marked as English: better than nothing.
 
 import { language, type Locale } from "./i18n.svelte";
+import { later } from "./later";
 
 const FILES = import.meta.glob<Record<string, string>>("../locales/{procedures,refusals}/*.json", { import: "default" });
+const KINDS = ["procedures", "refusals"];
+const SENTENCED = /\p{Ll} \p{Ll}/u; // a name is no reason to fetch what refusals say
 const NUMBER = /(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?/g;
 const ONLY_A_NUMBER = /^[-+]?\d+(?:\.\d+)?(?: ?(?:%|mm|m|deg|rad))?$/;
 const SENTENCE = /(?<=[.?!])\s+/;
@@ -34,12 +37,16 @@ class Sayings {
   #patterns: Pattern[] = [];
   #heard = new Map<string, string | null>();
 
+  #known = 0; // of KINDS, in the language of the table
+  #wanted = 1; // procedures first: every page names them; refusals when one is told, or later
+
   constructor() {
     $effect.root(() => {
       $effect(() => {
         void this.#load(language.locale);
       });
     });
+    later(() => this.#loadAll());
   }
 
   /** A text of a procedure, a device or a refusal in the page's language. */
@@ -75,6 +82,7 @@ class Sayings {
     if (said === undefined) {
       said = this.#counted(table, text) ?? this.#filled(text) ?? this.#ofDevice(text) ?? this.#listed(text);
       this.#heard.set(text, said);
+      if (said === null && this.#known === 1 && SENTENCED.test(text)) void this.#loadAll();
     }
     return said;
   }
@@ -129,10 +137,17 @@ class Sayings {
     return language.locale === "de" || language.locale === "es" ? number.replace(".", ",") : number;
   }
 
+  async #loadAll() {
+    this.#wanted = KINDS.length;
+    await this.#load(language.locale);
+  }
+
   async #load(locale: Locale) {
-    const files = ["procedures", "refusals"].map((kind) => FILES[`../locales/${kind}/${locale}.json`]);
+    const kinds = KINDS.slice(0, this.#wanted);
+    const files = kinds.map((kind) => FILES[`../locales/${kind}/${locale}.json`]);
     const tables = await Promise.all(files.map((file) => file?.() ?? {}));
-    if (locale !== language.locale) return;
+    if (locale !== language.locale || kinds.length < this.#wanted) return;
+    this.#known = kinds.length;
     const table = Object.assign({}, ...tables) as Record<string, string>;
     this.#patterns = Object.entries(table)
       .filter(([english]) => HOLE.test(english))
