@@ -277,7 +277,15 @@ def _shown(plan: DriftPlan, what: str, method: Method, rounds: int = 1) -> Instr
     tour = Tour(rounds * len(plan.ways_rad), plan.paced().times(rounds))
     asked = Instruction("accept_plan", plan_words(told, tour, plan.not_checked))
     checks = WIRE_CHECKS if method == "wire" else ARM_CHECKS
-    return plan_page(asked, tour, Moves(plan.ways_rad, tour.paced.fastest_rad_s, checks, plan.not_checked))
+    each = ("go to pose", "capture", "go to again", "capture again") if rounds > 1 else ()
+    moves = Moves(
+        plan.ways_rad,
+        tour.paced.fastest_rad_s,
+        checks,
+        plan.not_checked,
+        planned=dict.fromkeys(each, len(plan.ways_rad)),
+    )
+    return plan_page(asked, tour, moves)
 
 
 def _outline(spec: DriftCheck) -> tuple[Phase, ...]:

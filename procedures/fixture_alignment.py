@@ -385,7 +385,7 @@ def _refit(spec: FixtureAlignment, findings: Sequence[Finding]) -> Refit:
 ENTRY = Entry(
     name="fixture_alignment",
     title="Fixture alignment with the draw-wire",
-    version=4,
+    version=5,
     procedure=fixture_alignment,
     spec_type=FixtureAlignment,
     needs=("moves_joints", "gauge", "gauge_setup", "model"),

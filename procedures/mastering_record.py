@@ -314,6 +314,7 @@ def shown(plan: MotionPlan) -> Instruction:
         speed_rad_s=fastest_rad_s,
         checked=WIRE_CHECKS,
         not_checked=plan.not_checked,
+        planned=dict.fromkeys(("go to pose", "capture"), len(plan.poses_rad)),
     )
     return plan_page(asked, tour, moves)
 

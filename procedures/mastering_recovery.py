@@ -253,7 +253,7 @@ def _forecast(spec: MasteringRecoverySpec, known: Knowledge) -> Forecast:
 ENTRY = Entry(
     name="mastering_recovery",
     title="Mastering recovery",
-    version=7,
+    version=8,
     procedure=mastering_recovery,
     spec_type=MasteringRecoverySpec,
     needs=("jogs_single_axes", "writes_mastering", "evidence", "model"),

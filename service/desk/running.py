@@ -43,7 +43,7 @@ class Running:
     def take(self, progress: Progress) -> None:
         """Note one event of the run."""
         self.step, self.index = progress.step, progress.index
-        if progress.kind in ("finding", "replayed") and progress.page is not None:
+        if progress.page is not None:
             self.phases = as_planned(self.phases, progress.page.data.get("plan", {}).get("planned", {}))
         self.expected = sum(len(phase.steps) for phase in self.phases) or progress.expected
         self.time_left.phases = self.phases

@@ -37,8 +37,8 @@ class Sayings {
   #patterns: Pattern[] = [];
   #heard = new Map<string, string | null>();
 
-  #known = 0; // of KINDS, in the language of the table
-  #wanted = 1; // procedures first: every page names them; refusals when one is told, or later
+  #known = { locale: "", kinds: 0 }; // what the table is of
+  #wanted = 1; // of KINDS: every page names procedures; refusals come when one is told, or later
 
   constructor() {
     $effect.root(() => {
@@ -46,11 +46,16 @@ class Sayings {
         void this.#load(language.locale);
       });
     });
-    later(() => this.#loadAll());
+    this.#wantAll();
   }
 
   /** A text of a procedure, a device or a refusal in the page's language. */
-  say = (text: string): string => this.parts(text).map((part) => part.text).join(" ");
+  say = (text: string): string => this.parts(text).map((part) => part.text).join(this.gap);
+
+  /** What stands between two sentences: nothing in Chinese. */
+  get gap(): string {
+    return language.locale === "zh" ? "" : " ";
+  }
 
   /** The same, sentence by sentence. */
   parts = (text: string): Spoken[] => {
@@ -82,7 +87,7 @@ class Sayings {
     if (said === undefined) {
       said = this.#counted(table, text) ?? this.#filled(text) ?? this.#ofDevice(text) ?? this.#listed(text);
       this.#heard.set(text, said);
-      if (said === null && this.#known === 1 && SENTENCED.test(text)) void this.#loadAll();
+      if (said === null && this.#wanted === 1 && SENTENCED.test(text)) this.#wantAll(0);
     }
     return said;
   }
@@ -137,17 +142,19 @@ class Sayings {
     return language.locale === "de" || language.locale === "es" ? number.replace(".", ",") : number;
   }
 
-  async #loadAll() {
-    this.#wanted = KINDS.length;
-    await this.#load(language.locale);
+  #wantAll(wait_ms?: number) {
+    later(() => {
+      this.#wanted = KINDS.length;
+      return this.#load(language.locale);
+    }, wait_ms);
   }
 
   async #load(locale: Locale) {
     const kinds = KINDS.slice(0, this.#wanted);
     const files = kinds.map((kind) => FILES[`../locales/${kind}/${locale}.json`]);
     const tables = await Promise.all(files.map((file) => file?.() ?? {}));
-    if (locale !== language.locale || kinds.length < this.#wanted) return;
-    this.#known = kinds.length;
+    if (locale !== language.locale || (locale === this.#known.locale && kinds.length <= this.#known.kinds)) return;
+    this.#known = { locale, kinds: kinds.length };
     const table = Object.assign({}, ...tables) as Record<string, string>;
     this.#patterns = Object.entries(table)
       .filter(([english]) => HOLE.test(english))
