@@ -145,10 +145,8 @@ async def measure_until_decided(campaign: Campaign, guess: tuple[int, ...]) -> T
     changed = False
     while True:
         captures = tuple(campaign.kept)
-        name, known_new = (
-            f"judge the captures {campaign.taken}",
-            tuple(axis - 1 for axis in spec.exchanged_axes),
-        )
+        name = f"judge the captures {campaign.taken}"
+        known_new = tuple(axis - 1 for axis in spec.exchanged_axes)
         recovery = await run.solve(name, judge, campaign.record, captures, guess, known_new)
         campaign.doubt_turns = doubt_after(recovery, guess, campaign.doubt_turns)
         exhausted = campaign.taken >= spec.max_captures
