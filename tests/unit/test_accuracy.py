@@ -75,8 +75,8 @@ def test_the_total_is_the_worst_pose():
     ("conditions", "cycles", "departure"),
     [
         (FULL, 5, "5 cycles"),
-        (replace(FULL, load_share=0.5), 30, "50% of the rated load"),
-        (replace(FULL, speed_share=0.1), 30, "10% of the rated speed"),
+        (replace(FULL, load_share=0.5), 30, "50 % of the rated load"),
+        (replace(FULL, speed_share=0.1), 30, "10 % of the rated speed"),
         (replace(FULL, warmed_up=False), 30, "not warmed up"),
         (replace(FULL, one_direction=False), 30, "different sides"),
     ],

@@ -201,7 +201,7 @@ def test_what_cannot_be_known_is_named_with_partner_and_cure():
     unknown = {item.parameter: item for item in found.not_identified}
     assert unknown["J1 offset"].partner.startswith("rotation of the base about z")
     assert "base frame" in unknown["J1 offset"].cure
-    assert set(unknown["J3 d"].partner.split(", ")) == {"J2 d", "J4 d"}
+    assert set(unknown["J3 d"].partner.split("; ")) == {"J2 d", "J4 d"}
     assert "J2 a" not in unknown
 
 
