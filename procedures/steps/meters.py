@@ -22,6 +22,7 @@ from calibration.points.touch_design import alike_touch, foreseen_u_m
 _POSE: TypeAdapter[Pose] = TypeAdapter(Pose)
 SHORT_BASE_M = 0.15  # the axes turn by point error over distance: below this a person is warned
 WELL_OPEN_RAD = math.radians(30.0)
+WRONG_POINT_M = 0.005  # no arm, tip or drawing is off by so much: another point is touched than is asked for
 
 Triple = tuple[float, float, float]
 
@@ -229,7 +230,10 @@ def _read_known_point(meter: Mapping[str, Any], base_flange: Pose) -> MeterReadi
         abs(math.dist(tip, place) - math.dist(known[-1], other))
         for place, other in zip(touched, known[:-1], strict=True)
     ]
-    return MeterReading(figures=(Gauged("gap", max(gaps), "m"),) if gaps else ())
+    if not gaps:
+        return MeterReading()
+    figures = (Gauged("gap", max(gaps), "m"),)
+    return MeterReading(warning="frame.points_disagree" if max(gaps) > WRONG_POINT_M else "", figures=figures)
 
 
 def tip_in_base(base_flange: Pose, tip_in_flange_m: Sequence[float]) -> Triple:

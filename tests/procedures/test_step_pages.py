@@ -17,7 +17,7 @@ from procedures.run import DeclinedError, Run
 from procedures.shown import StepKind, on_page, page_of
 from procedures.six_point_tcp import SixPointTcp
 from procedures.steps.ask import ask
-from procedures.steps.meters import frame_meter, move_meter, read_meter, tip_meter
+from procedures.steps.meters import frame_meter, known_points_meter, move_meter, read_meter, tip_meter
 from procedures.steps.pages import (
     Moves,
     axis_levers,
@@ -197,6 +197,16 @@ def test_points_of_a_frame_are_refused_before_they_are_recorded(
     meter = frame_meter(role, recorded, tip_in_flange_m=(0.0, 0.0, 0.0), sigma_m=5e-4, limits=(2e-3, 0.01))
     reading = read_meter(to_jsonable_python(meter), Pose(place))
     assert (reading.refusal, reading.warning) == (refusal, warning)
+
+
+@pytest.mark.parametrize(("beside_m", "warning"), [(0.001, ""), (0.02, "frame.points_disagree")])
+def test_another_point_than_is_asked_for_is_warned_of(beside_m: float, warning: str) -> None:
+    known = [(0.0, 0.0, 0.0), (0.4, 0.0, 0.0)]
+    meter = known_points_meter(1, known, [(1.0, 0.2, 0.3)], (0.0, 0.0, 0.0))
+    reading = read_meter(to_jsonable_python(meter), Pose((1.4 + beside_m, 0.2, 0.3)))
+    assert (reading.refusal, reading.warning) == ("", warning)
+    (gap,) = reading.figures
+    assert gap.value == pytest.approx(beside_m)
 
 
 def test_a_tenth_of_a_degree_is_its_lever() -> None:
