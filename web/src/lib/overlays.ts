@@ -96,7 +96,7 @@ export function text(words: string, high_px: number, colour: number): Sprite {
   const sprite = new Sprite(new SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
   const name = words.length > 1; // and no axis' letter
   sprite.userData = { name, high_px, aspect: canvas.width / canvas.height, center_y: 0.5 };
-  sprite.renderOrder = 3;
+  sprite.renderOrder = name ? 4 : 3; // letters hide no name
   return sprite;
 }
 
