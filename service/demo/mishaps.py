@@ -40,6 +40,8 @@ MISHAPS = (
     Mishap("jogged", "person", ROBOT, "jog_by_hand", {"axis": "J1", "rad": 0.05}),
     Mishap("tool", "person", ROBOT, "tool_switched"),
     Mishap("teach_mode", "person", ROBOT, "t1_mode"),
+    Mishap("slow", "person", ROBOT, "override", {"percent": 10}),
+    Mishap("fast", "person", ROBOT, "override", {"percent": 100}),
     Mishap("outlier", "gauge", WIRE, "outlier", {"m": 0.005, "count": 10}),
     Mishap("slack", "gauge", WIRE, "wire_slack"),
     Mishap("snap", "gauge", WIRE, "wire_snap"),
@@ -53,6 +55,8 @@ MISHAPS = (
     Mishap("ur_frozen", "link", OTHER_ROBOT, "frozen"),
     Mishap("ur_tool", "person", OTHER_ROBOT, "tool_switched"),
     Mishap("ur_local", "person", OTHER_ROBOT, "local_mode"),
+    Mishap("ur_slow", "person", OTHER_ROBOT, "speed_slider", {"fraction": 0.1}),
+    Mishap("ur_fast", "person", OTHER_ROBOT, "speed_slider", {"fraction": 1.0}),
 )
 _BY_NAME = {mishap.name: mishap for mishap in MISHAPS}
 
@@ -62,6 +66,7 @@ _MENDED: tuple[tuple[str, str, dict[str, Any]], ...] = (
     (ROBOT, "auto_mode", {}),
     (ROBOT, "select", {"tool": 1}),
     (ROBOT, "press_reset", {}),
+    (ROBOT, "override", {"percent": 100}),
     (WIRE, "wire_restore", {}),
     (WIRE, "node_on", {}),
     (WIRE, "emcy_clear", {}),
@@ -69,6 +74,7 @@ _MENDED: tuple[tuple[str, str, dict[str, Any]], ...] = (
     (OTHER_ROBOT, "unlock_protective_stop", {}),
     (OTHER_ROBOT, "link_restore", {}),
     (OTHER_ROBOT, "remote_mode", {}),
+    (OTHER_ROBOT, "speed_slider", {"fraction": 1.0}),
     (OTHER_ROBOT, "tool_switched", {"tcp": (0.0,) * 6}),
 )
 
