@@ -293,9 +293,7 @@ async def _approved(
         "No obstacles known: the path was not checked against what stands in the cell. The robot will turn"
         f"{deltas} at up to {math.degrees(speed_rad_s):.1f} deg/s. Look at its way. May it move?"
     )
-    stood = await _counts(cell) if here_rad is None else None
-    await ask(cell, Instruction("approve_move", words))
-    await _as_asked(cell, here_rad, stood)
+    await _agreed(cell, Instruction("approve_move", words), here_rad)
 
 
 async def _recently(cell: Cell, here_rad: Joints | None) -> None:
@@ -304,15 +302,8 @@ async def _recently(cell: Cell, here_rad: Joints | None) -> None:
         memory.agreed_at_s = _now()  # this entry's first move; the cell file allows it
     if _now() - memory.agreed_at_s <= AGREED_S:
         return
-    stood = await _counts(cell) if here_rad is None else None
-    await ask(
-        cell,
-        Instruction(
-            "may_still_move",
-            "This run was allowed to move the robot more than 8 hours ago. Look at the robot. May it move?",
-        ),
-    )
-    await _as_asked(cell, here_rad, stood)
+    words = "This run was allowed to move the robot more than 8 hours ago. Look at the robot. May it move?"
+    await _agreed(cell, Instruction("may_still_move", words), here_rad)
     memory.agree(_now())
 
 
@@ -326,9 +317,7 @@ async def _no_faster(cell: Cell, here_rad: Joints | None) -> None:
             f"The speed override stands at {now * 100:.0f} %, and was {before * 100:.0f} % at most while this run "
             "moved the robot. Nothing recorded is lost. Look at the robot. May it move that fast?"
         )
-        stood = await _counts(cell) if here_rad is None else None
-        await ask(cell, Instruction("may_move_faster", words))
-        await _as_asked(cell, here_rad, stood)
+        await _agreed(cell, Instruction("may_move_faster", words), here_rad)
         memory.override = now
 
 
@@ -337,6 +326,13 @@ def _watched(memory: MotionMemory, now: float) -> float:
     if memory.override is None:
         memory.override = now
     return memory.override
+
+
+async def _agreed(cell: Cell, asked: Instruction, here_rad: Joints | None) -> None:
+    """Have a person agree to motion, and see that the robot stands as it did when it was asked."""
+    stood = await _counts(cell) if here_rad is None else None
+    await ask(cell, asked)
+    await _as_asked(cell, here_rad, stood)
 
 
 async def _as_asked(cell: Cell, here_rad: Joints | None, stood: Counts | None) -> None:

@@ -231,11 +231,17 @@ async def test_what_was_agreed_to_a_shift_ago_is_asked_again_and_holds_for_anoth
     assert made.arm.moves == ["move"] * 4
 
 
-async def test_more_speed_than_was_watched_is_asked_for_and_less_never_is() -> None:
+async def watched_at(override: float) -> Scene:
+    """Return a robot that tells its override and has moved once with it."""
     made = standing()
     made.cell = replace(made.cell, override=made.arm)
-    made.arm.override = 0.3
+    made.arm.override = override
     await move_along(made.cell, [THERE], 0.1)
+    return made
+
+
+async def test_more_speed_than_was_watched_is_asked_for_and_less_never_is() -> None:
+    made = await watched_at(0.3)
     made.arm.override = 0.1
     await move_along(made.cell, [HERE], 0.1)
     made.arm.override = 0.3
@@ -249,10 +255,7 @@ async def test_more_speed_than_was_watched_is_asked_for_and_less_never_is() -> N
 
 
 async def test_nobody_who_says_no_to_more_speed_is_moved_until_it_is_turned_back() -> None:
-    made = standing()
-    made.cell = replace(made.cell, override=made.arm)
-    made.arm.override = 0.1
-    await move_along(made.cell, [THERE], 0.1)
+    made = await watched_at(0.1)
     made.arm.override = 0.5
     made.hands.refuses.add("may_move_faster")
     for _ in range(2):
@@ -265,10 +268,7 @@ async def test_nobody_who_says_no_to_more_speed_is_moved_until_it_is_turned_back
 
 
 async def test_speed_turned_up_while_it_is_asked_about_is_asked_about_again() -> None:
-    made = standing()
-    made.cell = replace(made.cell, override=made.arm)
-    made.arm.override = 0.1
-    await move_along(made.cell, [THERE], 0.1)
+    made = await watched_at(0.1)
     made.arm.override = 0.5
     made.hands.does["may_move_faster"] = lambda: setattr(made.arm, "override", 1.0)
     await move_along(made.cell, [HERE], 0.1)
