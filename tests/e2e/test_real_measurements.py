@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.machine_speed import stretched_s
+
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared" / "data"
 COPIES = ROOT / "tests" / "data"
@@ -44,7 +46,13 @@ def located(name):
 def identify(path, robot, *options):
     command = [sys.executable, "-m", "service", "identify", str(path), "--robot", robot, *options, "--json"]
     done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, timeout=280, check=False, env=dict(os.environ)
+        command,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=stretched_s(280.0),
+        check=False,
+        env=dict(os.environ),
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

@@ -14,8 +14,9 @@ from service.runs.outcome import Verdict
 from service.runs.store import Store
 from service.watching.answers_to_loss import WATCH
 from service.watching.watch import HealthyCounts, LastHealthyCounts
+from tests.machine_speed import stretched_s
 
-PATIENCE_S = 120.0
+PATIENCE_S = stretched_s(120.0)
 
 
 async def until_said(process: asyncio.subprocess.Process, words: str, heard: list[str]) -> None:

@@ -21,9 +21,10 @@ from service.demo.door import Door
 from service.demo.mishaps import MISHAPS
 from service.web.app import Settings, create_app
 from service.web.demo import DemoLink, DemoWorld
+from tests.machine_speed import stretched_s
 from tests.service.desks import a_cell
 
-PATIENCE_S = 240.0  # a whole record is taken
+PATIENCE_S = stretched_s(240.0)  # a whole record is taken
 
 
 @asynccontextmanager
@@ -204,7 +205,7 @@ def test_a_taken_port_that_was_asked_for_is_refused(tmp_path: Path) -> None:
         port = str(taken.getsockname()[1])
         ended = subprocess.run(
             [sys.executable, "-m", "service", "demo", "--port", port], capture_output=True, text=True,
-            timeout=280, check=False, cwd=tmp_path,
+            timeout=stretched_s(280.0), check=False, cwd=tmp_path,
         )  # fmt: skip
     assert ended.returncode == 2
     assert port in ended.stderr

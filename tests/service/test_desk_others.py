@@ -10,6 +10,7 @@ from service.runs.cell import leases
 from service.runs.lease import DEVICES, lease
 from service.site.alarms import wrong_in
 from service.watching.watch import LastHealthyCounts
+from tests.machine_speed import stretched_s
 from tests.service.desks import RECORD, AtDesk, at_desk, ended, say_yes_until_it_ends, take_the_record
 
 
@@ -111,7 +112,7 @@ def device_of(person: AtDesk, name: str) -> dict[str, Any]:
 
 
 async def until_device(person: AtDesk, name: str, true: Any) -> dict[str, Any]:
-    async with asyncio.timeout(90.0):
+    async with asyncio.timeout(stretched_s(90.0)):
         while not true(device_of(person, name)):
             await asyncio.sleep(0.02)
     return device_of(person, name)

@@ -15,6 +15,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from service.web.guard import HEADERS, MOST_BYTES, Budget, Guard
 from service.web.pages import DIST
+from tests.machine_speed import stretched_s
 from tests.service.browsers import served
 from tests.service.doors import ORIGIN, Clock, Door, Tablet, a_door, another_browser
 
@@ -280,7 +281,7 @@ async def test_a_screen_of_a_revoked_device_sees_nothing_more(tmp_path: Path) ->
 
 
 async def _everything_from(screen: ClientConnection) -> None:
-    async with asyncio.timeout(90.0):
+    async with asyncio.timeout(stretched_s(90.0)):
         while True:  # what was on its way before may still come
             await screen.recv()
 

@@ -23,11 +23,12 @@ from service.configuration.cell_file import read_cell_file
 from service.demo.door import Door
 from service.desk.live import Glance
 from service.runs.cell import open_cell
+from tests.machine_speed import stretched_s
 from tests.procedures.cells import scene
 from tests.procedures.fake_hands import FakeHands
 from tests.service.instruments import full_cell
 
-DEADLINE_S = 60.0
+DEADLINE_S = stretched_s(60.0)
 
 
 @asynccontextmanager

@@ -29,6 +29,7 @@ from service.programs.project import read_project
 from service.web.guard import MOST_BYTES
 from service.web.programs_shapes import MOST_FILE_BYTES
 from tests.example_projects import FOLDER, TOOL, cells, poses_of, tips_at_fixture
+from tests.machine_speed import stretched_s
 from tests.service.doors import ROLES, Door, a_door
 
 SOURCES = {path.name: path.read_bytes() for path in sorted((FOLDER / "cell_1" / "programs").glob("*.LS"))}
@@ -36,7 +37,7 @@ NUMBERS = re.compile(rb"([XYZWPR]) = *-?[\d.]+ +(mm|deg)")
 CELL_1 = {"kind": "kept", "name": "door line, cell 1"}
 CELL_7 = {"kind": "kept", "name": "door line, cell 7"}
 STILL = {"position_m": [0.0, 0.0, 0.0], "quaternion": [1.0, 0.0, 0.0, 0.0]}
-PATIENCE_S = 120.0
+PATIENCE_S = stretched_s(120.0)
 
 
 def carried(files: Mapping[str, bytes]) -> list[dict[str, str]]:

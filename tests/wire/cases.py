@@ -9,6 +9,7 @@ from typing import Any
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition, ContactEdge, Readiness
 from service.demo.door import Door
+from tests.machine_speed import stretched_s
 
 Fault = tuple[str, dict[str, Any]]
 Truth = dict[str, Any]
@@ -57,7 +58,7 @@ class ProbeCase:
 
 async def until(holds: Callable[[], Awaitable[bool]]) -> None:
     """Ask again and again until it holds; the world is another process and cannot tell us."""
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(stretched_s(30.0)):
         while not await holds():
             await asyncio.sleep(0.01)
 

@@ -10,8 +10,9 @@ from typing import Any
 
 from fake_devices.universal_robots.device import UniversalRobot, create
 from fake_devices.world import World
+from tests.machine_speed import stretched_s
 
-CHILD_DEADLINE_S = 60.0
+CHILD_DEADLINE_S = stretched_s(60.0)
 
 
 @asynccontextmanager

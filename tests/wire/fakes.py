@@ -3,6 +3,7 @@
 import itertools
 import json
 import os
+import re
 import select
 import subprocess
 import sys
@@ -11,9 +12,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from service.demo.door import Door
+from tests.machine_speed import stretched_s
 
 TIME_FACTOR = 30.0
-_START_S = 30.0
+_START_S = stretched_s(30.0)
 _numbers = itertools.count()
 
 CELL = """\
@@ -127,6 +129,13 @@ control_port = 0
 """
 
 
+_LIMIT = re.compile(r"^(deadline_s|measure_deadline_s) = ([0-9.]+)", re.MULTILINE)
+
+
+def _stretched(limit: re.Match[str]) -> str:
+    return f"{limit[1]} = {min(stretched_s(float(limit[2])), 60.0):.1f}"
+
+
 def own_address() -> str:
     """Return a loopback address that no other test process uses, so that fixed ports do not meet."""
     pid = os.getpid()
@@ -137,9 +146,8 @@ def own_address() -> str:
 def running(folder: Path, text: str = CELL) -> Iterator[tuple[Path, Door]]:
     """Play the devices of a cell file until the block ends."""
     path = folder / "cell.toml"
-    path.write_text(
-        text.format(address=own_address(), folder=folder, time_factor=TIME_FACTOR), encoding="utf-8"
-    )
+    text = text.format(address=own_address(), folder=folder, time_factor=TIME_FACTOR)
+    path.write_text(_LIMIT.sub(_stretched, text), encoding="utf-8")
     process = subprocess.Popen(
         [sys.executable, "-m", "fake_devices", str(path), "--watch-stdin"],
         stdin=subprocess.PIPE,

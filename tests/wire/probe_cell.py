@@ -154,7 +154,7 @@ def at_a_corner(
 ) -> Iterator[tuple[Path, Door]]:
     """Play a robot with a probe in a corner that opens to +x, +y, +z of a frame (4, 4), all hidden effects on."""
     tables = corner_tables(robot, base_frame)
-    with _playing(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=8.0, silence_ms=400.0) as cell:
+    with _playing(folder, robot, tables, tip_sigma_mm=tip_sigma_mm, pace=4.0, silence_ms=2000.0) as cell:
         yield cell
 
 
@@ -167,7 +167,7 @@ def _playing(
     tip_sigma_mm: float,
     hidden: bool = True,
     pace: float = 3.0,
-    silence_ms: float = 1000.0,
+    silence_ms: float = 2000.0,
 ) -> Iterator[tuple[Path, Door]]:
     text = (_ROBOTS[robot] + _REST).format(
         robot=robot,

@@ -5,6 +5,8 @@ import struct
 from contextlib import suppress
 from typing import Any, Self
 
+from tests.machine_speed import stretched_s
+
 CODES = {
     "BOOL": "?",
     "UINT8": "B",
@@ -17,7 +19,7 @@ CODES = {
     "VECTOR6INT32": "6i",
     "VECTOR6UINT32": "6I",
 }
-DEADLINE_S = 10.0
+DEADLINE_S = stretched_s(10.0)
 
 
 class RawRtde:

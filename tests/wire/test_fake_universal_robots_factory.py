@@ -12,12 +12,13 @@ from drivers.universal_robots.factory_calibration import FactoryKinematics, read
 from fake_devices.arm_models import MODELS
 from fake_devices.kinematics import flange
 from fake_devices.universal_robots.device import UniversalRobot
+from tests.machine_speed import stretched_s
 from tests.wire.fake_ur import fake_ur
 
 SEEDS = range(20)
 E_SERIES = sorted(name for name in MODELS if name.startswith("ur") and name.endswith("e"))
 CB3 = sorted(name for name in MODELS if name.startswith("ur") and not name.endswith("e"))
-DEADLINE_S = 10.0
+DEADLINE_S = stretched_s(10.0)
 NEAR_RAD = math.radians(1.0)
 
 

@@ -5,10 +5,11 @@ from typing import Any
 
 import pytest
 
+from tests.machine_speed import stretched_s
 from tests.wire.fake_ur import fake_ur, wheel
 from tests.wire.rtde_client import watching
 
-pytestmark = pytest.mark.timeout(110)
+pytestmark = pytest.mark.timeout(stretched_s(110.0))
 
 
 async def test_every_kind_of_move_arrives() -> None:

@@ -17,6 +17,7 @@ from fake_devices.cell import FACTORIES, FakeCell
 from fake_devices.control import ControlDoor
 from fake_devices.device import FaultRefusedError
 from fake_devices.link_faults import LinkFaults
+from tests.machine_speed import stretched_s
 from tests.wire.fake_cells import GAUGE, ROBOT, behind_a_door, document, running, until
 
 CELL = """
@@ -72,12 +73,12 @@ async def played(
 
 async def first_line(process: asyncio.subprocess.Process) -> dict[str, Any]:
     assert process.stdout is not None
-    async with asyncio.timeout(30.0):
+    async with asyncio.timeout(stretched_s(30.0)):
         return dict(json.loads(await process.stdout.readline()))
 
 
 async def ended(process: asyncio.subprocess.Process) -> int:
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(stretched_s(10.0)):
         return await process.wait()
 
 

@@ -24,17 +24,20 @@ from drivers.universal_robots.config import UniversalRobotConfig
 from drivers.universal_robots.robot import UniversalRobot
 from drivers.universal_robots.state import StateClient
 from fake_devices.universal_robots.device import UniversalRobot as FakeRobot
+from tests.machine_speed import stretched_s
 from tests.wire.cases import until_ready
 from tests.wire.fake_ur import fake_ur
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = pytest.mark.timeout(stretched_s(60.0))
 
 HOME = (-1.57, -1.57, -1.57, -1.57, 1.57, 0.0)
 AWAY = (0.43, -1.2, -1.9, -1.3, 1.3, 0.4)
 NEAR = (-1.52, -1.57, -1.57, -1.57, 1.57, 0.0)
 SERIAL = "20225500042"
 FAST = 3.0
-PROMISE_S = 4.0  # twice what the driver promises on an idle machine; tests/soak measures the promise
+PROMISE_S = stretched_s(
+    4.0
+)  # twice what the driver promises on an idle machine; tests/soak measures the promise
 
 
 def config_of(fake: FakeRobot, **changes: Any) -> UniversalRobotConfig:
@@ -78,7 +81,7 @@ async def moving(robot: UniversalRobot, fake: FakeRobot) -> AsyncIterator[asynci
 
 
 async def until(holds: Callable[[], bool]) -> None:
-    async with asyncio.timeout(15.0):
+    async with asyncio.timeout(stretched_s(15.0)):
         while not holds():
             await asyncio.sleep(0.005)
 
