@@ -2,7 +2,7 @@
 
 import re
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -15,6 +15,7 @@ from drivers.abb.usual import GAPS, NUMBERS
 from drivers.abb.written import LEAST_LENGTH_DECIMALS, LEAST_QUATERNION_DECIMALS, Written
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, Remark
+from drivers.programs.shifts import Shift, renumber_shifts
 from drivers.programs.spans import Source, finest, unique_names
 
 LEAST_ANGLE_DECIMALS = 4  # of a degree: what a changed coordinate is written with at least
@@ -149,8 +150,9 @@ class Collected:
         user_frames: list[str | None],
         tools: list[str | None],
         barred: Mapping[int, str],
+        shifts: Sequence[Shift] = (),
     ) -> Positions:
-        """Return the columns in the order of the file."""
+        """Return the columns in the order of the file; barred rows and shifts are counted as they were read."""
         lines = self.source.lines_of(np.array(self.starts, dtype=np.int64)[order])
         kinds = _taken(self.kinds, order)
         values = np.array(self.values).reshape(-1, 7)[order]
@@ -180,6 +182,9 @@ class Collected:
             resolution_m=steps[:, 0],
             resolution_rad=steps[:, 1],
             barred={k: barred[row] for k, row in enumerate(order.tolist()) if row in barred},
+            shifts=renumber_shifts(shifts, {row: k for k, row in enumerate(order.tolist())})
+            if shifts
+            else (),
         )
 
     def _row(self, name: str, kind: str, start: int, state: str) -> None:

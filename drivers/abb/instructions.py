@@ -2,8 +2,10 @@
 
 import re
 from dataclasses import dataclass
+from math import nan
 
 from drivers.abb.literals import AGGREGATES, NAME, LiteralError, W, after_blanks, spelled
+from drivers.programs.shifts import UNREADABLE
 from drivers.programs.spans import Source
 
 # Where the tool stands, from the end of the arguments that are not optional.
@@ -25,6 +27,7 @@ _OPTION = re.compile(  # of a whole instruction: brackets and what is in quotes 
 _NEXT_STATEMENT = re.compile(
     r"\n[ \t\r]*+(?:Move[LJC]|MoveAbsJ|END(?:PROC|FUNC|TRAP|MODULE|IF|FOR|WHILE))\b", re.IGNORECASE
 )
+_LENGTH = re.compile(rf"{W}([+-]?{W}(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+){W}", re.ASCII)
 _INDEX = re.compile(r"\d+(?:,\d+)*")
 
 _CIRCLE = re.compile(r"(?:move|trigg|arc|disp|paint|cap)c")
@@ -44,6 +47,7 @@ class Target:
     literal: re.Match[str] | None = None
     axes: bool = False
     remark: tuple[str, str] | None = None
+    offset_m: tuple[float, float, float] | None = None  # of Offs; NaN for what is computed
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,9 +204,36 @@ def _called(text: str, head: re.Match[str], argument: Argument) -> Target:
     """Return the target of a move to a function's result: the point that it shifts, where it is such a one."""
     inner: re.Match[str] | None = head
     shifted = False
+    offset: tuple[float, float, float] | None = None
     while inner is not None and inner[3] and inner[1].lower() in ("offs", "reltool"):
+        if inner[1].lower() == "offs":
+            offset = UNREADABLE if offset else offset_of(text, inner.end(), argument.end)
         inner, shifted = _HEAD.match(text, inner.end(), argument.end), True
     if not shifted:
         return Target(argument.start, remark=_COMPUTED)
     named = inner is not None and not inner[3]
-    return Target(argument.start, name=spelled(inner[1]) if inner and named else "", remark=_SHIFTED)
+    name = spelled(inner[1]) if inner and named else ""
+    return Target(argument.start, name=name, remark=_SHIFTED, offset_m=offset)
+
+
+def offset_of(text: str, place: int, end: int) -> tuple[float, float, float]:
+    """Return the last three arguments of Offs, whose first begins at a place [m]; NaN where one is computed."""
+    commas: list[int] = []
+    depth, stop = 0, end
+    for found in _ARGUMENT.finditer(text, place, end):
+        if found[0] in ")]}" and not depth:
+            stop = found.start()
+            break
+        depth += (found[0] in "[({") - (found[0] in "])}")
+        if found[0] == "," and not depth:
+            commas.append(found.start())
+    if len(commas) != 3:
+        return UNREADABLE
+    ends = [*commas[1:], stop]
+    x, y, z = (_length_m(text, start + 1, until) for start, until in zip(commas, ends, strict=True))
+    return x, y, z
+
+
+def _length_m(text: str, place: int, end: int) -> float:
+    found = _LENGTH.fullmatch(text, place, end)
+    return float("".join(found[1].split())) * 1e-3 if found else nan

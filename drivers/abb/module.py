@@ -17,6 +17,7 @@ from drivers.abb.literals import (
     end_of_element,
     spelled,
 )
+from drivers.abb.shifted import ShiftFound, ShiftsFound
 from drivers.abb.uses import Uses
 from drivers.abb.usual import USUAL
 from drivers.abb.written import Written
@@ -74,6 +75,7 @@ class Module:
 
     found: Collected
     uses: Uses = field(default_factory=Uses)
+    shifts: ShiftsFound = field(default_factory=ShiftsFound)
     name: str = ""
     assigned: list[tuple[int, str, str]] = field(default_factory=list)  # place, name, scope
     bases: dict[str, Pose] = field(default_factory=lambda: {"wobj0": Pose((0.0, 0.0, 0.0))})
@@ -351,6 +353,12 @@ class Module:
     def _moved_to(self, instruction: Instruction, part: int, target: Target, start: int) -> None:
         if target.remark:
             self.found.remark(target.place, *target.remark)
+        if target.offset_m is not None:
+            self.shifts.found.append(
+                ShiftFound(
+                    target.place, "Offs", self.uses.scope, target.name, instruction.frame, target.offset_m
+                )
+            )
         if target.literal is None:
             if target.name:
                 self.uses.use(target.name, instruction.tool, instruction.frame)

@@ -114,7 +114,9 @@ class AbbFile:
             used=frozenset(k for k, row in enumerate(order.tolist()) if uses.of_row.get(row)),
             declared=frozenset(module.frames_declared),
             name=module.name or PurePath(name).stem,
-            positions=found.positions(order, user_frames, tools, module.uses.barred),
+            positions=found.positions(
+                order, user_frames, tools, module.uses.barred, module.shifts.shifts(found, module.uses)
+            ),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=module.frames(),
             starts=np.array(found.starts, dtype=np.int64)[order],

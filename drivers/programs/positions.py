@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from calibration.arm.kinematics import RobotModel
 from calibration.geometry import Array, Pose
+from drivers.programs.shifts import Shift
 
 Kind = str
 CARTESIAN, JOINTS, UNTAUGHT = "cartesian", "joints", "untaught"
+UNREAD = "unread"  # numbers of a position that stand in the file and are not changed; `barred` says why
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +43,7 @@ class Positions:
     resolution_m: Array  # (N,) one unit of the last decimal of a length as written
     resolution_rad: Array  # (N,)
     barred: Mapping[int, str] = field(default_factory=dict)  # rows that no command may change, and why
+    shifts: tuple[Shift, ...] = ()  # what the program adds to points while it runs
 
     def __len__(self) -> int:
         """Return N."""

@@ -99,12 +99,12 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
         tools=tuple(name for p in all_of for name in p.tools),
         user_frames=tuple(name for p in all_of for name in p.user_frames),
         stays=np.zeros(sum(count), dtype=bool),
-        reasons=[_first_reason(kind, axes) for p in all_of for kind in p.kinds],
+        reasons=[
+            _first_reason(kind, p.barred.get(row, ""), axes)
+            for p in all_of
+            for row, kind in enumerate(p.kinds)
+        ],
     )
-    first = np.cumsum([0, *count]).tolist()
-    for start, positions in zip(first, all_of, strict=False):
-        for row, why in positions.barred.items():
-            points.refuse(np.array([start + row], dtype=np.intp), why)
     groups = side_by_side([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
     points.refuse(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
     moving = [np.abs(np.nan_to_num(p.external)).max(axis=1, initial=0.0) > 0 for p in all_of]
@@ -304,7 +304,9 @@ def joints_of(positions: Positions, axes: int) -> Array:
     return wide
 
 
-def _first_reason(kind: str, axes: int) -> str:
+def _first_reason(kind: str, barred: str, axes: int) -> str:
+    if barred:
+        return barred
     if kind == UNTAUGHT:
         return "not taught"
     if kind == PULSES:

@@ -35,6 +35,8 @@ def verdict(report: Report, language: Language = SCREEN) -> str:
     told = [counted_up]
     if counts[LEFT]:
         told.append(texts.left_means)
+    if report.findings:
+        told.append(counted(report.findings, texts.points_off))
     if report.refused:
         told.append(counted(len(report.refused), texts.files_refused))
     return language.join(told)
