@@ -25,6 +25,7 @@ from service.programs.cell_of_program import (
     groups_of,
     in_no_frame,
     missing,
+    name_in,
     points_of,
     refuse_foreign,
     tool_of,
@@ -142,8 +143,9 @@ class Carrier:
         joints = ~points.cartesian[group.rows] & in_no_frame(
             points.programs[points.of[group.rows[0]]], group.frame
         )
+        frame = name_in(self._route.source, points.programs[points.of[group.rows[0]]], group.frame)
         for some, bare in ((~joints, False), (joints, True)):
-            taken = self._route.takes(group.frame, bare_joints=bare)
+            taken = self._route.takes(frame, bare_joints=bare)
             if taken is not True:
                 goes &= ~some
             if taken is False:
