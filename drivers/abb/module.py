@@ -65,7 +65,7 @@ _MOVED_TEXT = "The user frame of {} is moved by {}; it is not taken as fixed."
 _STATIONARY_TEXT = "{} stands in the cell: targets that use it are seen from the flange, and are not changed."
 _INSIDE_TEXT = "A position stands inside this statement; it is not read, and stays as it is."
 _INSIDE = "it stands inside other data, or is computed in part, and is not read"
-_STAR = "its coordinates are not in the file"
+_STAR_UNKNOWN = "its coordinates are not in the file"
 _UNREAD_TEXT = "{} is not read: it is computed, or not as {} is written."
 
 
@@ -404,7 +404,7 @@ class Module:
         elif target.name:
             self.uses.use(target.name, instruction.tool, instruction.frame)
         elif target.remark == STAR:
-            self.found.add_unread(name, target.place, _STAR)
+            self.found.add_unread(name, target.place, _STAR_UNKNOWN)
         if self.displaced:
             self._note_move(start, target.name, row, instruction.frame)
         self._note_shift(instruction, target, name, row)

@@ -29,7 +29,7 @@ _COSTS_EACH_TIME = (
     "{what} shifts {point} in axes that this change turns by {angle} deg: the point then misses by {distance} mm "
     "for each time that this runs. Turn the shift in the program, too, or teach the point there."
 )
-_UNREADABLE = (
+_SIZE_UNREADABLE = (
     "{what} shifts {point} in axes that this change turns by {angle} deg; the size of the shift is not readable, "
     "and each 100 mm of it may miss by {distance} mm. Turn the shift in the program, too, or teach the point there."
 )
@@ -105,7 +105,7 @@ def _finding(shift: Shift, point: str, row: int, pose: Array | None, seen: _Turn
     change = seen.change
     angle = float(np.linalg.norm(log_rotation(change[:3, :3])))
     if _size_counts(shift, seen) or (pose is None and shift.quaternion not in (None, (1.0, 0.0, 0.0, 0.0))):
-        text = _text(_UNREADABLE, shift, point, angle, _SHOWN_M * _chord(angle), 0.0)
+        text = _text(_SIZE_UNREADABLE, shift, point, angle, _SHOWN_M * _chord(angle), 0.0)
         return Finding(shift.line, point, shift.what, angle, math.nan, math.nan, text, row)
     if not seen.exact:
         distance = float(np.linalg.norm(np.nan_to_num(shift.translation_m))) * _chord(angle)

@@ -202,7 +202,9 @@ def _name(brand: ProgramBrand, suffix: str) -> str:
 
 def some_change(positions: Positions, rng: np.random.Generator) -> Change | None:
     """Return a rigid shift of some Cartesian positions and a shift of some joint positions."""
-    movable = np.flatnonzero(np.array([kind not in (UNTAUGHT, UNREAD) for kind in positions.kinds], dtype=bool))
+    movable = np.flatnonzero(
+        np.array([kind not in (UNTAUGHT, UNREAD) for kind in positions.kinds], dtype=bool)
+    )
     if not len(movable):
         return None
     rows = np.sort(rng.choice(movable, size=int(rng.integers(1, len(movable) + 1)), replace=False))
