@@ -136,7 +136,7 @@ class _Robot:
     frames: dict[str, Array | None] = field(default_factory=lambda: {"wobj0": np.eye(4)})
     numbers: dict[str, float] = field(default_factory=dict)
     displaced: Array = field(default_factory=lambda: np.eye(4))
-    tip: Array = field(default_factory=lambda: np.eye(4))
+    tip: Array = field(default_factory=lambda: np.full((4, 4), np.nan))
     tips: list[Tip] = field(default_factory=list)
     origins: dict[str, set[str]] = field(default_factory=dict)  # names that a value comes from
 
@@ -201,17 +201,22 @@ class _Robot:
 
     def _move(self, at: int, moved: re.Match[str]) -> None:
         text, frame = moved[2], (moved[4] or "wobj0").lower()
-        names = frozenset(self._names(text))
+        names = frozenset({*self._names(text), f"move{moved[1].lower()}@{at + 1}"})
         if moved[1].lower() == "absj":
             self.tips.append(Tip(at + 1, names, None, f"joints {text}"))
+            self.tip = np.full((4, 4), np.nan)
             return
         base = self.frames[frame]
         if base is None:
             told = np.array2string(self._value(text), precision=5, suppress_small=True)
             self.tips.append(Tip(at + 1, names, None, f"led {text} {told}"))
+            self.tip = np.full((4, 4), np.nan)
             return
         self.tip = base @ self.displaced @ self._value(text)
-        self.tips.append(Tip(at + 1, names, self.tip))
+        if np.isnan(self.tip).any():
+            self.tips.append(Tip(at + 1, names, None, f"on from joints {text}"))
+        else:
+            self.tips.append(Tip(at + 1, names, self.tip))
 
     def _names(self, text: str) -> set[str]:
         words = re.findall(r"[a-z]\w*(?:\{\d\})?", text.lower())
@@ -228,6 +233,8 @@ class _Robot:
         assert whole is not None, line
         self.targets[whole[1].lower()] = self._value(whole[2])
         self.origins[whole[1].lower()] = self._names(whole[2])
+        if whole[2].startswith("CRobT") and self.tips:
+            self.origins[whole[1].lower()] = {*self.tips[-1].names, f"#{self.tips[-1].line}"}
 
     def _value(self, text: str) -> Array:
         called = re.match(r"(Offs|RelTool)\((.*),([^,]+),([^,]+),([^,]+)\)$", text)
@@ -241,7 +248,7 @@ class _Robot:
         if text.startswith("["):
             return _pose(_numbers(text)[:7])
         if text.startswith("CRobT"):
-            return np.linalg.inv(self.displaced) @ self.tip
+            return np.linalg.inv(self.displaced) @ self.tip  # NaN behind joints, whose place is not the work's
         return self.targets[text.lower().removesuffix(".p")]
 
     def _number(self, word: str) -> float:

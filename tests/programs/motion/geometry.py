@@ -15,7 +15,7 @@ class Tip:
     """Where one motion of a program goes."""
 
     line: int
-    names: frozenset[str]  # of the variables that the motion uses, in small letters
+    names: frozenset[str]  # of the variables that it uses, in small letters; "#7": it goes on from line 7
     base_tip: Array | None  # (4, 4) [m]; None where the motion is not a place in the base
     text: str = ""  # what it says instead: joints, or a pose that is seen from the flange
 
@@ -29,7 +29,7 @@ class Named:
 
     def covers(self, tip: Tip) -> bool:
         """Tell whether a motion is named by its line or by a variable that it uses."""
-        return tip.line in self.lines or bool(self.names & tip.names)
+        return bool({f"#{line}" for line in self.lines} & {f"#{tip.line}", *tip.names} or self.names & tip.names)
 
 
 def pose(rotation: Rotation, place_m: object) -> Array:
