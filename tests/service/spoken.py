@@ -23,7 +23,7 @@ _BY_NAME = """
     unreachable other_configuration other_turns no_posture fixed cure hindrances occupied
     text question asked
     costs costs_each_time size_unreadable inside star_unknown frame_alone relative_axes component_set external_offset
-    element_set not_read conflicts in_script stray
+    external_tool element_set not_read conflicts in_script stray
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """

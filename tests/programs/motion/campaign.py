@@ -22,7 +22,7 @@ _NO_SINGULARITY = 1e-6
 _NOTHING_THERE = "it has no coordinates"  # a variable that the program fills: it names no motion
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Language:
     """One brand: its files by their suffixes, what they do, and a robot that goes there."""
 

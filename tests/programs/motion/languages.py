@@ -1,10 +1,13 @@
 """The languages of the campaign."""
 
-from tests.programs.motion import abb
+from tests.programs.motion import abb, kuka
 from tests.programs.motion.campaign import Language
 
 LANGUAGES = {
     "abb": Language(
         "abb", "abb_irb120", lambda seed: {"gen.mod": abb.generate(seed)}, lambda texts: abb.interpret([*texts.values()])
+    ),
+    "kuka": Language(
+        "kuka", "kuka_kr6_r900", kuka.generate, kuka.interpret, (("1", (0, 0, 0.08)),), tuple(kuka.BASES.items())
     ),
 }
