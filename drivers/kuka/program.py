@@ -398,7 +398,7 @@ class Program:
         elif not alone and ":" not in value.partition("}")[2]:
             remark_hidden_positions(self.found, line, line.start)
         if ":" in value.partition("}")[2] and name.name[0] != "$":
-            self.shifts.note_operators(value, name.value or line.start, self.types, None)
+            self._copied(name, value, line)
         if literal is None or not literal.whole or (is_frame and not literal.axes):
             self._overwritten(name, value, line)
 
