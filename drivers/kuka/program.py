@@ -424,7 +424,7 @@ class Program:
             self._note(name.name, name.index, line.start, OVERWRITTEN)
 
     def _component(self, code: str, line: Line) -> None:
-        self.shifts.note_component(code, line.start)
+        self.shifts.note_component(code, line.start, self._here(line.start))
         self.found.remark(line.start, "computed", _ASSIGNED.format(code.partition("=")[0].strip()))
         name = item(self.found.source.text, line.start, line.end)
         if name is not None and name.name.upper() in _TABLES:

@@ -1,4 +1,4 @@
-"""RAPID programs of relative, led, shifted, array, stationary-tool and mixed points, and what they do at the robot."""
+"""RAPID programs of relative, led, shifted, array, held and mixed points, and what they do at the robot."""
 
 import re
 from dataclasses import dataclass, field
@@ -11,10 +11,9 @@ from tests.programs.motion.geometry import Array, Tip, pose
 _E = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _FRAME = "[[0,0,0],[1,0,0,0]]"
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-SUFFIX = ".mod"
 
 
-def generate(seed: int) -> str:
+def generate(seed: int) -> dict[str, str]:
     """Return a module."""
     rng = np.random.default_rng([seed, 11])
     held = ["CONST num N_STANDS:=2;", "CONST num nUp:=60;"]
@@ -33,8 +32,19 @@ def generate(seed: int) -> str:
     held.append("VAR robtarget pTmp;")
     body = [line for _ in range(int(rng.integers(3, 10))) for line in _statements(rng)]
     sub = [line for _ in range(2) for line in _move(rng, "p4")]
-    lines = ["MODULE GEN", *held, "PROC main()", *body, "ENDPROC", "PROC rSub()", *sub, "ENDPROC", "ENDMODULE", ""]
-    return "\n".join(lines)
+    lines = [
+        "MODULE GEN",
+        *held,
+        "PROC main()",
+        *body,
+        "ENDPROC",
+        "PROC rSub()",
+        *sub,
+        "ENDPROC",
+        "ENDMODULE",
+        "",
+    ]
+    return {"gen.mod": "\n".join(lines)}
 
 
 def _mm(rng: np.random.Generator, size: float) -> str:
@@ -83,7 +93,7 @@ def _shift(rng: np.random.Generator) -> str:
     return str(rng.choice([f"{x},{y},{z}", f"0,0,{abs(z)}", f"{x},0,0", "0,0,nUp"]))
 
 
-def _statements(rng: np.random.Generator) -> list[str]:  # noqa: C901, PLR0911, PLR0912
+def _statements(rng: np.random.Generator) -> list[str]:  # noqa: PLR0911, PLR0912
     name = str(rng.choice(["p1", "p2", "p3", "p4"]))
     frame = "\\WObj:=wTab" if name == "p2" else ""
     kind = int(rng.integers(17))
@@ -169,7 +179,9 @@ class _Robot:
             self.targets[f"{name}{{{k + 1}}}" if element else name] = _pose(numbers[17 * k : 17 * k + 7])
 
     def _call(self, name: str) -> None:
-        begin = next(k for k, line in enumerate(self.lines) if line.lower().startswith(f"proc {name.lower()}("))
+        begin = next(
+            k for k, line in enumerate(self.lines) if line.lower().startswith(f"proc {name.lower()}(")
+        )
         end = self.lines.index("ENDPROC", begin)
         at = begin + 1
         while at < end:
@@ -223,11 +235,15 @@ class _Robot:
         return {one for word in words for one in (word, *self.origins.get(word.partition("{")[0], ()))}
 
     def _assign(self, line: str) -> None:
-        component = re.match(r"(\w+)\.trans\.([xyz]) := (?:\w+\.trans\.[xyz]([+-]))?(\d+);", line, re.IGNORECASE)
+        component = re.match(
+            r"(\w+)\.trans\.([xyz]) := (?:\w+\.trans\.[xyz]([+-]))?(\d+);", line, re.IGNORECASE
+        )
         if component is not None:
             target = self.targets[component[1].lower()] = self.targets[component[1].lower()].copy()
             axis, value = "xyz".index(component[2]), float(component[4]) * 1e-3
-            target[axis, 3] = value if component[3] is None else target[axis, 3] + float(component[3] + "1") * value
+            target[axis, 3] = (
+                value if component[3] is None else target[axis, 3] + float(component[3] + "1") * value
+            )
             return
         whole = re.match(r"(\w+) := (.*);", line)
         assert whole is not None, line
@@ -248,7 +264,9 @@ class _Robot:
         if text.startswith("["):
             return _pose(_numbers(text)[:7])
         if text.startswith("CRobT"):
-            return np.linalg.inv(self.displaced) @ self.tip  # NaN behind joints, whose place is not the work's
+            return (
+                np.linalg.inv(self.displaced) @ self.tip
+            )  # NaN behind joints, whose place is not the work's
         return self.targets[text.lower().removesuffix(".p")]
 
     def _number(self, word: str) -> float:
@@ -264,6 +282,6 @@ def _pose(seven: list[float]) -> Array:
     return pose(Rotation.from_quat([x, y, z, w]), np.array(seven[:3]) * 1e-3)
 
 
-def interpret(texts: list[str]) -> list[Tip]:
+def interpret(texts: dict[str, str]) -> list[Tip]:
     """Return where the motions of a module go."""
-    return _Robot(texts[0].split("\n")).run()
+    return _Robot(texts["gen.mod"].split("\n")).run()

@@ -29,7 +29,9 @@ class Named:
 
     def covers(self, tip: Tip) -> bool:
         """Tell whether a motion is named by its line or by a variable that it uses."""
-        return bool({f"#{line}" for line in self.lines} & {f"#{tip.line}", *tip.names} or self.names & tip.names)
+        return bool(
+            {f"#{line}" for line in self.lines} & {f"#{tip.line}", *tip.names} or self.names & tip.names
+        )
 
 
 def pose(rotation: Rotation, place_m: object) -> Array:

@@ -29,7 +29,14 @@ def generate(seed: int) -> dict[str, str]:
     data.append(f"DECL FRAME F1={_point(rng, '1').partition(',S')[0]}}}")
     data.append(f"DECL STATION S1={{PLACE {_point(rng, '1')},SPEED 1}}")
     body = [line for _ in range(int(rng.integers(3, 10))) for line in _statements(rng)]
-    head = ["&ACCESS RVP", "DEF GEN()", "DECL E6POS XH", "DECL INT I", "$BASE = BASE_DATA[1]", "$TOOL = TOOL_DATA[1]"]
+    head = [
+        "&ACCESS RVP",
+        "DEF GEN()",
+        "DECL E6POS XH",
+        "DECL INT I",
+        "$BASE = BASE_DATA[1]",
+        "$TOOL = TOOL_DATA[1]",
+    ]
     if seed % 17 == 0:
         head.append("$IPO_MODE = #TCP")
     program = [*head, *body, "END", ""]
@@ -63,7 +70,7 @@ def _frame(rng: np.random.Generator) -> str:
     return f"{{X {x},Y {y},Z {z},A {turn},B 0,C 0}}"
 
 
-def _statements(rng: np.random.Generator) -> list[str]:  # noqa: PLR0911
+def _statements(rng: np.random.Generator) -> list[str]:
     point = f"XP{int(rng.integers(1, 4))}"
     linear = str(rng.choice(["LIN", "lin", "SLIN"]))
     add = int(rng.integers(5, 25))
@@ -146,7 +153,9 @@ class _Robot:
         self.chain = names | {f"#{at + 1}"}
         fields = _fields(text) if text.startswith("{") and ":" not in text else {}
         if text == "XHOME" or "A1" in fields:
-            self.tips.append(Tip(at + 1, frozenset(names), None, f"{'on by ' if relative else ''}joints {text}"))
+            self.tips.append(
+                Tip(at + 1, frozenset(names), None, f"{'on by ' if relative else ''}joints {text}")
+            )
             self.tip = np.full((4, 4), np.nan)
             return
         if self.led and relative:

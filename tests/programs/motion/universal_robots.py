@@ -109,7 +109,9 @@ class _Robot:
             self.values[element[1]] = new
         elif given is not None:
             names = {given[1], *self._names(given[2])}
-            self.values[given[1]] = self._list(given[2]) if given[2].startswith("[") else self._value(given[2])
+            self.values[given[1]] = (
+                self._list(given[2]) if given[2].startswith("[") else self._value(given[2])
+            )
             self.origins[given[1]] = {*names, f"#{at + 1}"}
 
     def _move(self, at: int, text: str) -> None:
@@ -126,7 +128,9 @@ class _Robot:
             self.tips.append(Tip(at + 1, names, _matrix(self.tip)))
 
     def _names(self, text: str) -> set[str]:
-        found = {one for word in re.findall(r"[a-z_]\w*", text) for one in (word, *self.origins.get(word, ()))}
+        found = {
+            one for word in re.findall(r"[a-z_]\w*", text) for one in (word, *self.origins.get(word, ()))
+        }
         return found | self.chain if "get_actual" in text else found
 
     def _list(self, text: str) -> list[Array]:
