@@ -16,7 +16,7 @@ from service.programs.project import Project
 from service.programs.report import ProgramEntry, Report, largest
 from service.programs.report_html import points_to_draw
 from service.programs.report_picture import CIVIDIS, Colouring, Scale
-from service.programs.report_texts import Language
+from service.programs.report_texts import Language, counted
 from service.programs.report_words import heading, problems
 from service.programs.result import CHANGED, LEFT, UNCHANGED
 from service.programs.verdicts import counted, place_in, verdict_of
@@ -90,7 +90,8 @@ def write_archive(folder: Path, inside: str) -> None:
 def _preview(made: Made, order: Sequence[ProgramEntry], verdicts: dict[str, int]) -> Preview:
     report, target = made.report, made.target
     arm = target.identified
-    notes = [*map(made.language.say, made.notes), *map(without_paths, problems(report, made.language))]
+    off = [counted(report.findings, made.language.texts.points_off)] if report.findings else []
+    notes = [*off, *map(made.language.say, made.notes), *map(without_paths, problems(report, made.language))]
     return Preview(
         title=without_paths(heading(report, made.language)),
         cell=target.name,
