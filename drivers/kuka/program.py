@@ -329,6 +329,7 @@ class Program:
             if upper not in patterns.MOTION_DATA:
                 self._copied(name, value, line)
                 self._overwritten(name, value, line)
+                self.shifts.note_value(name.full, value, line.start, self.types.get(upper, ""))
             if upper in self.types or patterns.POINT_VALUE.search(value):
                 self.found.remark(line.start, "computed", patterns.ASSIGNED.format(name.full))
             else:

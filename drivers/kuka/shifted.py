@@ -22,6 +22,7 @@ _COMPONENT = re.compile(
 )
 _SUM = re.compile(r"([^+\-]*+)([+-])(.*)", re.DOTALL)
 _NUMBER = re.compile(rf"{_B}*+(\d++(?:\.\d*+)?+|\.\d++){_B}*+", re.ASCII)
+_CALL = re.compile(rf"(?<![\w.$])[A-Za-z_]\w*+{_B}*+\(", re.ASCII)
 _POINTS = ("E6POS", "POS")
 COMPUTED_PLACE = "a computed place"
 
@@ -54,6 +55,11 @@ class ShiftNotes:
         """Note a move to a place that the program computes."""
         name = f"{word.upper()}@{self.found.source.line_of(place)}"
         self.notes.append(_Found(place, name, COMPUTED_PLACE, used=used))
+
+    def note_value(self, name: str, value: str, place: int, kind: str) -> None:
+        """Note a position that gets what a function returns."""
+        if kind in (*_POINTS, "FRAME") and _CALL.search(value) is not None:
+            self.notes.append(_Found(place, "the program", name))
 
     def note_operators(self, code: str, place: int, types: dict[str, str], used: Used | None) -> None:
         """Note points that the operator ``:`` puts behind a frame: the frame's axes stay while the point turns."""

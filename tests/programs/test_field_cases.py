@@ -202,6 +202,7 @@ def test_a_frame_or_a_structure_of_a_data_list_is_left_and_named(tmp_path: Path,
         ("XH={X 100,Y 0,Z 0,A 0,B 0,C 0}:XP1", 1),
         ("LIN XP1:{X 100,Y 0,Z 0,A 0,B 0,C 0}", 0),
         ("LIN NEXT_PLACE(1)", 1),
+        ("DECL E6POS XN\nXN = NEXT_PLACE(1)\nLIN XN", 1),
     ],
 )
 def test_what_krl_shifts_is_a_finding_where_its_axes_turn(tmp_path: Path, line: str, findings: int) -> None:
@@ -223,6 +224,7 @@ def test_what_krl_shifts_is_a_finding_where_its_axes_turn(tmp_path: Path, line: 
         ("movel(p[pick[0], pick[1], 0.3, pick[3], pick[4], pick[5]])", 1),
         ("speedl([0.1,0,0,0,0,0], 0.5, 1)", 1),
         ("movel(elsewhere())", 1),
+        ("track_conveyor_linear(p[1,0,0,0,0,0], 500)", 1),
     ],
 )
 def test_what_urscript_shifts_is_a_finding_where_its_axes_turn(
