@@ -30,7 +30,7 @@ _VALUE = r"^[ \t]*+(?:(?:global|local)[ \t]++)?{}[ \t]*+=(?!=)[ \t]*+(?P<value>[
 _PLAIN = re.compile(rf"(?:[A-Za-z_]\w*+|p?\[{SIX}\]){_B}", re.ASCII)
 _PARAMETERS = re.compile(r"^[ \t]*+def[ \t]+\w++[ \t]*+\(([^)\n]*+)\)", re.ASCII | re.MULTILINE)
 _IN_BASE_AXES = ("speedl", "force_mode", "path_offset_set", "track_conveyor_linear")
-_OTHERWISE = ("pose_inv", "speedj", "track_conveyor_circular")  # any change may cost something
+_BY_ANY_CHANGE = ("pose_inv", "speedj", "track_conveyor_circular")  # any change may cost something
 
 
 class ScriptShifts:
@@ -64,8 +64,8 @@ class ScriptShifts:
     def all(self) -> tuple[Shift, ...]:
         """Return all shifts in the order of the text."""
         found = [*self._sums(), *self._elements(), *self._computed_moves(), *self._unknown_variables()]
-        for function in (*_IN_BASE_AXES, *_OTHERWISE):
-            turn = None if function in _OTHERWISE else NO_TURN
+        for function in (*_IN_BASE_AXES, *_BY_ANY_CHANGE):
+            turn = None if function in _BY_ANY_CHANGE else NO_TURN
             found += [
                 self._shift(offset, function, COMPUTED_PLACE, UNREADABLE, turn)
                 for offset in self.finder.found.calls.get(function, ())
