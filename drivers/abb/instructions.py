@@ -2,8 +2,10 @@
 
 import re
 from dataclasses import dataclass
+from math import nan
 
 from drivers.abb.literals import AGGREGATES, NAME, LiteralError, W, after_blanks, spelled
+from drivers.programs.shifts import UNREADABLE
 from drivers.programs.spans import Source
 
 # Where the tool stands, from the end of the arguments that are not optional.
@@ -25,14 +27,15 @@ _OPTION = re.compile(  # of a whole instruction: brackets and what is in quotes 
 _NEXT_STATEMENT = re.compile(
     r"\n[ \t\r]*+(?:Move[LJC]|MoveAbsJ|END(?:PROC|FUNC|TRAP|MODULE|IF|FOR|WHILE))\b", re.IGNORECASE
 )
+_LENGTH = re.compile(rf"{W}([+-]?{W}(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+){W}", re.ASCII)
 _INDEX = re.compile(r"\d+(?:,\d+)*")
 
 _CIRCLE = re.compile(r"(?:move|trigg|arc|disp|paint|cap)c")
 _MANY_SIGNS = re.compile(r'[\[({"!]')
 _MOST_ARGUMENTS = 40
 _SHIFTED = ("offset", "This target is shifted while the program runs.")
-_COMPUTED = ("computed", "The target of this move is computed.")
-_STAR = ("computed", "The target of this move is '*': its coordinates are not in the file.")
+COMPUTED = ("computed", "The target of this move is computed.")
+STAR = ("computed", "The target of this move is '*': its coordinates are not in the file.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +47,7 @@ class Target:
     literal: re.Match[str] | None = None
     axes: bool = False
     remark: tuple[str, str] | None = None
+    offset_m: tuple[float, float, float] | None = None  # of Offs; NaN for what is computed
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,24 +189,55 @@ def _target(source: Source, word: str, k: int, argument: Argument) -> Target | N
     first = k == 0 and not word.startswith("search")
     if head is None:
         sign = source.text[argument.start : argument.start + 1]
-        star = _STAR if sign == "*" else _COMPUTED
+        star = STAR if sign == "*" else COMPUTED
         return Target(argument.start, remark=star) if first or sign == "*" else None
     if head[3]:
-        return (
-            _called(source.text, head, argument) if first or head[1].lower() in ("offs", "reltool") else None
-        )
+        return _called(source, head, argument) if first or head[1].lower() in ("offs", "reltool") else None
     index = "".join((head[2] or "").split())
     name = spelled(head[1])
     return Target(argument.start, name=f"{name}{{{index}}}" if _INDEX.fullmatch(index) else name)
 
 
-def _called(text: str, head: re.Match[str], argument: Argument) -> Target:
+def _called(source: Source, head: re.Match[str], argument: Argument) -> Target:
     """Return the target of a move to a function's result: the point that it shifts, where it is such a one."""
+    text, opened = source.text, head.end()
     inner: re.Match[str] | None = head
     shifted = False
+    offset: tuple[float, float, float] | None = None
     while inner is not None and inner[3] and inner[1].lower() in ("offs", "reltool"):
-        inner, shifted = _HEAD.match(text, inner.end(), argument.end), True
+        if inner[1].lower() == "offs":
+            offset = UNREADABLE if offset else offset_of(text, inner.end(), argument.end)
+        opened = inner.end()
+        inner, shifted = _HEAD.match(text, opened, argument.end), True
     if not shifted:
-        return Target(argument.start, remark=_COMPUTED)
+        return Target(argument.start, remark=COMPUTED)
     named = inner is not None and not inner[3]
-    return Target(argument.start, name=spelled(inner[1]) if inner and named else "", remark=_SHIFTED)
+    index = "".join((inner[2] or "").split()) if inner else ""
+    name = spelled(inner[1]) if inner and named else ""
+    name += f"{{{index}}}" if name and _INDEX.fullmatch(index) else ""
+    literal = None if inner is not None else _literal(source, after_blanks(text, opened), axes=False)
+    place = argument.start if literal is None else literal.start()
+    return Target(place, name=name, literal=literal, remark=_SHIFTED, offset_m=offset)
+
+
+def offset_of(text: str, place: int, end: int) -> tuple[float, float, float]:
+    """Return the last three arguments of Offs, whose first begins at a place [m]; NaN where one is computed."""
+    commas: list[int] = []
+    depth, stop = 0, end
+    for found in _ARGUMENT.finditer(text, place, end):
+        if found[0] in ")]}" and not depth:
+            stop = found.start()
+            break
+        depth += (found[0] in "[({") - (found[0] in "])}")
+        if found[0] == "," and not depth:
+            commas.append(found.start())
+    if len(commas) != 3:
+        return UNREADABLE
+    ends = [*commas[1:], stop]
+    x, y, z = (_length_m(text, start + 1, until) for start, until in zip(commas, ends, strict=True))
+    return x, y, z
+
+
+def _length_m(text: str, place: int, end: int) -> float:
+    found = _LENGTH.fullmatch(text, place, end)
+    return float("".join(found[1].split())) * 1e-3 if found else nan

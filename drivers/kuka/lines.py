@@ -75,3 +75,18 @@ def item(text: str, place: int, end: int) -> Item | None:
 def without_strings(code: str) -> str:
     """Return code with blanks in place of its strings, so that nothing in them is taken for code."""
     return _STRING.sub(lambda found: " " * len(found[0]), code) if '"' in code else code
+
+
+def point_key(name: str, index: str | None) -> str:
+    """Return a point's name as its uses have it: ``[]`` is an element whose number the program computes."""
+    if index is None:
+        return name.upper()
+    index = "".join(index.split())
+    return name.upper() + (f"[{index}]" if index.replace(",", "").isdigit() else "[]")
+
+
+def skip_blanks(text: str, place: int, end: int) -> int:
+    """Return where what follows blanks begins."""
+    while place < end and text[place] in " \t\r":
+        place += 1
+    return place

@@ -3,75 +3,29 @@
 import re
 from dataclasses import dataclass, field
 
+from drivers.kuka import patterns
 from drivers.kuka.collected import Collected
-from drivers.kuka.data_list import remark_comment, remark_hidden_positions
+from drivers.kuka.data_list import FRAME_ALONE, INSIDE, remark_comment, remark_hidden_positions
 from drivers.kuka.frame_uses import BARRED, RESET, UNKNOWN, Branches, Routine
-from drivers.kuka.lines import DECLARING, Item, Line, declaration, first_word, item, line_at, without_strings
+from drivers.kuka.lines import (
+    DECLARING,
+    Item,
+    Line,
+    declaration,
+    first_word,
+    item,
+    line_at,
+    point_key,
+    skip_blanks,
+    without_strings,
+)
 from drivers.kuka.literals import Literal
 from drivers.kuka.point_uses import PointUses, Used
+from drivers.kuka.shifted import ShiftNotes
 from drivers.kuka.usual import TAUGHT_MOVE
 from drivers.programs.across import COPIED
 from drivers.programs.barred import OVERWRITTEN
 from drivers.programs.spans import Source
-
-_B = r"[ \t\r]"
-_MOTION = re.compile(
-    rf"{_B}*+(PTP|LIN|CIRC|SPTP|SLIN|SCIRC|SPL)(_REL)?+(?![\w$.=\[(]){_B}*+(?!=)", re.ASCII | re.IGNORECASE
-)
-_WITH = re.compile(r"\bWITH\b", re.IGNORECASE)
-_ROUTINE = re.compile(
-    rf"{_B}*+(?:GLOBAL{_B}++)?+(?:DEF|DEFFCT{_B}++\w++)\b{_B}*+(\w*+)", re.ASCII | re.IGNORECASE
-)
-_CALLS = re.compile(rf"(?<![\w.$])([A-Za-z_]\w*+){_B}*+\(", re.ASCII)  # in conditions and values, too
-_FRAME_DATA_SET = re.compile(rf"{_B}*+FDAT_ACT{_B}*+={_B}*+(\w++)", re.ASCII | re.IGNORECASE)
-_PREPARED = re.compile(  # what stands around every taught move
-    rf"{_B}*+(?:FDAT_ACT{_B}*+={_B}*+(\w++)|(?:LDAT_ACT|PDAT_ACT|\$BWDSTART){_B}*+={_B}*+\w++){_B}*+",
-    re.ASCII | re.IGNORECASE,
-)
-_OWN_FRAME_DATA = re.compile(rf"\b(?:STOOL2?|SBASE){_B}*+\({_B}*+(\w++)", re.ASCII | re.IGNORECASE)
-_NAMES_POINT = re.compile(rf"{_B}*+([A-Za-z_]\w*+){_B}*+(?:\[([^\[\]]*+)\])?+", re.ASCII)
-_WORD = re.compile(r"(?<![\w.$#])([A-Za-z_]\w*+)(?:\[([^\[\]]*+)\])?+", re.ASCII)
-_BAS = re.compile(
-    rf"\bBAS{_B}*+\({_B}*+#(TOOL|BASE|EX_BASE|PTP_PARAMS|CP_PARAMS|FRAMES|INITMOV){_B}*+,?+{_B}*+([^)]*+)",
-    re.IGNORECASE,
-)
-_FRAME_SET = re.compile(rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE)\b({_B}*+\.)?+{_B}*+=(?!=){_B}*+", re.IGNORECASE)
-_FROM_TABLE = re.compile(rf"(?:TOOL|BASE)_DATA{_B}*+\[{_B}*+(\d++){_B}*+\]{_B}*+", re.IGNORECASE)
-_BEGIN_ROUTINE = frozenset(("GLOBAL", "DEF", "DEFFCT"))
-_MOVE = frozenset(
-    name + more for name in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL") for more in ("", "_REL")
-)
-_BRANCHES = frozenset(
-    ("IF", "SWITCH", "WHILE", "FOR", "ELSE", "CASE", "DEFAULT", "ENDIF", "ENDSWITCH", "ENDWHILE", "ENDFOR")
-)
-_MOTION_DATA = frozenset(("FDAT_ACT", "LDAT_ACT", "PDAT_ACT"))  # of the controller's types: never positions
-_TABLES = {"TOOL_DATA": "TOOL", "BASE_DATA": "BASE"}
-_NAME_VALUE = re.compile(r"(?!(?:TRUE|FALSE)\b)[A-Za-z_$(]", re.IGNORECASE)  # no number, truth or choice
-_NULL = re.compile(rf"\$NULLFRAME{_B}*+", re.IGNORECASE)
-_COMPONENT = re.compile(
-    rf"{_B}*+[$A-Za-z_][\w$]*+(?:{_B}*+\[[^\[\]\n]*+\])?+{_B}*+\.{_B}*+(?:[XYZABC]|A[1-6]|E[1-6]){_B}*+=(?!=)",
-    re.ASCII | re.IGNORECASE,
-)
-_CALLED = re.compile(rf"[$A-Za-z_][\w$]*+{_B}*+\(", re.ASCII)
-_POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNORECASE)
-_MOST_TARGETS = 3  # a circle has two
-_MOST_DIGITS = 9
-_DEEPEST = 30  # branches inside each other
-_EXTERNAL_ROUTINE = frozenset(("EXT", "EXTFCT"))
-_KNOWN_CALLS = frozenset(("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR"))
-_LANDINGS = frozenset(("ENDLOOP", "UNTIL"))
-_SENSOR = "TS_BC"  # TouchSense: corrections from what was found
-_SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
-
-_OFFSET = "The operator ':' adds a frame to this point while the program runs."
-_RELATIVE = "A relative move: it goes on from where the robot is, and stays as it is."
-_CALL = "The target of this move is computed."
-_ASSIGNED = "{} is set while the program runs; that value is not read."
-_FRAME_SET_TEXT = "${} is set while the program runs; points written into moves are in it."
-_FOUND = "{} corrects the points that follow by what a sensor finds."
-_EXTERNAL_TEXT = (
-    "$IPO_MODE is set here: with #TCP, the tool stands in the cell, and the points are not changed."
-)
 
 
 @dataclass
@@ -80,9 +34,11 @@ class Program:
 
     found: Collected
     points: PointUses
+    shifts: ShiftNotes
     branches: Branches = ()
     frame_data: str = ""  # the FDAT that BAS takes for the next move
     types: dict[str, str] = field(default_factory=dict)
+    frames_set: list[tuple[Item, Literal]] = field(default_factory=list)  # names that get a FRAME
 
     def read(self, line: Line) -> None:
         """Take one line."""
@@ -90,19 +46,19 @@ class Program:
         if line.start == line.end:
             remark_comment(self.found, line)
             return
-        prepared = _PREPARED.fullmatch(text, line.start, line.end)
+        prepared = patterns.PREPARED.fullmatch(text, line.start, line.end)
         if prepared is not None:
             self.frame_data = prepared[1].upper() if prepared[1] else self.frame_data
             remark_comment(self.found, line)
             return
         word = first_word(text, line)  # it rules most patterns out: a large program has a million lines
-        begun = _ROUTINE.match(text, line.start, line.end) if word in _BEGIN_ROUTINE else None
+        begun = patterns.ROUTINE.match(text, line.start, line.end) if word in patterns.BEGIN_ROUTINE else None
         if begun is not None:
             name = begun[1].upper()
             shown = len(self.points.routines) == 1 or "GLOBAL" in begun[0].upper()
             self.points.routines.append(Routine(len(self.points.routines), name, shown))
             self.branches, self.frame_data = (), ""
-        motion = _MOTION.match(text, line.start, line.end) if word in _MOVE else None
+        motion = patterns.MOTION.match(text, line.start, line.end) if word in patterns.MOVE else None
         if motion is not None:
             self._motion(motion, line)
         else:
@@ -115,25 +71,26 @@ class Program:
         self.frame_data = f"F{found['point']}".upper()
 
     def _motion(self, motion: re.Match[str], line: Line) -> None:
-        if motion[2]:
-            self.found.remark(line.start, "relative", _RELATIVE)
-            return
         text = self.found.source.text
         code = without_strings(text[motion.end() : line.end])
-        cut = _WITH.search(code)
+        if motion[2]:
+            self._relative(motion, code, line)
+            return
+        cut = patterns.WITH.search(code)
         own = "" if cut is None else code[cut.end() :]
-        own_frames = _FRAME_SET.search(own) is not None
+        own_frames = patterns.FRAME_SET.search(own) is not None
         code = code[: cut.start()] if cut else code
         if "(" in code:
             self._calls(code, line)
         begin, end = motion.end(), motion.end() + len(code)
         place, part = begin, 0
-        for _ in range(_MOST_TARGETS):
+        for _ in range(patterns.MOST_TARGETS):
             if place >= end:
                 return
             if text[place] == "{":
                 literal = self.found.literal(place, end)
                 if literal is None:
+                    self._unread(motion[1], place, line)
                     return
                 part += 1
                 place = self._target(motion[1].upper(), part, literal, end, known=not own_frames)
@@ -141,14 +98,33 @@ class Program:
                 place = begin + self._named(code, place - begin, begin, own if own_frames else "")
             if place >= end or text[place] != ",":
                 return
-            place = _skip_blanks(text, place + 1, end)
+            place = skip_blanks(text, place + 1, end)
+
+    def _relative(self, motion: re.Match[str], code: str, line: Line) -> None:
+        """Take a relative move: it goes along with the work only as far as its axes do."""
+        self.found.remark(line.start, "relative", patterns.RELATIVE)
+        word = motion[1] + motion[2]
+        structs = [
+            self.found.literal_or_none(motion.end() + one.start(), line.end)
+            for one in patterns.STRUCT.finditer(code)
+        ]
+        for literal in structs or [None]:
+            if literal is not None and (literal.axes or any(literal.external)):
+                name = f"{word.upper()}@{self.found.source.line_of(line.start)}"
+                self.found.add_unread(name, literal.start, patterns.RELATIVE_AXES)
+            elif patterns.TOOL_AXES.search(code) is None:
+                self.shifts.note_relative(line.start, word, literal, self._here(line.start))
+
+    def _here(self, place: int) -> Used:
+        return Used(-1, len(self.points.routines) - 1, place, self.branches)
 
     def _target(self, keyword: str, part: int, literal: Literal, end: int, *, known: bool) -> int:
         """Take a position written into a move; return where what follows begins."""
         text = self.found.source.text
-        after = _skip_blanks(text, literal.end, end)
+        after = skip_blanks(text, literal.end, end)
         if text[after:end][:1] == ":":
-            self.found.remark(literal.start, "offset", _OFFSET)
+            self.found.remark(literal.start, "offset", patterns.OFFSET)
+            self._behind(keyword, literal, after, end)
             return end
         if after < end and after == literal.end and text[after] != ",":
             raise self.found.source.error(after, "after a position, a blank or a comma should stand.")
@@ -156,42 +132,69 @@ class Program:
         self._add(name, literal, known=known)
         return after
 
+    def _behind(self, keyword: str, literal: Literal, colon: int, end: int) -> None:
+        """Take a target behind a frame that is written out."""
+        code = self.found.source.text[literal.start : end]
+        name = patterns.NAMES_POINT.match(code, colon + 1 - literal.start)
+        if name is None:
+            self.found.add_unread(
+                f"{keyword}@{self.found.source.line_of(literal.start)}", literal.start, INSIDE
+            )
+            return
+        self.shifts.note_operators(code, literal.start, self.types, self._here(literal.start))
+        self._use_point(name, literal.start, "")
+
+    def _unread(self, keyword: str, place: int, line: Line) -> None:
+        self.found.add_unread(f"{keyword.upper()}@{self.found.source.line_of(line.start)}", place, INSIDE)
+
     def _named(self, code: str, place: int, begin: int, own: str) -> int:
         """Pass a target that is named or computed; return where it ends, all of the rest for a computed one."""
         comma = code.find(",", place)
         comma = len(code) if comma < 0 else comma
         target = code[place:comma]
-        first = _NAMES_POINT.match(target)
+        first = patterns.NAMES_POINT.match(target)
         if ":" in target:
-            self.found.remark(begin + place, "offset", _OFFSET)
+            self.found.remark(begin + place, "offset", patterns.OFFSET)
+            self.shifts.note_operators(target, begin + place, self.types, self._here(begin + place))
+            self._point_behind(target, begin + place)
             self._use_all(target[first.end() :] if first else target, begin + place, BARRED["computed"])
-        elif _CALLED.match(target):
-            self.found.remark(begin + place, "computed", _CALL)
+        elif patterns.CALLED.match(target):
+            self.found.remark(begin + place, "computed", patterns.CALL)
+            self.shifts.note_computed(begin + place, "move", self._here(begin + place))
             self._use_all(code[place:], begin + place, BARRED["computed"])
             return len(code)
         if first is not None:
             self._use_point(first, begin + place, own)
         return len(code) if ":" in target else comma
 
+    def _point_behind(self, target: str, place: int) -> None:
+        """Take a position that is written out behind a frame with a name."""
+        frame = patterns.NAMES_POINT.match(target)
+        of_frame = frame is not None and self.types.get(frame[1].upper()) == "FRAME"
+        for struct in patterns.STRUCT.finditer(target):
+            if of_frame or patterns.OF_POINT.search(struct[0]):
+                line = self.found.source.line_of(place)
+                self.found.add_unread(f"line {line}", place + struct.start(), INSIDE)
+
     def _use_point(self, name: re.Match[str], place: int, own: str) -> None:
         """Note a move to a named point, unless it is done with the point's own frame data."""
         data = f"F{name[1][1:]}".upper()
         if own:
-            taken = {found.upper() for found in _OWN_FRAME_DATA.findall(own)}
+            taken = {found.upper() for found in patterns.OWN_FRAME_DATA.findall(own)}
             if taken != {data}:
                 self._use(name, place, BARRED["computed"])
         elif self.frame_data != data:
             self._use(name, place, "")
 
     def _use_all(self, code: str, place: int, why: str) -> None:
-        for name in _WORD.finditer(code):
+        for name in patterns.WORD.finditer(code):
             self._use(name, place, why)
 
     def _use(self, name: re.Match[str], place: int, why: str) -> None:
         self._note(name[1], name[2], place, why)
 
     def _note(self, name: str, index: str | None, place: int, why: str) -> None:
-        self.points.use(_key(name, index), place, self.branches, why)
+        self.points.use(point_key(name, index), place, self.branches, why)
 
     def _add(self, name: str, literal: Literal, *, known: bool) -> None:
         why = "" if known else BARRED["computed"]
@@ -210,15 +213,15 @@ class Program:
         if declared is not None:
             self._declared(declared[0], declared[1], line)
             return
-        bas = _BAS.search(code) if "(" in code else None
+        bas = patterns.BAS.search(code) if "(" in code else None
         if bas is not None:
             self._bas(line.start + bas.start(), bas[1].upper(), bas[2].strip())
-        elif "$" in code and (frame := _FRAME_SET.search(code)) is not None:
-            if _WITH.search(code, 0, frame.start()) is None:
+        elif "$" in code and (frame := patterns.FRAME_SET.search(code)) is not None:
+            if patterns.WITH.search(code, 0, frame.start()) is None:
                 self._frame_set(frame, line)
             else:  # of a spline block, whose segments may have their own
                 self._take_both(line.start, UNKNOWN)
-        elif "." in code and _COMPONENT.match(code):
+        elif "." in code and patterns.COMPONENT.match(code):
             self._component(code, line)
         else:
             self._assignment(line)
@@ -226,30 +229,30 @@ class Program:
     def _flow(self, code: str, line: Line, word: str) -> None:
         """Take calls, branches, and the frame data that the next move is done with."""
         routine = self.points.routines[-1]
-        begins = word in _BEGIN_ROUTINE and _ROUTINE.match(code) is not None
-        if "(" in code and not begins and word not in _EXTERNAL_ROUTINE:
+        begins = word in patterns.BEGIN_ROUTINE and patterns.ROUTINE.match(code) is not None
+        if "(" in code and not begins and word not in patterns.EXTERNAL_ROUTINE:
             self._calls(code, line)
-        if word in _BRANCHES:
+        if word in patterns.BRANCHES:
             self._branch(word, line.start)
-        elif word == "FDAT_ACT" and (data := _FRAME_DATA_SET.match(code)) is not None:
+        elif word == "FDAT_ACT" and (data := patterns.FRAME_DATA_SET.match(code)) is not None:
             self.frame_data = data[1].upper()
         elif word in ("GOTO", "EXIT"):
             routine.jumps.first = line.start if routine.jumps.first is None else routine.jumps.first
-        elif word in _LANDINGS or code.rstrip().endswith(":"):
+        elif word in patterns.LANDINGS or code.rstrip().endswith(":"):
             routine.jumps.landings.append(line.start)
 
     def _calls(self, code: str, line: Line) -> None:
-        names = {name.upper() for name in _CALLS.findall(code)} - _KNOWN_CALLS
+        names = {name.upper() for name in patterns.CALLS.findall(code)} - patterns.KNOWN_CALLS
         self.points.routines[-1].calls |= names
         for name in sorted(names):
-            if name.startswith(_SENSOR):
-                self.found.remark(line.start, "vision", _FOUND.format(name))
+            if name.startswith(patterns.SENSOR):
+                self.found.remark(line.start, "vision", patterns.FOUND.format(name))
 
     def _branch(self, word: str, place: int) -> None:
         if word not in ("IF", "SWITCH", "WHILE", "FOR"):
             self.branches = self.branches[:-1]
         if not word.startswith("END"):
-            self.branches = (*self.branches[:_DEEPEST], place)
+            self.branches = (*self.branches[: patterns.DEEPEST], place)
 
     def _take_both(self, place: int, value: str) -> None:
         routine = self.points.routines[-1]
@@ -269,7 +272,7 @@ class Program:
 
     def _bas(self, place: int, command: str, argument: str) -> None:
         routine = self.points.routines[-1]
-        if command in _SET_BY_POINTS:  # taken from the point's own data, which is not in this file
+        if command in patterns.SET_BY_POINTS:  # taken from the point's own data, which is not in this file
             self._take_both(place, UNKNOWN)
         elif command == "INITMOV":
             routine.resets = True
@@ -286,20 +289,20 @@ class Program:
         which = frame[1].upper()
         if which == "IPO_MODE":
             self.points.external_tool |= "#TCP" in text[place : line.end].upper()
-            self.found.remark(line.start, "foreign", _EXTERNAL_TEXT)
+            self.found.remark(line.start, "foreign", patterns.EXTERNAL_TEXT)
             return
         routine = self.points.routines[-1]
         use = routine.tool if which == "TOOL" else routine.base
         use.take(place, self._frame_value(which, frame, line), self.branches)
-        self.found.remark(line.start, "computed", _FRAME_SET_TEXT.format(which))
+        self.found.remark(line.start, "computed", patterns.FRAME_SET_TEXT.format(which))
 
     def _frame_value(self, which: str, frame: re.Match[str], line: Line) -> str:
         """Return the number of a tool or base, ``$`` for one written out here, or that it is not known."""
         text, place = self.found.source.text, line.start + frame.end()
-        table = _FROM_TABLE.fullmatch(text, place, line.end)
+        table = patterns.FROM_TABLE.fullmatch(text, place, line.end)
         if table is not None and not frame[2]:
             return table[1]
-        if _NULL.fullmatch(text, place, line.end) and not frame[2]:
+        if patterns.NULL.fullmatch(text, place, line.end) and not frame[2]:
             return "0"
         literal = self.found.literal(place, line.end) if text[place : line.end][:1] == "{" else None
         alone = literal is not None and not text[literal.end : line.end].strip()
@@ -318,21 +321,24 @@ class Program:
     def _value(self, name: Item, line: Line) -> None:
         upper = name.name.upper()
         value = without_strings(self.found.source.text[name.value : line.end])
-        if upper in _TABLES:
+        if upper in patterns.TABLES:
             self._table_set(name, line)
         elif value.startswith("{"):
             self._struct(name, value, self.types.get(upper, ""), line)
         else:
-            if upper not in _MOTION_DATA:
+            if upper not in patterns.MOTION_DATA:
                 self._copied(name, value, line)
                 self._overwritten(name, value, line)
-            if upper in self.types or _POINT_VALUE.search(value):
-                self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
+                self.shifts.note_value(name.full, value, line.start, self.types.get(upper, ""))
+            if upper in self.types or patterns.POINT_VALUE.search(value):
+                self.found.remark(line.start, "computed", patterns.ASSIGNED.format(name.full))
             else:
                 remark_hidden_positions(self.found, line, line.start)
 
     def _struct(self, name: Item, value: str, kind: str, line: Line) -> None:
-        alone = "{" not in value[1:] and ":" not in value.partition("}")[2] and _POINT_STRUCT.match(value)
+        alone = (
+            "{" not in value[1:] and ":" not in value.partition("}")[2] and patterns.POINT_STRUCT.match(value)
+        )
         literal = self.found.literal(name.value or 0, line.end) if alone else None
         is_frame = kind == "FRAME" or (
             literal is not None and (literal.type == "FRAME" or not any(literal.state))
@@ -340,65 +346,62 @@ class Program:
         if literal is not None and (literal.axes or not is_frame):
             self._add(name.full, literal, known=False)
         elif literal is not None:
-            self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
-        elif not alone:
+            self.found.remark(line.start, "computed", patterns.ASSIGNED.format(name.full))
+            self.frames_set.append((name, literal))
+        elif not alone and ":" not in value.partition("}")[2]:
             remark_hidden_positions(self.found, line, line.start)
+        if ":" in value.partition("}")[2] and name.name[0] != "$":
+            self._copied(name, value, line)
         if literal is None or not literal.whole or (is_frame and not literal.axes):
             self._overwritten(name, value, line)
 
+    def add_frames(self) -> None:
+        """Take FRAMEs that moves go to as positions that are left."""
+        for name, literal in self.frames_set:
+            key = point_key(name.name, name.index)
+            if {key, name.name.upper(), f"{name.name.upper()}[]"} & self.points.uses.keys():
+                self.found.add_unread(name.full, literal.start, FRAME_ALONE)
+
     def _copied(self, name: Item, value: str, line: Line) -> None:
         """Note that a name is given what stands in others, which may be points."""
-        to = _key(name.name, name.index)
-        for source in _WORD.finditer(value):
+        if ":" in value and name.name[0] != "$":
+            self.shifts.note_operators(value, name.value or line.start, self.types, None)
+        to = point_key(name.name, name.index)
+        for source in patterns.WORD.finditer(value):
             self._note(source[1], source[2], line.start, COPIED)
-            self.points.copies.setdefault(_key(source[1], source[2]), set()).add(to)
+            self.points.copies.setdefault(point_key(source[1], source[2]), set()).add(to)
 
     def _overwritten(self, name: Item, value: str, line: Line) -> None:
         """Note that a name, which may be a point of a data list, gets a value that is not written here."""
-        if name.name[0] != "$" and (value[:1] == "{" or _NAME_VALUE.match(value)):
+        if name.name[0] != "$" and (value[:1] == "{" or patterns.NAME_VALUE.match(value)):
             self._note(name.name, name.index, line.start, OVERWRITTEN)
 
     def _component(self, code: str, line: Line) -> None:
-        self.found.remark(line.start, "computed", _ASSIGNED.format(code.partition("=")[0].strip()))
+        self.shifts.note_component(code, line.start, self._here(line.start))
+        self.found.remark(line.start, "computed", patterns.ASSIGNED.format(code.partition("=")[0].strip()))
         name = item(self.found.source.text, line.start, line.end)
-        if name is not None and name.name.upper() in _TABLES:
+        if name is not None and name.name.upper() in patterns.TABLES:
             self._table_set(name, line)
         elif name is not None:
             self._overwritten(name, "{", line)
 
     def _table_set(self, name: Item, line: Line) -> None:
         index = (name.index or "").strip()
-        number = str(int(index)) if index.isdigit() and len(index) < _MOST_DIGITS else "*"
-        self.points.set_tables.add(f"{_TABLES[name.name.upper()]} {number}")
+        number = str(int(index)) if index.isdigit() and len(index) < patterns.MOST_DIGITS else "*"
+        self.points.set_tables.add(f"{patterns.TABLES[name.name.upper()]} {number}")
         if name.value is not None:  # a component's is told already
-            self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
-
-
-_POINT_STRUCT = re.compile(r"\{[^{}]*?(?:\b[XYZABC]|\bA[1-6])[ \t]+[-+.\d]", re.IGNORECASE)
+            self.found.remark(line.start, "computed", patterns.ASSIGNED.format(name.full))
 
 
 def read_program(source: Source) -> Program:
     """Read a program."""
     found = Collected(source)
-    program = Program(found, PointUses(found))
+    program = Program(found, PointUses(found), ShiftNotes(found))
     for part in TAUGHT_MOVE.finditer(source.text):
         if part["point"] is not None:
             program.read_taught_move(part)
         elif line := line_at(source.text, part.start()):
             program.read(line)
+    program.add_frames()
     program.points.finish()
     return program
-
-
-def _key(name: str, index: str | None) -> str:
-    """Return a point's name as its uses have it: ``[]`` is an element whose number the program computes."""
-    if index is None:
-        return name.upper()
-    index = "".join(index.split())
-    return name.upper() + (f"[{index}]" if index.replace(",", "").isdigit() else "[]")
-
-
-def _skip_blanks(text: str, place: int, end: int) -> int:
-    while place < end and text[place] in " \t\r":
-        place += 1
-    return place

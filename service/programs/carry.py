@@ -25,6 +25,7 @@ from service.programs.cell_of_program import (
     groups_of,
     in_no_frame,
     missing,
+    name_in,
     points_of,
     refuse_foreign,
     tool_of,
@@ -36,6 +37,7 @@ from service.programs.postures import PostureSearch
 from service.programs.project import Project, Tool
 from service.programs.project_pulses import in_joints
 from service.programs.result import ProgramResult
+from service.programs.turned_shifts import find_turned_shifts
 
 _BLOCK = 32768  # the few points that need many steps take them together
 _CONTRADICTS_M = 5e-4  # between the joints and the pose of one position
@@ -58,6 +60,11 @@ class Route(Protocol):
     def source(self) -> Project: ...
     @property
     def target(self) -> Project: ...
+
+    @property
+    def change(self) -> Array:
+        """Return what carries places of the source's base into the target's (4, 4)."""
+        ...
 
     def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
         """Tell whether points of a user frame, or joint angles without one, go this way; or why nobody knows."""
@@ -107,7 +114,8 @@ class Carrier:
         warnings: list[str] = []
         for group in groups_of(points, bring_their_own(programs) or self._rule is None):
             self._go(points, group, result, warnings)
-        return results_of(points, result, warnings, source=self._route.source)
+        findings = find_turned_shifts(points, self._route)
+        return results_of(points, result, warnings, findings, source=self._route.source)
 
     def _go(self, points: Points, group: Group, result: Outcome, warnings: list[str]) -> None:
         group = replace(group, rows=self._taken(points, group))
@@ -135,8 +143,9 @@ class Carrier:
         joints = ~points.cartesian[group.rows] & in_no_frame(
             points.programs[points.of[group.rows[0]]], group.frame
         )
+        frame = name_in(self._route.source, points.programs[points.of[group.rows[0]]], group.frame)
         for some, bare in ((~joints, False), (joints, True)):
-            taken = self._route.takes(group.frame, bare_joints=bare)
+            taken = self._route.takes(frame, bare_joints=bare)
             if taken is not True:
                 goes &= ~some
             if taken is False:

@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.compensation.compensate import Direction
 from calibration.compensation.pose_gap import Arm
+from calibration.geometry import Array
 from calibration.programs.transfer import Way
 from drivers.programs.brands import ConfigurationRule
 from service.programs.carry import Carrier, Passage
@@ -30,6 +31,11 @@ class CompensationRoute:
     def target(self) -> Project:
         """Return the cell."""
         return self.project
+
+    @property
+    def change(self) -> Array:
+        """Return that nothing of the work moves."""
+        return np.eye(4)
 
     def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
         """Every point is corrected."""

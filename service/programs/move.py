@@ -37,6 +37,11 @@ class MoveRoute:
         """Return the cell."""
         return self.project
 
+    @property
+    def change(self) -> Array:
+        """Return the motion of the work."""
+        return self.base_change
+
     def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
         """Points of one user frame, or all; of joint angles without one somebody says whether they go along."""
         named = frame if frame is not None else self.project.unsaid_frame

@@ -14,7 +14,7 @@ from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import Change, ProgramFile
 from service.programs.cell_of_program import Points, Rows, joints_of, side_by_side
 from service.programs.project import Project
-from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
+from service.programs.result import CHANGED, LEFT, UNCHANGED, Finding, ProgramResult
 
 _BLOCK = 32768
 _MOST_FOREIGN = 0.5  # of a program's points
@@ -43,7 +43,12 @@ class Outcome:
 
 
 def results_of(
-    points: Points, outcome: Outcome, warnings: Sequence[str], *, source: Project
+    points: Points,
+    outcome: Outcome,
+    warnings: Sequence[str],
+    findings: Sequence[tuple[Finding, ...]],
+    *,
+    source: Project,
 ) -> tuple[ProgramResult, ...]:
     """Return what became of every program.
 
@@ -83,9 +88,14 @@ def results_of(
             base_tip_after=outcome.after[its],
             expected_error_m=outcome.expected_m[its],
             uncorrected_m=outcome.uncorrected_m[its],
-            warnings=(*warnings, *(f"line {r.line}: {r.text}" for r in before.remarks)),
+            warnings=(
+                *(f"line {one.line}: {one.text}" for one in found),
+                *warnings,
+                *(f"line {r.line}: {r.text}" for r in before.remarks),
+            ),
+            findings=found,
         )
-        for before, new, its in zip(points.programs, after, slices, strict=True)
+        for before, new, its, found in zip(points.programs, after, slices, findings, strict=True)
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibration.geometry import Array
 from service.exit_codes import ExitCode
 from service.programs.files import Refused
-from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
+from service.programs.result import CHANGED, LEFT, UNCHANGED, Finding, ProgramResult
 
 Figures = NDArray[np.float32]
 _TWO_FILES = (".src", ".dat")  # of one KUKA program: motions and points
@@ -39,6 +39,7 @@ class ProgramEntry:
     frame_place_m: Figures  # (N, 3) the same in the user frame that the point is written in
     counts: dict[str, int]
     warnings: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()
 
 
 def entry_of(file: str, written: str, result: ProgramResult) -> ProgramEntry:
@@ -64,6 +65,7 @@ def entry_of(file: str, written: str, result: ProgramResult) -> ProgramEntry:
         frame_place_m=_small(result.after.positions.frame_tip[:, :3, 3]),
         counts=result.counts,
         warnings=result.warnings,
+        findings=result.findings,
     )
 
 
@@ -108,7 +110,12 @@ class Report:
         """Return what the shell gets to know: a file that is missing is worse than a point that is."""
         if self.refused:
             return ExitCode.FILES_REFUSED
-        return ExitCode.REFUSED if self.counts[LEFT] else ExitCode.PASS
+        return ExitCode.REFUSED if self.counts[LEFT] or self.findings else ExitCode.PASS
+
+    @property
+    def findings(self) -> int:
+        """Return how many points are off though they are changed."""
+        return sum(len(entry.findings) for entry in self.entries)
 
     def column(self, name: str) -> Array:
         """Return a figure of every point, in the order of the entries."""
@@ -128,7 +135,12 @@ class Report:
         """Return the programs with most points left first, then with the largest error or shift."""
         return sorted(
             self.entries,
-            key=lambda e: (-e.counts[LEFT], -largest(e.expected_m, -1.0), -largest(e.shift_m, -1.0)),
+            key=lambda e: (
+                -e.counts[LEFT],
+                -len(e.findings),
+                -largest(e.expected_m, -1.0),
+                -largest(e.shift_m, -1.0),
+            ),
         )
 
     def _point_line(self, row: int) -> PointLine:

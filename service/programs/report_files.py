@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +13,7 @@ from calibration.geometry import Array
 from service.programs.diff import unified_diff
 from service.programs.files import Refused
 from service.programs.report import Report
-from service.programs.result import ProgramResult
+from service.programs.result import Finding, ProgramResult
 
 COLUMNS = (
     "program", "point", "line", "kind", "user_frame", "tool", "status", "reason", "shift_mm", "turn_deg",
@@ -38,7 +39,7 @@ def point_columns(result: ProgramResult) -> dict[str, Sequence[Any]]:
                 before.user_frames,
                 before.tools,
                 result.status,
-                result.reason,
+                _reasons(result),
                 _shown(result.shift_m * 1e3),
                 _shown(np.degrees(result.turn_rad)),
                 _shown(result.expected_error_m * 1e3),
@@ -52,6 +53,17 @@ def point_columns(result: ProgramResult) -> dict[str, Sequence[Any]]:
             strict=True,
         )
     )
+
+
+def _reasons(result: ProgramResult) -> Sequence[str]:
+    """Return why points are left, and what is found of those that are not."""
+    if not result.findings:
+        return result.reason
+    reasons = list(result.reason)
+    for one in result.findings:
+        if one.row >= 0:
+            reasons[one.row] = " ".join(filter(None, (reasons[one.row], one.text)))
+    return reasons
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +104,28 @@ def json_program(source: str, written: str, result: ProgramResult) -> bytes:
             "written": written,
             "counts": result.counts,
             "warnings": [text for text in result.warnings if not text.startswith("line ")],
+            "findings": [finding_object(one) for one in result.findings],
             "remarks": [{"line": r.line, "code": r.code, "text": r.text} for r in result.before.remarks],
             "points": [dict(zip(names, row, strict=True)) for row in zip(*columns.values(), strict=True)],
         }
     )
+
+
+def finding_object(finding: Finding) -> dict[str, Any]:
+    """Return a finding in millimetres and degrees; None for what the program does not tell."""
+    return {
+        "line": finding.line,
+        "point": finding.point,
+        "what": finding.what,
+        "angle_deg": round(math.degrees(finding.angle_rad), _DECIMALS),
+        "distance_mm": _rounded_or_none(finding.distance_m * 1e3),
+        "turn_deg": _rounded_or_none(math.degrees(finding.turn_rad)),
+        "text": finding.text,
+    }
+
+
+def _rounded_or_none(figure: float) -> float | None:
+    return round(figure, _DECIMALS) if math.isfinite(figure) else None
 
 
 def json_end(report: Report) -> bytes:
@@ -115,6 +145,7 @@ def sums(report: Report) -> dict[str, Any]:
         "program_count": len(report.entries),
         "point_count": report.points,
         "counts": report.counts,
+        "finding_count": report.findings,
         "largest_shift_mm": _largest(report.column("shift_m")),
         "largest_expected_error_mm": _largest(report.column("expected_m")),
         "exit_code": int(report.exit_code),

@@ -17,6 +17,7 @@ class Texts:
     programs: Forms
     points: Forms
     left_means: str
+    points_off: Forms
     files_refused: Forms
     expected_most: str
     without_most: str
@@ -57,6 +58,10 @@ ENGLISH = Texts(
     programs=("{} program", "{} programs"),
     points=("{} point", "{} points"),
     left_means="A point that is left is not fit for this cell: teach it there.",
+    points_off=(
+        "{} shifted point misses its place: its shift does not turn with the work.",
+        "{} shifted points miss their places: their shifts do not turn with the work.",
+    ),
     files_refused=("{} file refused.", "{} files refused."),
     expected_most="Expected error at most {} mm (k = 2).",
     without_most="Without the robots' models points would miss by up to {} mm.",
@@ -102,6 +107,10 @@ GERMAN = Texts(
     programs=("{} Programm", "{} Programme"),
     points=("{} Punkt", "{} Punkte"),
     left_means="Ein belassener Punkt passt nicht in diese Zelle: Teachen Sie ihn dort.",
+    points_off=(
+        "{} verschobener Punkt verfehlt seinen Ort: Seine Verschiebung dreht sich nicht mit dem Werkstück.",
+        "{} verschobene Punkte verfehlen ihren Ort: Ihre Verschiebungen drehen sich nicht mit dem Werkstück.",
+    ),
     files_refused=("{} Datei abgelehnt.", "{} Dateien abgelehnt."),
     expected_most="Zu erwartende Abweichung höchstens {} mm (k = 2).",
     without_most="Ohne die Modelle der Roboter lägen Punkte bis zu {} mm daneben.",
@@ -150,6 +159,10 @@ SPANISH = Texts(
     programs=("{} programa", "{} programas"),
     points=("{} punto", "{} puntos"),
     left_means="Un punto que se dejó no es apto para esta célula: enséñelo allí.",
+    points_off=(
+        "{} punto desplazado no llega a su lugar: su desplazamiento no gira con la pieza.",
+        "{} puntos desplazados no llegan a su lugar: sus desplazamientos no giran con la pieza.",
+    ),
     files_refused=("{} archivo rechazado.", "{} archivos rechazados."),
     expected_most="Error esperado de {} mm como máximo (k = 2).",
     without_most="Sin los modelos de los robots los puntos fallarían hasta en {} mm.",
@@ -198,6 +211,7 @@ CHINESE = Texts(
     programs=("{} 个程序", "{} 个程序"),
     points=("{} 个点", "{} 个点"),
     left_means="保持原样的点不适用于此单元：请在该单元重新示教。",
+    points_off=("{} 个偏移点未到达其位置：其偏移不随工件转动。", "{} 个偏移点未到达其位置：其偏移不随工件转动。"),
     files_refused=("拒绝了 {} 个文件。", "拒绝了 {} 个文件。"),
     expected_most="预期误差最大 {} mm（k = 2）。",
     without_most="若不用机器人的模型，点的偏差可达 {} mm。",

@@ -10,6 +10,20 @@ from service.exit_codes import ExitCode
 CHANGED, UNCHANGED, LEFT = "changed", "unchanged", "left"
 
 
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A point that the new program does not bring to where the change asks for, though its numbers are right."""
+
+    line: int  # of the instruction
+    point: str
+    what: str  # the instruction
+    angle_rad: float  # by which the change turns the axes of the shift
+    distance_m: float  # what it costs; NaN where the program does not tell the size of the shift
+    turn_rad: float  # by how much the orientation is off; NaN as above
+    text: str
+    row: int = -1  # of the program's positions; -1 where the point is not one of these
+
+
 @dataclass(frozen=True, eq=False)
 class ProgramResult:
     """One program before and after, N positions in the order of ``before.positions``.
@@ -30,6 +44,7 @@ class ProgramResult:
     expected_error_m: Array  # (N,) k = 2, of the tip at its work in that cell; NaN where nobody can know
     uncorrected_m: Array  # (N,) what the point would miss by without the robots' models; NaN where not asked
     warnings: tuple[str, ...] = ()  # sentences about the program as a whole
+    findings: tuple[Finding, ...] = ()
 
     @property
     def name(self) -> str:
@@ -44,8 +59,8 @@ class ProgramResult:
 
     @property
     def ok(self) -> bool:
-        """Tell whether no point was left."""
-        return LEFT not in self.status
+        """Tell whether no point was left, and none of the others is off."""
+        return LEFT not in self.status and not self.findings
 
     @property
     def exit_code(self) -> ExitCode:

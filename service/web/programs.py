@@ -77,8 +77,9 @@ async def job(job_id: JobId, request: Request, who: Who) -> MadeJob:
     """Return how a job stands, and its preview once it is done."""
     del who
     work = jobs_of(request).find(job_id)
+    told = work.told()  # first: a job that ends in between has no preview yet, and is still told as running
     preview = await asyncio.to_thread(work.preview)
-    return MadeJob(**work.told().model_dump(), preview=preview)
+    return MadeJob(**told.model_dump(), preview=preview)
 
 
 @router.post(

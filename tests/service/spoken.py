@@ -22,6 +22,8 @@ _BY_NAME = """
     barred_different barred_computed barred_set barred_moved seen_from_flange
     unreachable other_configuration other_turns no_posture fixed cure hindrances occupied
     text question asked
+    costs costs_each_time size_unreadable inside star_unknown frame_alone relative_axes component_set external_offset
+    external_tool element_set not_read conflicts in_script stray
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """

@@ -1,0 +1,64 @@
+"""Statements of KRL as patterns, words that begin or end things, and what is remarked of them."""
+
+import re
+
+B = r"[ \t\r]"
+MOTION = re.compile(
+    rf"{B}*+(PTP|LIN|CIRC|SPTP|SLIN|SCIRC|SPL)(_REL)?+(?![\w$.=\[(]){B}*+(?!=)", re.ASCII | re.IGNORECASE
+)
+WITH = re.compile(r"\bWITH\b", re.IGNORECASE)
+ROUTINE = re.compile(rf"{B}*+(?:GLOBAL{B}++)?+(?:DEF|DEFFCT{B}++\w++)\b{B}*+(\w*+)", re.ASCII | re.IGNORECASE)
+CALLS = re.compile(rf"(?<![\w.$])([A-Za-z_]\w*+){B}*+\(", re.ASCII)  # in conditions and values, too
+FRAME_DATA_SET = re.compile(rf"{B}*+FDAT_ACT{B}*+={B}*+(\w++)", re.ASCII | re.IGNORECASE)
+PREPARED = re.compile(  # what stands around every taught move
+    rf"{B}*+(?:FDAT_ACT{B}*+={B}*+(\w++)|(?:LDAT_ACT|PDAT_ACT|\$BWDSTART){B}*+={B}*+\w++){B}*+",
+    re.ASCII | re.IGNORECASE,
+)
+OWN_FRAME_DATA = re.compile(rf"\b(?:STOOL2?|SBASE){B}*+\({B}*+(\w++)", re.ASCII | re.IGNORECASE)
+NAMES_POINT = re.compile(rf"{B}*+([A-Za-z_]\w*+){B}*+(?:\[([^\[\]]*+)\])?+", re.ASCII)
+WORD = re.compile(r"(?<![\w.$#])([A-Za-z_]\w*+)(?:\[([^\[\]]*+)\])?+", re.ASCII)
+BAS = re.compile(
+    rf"\bBAS{B}*+\({B}*+#(TOOL|BASE|EX_BASE|PTP_PARAMS|CP_PARAMS|FRAMES|INITMOV){B}*+,?+{B}*+([^)]*+)",
+    re.IGNORECASE,
+)
+FRAME_SET = re.compile(rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE)\b({B}*+\.)?+{B}*+=(?!=){B}*+", re.IGNORECASE)
+FROM_TABLE = re.compile(rf"(?:TOOL|BASE)_DATA{B}*+\[{B}*+(\d++){B}*+\]{B}*+", re.IGNORECASE)
+BEGIN_ROUTINE = frozenset(("GLOBAL", "DEF", "DEFFCT"))
+MOVE = frozenset(
+    name + more for name in ("PTP", "LIN", "CIRC", "SPTP", "SLIN", "SCIRC", "SPL") for more in ("", "_REL")
+)
+BRANCHES = frozenset(
+    ("IF", "SWITCH", "WHILE", "FOR", "ELSE", "CASE", "DEFAULT", "ENDIF", "ENDSWITCH", "ENDWHILE", "ENDFOR")
+)
+MOTION_DATA = frozenset(("FDAT_ACT", "LDAT_ACT", "PDAT_ACT"))  # of the controller's types: never positions
+TABLES = {"TOOL_DATA": "TOOL", "BASE_DATA": "BASE"}
+NAME_VALUE = re.compile(r"(?!(?:TRUE|FALSE)\b)[A-Za-z_$(]", re.IGNORECASE)  # no number, truth or choice
+NULL = re.compile(rf"\$?NULLFRAME{B}*+", re.IGNORECASE)
+STRUCT = re.compile(r"\{[^{}]*+\}")
+OF_POINT = re.compile(r"\bE?6?POS\b|\b[ST][ \t]+[\d']", re.IGNORECASE)
+TOOL_AXES = re.compile(r"#TOOL\b", re.IGNORECASE)
+COMPONENT = re.compile(
+    rf"{B}*+[$A-Za-z_][\w$]*+(?:{B}*+\[[^\[\]\n]*+\])?+{B}*+\.{B}*+(?:[XYZABC]|A[1-6]|E[1-6]){B}*+=(?!=)",
+    re.ASCII | re.IGNORECASE,
+)
+CALLED = re.compile(rf"[$A-Za-z_][\w$]*+{B}*+\(", re.ASCII)
+POINT_VALUE = re.compile(r":|\$POS_|\$AXIS_|\bINVERSE\b|\bFORWARD\b", re.IGNORECASE)
+MOST_TARGETS = 3  # a circle has two
+MOST_DIGITS = 9
+DEEPEST = 30  # branches inside each other
+EXTERNAL_ROUTINE = frozenset(("EXT", "EXTFCT"))
+KNOWN_CALLS = frozenset(("BAS", "IF", "WHILE", "UNTIL", "SWITCH", "NOT", "AND", "OR", "FOR"))
+LANDINGS = frozenset(("ENDLOOP", "UNTIL"))
+SENSOR = "TS_BC"  # TouchSense: corrections from what was found
+SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
+OFFSET = "The operator ':' adds a frame to this point while the program runs."
+RELATIVE_AXES = "it goes on from where the robot is, axis by axis"
+RELATIVE = "A relative move: it goes on from where the robot is, and stays as it is."
+CALL = "The target of this move is computed."
+ASSIGNED = "{} is set while the program runs; that value is not read."
+FRAME_SET_TEXT = "${} is set while the program runs; points written into moves are in it."
+FOUND = "{} corrects the points that follow by what a sensor finds."
+EXTERNAL_TEXT = (
+    "$IPO_MODE is set here: with #TCP, the tool stands in the cell, and the points are not changed."
+)
+POINT_STRUCT = re.compile(r"\{[^{}]*?(?:\b[XYZABC]|\bA[1-6])[ \t]+[-+.\d]", re.IGNORECASE)
