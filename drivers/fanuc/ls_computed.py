@@ -16,9 +16,11 @@ _ALONE = re.compile(rb"(?:PR?\[[^\]]*+\] *+|[LJ]P(?:OS|NT) *+(?:\([^)]*+\))?)")
 _NOTHING = re.compile(rb"(PR\[ *\d+ *\]|LPOS|JPOS) *- *\1")
 _NUMBER = re.compile(rb"\(? *+(-?+(?:\d++(?:\.\d*+)?+|\.\d++)) *+\)?")
 _BRANCHES = re.compile(
-    rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|CALL|AUFRUF|RUN|MONITOR)\b|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"
+    rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|CALL|AUFRUF|RUN|MONITOR)\b"
+    rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"  # words alone: a macro
 )
 _MM = 1e-3
+_LENGTHS = 3  # elements X, Y and Z; W, P and R come after
 
 
 @dataclass
@@ -36,18 +38,24 @@ class Registers:
     )  # registers whose W, P or R the program sets to other than zero
     used: set[int] = field(default_factory=set)  # registers that an expression of another one uses
 
+    @property
+    def size(self) -> int:
+        """Return how much is found so far."""
+        return sum(map(len, self.origins.values())) + len(self.altered) + len(self.turned)
+
 
 def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> Registers:
     """Return what assignments do; each comes with the position that the program went to last above it."""
     found = Registers()
     for _ in range(len(assigned) + 1):  # a register may get another one's that is assigned below
-        before = (
-            sum(map(len, found.origins.values())),
-            len(found.altered),
-        )
+        before = found.size
         for statement, last in assigned:
-            _assign(found, statement, last)
-        if before == (sum(map(len, found.origins.values())), len(found.altered)):
+            match = _ASSIGNED.search(statement.text)
+            if match is not None and match[2]:
+                _assign_element(found, match, statement.line)
+            elif match is not None:
+                _assign_whole(found, match, statement.line, last)
+        if found.size == before:
             break
     return found
 
@@ -57,36 +65,34 @@ def is_assignment(statement: Statement) -> bool:
     return _ASSIGNED.search(statement.text) is not None
 
 
-def _assign(found: Registers, statement: Statement, last: int | None) -> None:
-    match = _ASSIGNED.search(statement.text)
-    if match is None:
-        return
-    number, element, value = int(match[1]), match[2], match[3].strip()
+def _assign_element(found: Registers, match: re.Match[bytes], line: int) -> None:
+    number, element, value = int(match[1]), int(match[2]), match[3].strip()
+    found.altered.setdefault(number, line)
+    found.computed |= {int(each) for each in _POSITION.findall(value)}
+    constant = _NUMBER.fullmatch(value)
+    if element > _LENGTHS and (constant is None or float(constant[1])):
+        found.turned.add(number)
+
+
+def _assign_whole(found: Registers, match: re.Match[bytes], line: int, last: int | None) -> None:
+    number, value = int(match[1]), match[3].strip()
     positions = {int(each) for each in _POSITION.findall(value)}
     registers = {int(each) for each in _REGISTER.findall(value)}
     origins = found.origins.setdefault(number, set())
-    if element is not None:
-        found.altered.setdefault(number, statement.line)
-        found.computed |= positions
-        constant = _NUMBER.fullmatch(value)
-        if int(element) > 3 and (constant is None or float(constant[1])):
-            found.turned.add(number)
-        return
-    alone = _ALONE.fullmatch(value) is not None
     origins |= positions | {n for each in registers for n in found.origins.get(each, ())}
     if _HERE.search(value) and last is not None:
         origins.add(last)
     found.used |= registers - {number}
-    if alone:
+    if registers & found.turned:
+        found.turned.add(number)
+    if _ALONE.fullmatch(value) is not None:
         for each in positions:
             found.copied.setdefault(each, set()).add(number)
-        for each in registers & found.altered.keys():
-            found.altered.setdefault(number, statement.line)
-        found.turned |= {number} if registers & found.turned else set()
+        if registers & found.altered.keys():
+            found.altered.setdefault(number, line)
     elif not _NOTHING.fullmatch(value):
-        found.altered.setdefault(number, statement.line)
+        found.altered.setdefault(number, line)
         found.computed |= positions
-        found.turned |= {number} if not positions and registers & found.turned else set()
 
 
 @dataclass

@@ -9,10 +9,10 @@ from drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from drivers.programs.shifts import NO_TURN, UNREADABLE, Axes, Shift
 
 _INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
-_LED = "another motion group leads the motion there ({} in line {})"
-_STANDING = "the tool of its motion stands in the cell ({} in line {})"
+_LED_MOTION = "another motion group leads the motion there ({} in line {})"
+_STANDING_TOOL = "the tool of its motion stands in the cell ({} in line {})"
 _CAMERA = "a camera shifts the motion there while the program runs ({} in line {})"
-_ANY = "a register chooses the positions of the motion in line {}, and {} makes them no places"
+_ANY_INCREMENT = "a register chooses the positions of the motion in line {}, and {} makes them no places"
 _AMOUNT = "the program computes with it and does not go there, so it may be a shift"
 _WORDS = (b"INC", b"COORD", b"RTCP", b"VOFFSET", b"VR[", b"ffset", b"FFSET", b"PR[", b"Inc")
 
@@ -66,8 +66,8 @@ def _found(data: bytes) -> _Found:
         _take_targets(found, motion)
         if motion.offset or region:
             amount, quaternion = contents.shift(motion, turned) if not region else (UNREADABLE, None)
-            what = "Offset" if motion.offset else "Touch Offset"
-            shift = Shift(motion.line, what, Axes.USER_FRAME, translation_m=amount, quaternion=quaternion)
+            option = "Offset" if motion.offset else "Touch Offset"
+            shift = Shift(motion.line, option, Axes.USER_FRAME, translation_m=amount, quaternion=quaternion)
             found.shifts += [(number, shift) for number in motion.targets]
             found.any_shift += [shift] if motion.any_target else []
         last = motion.targets[-1] if motion.targets else last
@@ -95,7 +95,7 @@ def _take_targets(found: _Found, motion: Motion) -> None:
             found.places.add(number)
     if motion.any_target and why:
         word = motion.relative or motion.led or motion.standing_tool or motion.camera
-        found.any_increment = found.any_increment or _ANY.format(motion.line, word)
+        found.any_increment = found.any_increment or _ANY_INCREMENT.format(motion.line, word)
     found.amounts.update(motion.shifting)
     for number in motion.register_targets:
         if why:
@@ -107,8 +107,8 @@ def _take_targets(found: _Found, motion: Motion) -> None:
 def _why_no_place(motion: Motion) -> str:
     for word, text in (
         (motion.relative, _INCREMENT),
-        (motion.led, _LED),
-        (motion.standing_tool, _STANDING),
+        (motion.led, _LED_MOTION),
+        (motion.standing_tool, _STANDING_TOOL),
         (motion.camera, _CAMERA),
     ):
         if word:

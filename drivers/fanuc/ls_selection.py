@@ -1,6 +1,6 @@
 """Frames, tools and motion groups that a program selects, held against those that its positions were taught with.
 
-Where they differ for certain, the controller stops at the motion; which of the two is meant, the listing does not say.
+Where they differ for certain, the controller stops at the motion; the listing does not say which of them is meant.
 """
 
 import re

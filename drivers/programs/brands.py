@@ -40,7 +40,7 @@ class ConfigurationRule(Protocol):
 
 @runtime_checkable
 class SharedConfigurations(Protocol):
-    """The rule of a maker whose files state a configuration once for many positions: none of them can take another."""
+    """The rule of a maker whose files state a configuration once for many positions, none of which takes another."""
 
     def refuses_change(self, old: str, new: str) -> str:
         """Return why a position cannot take another text."""

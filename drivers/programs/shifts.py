@@ -43,7 +43,8 @@ class Shift:
     def matrix(self) -> Array:
         """Return the shift (4, 4); components that are not readable count as zero."""
         turn = rotation_from_quaternion(np.array([self.quaternion or NO_TURN]))
-        return homogeneous(turn, np.nan_to_num(np.array([self.translation_m])))[0]
+        matrix: Array = homogeneous(turn, np.nan_to_num(np.array([self.translation_m])))[0]
+        return matrix
 
 
 def renumber_shifts(shifts: Sequence[Shift], new_rows: Mapping[int, int]) -> tuple[Shift, ...]:

@@ -19,7 +19,7 @@ NEAR_RAD = np.deg2rad(0.01)  # an axis this near to a border is on both sides of
 NEAR_M = 1e-4
 _KNOWN = 6
 _OLDER = 8  # numbers of an XRC's and an NX100's RCONF; a DX100's and all later ones have 24
-_SHARED = "it would need another RCONF, {} in place of {}, which the job states once for many positions: teach it there"
+_SHARED = "it would need another RCONF, {} in place of {}, and the job states it once for many positions"
 _TURNS = {3: 3, 4: 5, 5: 0}  # place in RCONF: axis R, T, S
 
 

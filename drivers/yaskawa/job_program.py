@@ -1,7 +1,7 @@
 """A Yaskawa job as positions in columns, and back: only numbers of changed positions differ."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import Change, Frames, Positions, Remark
 from drivers.yaskawa.job_columns import PULSES, SHIFT, kind_of, positions_of
 from drivers.yaskawa.job_edits import RATIOS_NEEDED, edits_of
+from drivers.yaskawa.job_motions import motions_in
 from drivers.yaskawa.job_remarks import remarks_of
 from drivers.yaskawa.job_text import ROBOT_ROWS, Job, Row, jobs_of
 
@@ -82,6 +83,8 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
         if row.kind in ROBOT_ROWS
     ]
     positions = positions_of(name, jobs, rows, kinds, groups, ratios)
+    barred, shifts = motions_in(jobs, positions)
+    positions = replace(positions, barred=barred, shifts=shifts)
     remarks = [remark for notes, _ in told for remark in notes] + _kind_remarks(positions)
     return JobProgram(
         file=name,

@@ -45,7 +45,7 @@ class MoveRoute:
         return self.base_change
 
     def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
-        """Return whether points of a user frame move; an option for joint angles goes before what a file says of them."""
+        """Return whether points of a user frame move; the option for joint angles goes before what a file says."""
         if in_joints and (self.joints == "keep" or (bare_joints and self.joints == "move")):
             return self.joints == "move"
         named = frame if frame is not None else self.project.unsaid_frame
