@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 from drivers.fanuc.ls_computed import Contents, Registers, is_assignment, registers_of
-from drivers.fanuc.ls_statements import Motion, Statement, motion_of, statements
+from drivers.fanuc.ls_statements import Motion, Statement, condition_of, motion_of, statements
 from drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from drivers.programs.shifts import NO_TURN, UNREADABLE, Axes, Shift
 
@@ -24,12 +24,13 @@ class _Found:
     increments: dict[int, str] = field(default_factory=dict)  # positions that are no places, and why
     any_increment: str = ""
     places: set[int] = field(default_factory=set)  # positions that a motion goes to as they stand
-    goes_to: dict[int, int] = field(
-        default_factory=dict
-    )  # registers that a motion goes to, and in which line
+    goes_to: dict[int, int] = field(default_factory=dict)  # registers that are gone to, and in which line
+    shifted: dict[int, int] = field(default_factory=dict)  # registers that are gone to with a shift
     amounts: set[int] = field(default_factory=set)  # registers that shift a motion, or that it adds
     shifts: list[tuple[int, Shift]] = field(default_factory=list)  # by position
     any_shift: list[Shift] = field(default_factory=list)  # of positions that a register chooses
+    conditions: set[int] = field(default_factory=set)  # registers that shift by OFFSET CONDITION
+    by_register: list[Motion] = field(default_factory=list)  # motions that registers shift or add to
     assigned: list[tuple[Statement, int | None]] = field(default_factory=list)
 
 
@@ -39,7 +40,8 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
         return positions
     found = _found(data)
     registers = registers_of(found.assigned)
-    shifts = [*found.shifts, *_shifts_by_registers(found, registers)]
+    found.amounts |= found.conditions
+    shifts = [*found.shifts, *_shifts_by_registers(found, registers), *_shifts_by_places(found, registers)]
     barred = dict(positions.barred)
     rows: dict[int, list[int]] = {}
     for row, name in enumerate(positions.names):
@@ -59,6 +61,7 @@ def _found(data: bytes) -> _Found:
         if not statement.moves:
             contents.follow(statement)
             region = _touch_offset(statement, region)
+            found.conditions.update(condition_of(statement))
             if is_assignment(statement):
                 found.assigned.append((statement, last))
             continue
@@ -70,6 +73,7 @@ def _found(data: bytes) -> _Found:
             shift = Shift(motion.line, option, Axes.USER_FRAME, translation_m=amount, quaternion=quaternion)
             found.shifts += [(number, shift) for number in motion.targets]
             found.any_shift += [shift] if motion.any_target else []
+            found.shifted |= dict.fromkeys(motion.register_targets, motion.line)
         last = motion.targets[-1] if motion.targets else last
     return found
 
@@ -97,6 +101,8 @@ def _take_targets(found: _Found, motion: Motion) -> None:
         word = motion.relative or motion.led or motion.standing_tool or motion.camera
         found.any_increment = found.any_increment or _ANY_INCREMENT.format(motion.line, word)
     found.amounts.update(motion.shifting)
+    if motion.offset or motion.tool_offset or (why and motion.register_targets):
+        found.by_register.append(motion)
     for number in motion.register_targets:
         if why:
             found.amounts.add(number)
@@ -130,11 +136,23 @@ def _amount(number: int, found: _Found, registers: Registers) -> str:
 
 def _shifts_by_registers(found: _Found, registers: Registers) -> Iterator[tuple[int, Shift]]:
     """Yield shifts of positions whose copy in a register is computed before a motion goes to the register."""
-    for register, line in found.goes_to.items():
-        if register in registers.altered:
+    for register, line in {**found.goes_to, **found.shifted}.items():
+        if register in registers.altered or register in found.shifted:
             turn = None if register in registers.turned else NO_TURN
             for number in sorted(registers.origins.get(register, ())):
                 yield number, Shift(line, f"PR[{register}]", Axes.USER_FRAME, quaternion=turn)
+
+
+def _shifts_by_places(found: _Found, registers: Registers) -> Iterator[tuple[int, Shift]]:
+    """Yield what a motion adds or is shifted by where that is computed from positions, which themselves change."""
+    for motion in found.by_register:
+        added = () if motion.is_place or motion.offset else motion.register_targets
+        for register in {*added, *(motion.shifting or found.conditions)}:
+            origins = registers.origins.get(register, set())
+            targets = set(motion.targets)
+            targets |= {n for each in motion.register_targets for n in registers.origins.get(each, ())}
+            for number in sorted(targets | origins) if origins else ():
+                yield number, Shift(motion.line, f"PR[{register}]", Axes.USER_FRAME, quaternion=None)
 
 
 def _with_rows(

@@ -20,6 +20,9 @@ _TOOL_OFFSET = re.compile(
 )
 _OFFSET = re.compile(rb"(?<![A-Za-z_])OFFSET\b(?:[ \t]*+,[ \t]*+PR\[ *+(?:GP\d *+: *+)?+(\d{1,5}+)?)?", re.I)
 _REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP\d *+: *+)?+(\d{1,5}+)?")
+_CONDITION = re.compile(
+    rb"(?:TOOL_)?+OFFSET[ \t]++[A-Z]{4,14}[ \t]++PR\[ *+(?:GP\d *+: *+)?+(\d{1,5}+)", re.I
+)
 _RELATIVE = re.compile(rb"(?<![A-Za-z_])INC(?:REMENTAL)?\b", re.I)
 _LED = re.compile(rb"(?<![A-Za-z_])COORD\b(?:\[[^\]]*+\])?", re.I)
 _STANDING_TOOL = re.compile(rb"(?<![A-Za-z_])RTCP\b", re.I)
@@ -52,6 +55,7 @@ class Motion:
     standing_tool: str  # the option for a tool that stands in the cell
     camera: str
     offset: bool  # a register shifts the motion along the axes of a frame
+    tool_offset: bool  # a register shifts it along the axes of the tool
     shifting: tuple[int, ...]  # registers that shift the motion along axes of a frame or of the tool
 
     @property
@@ -92,8 +96,15 @@ def motion_of(statement: Statement) -> Motion:
         standing_tool=_word(_STANDING_TOOL, rest),
         camera=_word(_CAMERA, rest),
         offset=offset,
+        tool_offset=bool(along_tool),
         shifting=tuple(int(found[1]) for found in _REGISTER.finditer(rest + b" " + along_tool) if found[1]),
     )
+
+
+def condition_of(statement: Statement) -> tuple[int, ...]:
+    """Return the registers that a condition makes the shift of motions below it."""
+    found = _CONDITION.match(statement.text)
+    return (int(found[1]),) if found else ()
 
 
 def _word(pattern: re.Pattern[bytes], text: bytes) -> str:
