@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
 from drivers.fanuc.ls_computed import Contents, Registers, is_assignment, registers_of
+from drivers.fanuc.ls_positions import REMOTE
 from drivers.fanuc.ls_statements import Motion, Statement, condition_of, motion_of, statements
 from drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from drivers.programs.shifts import NO_TURN, UNREADABLE, Axes, Shift
@@ -14,6 +15,9 @@ _STANDING_TOOL = "the tool of its motion stands in the cell ({} in line {})"
 _CAMERA = "a camera shifts the motion there while the program runs ({} in line {})"
 _ANY_INCREMENT = "a register chooses the positions of the motion in line {}, and {} makes them no places"
 _AMOUNT = "the program computes with it and does not go there, so it may be a shift"
+_WRITTEN_REMOTE = (
+    "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
+)
 _WORDS = (b"INC", b"COORD", b"RTCP", b"VOFFSET", b"VR[", b"ffset", b"FFSET", b"PR[", b"Inc")
 
 
@@ -51,6 +55,14 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
             barred.setdefault(row, why)
     told = [*_with_rows(shifts, rows, positions), *_of_any(found.any_shift, positions)]
     return replace(positions, barred=barred, shifts=(*positions.shifts, *told))
+
+
+def without_standing_tools(positions: Positions) -> Positions:
+    """Return positions with those barred that are written for a tool that stands in the cell."""
+    if REMOTE not in positions.kinds:
+        return positions
+    barred = {row: _WRITTEN_REMOTE for row, kind in enumerate(positions.kinds) if kind == REMOTE}
+    return replace(positions, barred={**barred, **positions.barred})
 
 
 def _found(data: bytes) -> _Found:

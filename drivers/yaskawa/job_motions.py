@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from drivers.programs.shifts import NO_TURN, Axes, Quaternion, Shift
+from drivers.yaskawa.job_columns import SHIFT
 from drivers.yaskawa.job_text import ROBOT_ROWS, Job, Row
 
 Key = tuple[str, int]  # C or P, and its number
@@ -19,10 +20,13 @@ _OTHER_MOTION = "its motion is about a point in the cell that the job does not s
 _ANY_AMOUNT = "a register chooses the variables that {} in line {} uses as amounts"
 _SET_HERE = "its job makes its user frame or tool while it runs ({} in line {})"
 _IN_TOOL = "it is stated along the axes of the tool: an amount, and no place"
+_VARIABLE_AMOUNT = (
+    "no move of its job goes to this variable, or the job computes with it: it may be an amount"
+)
 _IN_MASTER = "it is stated in the tool of a master robot, which carries the work"
 _PLAIN = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "REFP"))
 _MOTION = re.compile(r"[A-Z]*MOV[A-Z]*|REFP|SYSTART")
-_TAKEN = re.compile(r"\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
+_TAKEN = re.compile(r"(?<!\$)\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
 _CHOSEN = re.compile(r"\bL?PX?\[")
 _FRAME = re.compile(r"\b(BF|RF|TF|MTF|UF#)")
 _SECOND = re.compile(r"\+S?MOV")
@@ -65,7 +69,8 @@ def motions_in(jobs: Iterable[Job], positions: Positions) -> tuple[dict[int, str
             keys = {(row.kind, int(row.number)): first + i for i, row in enumerate(rows)}
             shifts += _of_rows(found.shifts, keys, positions)
         first += len(rows)
-    return barred, tuple(shifts)
+    amounts = {i: _VARIABLE_AMOUNT for i, kind in enumerate(positions.kinds) if kind == SHIFT}
+    return {**amounts, **barred}, tuple(shifts)
 
 
 def _stated(row: Row) -> str:

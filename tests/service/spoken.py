@@ -23,7 +23,7 @@ _BY_NAME = """
     unreachable other_configuration other_turns no_posture fixed cure hindrances occupied
     text question asked
     increment led_motion standing_tool camera any_increment amount other_frame other_group beside_external external
-    other_joints shared on_conveyor other_motion any_amount set_here in_tool in_master
+    other_joints shared on_conveyor other_motion any_amount set_here in_tool in_master variable_amount written_remote
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """
