@@ -14,7 +14,7 @@ from calibration.geometry import Array, Pose, homogeneous, rotation_from_quatern
 from drivers.abb.usual import GAPS, NUMBERS
 from drivers.abb.written import LEAST_LENGTH_DECIMALS, LEAST_QUATERNION_DECIMALS, Written
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, Remark
+from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Positions, Remark
 from drivers.programs.shifts import Shift, renumber_shifts
 from drivers.programs.spans import Source, finest, unique_names
 
@@ -138,6 +138,11 @@ class Collected:
         self.fixed[len(self.names)] = "it has no coordinates"
         self._row(name, UNTAUGHT, place, "")
 
+    def add_unread(self, name: str, place: int, why: str) -> None:
+        """Take a position that stands in the file and is not changed."""
+        self.fixed[len(self.names)] = why
+        self._row(name, UNREAD, place, "")
+
     def forget(self, row: int, why: str) -> None:
         """Take the coordinates of a row away: they are not what they look like."""
         self.kinds[row] = UNTAUGHT
@@ -153,6 +158,7 @@ class Collected:
         shifts: Sequence[Shift] = (),
     ) -> Positions:
         """Return the columns in the order of the file; barred rows and shifts are counted as they were read."""
+        reasons = {**self.fixed, **barred}
         lines = self.source.lines_of(np.array(self.starts, dtype=np.int64)[order])
         kinds = _taken(self.kinds, order)
         values = np.array(self.values).reshape(-1, 7)[order]
@@ -181,7 +187,7 @@ class Collected:
             configurations=tuple(_taken(self.states, order)),
             resolution_m=steps[:, 0],
             resolution_rad=steps[:, 1],
-            barred={k: barred[row] for k, row in enumerate(order.tolist()) if row in barred},
+            barred={k: reasons[row] for k, row in enumerate(order.tolist()) if row in reasons},
             shifts=renumber_shifts(shifts, {row: k for k, row in enumerate(order.tolist())})
             if shifts
             else (),

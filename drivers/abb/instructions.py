@@ -34,8 +34,8 @@ _CIRCLE = re.compile(r"(?:move|trigg|arc|disp|paint|cap)c")
 _MANY_SIGNS = re.compile(r'[\[({"!]')
 _MOST_ARGUMENTS = 40
 _SHIFTED = ("offset", "This target is shifted while the program runs.")
-_COMPUTED = ("computed", "The target of this move is computed.")
-_STAR = ("computed", "The target of this move is '*': its coordinates are not in the file.")
+COMPUTED = ("computed", "The target of this move is computed.")
+STAR = ("computed", "The target of this move is '*': its coordinates are not in the file.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,31 +189,35 @@ def _target(source: Source, word: str, k: int, argument: Argument) -> Target | N
     first = k == 0 and not word.startswith("search")
     if head is None:
         sign = source.text[argument.start : argument.start + 1]
-        star = _STAR if sign == "*" else _COMPUTED
+        star = STAR if sign == "*" else COMPUTED
         return Target(argument.start, remark=star) if first or sign == "*" else None
     if head[3]:
-        return (
-            _called(source.text, head, argument) if first or head[1].lower() in ("offs", "reltool") else None
-        )
+        return _called(source, head, argument) if first or head[1].lower() in ("offs", "reltool") else None
     index = "".join((head[2] or "").split())
     name = spelled(head[1])
     return Target(argument.start, name=f"{name}{{{index}}}" if _INDEX.fullmatch(index) else name)
 
 
-def _called(text: str, head: re.Match[str], argument: Argument) -> Target:
+def _called(source: Source, head: re.Match[str], argument: Argument) -> Target:
     """Return the target of a move to a function's result: the point that it shifts, where it is such a one."""
+    text, opened = source.text, head.end()
     inner: re.Match[str] | None = head
     shifted = False
     offset: tuple[float, float, float] | None = None
     while inner is not None and inner[3] and inner[1].lower() in ("offs", "reltool"):
         if inner[1].lower() == "offs":
             offset = UNREADABLE if offset else offset_of(text, inner.end(), argument.end)
-        inner, shifted = _HEAD.match(text, inner.end(), argument.end), True
+        opened = inner.end()
+        inner, shifted = _HEAD.match(text, opened, argument.end), True
     if not shifted:
-        return Target(argument.start, remark=_COMPUTED)
+        return Target(argument.start, remark=COMPUTED)
     named = inner is not None and not inner[3]
+    index = "".join((inner[2] or "").split()) if inner else ""
     name = spelled(inner[1]) if inner and named else ""
-    return Target(argument.start, name=name, remark=_SHIFTED, offset_m=offset)
+    name += f"{{{index}}}" if name and _INDEX.fullmatch(index) else ""
+    literal = None if inner is not None else _literal(source, after_blanks(text, opened), axes=False)
+    place = argument.start if literal is None else literal.start()
+    return Target(place, name=name, literal=literal, remark=_SHIFTED, offset_m=offset)
 
 
 def offset_of(text: str, place: int, end: int) -> tuple[float, float, float]:

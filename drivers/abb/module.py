@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 from calibration.geometry import Pose
 from drivers.abb.collected import Collected, pose_of
-from drivers.abb.instructions import MOVES, Instruction, Target, read_instruction
+from drivers.abb.displacements import USED, WORDS, Displacements, Move
+from drivers.abb.instructions import COMPUTED, MOVES, STAR, Instruction, Target, offset_of, read_instruction
 from drivers.abb.literals import (
     AGGREGATES,
     NAME,
@@ -18,10 +19,12 @@ from drivers.abb.literals import (
     spelled,
 )
 from drivers.abb.shifted import ShiftFound, ShiftsFound
+from drivers.abb.unread import LIKE_A_POSITION, unread_positions
 from drivers.abb.uses import Uses
 from drivers.abb.usual import USUAL
 from drivers.abb.written import Written
 from drivers.programs.positions import Frames
+from drivers.programs.shifts import NO_TURN, UNREADABLE
 from drivers.programs.spans import Source
 
 _BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, byte by byte
@@ -38,14 +41,9 @@ _COPIED = re.compile(
 _PARAMETERS = re.compile(rf"{W}\(((?:[^()!]++|![^\n]*+){{0,1000}}+)\)", re.ASCII)
 _PARAMETER = re.compile(rf"({NAME}){W}(?:\{{[^{{}}]*+\}}{W})?+(?=[,\\|]|\Z)", re.ASCII)
 _FUNCTION_NAME = re.compile(rf"{W}[A-Za-z]\w*+{W}({NAME})", re.ASCII)
-_SIZES = re.compile(r"\s*\d+\s*(?:,\s*\d+\s*)*")
+_SIZES = re.compile(r"\s*\d+\s*")
 _MOST_DIGITS = 9  # of an array's size
 _HOLDS_A_POSITION = re.compile(r"\[\s*\[\s*[-+.\d]")
-_NEXT = r"\s*+[-+.\d][^\[\],;]*+"
-_UNREAD_POSITION = re.compile(  # a place and a quaternion, or two lists of six axes
-    rf"\[\s*+\[{_NEXT}(?:,{_NEXT}(?:,{_NEXT}\]\s*+,\s*+\[{_NEXT}(?:,{_NEXT}){{3}}\]|(?:,{_NEXT}){{4}}\]\s*+,\s*+\[))"
-)
-
 _REMARKED = {
     "offs": ("offset", "Offs shifts this target while the program runs."),
     "reltool": ("offset", "RelTool shifts this target along the tool while the program runs."),
@@ -66,6 +64,8 @@ _HELD_TEXT = "{} is held by the robot: its targets are seen from the flange, and
 _MOVED_TEXT = "The user frame of {} is moved by {}; it is not taken as fixed."
 _STATIONARY_TEXT = "{} stands in the cell: targets that use it are seen from the flange, and are not changed."
 _INSIDE_TEXT = "A position stands inside this statement; it is not read, and stays as it is."
+_INSIDE = "it stands inside other data, or is computed in part, and is not read"
+_STAR_UNKNOWN = "its coordinates are not in the file"
 _UNREAD_TEXT = "{} is not read: it is computed, or not as {} is written."
 
 
@@ -74,19 +74,24 @@ class Module:
     """A file of modules while it is read."""
 
     found: Collected
+    shifts: ShiftsFound
     uses: Uses = field(default_factory=Uses)
-    shifts: ShiftsFound = field(default_factory=ShiftsFound)
     name: str = ""
     assigned: list[tuple[int, str, str]] = field(default_factory=list)  # place, name, scope
+    overwritten: list[tuple[int, str, str]] = field(
+        default_factory=list
+    )  # by what is neither read nor a copy
     bases: dict[str, Pose] = field(default_factory=lambda: {"wobj0": Pose((0.0, 0.0, 0.0))})
     tools: dict[str, Pose] = field(default_factory=lambda: {"tool0": Pose((0.0, 0.0, 0.0))})
     declared_local: bool = False
     local: bool = False  # the declaration that follows is its module's only
+    looked_at: int = 0  # up to where the text was searched for positions inside other data
+    displaced: bool = False  # moves are noted one by one, for displacements
+    routine_begins: int = 0
     frames_declared: set[str] = field(default_factory=set)  # tools and work objects, in small letters
     frames_shown: set[str] = field(default_factory=set)  # those of them that other modules see
     set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
     written: Written = field(default_factory=lambda: Written.nothing(0))
-    looked_at: int = 0  # up to where the text was searched for positions inside other data
 
     def read(self) -> None:
         """Take the whole text.
@@ -120,7 +125,10 @@ class Module:
     def _usual(self, found: re.Match[str]) -> bool:
         """Take a statement as the controller writes it; tell whether it was."""
         if found["name"] is None:
-            self.uses.use(found["to"], found["tool"], found["frame"] or "wobj0")
+            frame = found["frame"] or "wobj0"
+            self.uses.use(found["to"], found["tool"], frame)
+            if self.displaced:
+                self._note_move(found.start("a_move"), found["to"], -1, frame)
             return True
         row = len(self.found.names)
         if not self.found.add_usual(found):
@@ -136,12 +144,17 @@ class Module:
             return
         stop = text.find(";", place)
         self.looked_at = stop if stop >= 0 else len(text)
-        found = _UNREAD_POSITION.search(text, place, self.looked_at)
+        found = LIKE_A_POSITION.search(text, place, self.looked_at)
         if found is not None:
             self.found.remark(found.start(), "computed", _INSIDE_TEXT)
 
+    def _note_move(self, place: int, name: str, row: int, frame: str | None) -> None:
+        self.shifts.displacements.moves.append(Move(place, self.uses.scope, name, row, frame))
+
     def finish(self) -> None:
         """Remark targets that the program sets, and take away those that are seen from the flange."""
+        for place in unread_positions(self.found.source.text, set(self.found.starts)):
+            self.found.add_unread(f"line {self.found.source.line_of(place)}", place, _INSIDE)
         self.written = self.found.reckon_usual()
         self.uses.set_while_running |= {
             name for name in self.set_names if name in self.frames_declared or name not in self.uses.shown
@@ -153,6 +166,7 @@ class Module:
             for name in [name for name in poses if name.lower() in self.uses.several]:
                 del poses[name]
         self.uses.resolve(self.found)
+        self.shifts.bar(self.found, self.uses)
 
     def frames(self) -> Frames:
         """Return the tools and fixed work objects that stand here, and the two of the language itself."""
@@ -172,9 +186,26 @@ class Module:
             return self._instruction(word, start, end)
         if word in _REMARKED:
             self.found.remark(start, *_REMARKED[word])
+        if word in _REMARKED or word in WORDS:
+            self._shift(word, start, end)
             return end
         assigned = _ASSIGNED.match(self.found.source.text, end)
         return end if assigned is None else self._assignment(start, end, assigned)
+
+    def _shift(self, word: str, start: int, end: int) -> None:
+        """Note a displacement, or a target that a function shifts."""
+        text, spelt = self.found.source.text, self.found.source.text[start:end]
+        if word in WORDS:
+            self.shifts.displacements.take(word, spelt, end, self.uses.scope)
+            return
+        opened = after_blanks(text, end)
+        if word not in ("offs", "mirpos") or text[opened : opened + 1] != "(":
+            return
+        named = _NAME.match(text, opened + 1)
+        name = spelled(named[1]) if named else ""
+        size = offset_of(text, opened + 1, len(text)) if word == "offs" else UNREADABLE
+        turn = NO_TURN if word == "offs" else None
+        self.shifts.found.append(ShiftFound(start, spelt, self.uses.scope, name, None, size, turn))
 
     def _declaration(self, word: str, end: int) -> int:
         text = self.found.source.text
@@ -200,19 +231,23 @@ class Module:
         return self._target(kind, name, declared.end())
 
     def _array(self, kind: str, name: str, sizes: str, declared: re.Match[str]) -> int:
-        if not declared[4] or kind not in TARGETS or _SIZES.fullmatch(sizes) is None:
+        if not declared[4] or kind not in TARGETS:
             if kind in TARGETS:
                 self.found.remark(declared.start(2), "computed", _FILLED_TEXT.format(name))
             return declared.end()
-        counts = [size.strip() for size in sizes.split(",")]
-        if any(len(count) > _MOST_DIGITS for count in counts):
+        counts = [size.strip() if _SIZES.fullmatch(size) else None for size in sizes.split(",")]
+        if any(count is not None and len(count) > _MOST_DIGITS for count in counts):
             raise self.found.source.error(
                 declared.start(3), f"{name} has more elements than any array.", remedy="Correct its size."
             )
-        return self._elements(kind, name, list(map(int, counts)), declared.end())
+        known = [None if count is None else int(count) for count in counts]
+        return self._elements(kind, name, known, declared.end())
 
-    def _elements(self, kind: str, name: str, sizes: list[int], place: int) -> int:
-        """Take the elements of an array of any dimension, in the order in which they are written."""
+    def _elements(self, kind: str, name: str, sizes: list[int | None], place: int) -> int:
+        """Take the elements of an array of any dimension, in the order in which they are written.
+
+        A size is None where a constant or an expression says it.
+        """
         text, source = self.found.source.text, self.found.source
         index: list[int] = []
         while True:
@@ -225,7 +260,7 @@ class Module:
                 return self._computed(name, place)
             place = self._element(kind, f"{name}{{{','.join(map(str, index))}}}", place)
             while text[place : place + 1] == "]" and index:
-                if index[-1] != sizes[len(index) - 1]:
+                if index[-1] != (sizes[len(index) - 1] or index[-1]):
                     raise source.error(place, f"{name} does not have the elements that it declares.")
                 index.pop()
                 place = after_blanks(text, place + 1)
@@ -328,19 +363,23 @@ class Module:
                     add = self.found.add_robtarget if kind == "robtarget" else self.found.add_jointtarget
                     add(name, found)
                     return found.end()
-        if not assigned[2]:
-            self._note_copy(text, assigned.end(), bare)
+        if assigned[2]:
+            path = "".join(assigned[2].split())
+            self.shifts.take_component(start, (name, self.uses.scope), path, assigned.end())
+        elif not self._note_copy(text, assigned.end(), bare):
+            self.shifts.overwritten.append((name, self.uses.scope))
         part = assigned[2].partition(".")[2].strip().lower()
         if not part or part.startswith(("uframe", "oframe", "tframe")):
             self.set_names.add(bare.lower())
         self.assigned.append((start, bare, self.uses.scope))
         return assigned.end()
 
-    def _note_copy(self, text: str, place: int, to: str) -> None:
-        """Note a target that is assigned to another, which moves go to in its place."""
+    def _note_copy(self, text: str, place: int, to: str) -> bool:
+        """Note a target that is assigned to another, which moves go to in its place; tell whether it is one."""
         copied = _COPIED.match(text, place)
         if copied is not None:
             self.uses.copied.add((self.uses.scope, spelled(copied[1]), to))
+        return copied is not None
 
     def _instruction(self, word: str, start: int, end: int) -> int:
         if _ASSIGNED.match(self.found.source.text, end):
@@ -353,22 +392,31 @@ class Module:
     def _moved_to(self, instruction: Instruction, part: int, target: Target, start: int) -> None:
         if target.remark:
             self.found.remark(target.place, *target.remark)
-        if target.offset_m is not None:
-            self.shifts.found.append(
-                ShiftFound(
-                    target.place, "Offs", self.uses.scope, target.name, instruction.frame, target.offset_m
-                )
-            )
-        if target.literal is None:
-            if target.name:
-                self.uses.use(target.name, instruction.tool, instruction.frame)
-            return
         word = self.found.source.text[start : start + len(instruction.word)]
-        name = f"{word}@{self.found.source.line_of(target.place)}" + (f".{part + 1}" if part else "")
-        row = len(self.found.names)
-        add = self.found.add_jointtarget if target.axes else self.found.add_robtarget
-        add(name, target.literal)
-        self.uses.use_row(row, instruction.tool, instruction.frame)
+        line = self.found.source.line_of(target.place)
+        name = f"{word}@{line}" + (f".{part + 1}" if part else "")
+        row = -1
+        if target.literal is not None:
+            row = len(self.found.names)
+            add = self.found.add_jointtarget if target.axes else self.found.add_robtarget
+            add(name, target.literal)
+            self.uses.use_row(row, instruction.tool, instruction.frame)
+        elif target.name:
+            self.uses.use(target.name, instruction.tool, instruction.frame)
+        elif target.remark == STAR:
+            self.found.add_unread(name, target.place, _STAR_UNKNOWN)
+        if self.displaced:
+            self._note_move(start, target.name, row, instruction.frame)
+        self._note_shift(instruction, target, name, row)
+
+    def _note_shift(self, instruction: Instruction, target: Target, name: str, row: int) -> None:
+        """Note a target that the move itself shifts or computes."""
+        if target.offset_m is None and target.remark != COMPUTED:
+            return
+        what, size, turn = ("Offs", target.offset_m, NO_TURN) if target.offset_m else (name, UNREADABLE, None)
+        self.shifts.found.append(
+            ShiftFound(target.place, what, self.uses.scope, target.name, instruction.frame, size, turn, row)
+        )
 
     def _module(self, word: str, end: int) -> int:
         named = _NAME.match(self.found.source.text, end)
@@ -385,6 +433,7 @@ class Module:
             return end
         self.local = False
         self.uses.enter_routine(spelled(named[1]))
+        self.routine_begins = named.end()
         parameters = _PARAMETERS.match(self.found.source.text, named.end())
         if parameters is None:
             return named.end()
@@ -397,6 +446,7 @@ class Module:
         return end
 
     def _leave(self, word: str, end: int) -> int:
+        self.shifts.displacements.routines[self.uses.scope] = (self.routine_begins, end)
         self.uses.enter_routine("")
         return end
 
@@ -412,7 +462,8 @@ _HANDLERS: dict[str, Callable[[Module, str, int], int]] = {
 
 def read_module(source: Source) -> Module:
     """Read a module."""
-    module = Module(Collected(source))
+    module = Module(Collected(source), ShiftsFound(Displacements(source.text)))
+    module.displaced = USED.search(source.text) is not None
     module.read()
     module.finish()
     return module

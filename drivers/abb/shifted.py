@@ -1,12 +1,26 @@
 """Shifts of RAPID that do not turn with the targets: what was found while reading, and the rows it counts for."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from math import nan
 
 from drivers.abb.collected import Collected
+from drivers.abb.displacements import Displacements, Held
+from drivers.abb.literals import NUMBER, W
 from drivers.abb.uses import Uses
+from drivers.programs.barred import OVERWRITTEN
 from drivers.programs.positions import CARTESIAN
-from drivers.programs.shifts import NO_TURN, Axes, Quaternion, Shift, Triple
+from drivers.programs.shifts import NO_TURN, UNREADABLE, Axes, Quaternion, Shift, Triple
+
+EXTERNAL_OFFSET = "an external axis is offset here, and the project does not know what it moves"
+COMPONENT_SET = "the program sets a component of it while it runs"
+_OTHERS = "what other routines go to while it holds"
+_COMPUTED = "a computed place"
+_SUM = re.compile(r"([^;+\-]*+)([+-])([^;]*+);", re.ASCII)
+_TERM = re.compile(rf"{W}({NUMBER}){W}", re.ASCII)
+_AXIS = re.compile(r"\.trans\.([xyz])$", re.IGNORECASE)
+_PLACE = re.compile(r"\.(?:trans|rot)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,31 +34,115 @@ class ShiftFound:
     user_frame: str | None
     translation_m: Triple
     quaternion: Quaternion | None = NO_TURN
+    row: int = -1  # of a target that is written into the move
+    each_time: bool = False
 
 
 @dataclass
 class ShiftsFound:
     """The shifts of a module."""
 
+    displacements: Displacements
     found: list[ShiftFound] = field(default_factory=list)
+    set_components: list[tuple[str, str]] = field(default_factory=list)  # name, scope: not by adding to it
+    overwritten: list[tuple[str, str]] = field(default_factory=list)  # by what is neither read nor a copy
+
+    def take_component(self, place: int, target: tuple[str, str], path: str, value_place: int) -> None:
+        """Note that a component of a target, a name in a scope, is assigned."""
+        if _PLACE.search(path) is None:
+            return
+        text = self.displacements.text
+        name, scope = target
+        translation: Triple = UNREADABLE
+        axis, added = _AXIS.search(path), _SUM.match(text, value_place)
+        itself = "".join(text[place:value_place].split()).removesuffix(":=").lower()
+        if axis is not None and added is not None and "".join(added[1].split()).lower() == itself:
+            term = _TERM.fullmatch(added[3])
+            size = float(term[1]) * (1e-3 if added[2] == "+" else -1e-3) if term else nan
+            translation = _along(axis[1].lower(), size)
+            self._add(place, name, scope, translation, NO_TURN)
+            return
+        self.set_components.append((name, scope))
+        self._add(place, name, scope, UNREADABLE, None)
+
+    def _add(
+        self, place: int, name: str, scope: str, translation: Triple, quaternion: Quaternion | None
+    ) -> None:
+        end = self.displacements.text.find(";", place)
+        what = " ".join(self.displacements.text[place : end if end >= 0 else place].split())[:80]
+        self.found.append(ShiftFound(place, what, scope, name, None, translation, quaternion, each_time=True))
 
     def shifts(self, collected: Collected, uses: Uses) -> tuple[Shift, ...]:
         """Return the shifts with the rows of their targets, counted as they were read."""
-        return tuple(self._shift(one, collected, uses) for one in self.found)
+        named = [self._shift(one, collected, uses) for one in self.found]
+        return (
+            *named,
+            *(shift for held in self.displacements.held() for shift in _of_held(held, collected, uses)),
+        )
+
+    def bar(self, collected: Collected, uses: Uses) -> None:
+        """Leave targets whose place is no longer what stands in the file when they are moved to."""
+        for targets, why in ((self.set_components, COMPONENT_SET), (self.overwritten, OVERWRITTEN)):
+            for name, scope in targets:
+                for row in _cartesian(uses.rows_of(name, scope), collected):
+                    uses.barred.setdefault(row, why)
+        for held in self.displacements.held():
+            if held.event.word.startswith("eoffs"):
+                for row in _rows_of(held, collected, uses):
+                    uses.barred.setdefault(row, EXTERNAL_OFFSET)
 
     @staticmethod
     def _shift(one: ShiftFound, collected: Collected, uses: Uses) -> Shift:
-        rows = _cartesian(uses.rows_of(one.name, one.scope), collected)
+        rows = (one.row,) if one.row >= 0 else _cartesian(uses.rows_of(one.name, one.scope), collected)
         return Shift(
             collected.source.line_of(one.place),
             one.what,
             Axes.USER_FRAME,
             rows,
-            point=one.name,
+            point=one.name or _COMPUTED,
             user_frame=one.user_frame,
             translation_m=one.translation_m,
             quaternion=one.quaternion,
+            each_time=one.each_time,
         )
+
+
+def _of_held(held: Held, collected: Collected, uses: Uses) -> Iterator[Shift]:
+    """Yield what a displacement shifts: rows of this file, targets of other files, and what may follow."""
+    event = held.event
+    if event.word.startswith("eoffs"):
+        return
+    line = collected.source.line_of(event.place)
+
+    def shift(rows: tuple[int, ...], point: str, frame: str | None) -> Shift:
+        return Shift(
+            line, event.spelled, Axes.USER_FRAME, rows, point, frame, event.translation_m, event.quaternion
+        )
+
+    rows = _rows_of(held, collected, uses)
+    if rows:
+        yield shift(rows, "", None)
+    elsewhere = {
+        (move.name, move.frame)
+        for move in held.moves
+        if move.name and not uses.rows_of(move.name, move.scope)
+    }
+    for name, frame in sorted(elsewhere, key=str):
+        yield shift((), name, frame)
+    if held.others:
+        yield shift((), _OTHERS, None)
+
+
+def _rows_of(held: Held, collected: Collected, uses: Uses) -> tuple[int, ...]:
+    rows = {move.row for move in held.moves if move.row >= 0}
+    for name, scope in {(move.name, move.scope) for move in held.moves if move.name}:
+        rows |= set(uses.rows_of(name, scope))
+    return _cartesian(sorted(rows), collected)
+
+
+def _along(axis: str, size_m: float) -> Triple:
+    x, y, z = (size_m if axis == one else 0.0 for one in "xyz")
+    return x, y, z
 
 
 def _cartesian(rows: Sequence[int], collected: Collected) -> tuple[int, ...]:

@@ -49,7 +49,7 @@ class Uses:
         default_factory=lambda: defaultdict(set)
     )  # by scope and name
     of_row: dict[int, list[Used]] = field(default_factory=lambda: defaultdict(list))
-    spelling: dict[str, str] = field(default_factory=dict)
+    spelling: dict[str, str] = field(default_factory=lambda: {"wobj0": "wobj0", "tool0": "tool0"})
     seen_from_flange: set[str] = field(default_factory=set)
     moved: set[str] = field(default_factory=set)  # work objects that a mechanical unit moves
     user_frames: dict[int, str] = field(default_factory=dict)

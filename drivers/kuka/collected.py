@@ -2,6 +2,7 @@
 
 import re
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -18,7 +19,8 @@ from drivers.kuka.written import (
 )
 from drivers.programs.columns import widths_and_decimals
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, Remark
+from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Positions, Remark
+from drivers.programs.shifts import Shift, renumber_shifts
 from drivers.programs.spans import Source, finest, unique_names
 
 NO_VALUE = "it has no coordinates"
@@ -118,6 +120,18 @@ class Collected:
         self._add_external(point["name"], literal)
         self.known_axes[point["external"]] = self.external[-6:]
 
+    def literal_or_none(self, start: int, end: int) -> Literal | None:
+        """Return the struct at a place, None where it is computed or none."""
+        try:
+            return read_literal(self.source.text, start, end)
+        except LiteralError:
+            return None
+
+    def add_unread(self, name: str, place: int, why: str) -> None:
+        """Take a position that stands in the file and is not changed."""
+        self.fix(len(self.names), why)
+        self._row(name, UNREAD, place, "")
+
     def add_untaught(self, name: str, place: int) -> None:
         """Take a position that holds no coordinates."""
         self.fix(len(self.names), NO_VALUE)
@@ -170,8 +184,9 @@ class Collected:
             decimals[keep],
         )
 
-    def positions(self, keep: NDArray[np.int64], written: Written) -> Positions:
+    def positions(self, keep: NDArray[np.int64], written: Written, shifts: Sequence[Shift] = ()) -> Positions:
         """Return the columns of some rows."""
+        reasons = {**self.barred, **self.fixed}
         lines = self.source.lines_of(written.starts)
         kinds = tuple(np.array(self.kinds, dtype=object)[keep])
         main = written.values
@@ -193,12 +208,15 @@ class Collected:
             frame_tip=frame_tip,
             joints=joints,
             external=external[:, : int(used[-1]) + 1 if len(used) else 0],
-            user_frames=tuple(_kept(self.user_frames, keep)),
+            user_frames=tuple(
+                None if self.kinds[row] == JOINTS else self.user_frames[row] for row in keep.tolist()
+            ),
             tools=tuple(_kept(self.tools, keep)),
             configurations=tuple(_kept(self.states, keep)),
             resolution_m=steps[:, 0] * 1e-3,
             resolution_rad=np.deg2rad(steps[:, 1]),
-            barred={k: self.barred[row] for k, row in enumerate(keep.tolist()) if row in self.barred},
+            barred={k: reasons[row] for k, row in enumerate(keep.tolist()) if row in reasons},
+            shifts=renumber_shifts(shifts, {row: k for k, row in enumerate(keep.tolist())}) if shifts else (),
         )
 
     def _row(self, name: str, kind: str, start: int, state: str) -> None:

@@ -17,10 +17,15 @@ _MOST_DIGITS = 9  # of a tool's or a base's number, its sign counted
 _NUMBER_OF = re.compile(r"\b(TOOL|BASE)_NO\s+([+-]?\d+)", re.IGNORECASE)
 _IPO_FRAME = re.compile(r"\bIPO_FRAME\s+#(\w+)", re.IGNORECASE)
 _LOOKS_LIKE_A_POSITION = re.compile(r"\{[^{}]*?\b(?:X|A1)[ \t]+[-+.\d]", re.IGNORECASE)
+_STRUCT = re.compile(r"\{[^{}]*+\}")
+_COORDINATE = re.compile(r"\b(?:[XYZ]|A[1-6])[ \t]+[-+.\d]", re.IGNORECASE)
 _GLOBAL = re.compile(r"\bGLOBAL\b", re.IGNORECASE)
+_OF_CONTROLLER = re.compile(r"^[ \t]*+DEFDAT[ \t]++\$\w", re.IGNORECASE | re.MULTILINE)
 _NULL_FRAME = Pose((0.0, 0.0, 0.0))
 
 _FRAME_TEXT = "{} is a FRAME: base, offset or point, this file does not tell. It is not read as a position."
+FRAME_ALONE = "it is a FRAME: base, offset or point, this file does not tell"
+INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _TCP_TEXT = (
     "{} is moved with an external tool (IPO_FRAME #TCP): its base is at the flange. It is not changed."
 )
@@ -46,6 +51,7 @@ class DataList:
     frame_data: dict[str, FrameData] = field(default_factory=dict)
     known_data: dict[str, FrameData] = field(default_factory=dict)  # by text: most points have the same
     undecided: list[tuple[str, Literal]] = field(default_factory=list)  # FRAMEs, which may have an FDAT below
+    of_controller: bool = False  # $CONFIG.DAT and its like: frames there are the cell's, not the work's
     bases: dict[str, Pose] = field(default_factory=lambda: {"0": _NULL_FRAME})
     tools: dict[str, Pose] = field(default_factory=lambda: {"0": _NULL_FRAME})
 
@@ -95,6 +101,8 @@ class DataList:
                 self.found.add(name, literal)
             else:
                 self.found.remark(literal.start, "computed", _FRAME_TEXT.format(name))
+                if not self.of_controller:
+                    self.found.add_unread(name, literal.start, FRAME_ALONE)
         for row, name in enumerate(self.found.names):
             data = self.frame_data.get(name_of_data(name))
             if data is None:
@@ -159,6 +167,7 @@ class DataList:
                 self.found.remark(
                     line.start, "computed", f"{name.full} holds a position inside; it is not read."
                 )
+                add_hidden_positions(self.found, line, name.value)
                 return
             literal = self.found.literal(name.value, line.end)
             if literal is not None:
@@ -216,7 +225,7 @@ class DataList:
 
 def read_data_list(source: Source) -> DataList:
     """Read a data list."""
-    data = DataList(Collected(source))
+    data = DataList(Collected(source), of_controller=_OF_CONTROLLER.search(source.text) is not None)
     for found in DATA_LINE.finditer(source.text):
         if not data.read_usual(found) and (line := line_at(source.text, found.start())):
             data.read(line)
@@ -264,6 +273,16 @@ def remark_hidden_positions(found: Collected, line: Line, place: int) -> None:
     brace = text.find("{", place, line.end)
     if brace >= 0 and _holds_a_position(text[brace : line.end]):
         found.remark(line.start, "computed", "A position stands inside this statement; it is not read.")
+        add_hidden_positions(found, line, brace)
+
+
+def add_hidden_positions(found: Collected, line: Line, place: int) -> None:
+    """Take structs with coordinates inside other data as positions that are left."""
+    code = without_strings(found.source.text[place : line.end])
+    for struct in _STRUCT.finditer(code):
+        if _COORDINATE.search(struct[0]):
+            at = place + struct.start()
+            found.add_unread(f"line {found.source.line_of(at)}", at, INSIDE)
 
 
 @lru_cache(maxsize=64)  # the motion data of most points are the same

@@ -4,11 +4,12 @@ import re
 from dataclasses import dataclass, field
 
 from drivers.kuka.collected import Collected
-from drivers.kuka.data_list import remark_comment, remark_hidden_positions
+from drivers.kuka.data_list import FRAME_ALONE, INSIDE, remark_comment, remark_hidden_positions
 from drivers.kuka.frame_uses import BARRED, RESET, UNKNOWN, Branches, Routine
 from drivers.kuka.lines import DECLARING, Item, Line, declaration, first_word, item, line_at, without_strings
 from drivers.kuka.literals import Literal
 from drivers.kuka.point_uses import PointUses, Used
+from drivers.kuka.shifted import ShiftNotes
 from drivers.kuka.usual import TAUGHT_MOVE
 from drivers.programs.across import COPIED
 from drivers.programs.barred import OVERWRITTEN
@@ -47,7 +48,10 @@ _BRANCHES = frozenset(
 _MOTION_DATA = frozenset(("FDAT_ACT", "LDAT_ACT", "PDAT_ACT"))  # of the controller's types: never positions
 _TABLES = {"TOOL_DATA": "TOOL", "BASE_DATA": "BASE"}
 _NAME_VALUE = re.compile(r"(?!(?:TRUE|FALSE)\b)[A-Za-z_$(]", re.IGNORECASE)  # no number, truth or choice
-_NULL = re.compile(rf"\$NULLFRAME{_B}*+", re.IGNORECASE)
+_NULL = re.compile(rf"\$?NULLFRAME{_B}*+", re.IGNORECASE)
+_STRUCT = re.compile(r"\{[^{}]*+\}")
+_OF_POINT = re.compile(r"\bE?6?POS\b|\b[ST][ \t]+[\d']", re.IGNORECASE)
+_TOOL_AXES = re.compile(r"#TOOL\b", re.IGNORECASE)
 _COMPONENT = re.compile(
     rf"{_B}*+[$A-Za-z_][\w$]*+(?:{_B}*+\[[^\[\]\n]*+\])?+{_B}*+\.{_B}*+(?:[XYZABC]|A[1-6]|E[1-6]){_B}*+=(?!=)",
     re.ASCII | re.IGNORECASE,
@@ -64,6 +68,7 @@ _SENSOR = "TS_BC"  # TouchSense: corrections from what was found
 _SET_BY_POINTS = frozenset(("PTP_PARAMS", "CP_PARAMS", "FRAMES"))
 
 _OFFSET = "The operator ':' adds a frame to this point while the program runs."
+_RELATIVE_AXES = "it goes on from where the robot is, axis by axis"
 _RELATIVE = "A relative move: it goes on from where the robot is, and stays as it is."
 _CALL = "The target of this move is computed."
 _ASSIGNED = "{} is set while the program runs; that value is not read."
@@ -80,9 +85,11 @@ class Program:
 
     found: Collected
     points: PointUses
+    shifts: ShiftNotes
     branches: Branches = ()
     frame_data: str = ""  # the FDAT that BAS takes for the next move
     types: dict[str, str] = field(default_factory=dict)
+    frames_set: list[tuple[Item, Literal]] = field(default_factory=list)  # names that get a FRAME
 
     def read(self, line: Line) -> None:
         """Take one line."""
@@ -115,11 +122,11 @@ class Program:
         self.frame_data = f"F{found['point']}".upper()
 
     def _motion(self, motion: re.Match[str], line: Line) -> None:
-        if motion[2]:
-            self.found.remark(line.start, "relative", _RELATIVE)
-            return
         text = self.found.source.text
         code = without_strings(text[motion.end() : line.end])
+        if motion[2]:
+            self._relative(motion, code, line)
+            return
         cut = _WITH.search(code)
         own = "" if cut is None else code[cut.end() :]
         own_frames = _FRAME_SET.search(own) is not None
@@ -134,6 +141,7 @@ class Program:
             if text[place] == "{":
                 literal = self.found.literal(place, end)
                 if literal is None:
+                    self._unread(motion[1], place, line)
                     return
                 part += 1
                 place = self._target(motion[1].upper(), part, literal, end, known=not own_frames)
@@ -143,18 +151,51 @@ class Program:
                 return
             place = _skip_blanks(text, place + 1, end)
 
+    def _relative(self, motion: re.Match[str], code: str, line: Line) -> None:
+        """Take a relative move: it goes along with the work only as far as its axes do."""
+        self.found.remark(line.start, "relative", _RELATIVE)
+        word = motion[1] + motion[2]
+        structs = [
+            self.found.literal_or_none(motion.end() + one.start(), line.end) for one in _STRUCT.finditer(code)
+        ]
+        for literal in structs or [None]:
+            if literal is not None and (literal.axes or any(literal.external)):
+                name = f"{word.upper()}@{self.found.source.line_of(line.start)}"
+                self.found.add_unread(name, literal.start, _RELATIVE_AXES)
+            elif _TOOL_AXES.search(code) is None:
+                self.shifts.note_relative(line.start, word, literal, self._here(line.start))
+
+    def _here(self, place: int) -> Used:
+        return Used(-1, len(self.points.routines) - 1, place, self.branches)
+
     def _target(self, keyword: str, part: int, literal: Literal, end: int, *, known: bool) -> int:
         """Take a position written into a move; return where what follows begins."""
         text = self.found.source.text
         after = _skip_blanks(text, literal.end, end)
         if text[after:end][:1] == ":":
             self.found.remark(literal.start, "offset", _OFFSET)
+            self._behind(keyword, literal, after, end)
             return end
         if after < end and after == literal.end and text[after] != ",":
             raise self.found.source.error(after, "after a position, a blank or a comma should stand.")
         name = f"{keyword}@{self.found.source.line_of(literal.start)}" + (f".{part}" if part > 1 else "")
         self._add(name, literal, known=known)
         return after
+
+    def _behind(self, keyword: str, literal: Literal, colon: int, end: int) -> None:
+        """Take a target behind a frame that is written out."""
+        code = self.found.source.text[literal.start : end]
+        name = _NAMES_POINT.match(code, colon + 1 - literal.start)
+        if name is None:
+            self.found.add_unread(
+                f"{keyword}@{self.found.source.line_of(literal.start)}", literal.start, INSIDE
+            )
+            return
+        self.shifts.note_operators(code, literal.start, self.types, self._here(literal.start))
+        self._use_point(name, literal.start, "")
+
+    def _unread(self, keyword: str, place: int, line: Line) -> None:
+        self.found.add_unread(f"{keyword.upper()}@{self.found.source.line_of(line.start)}", place, INSIDE)
 
     def _named(self, code: str, place: int, begin: int, own: str) -> int:
         """Pass a target that is named or computed; return where it ends, all of the rest for a computed one."""
@@ -164,14 +205,26 @@ class Program:
         first = _NAMES_POINT.match(target)
         if ":" in target:
             self.found.remark(begin + place, "offset", _OFFSET)
+            self.shifts.note_operators(target, begin + place, self.types, self._here(begin + place))
+            self._point_behind(target, begin + place)
             self._use_all(target[first.end() :] if first else target, begin + place, BARRED["computed"])
         elif _CALLED.match(target):
             self.found.remark(begin + place, "computed", _CALL)
+            self.shifts.note_computed(begin + place, "move", self._here(begin + place))
             self._use_all(code[place:], begin + place, BARRED["computed"])
             return len(code)
         if first is not None:
             self._use_point(first, begin + place, own)
         return len(code) if ":" in target else comma
+
+    def _point_behind(self, target: str, place: int) -> None:
+        """Take a position that is written out behind a frame with a name."""
+        frame = _NAMES_POINT.match(target)
+        of_frame = frame is not None and self.types.get(frame[1].upper()) == "FRAME"
+        for struct in _STRUCT.finditer(target):
+            if of_frame or _OF_POINT.search(struct[0]):
+                line = self.found.source.line_of(place)
+                self.found.add_unread(f"line {line}", place + struct.start(), INSIDE)
 
     def _use_point(self, name: re.Match[str], place: int, own: str) -> None:
         """Note a move to a named point, unless it is done with the point's own frame data."""
@@ -341,13 +394,25 @@ class Program:
             self._add(name.full, literal, known=False)
         elif literal is not None:
             self.found.remark(line.start, "computed", _ASSIGNED.format(name.full))
-        elif not alone:
+            self.frames_set.append((name, literal))
+        elif not alone and ":" not in value.partition("}")[2]:
             remark_hidden_positions(self.found, line, line.start)
+        if ":" in value.partition("}")[2] and name.name[0] != "$":
+            self.shifts.note_operators(value, name.value or line.start, self.types, None)
         if literal is None or not literal.whole or (is_frame and not literal.axes):
             self._overwritten(name, value, line)
 
+    def add_frames(self) -> None:
+        """Take FRAMEs that moves go to as positions that are left."""
+        for name, literal in self.frames_set:
+            key = _key(name.name, name.index)
+            if {key, name.name.upper(), f"{name.name.upper()}[]"} & self.points.uses.keys():
+                self.found.add_unread(name.full, literal.start, FRAME_ALONE)
+
     def _copied(self, name: Item, value: str, line: Line) -> None:
         """Note that a name is given what stands in others, which may be points."""
+        if ":" in value and name.name[0] != "$":
+            self.shifts.note_operators(value, name.value or line.start, self.types, None)
         to = _key(name.name, name.index)
         for source in _WORD.finditer(value):
             self._note(source[1], source[2], line.start, COPIED)
@@ -359,6 +424,7 @@ class Program:
             self._note(name.name, name.index, line.start, OVERWRITTEN)
 
     def _component(self, code: str, line: Line) -> None:
+        self.shifts.note_component(code, line.start)
         self.found.remark(line.start, "computed", _ASSIGNED.format(code.partition("=")[0].strip()))
         name = item(self.found.source.text, line.start, line.end)
         if name is not None and name.name.upper() in _TABLES:
@@ -380,12 +446,13 @@ _POINT_STRUCT = re.compile(r"\{[^{}]*?(?:\b[XYZABC]|\bA[1-6])[ \t]+[-+.\d]", re.
 def read_program(source: Source) -> Program:
     """Read a program."""
     found = Collected(source)
-    program = Program(found, PointUses(found))
+    program = Program(found, PointUses(found), ShiftNotes(found))
     for part in TAUGHT_MOVE.finditer(source.text):
         if part["point"] is not None:
             program.read_taught_move(part)
         elif line := line_at(source.text, part.start()):
             program.read(line)
+    program.add_frames()
     program.points.finish()
     return program
 

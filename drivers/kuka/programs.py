@@ -27,6 +27,7 @@ from drivers.programs.columns import BEYOND, gets_only_a_pose, part_of
 from drivers.programs.declared_poses import Poses, with_declared
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
+from drivers.programs.shifts import Shift
 from drivers.programs.spans import Edit, Source, Wanted, checked_rows, finest, written
 
 _DEFINED = re.compile(
@@ -119,7 +120,7 @@ class KukaFile:
             keys=tuple(found.names[row].upper() for row in rows.tolist()),
             taught=frozenset(k for k, row in enumerate(rows.tolist()) if row in said.taught),
             routines={k: said.routines[row] for k, row in enumerate(rows.tolist()) if row in said.routines},
-            positions=found.positions(rows, written),
+            positions=found.positions(rows, written, said.shifts),
             remarks=tuple(sorted(found.remarks, key=lambda remark: remark.line)),
             frames=frames,
             written=written,
@@ -200,6 +201,7 @@ class _ToOthers:
     said: Said
     taught: Set[int] = frozenset()
     routines: Mapping[int, str] = field(default_factory=dict)
+    shifts: Sequence[Shift] = ()
 
 
 _Read = tuple[Collected, Frames, _ToOthers]
@@ -223,7 +225,8 @@ def _of_tables(poses: Mapping[str, Pose]) -> Poses:
 
 
 def _read_src(source: Source) -> _Read:
-    points = read_program(source).points
+    program = read_program(source)
+    points = program.points
     said = Said(
         "",
         uses=points.uses_said(),
@@ -232,7 +235,11 @@ def _read_src(source: Source) -> _Read:
         imports=remarked_imports(points.found),
     )
     routines = {used.row: points.routines[used.routine].name for used in points.rows}
-    return points.found, points.frames(), _ToOthers(said, routines=routines)
+    return (
+        points.found,
+        points.frames(),
+        _ToOthers(said, routines=routines, shifts=program.shifts.shifts(points)),
+    )
 
 
 def _angles_deg(count: int, frame_tip: Array | None) -> Array:

@@ -5,7 +5,7 @@ maker writes them, because people look for them on the pendant.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol, Self
 
 import numpy as np
@@ -127,3 +127,34 @@ class Frames:
     # What other files of its cell declare: true there, and not where the program is taken to.
     cell_base_frame: Mapping[str, Pose] = field(default_factory=dict)
     cell_flange_tip: Mapping[str, Pose] = field(default_factory=dict)
+
+
+def with_unread(positions: Positions, unread: Sequence[tuple[str, int, str]]) -> Positions:
+    """Return positions with others behind them that are not changed: name, line, and why."""
+    if not unread:
+        return positions
+    more, count = len(unread), len(positions)
+    names = list(positions.names)
+    for name, line, _ in unread:
+        names.append(name if name not in names else f"{name} (line {line}, {len(names) + 1})")
+
+    def longer(values: Array) -> Array:
+        return np.concatenate([values, np.full((more, *values.shape[1:]), np.nan)])
+
+    nothing: tuple[str | None, ...] = (None,) * more
+    return replace(
+        positions,
+        names=tuple(names),
+        kinds=(*positions.kinds, *(UNREAD,) * more),
+        lines=np.concatenate([positions.lines, [line for _, line, _ in unread]]).astype(np.int64),
+        groups=np.concatenate([positions.groups, np.ones(more, dtype=np.int64)]),
+        frame_tip=longer(positions.frame_tip),
+        joints=longer(positions.joints),
+        external=longer(positions.external),
+        user_frames=(*positions.user_frames, *nothing),
+        tools=(*positions.tools, *nothing),
+        configurations=(*positions.configurations, *("",) * more),
+        resolution_m=np.concatenate([positions.resolution_m, np.ones(more)]),
+        resolution_rad=np.concatenate([positions.resolution_rad, np.ones(more)]),
+        barred={**positions.barred, **{count + k: why for k, (_, _, why) in enumerate(unread)}},
+    )

@@ -39,12 +39,13 @@ class Shift:
     user_frame: str | None = None  # where no row is: the frame of the move, None where the file does not say
     translation_m: Triple = UNREADABLE  # NaN where a component is only known while the program runs
     quaternion: Quaternion | None = NO_TURN  # None: it may turn the point, by what only the controller knows
+    each_time: bool = False  # it adds to a variable, once more for each time that the line runs
 
     def matrix(self) -> Array:
         """Return the shift (4, 4); components that are not readable count as zero."""
         turn = rotation_from_quaternion(np.array([self.quaternion or NO_TURN]))
-        matrix: Array = homogeneous(turn, np.nan_to_num(np.array([self.translation_m])))[0]
-        return matrix
+        shift: Array = homogeneous(turn, np.nan_to_num(np.array([self.translation_m])))[0]
+        return shift
 
 
 def renumber_shifts(shifts: Sequence[Shift], new_rows: Mapping[int, int]) -> tuple[Shift, ...]:

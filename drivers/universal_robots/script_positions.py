@@ -6,6 +6,7 @@ A position is a literal that a move goes to, directly or by the name of a variab
 a place of its own, the pose is a step from there, and is reported.
 """
 
+import re
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -17,7 +18,19 @@ from drivers.programs.positions import Remark
 from drivers.universal_robots.script_text import Literal, Statements
 
 BASE = "base"
+NOT_READ = "no move that is understood goes to it, and it is not changed"
+CONFLICTS = "the program goes to it in different frames"
 _SHOWN = 6
+_LONGEST_NAME, _LONGEST_LIST = 60, 100_000
+_FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
+_CALLED = re.compile(r"(\w+)[ \t]*\Z", re.ASCII)
+_OPENED = re.compile(r"\([ \t]*p\[\Z", re.ASCII)
+_NAME_BEHIND = re.compile(r"\][ \t]*,[ \t]*[A-Za-z_]", re.ASCII)
+_FRAME_WRITTEN = re.compile(r"\([ \t]*p\[", re.ASCII)
+_LIST = re.compile(r"=[ \t]*\[[^=()]*\Z", re.ASCII)
+_NO_POSITION = frozenset(
+    ("force_mode", "set_payload", "set_target_payload", "set_tcp", "path_offset_set", "set_gravity", "speedl")
+)
 _RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose", "point_dist", "pose_inv")
 _FREE = ("speedl", "speedj", "servoj", "servoc", "force_mode", "freedrive_mode", "path_offset_set")
 _WIRES = ("socket_read_ascii_float", "socket_read_string", "socket_read_binary_integer", "rpc_factory", "get_var",
@@ -32,12 +45,19 @@ class Place(NamedTuple):
     joints: Literal | None
     frame: str
     used: tuple[int, ...]  # offsets of the moves to it
+    unread: str = ""  # why it is not changed; "" where it may be
+
+    @property
+    def start(self) -> int:
+        """Return where its first numbers stand."""
+        literal = self.pose or self.joints
+        return literal.start if literal else 0
 
 
 class Finder:
     """Sorts the literals of a program."""
 
-    def __init__(self, found: Statements, lines: NDArray[np.intp]) -> None:
+    def __init__(self, found: Statements, lines: NDArray[np.intp], text: str) -> None:
         self.found = found
         self.lines = lines  # offsets of line feeds
         self.given: dict[str, list[Literal]] = {}
@@ -54,6 +74,8 @@ class Finder:
         self.tool_names = {name for name, role in roles if role == "tool"}
         frames = {name for name, role in roles if role == "frame"} - self.near - self.reached.keys()
         self.frame_names = {name for name in frames if self._known(name) and self.given[name][0].is_pose}
+        self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
+        self.text = text
         self.left: list[Literal] = []  # poses that no move goes to
         self.steps: list[Literal] = []  # poses that are a step from a place
 
@@ -77,7 +99,85 @@ class Finder:
             if place is not None:
                 found.append(place)
             i += 1
-        return self._unique(found)
+        found += [self._unread(literal) for literal in self._not_read()]
+        return self._unique(sorted(found, key=lambda place: place.start))
+
+    def _not_read(self) -> Iterator[Literal]:
+        """Yield literals that are positions, and that no move goes to in a way that is understood."""
+        for literal in (*self.left, *self.steps):
+            if not self._is_offset(literal):
+                yield literal
+        taken = {literal.start for literal in (*self.left, *self.steps)}
+        for literal in self.found.literals:
+            if not literal.is_pose and literal.start not in taken and self._is_posture(literal):
+                yield literal
+
+    def _unread(self, literal: Literal) -> Place:
+        name = literal.name if literal.role == "value" else f"line {self.line(literal.start)}"
+        pose, joints = (literal, None) if literal.is_pose else (None, literal)
+        return Place(name, pose, joints, BASE, (), NOT_READ)
+
+    def _is_offset(self, literal: Literal) -> bool:
+        """Tell whether a pose is only added to others, or a step from a place that goes along with the work."""
+        if literal.role == "value":
+            uses = self.found.uses.get(literal.name, ())
+            return bool(uses) and all(self._adds(at, role, where) for at, role, where in uses)
+        if literal.role == "in_frame":
+            return self._is_place(literal.call, literal.name)
+        function = self._function_at(literal.call)
+        first = _OPENED.search(self.text, 0, literal.start) is not None
+        if function in ("pose_add", "pose_sub", "pose_trans"):
+            return not first or (function != "pose_trans" and self._adds_to_a_name(literal))
+        return function in _NO_POSITION
+
+    def _adds(self, at: int, role: str, where: str) -> bool:
+        second = self.text[:at].rstrip()[-1:] == ","
+        if role == "in_frame":
+            return self._is_place(self.text.rfind("(", 0, at), where)
+        return (where in ("pose_add", "pose_sub", "pose_trans") and second) or where in _NO_POSITION
+
+    def _adds_to_a_name(self, literal: Literal) -> bool:
+        return _NAME_BEHIND.match(self.text, literal.end) is not None
+
+    def _is_place(self, call: int, name: str) -> bool:
+        """Tell whether a pose is a step from a place: from a variable that a move goes to, or from the arm's own."""
+        if name:
+            return name in self.reached or name in self.found.assigned
+        return _FRAME_WRITTEN.match(self.text, call) is None
+
+    def _function_at(self, call: int) -> str:
+        found = _CALLED.search(self.text, max(0, call - _LONGEST_NAME), call)
+        return found[1] if found else ""
+
+    def _is_posture(self, literal: Literal) -> bool:
+        """Tell whether six numbers without p are joints of a list, or given to a function of this script."""
+        if literal.role == "other":
+            return self._in_list(literal.start) or self._function_at(literal.call) in self.functions
+        if literal.role != "value" or literal.name in self.reached or literal.name in self.near:
+            return False
+        uses = self.found.uses.get(literal.name, ())
+        return any(self._in_list(at) or where in self.functions for at, _, where in uses)
+
+    def _in_list(self, at: int) -> bool:
+        before = self.text[:at].rstrip(" \t\r\n[")
+        return (
+            before[-1:] in ("=", ",") and _LIST.search(self.text, max(0, at - _LONGEST_LIST), at) is not None
+        )
+
+    def is_known(self, name: str) -> bool:
+        """Tell whether a variable holds one literal and nothing else."""
+        return self._known(name)
+
+    def conflicts(self, place: Place) -> bool:
+        """Tell whether moves go to a variable's pose both in a frame and without it."""
+        literal = place.pose
+        if literal is None or literal.role != "value" or place.unread:
+            return False
+        roles = {
+            (role, where if role == "in_frame" else "")
+            for _, role, where in self.found.uses.get(literal.name, ())
+        }
+        return len(roles & {one for one in roles if one[0] in ("target", "in_frame")}) > 1
 
     def frames(self) -> dict[str, Literal]:
         """Return the variables that are frames: given one literal pose, and never a place to go to."""

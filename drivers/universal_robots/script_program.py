@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry import Array, Pose, is_rigid
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
+from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change, Frames, Positions, Remark
 from drivers.universal_robots.script_numbers import (
     LARGEST_RAD,
     LONGEST_M,
@@ -24,7 +24,8 @@ from drivers.universal_robots.script_numbers import (
     renewed,
     six_of,
 )
-from drivers.universal_robots.script_positions import BASE, Finder, Place
+from drivers.universal_robots.script_positions import BASE, CONFLICTS, Finder, Place
+from drivers.universal_robots.script_shifts import ScriptShifts
 from drivers.universal_robots.script_text import SIX_NUMBERS, Literal, ScriptText
 
 _PROGRAM = re.compile(r"^[ \t]*def[ \t]+(\w+)[ \t]*\(", re.ASCII | re.MULTILINE)
@@ -48,13 +49,18 @@ class ScriptProgram:
     def of(cls, file: str, text: str) -> Self:
         """Read a text with a character a byte; errors as `read_script`."""
         source = ScriptText(file, text)
-        finder = Finder(source.statements(), _line_feeds(text))
+        finder = Finder(source.statements(), _line_feeds(text), text)
         places = finder.places()
         pose = _numbers(source, [place.pose for place in places])
         joints = _numbers(source, [place.joints for place in places])
         tools = _Tools(source, finder)
         columns = _columns(source, finder, places, tools)
         columns["frame_tip"], columns["joints"] = _poses_or_nan(pose), joints
+        unread = [row for row, place in enumerate(places) if place.unread]
+        columns["frame_tip"][unread], columns["joints"] = np.nan, _without(joints, unread)
+        shifts = ScriptShifts(text, finder, places)
+        columns["shifts"] = shifts.all()
+        columns["barred"] |= dict(shifts.barred())
         remarks = (*finder.remarks(), *tools.remarks(places))
         frames = Frames(_frames(source, finder.frames()) | {BASE: Pose((0.0, 0.0, 0.0))}, tools.flange_tip)
         return cls(file, text, tuple(places), pose, Positions(**columns), remarks, frames)
@@ -107,6 +113,11 @@ class ScriptProgram:
     def _refuse(self, row: int, pose: bool, joints: bool) -> None:
         """Refuse what a place cannot hold."""
         place = self.places[row]
+        if place.unread:
+            raise ProgramFileError(
+                self.file, f"{place.name} cannot be changed: {place.unread}.",
+                line=int(self.positions.lines[row]), remedy="Leave it out, or teach it on the robot.",
+            )  # fmt: skip
         has_pose, has_joints = place.pose is not None, place.joints is not None
         if (pose and not has_pose) or (joints and not has_joints):
             what = f"{place.name} holds a pose only, and was given more."
@@ -343,7 +354,7 @@ def _columns(source: ScriptText, finder: Finder, places: Sequence[Place], tools:
     steps = _steps(source.text, places)
     return {
         "names": tuple(place.name for place in places),
-        "kinds": tuple(CARTESIAN if place.pose else JOINTS for place in places),
+        "kinds": tuple(_kind_of(place) for place in places),
         "lines": lines.astype(np.int64),
         "groups": np.ones(count, dtype=np.int64),
         "external": np.empty((count, 0)),
@@ -352,8 +363,30 @@ def _columns(source: ScriptText, finder: Finder, places: Sequence[Place], tools:
         "configurations": ("",) * count,
         "resolution_m": steps,
         "resolution_rad": steps,
-        "barred": {row: why for row, place in enumerate(places) if (why := tools.barred(place))},
+        "barred": {
+            row: why for row, place in enumerate(places) if (why := _why_barred(place, finder, tools))
+        },
     }
+
+
+def _kind_of(place: Place) -> str:
+    if place.unread:
+        return UNREAD
+    return CARTESIAN if place.pose else JOINTS
+
+
+def _why_barred(place: Place, finder: Finder, tools: _Tools) -> str:
+    """Return why a place is left, or ""."""
+    if place.unread:
+        return place.unread
+    return CONFLICTS if finder.conflicts(place) else tools.barred(place)
+
+
+def _without(joints: Array, rows: Sequence[int]) -> Array:
+    """Return joints without those of some rows."""
+    some = joints.copy()
+    some[list(rows)] = np.nan
+    return some
 
 
 def _steps(text: str, places: Sequence[Place]) -> Array:

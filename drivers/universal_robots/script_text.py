@@ -67,6 +67,13 @@ class Literal(NamedTuple):
     name: str  # that it is assigned to, or of the frame it is in
 
 
+class ElementSet(NamedTuple):
+    """One element of a variable gets a value."""
+
+    name: str
+    offset: int  # where the name stands
+
+
 @dataclass(slots=True)
 class Statements:
     """What a program does with poses and postures."""
@@ -76,6 +83,7 @@ class Statements:
         default_factory=dict
     )  # offset, role, frame or function
     assigned: dict[str, int] = field(default_factory=dict)  # how often anything else is put into a variable
+    elements: list[ElementSet] = field(default_factory=list)
     calls: dict[str, list[int]] = field(default_factory=dict)  # offsets of calls, by function
     computed: list[tuple[int, str]] = field(default_factory=list)  # moves whose target is an expression
 
@@ -205,6 +213,7 @@ class _Statement:
         self.assigns = ""  # the variable that something is put into
         self.value = False  # what is put into it is six numbers and nothing else
         self.block: tuple[str, int] | None = None
+        self.begins: Token | None = None  # the name that it begins with
 
     def read(self, at: int) -> int:
         """Read it and return where the next one starts."""
@@ -228,12 +237,19 @@ class _Statement:
             self._open(token)
         elif token.kind == "close":
             self._close(token)
+        elif token.text == "=" and self._follows_an_index() and self.begins is not None:
+            self.found.elements.append(ElementSet(self.begins.text, self.begins.start))
         elif token.text == "," and self.stack:
             self.stack[-1].next_argument()
         elif token.text == ":" and self.block and not self.stack:
             self.source.block(*self.block)
             self.block = None
         self.before = token
+
+    def _follows_an_index(self) -> bool:
+        """Tell whether an assignment's sign stands behind the index of the name that the statement begins with."""
+        before = self.before
+        return not self.stack and before is not None and before.text in ("]", "+", "-")
 
     def _settle(self, item: Token, after: Token) -> None:
         """Decide what a name or six numbers are, when what follows is known."""
@@ -250,6 +266,8 @@ class _Statement:
 
     def _word(self, item: Token, after: Token) -> None:
         self.words.append(item.text)
+        if after.text == "[":
+            self.begins = item
         if after.text == "=":
             self.assigns = item.text
         if len(self.words) > 1:

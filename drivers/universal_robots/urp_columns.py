@@ -89,7 +89,10 @@ def columns_of(xml: XmlText, waypoints: Sequence[Waypoint]) -> Columns:
         frame_tip=frame_tip,
         joints=joints,
         external=np.empty((count, 0)),
-        user_frames=user_frames,
+        # joints without a pose are in no frame
+        user_frames=tuple(
+            name if each else BASE for name, each in zip(user_frames, known.tolist(), strict=True)
+        ),
         tools=tool_names,
         configurations=("",) * count,
         resolution_m=np.full(count, DOUBLE_STEP),

@@ -1,7 +1,7 @@
 """A PolyScope program (``.urp``), read and changed without losing a byte of its XML."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from calibration.arm.kinematics import DhTable
 from calibration.geometry import Array, Pose, inverse_transform, is_rigid
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change, Frames, Positions, Remark
+from drivers.programs.positions import Change, Frames, Positions, Remark, with_unread
 from drivers.universal_robots.script_numbers import DOUBLE_STEP, java_text, number_spans, six_of
 from drivers.universal_robots.urp_archive import pack, unpack
 from drivers.universal_robots.urp_columns import Columns, columns_of
 from drivers.universal_robots.urp_kinematics import Chain, apart, joints_for
+from drivers.universal_robots.urp_shifts import shifts_of, unread_of
 from drivers.universal_robots.urp_waypoints import BASE, Reader, Six, Waypoint
 from drivers.universal_robots.urp_xml import XmlText
 
@@ -65,8 +66,13 @@ class UrpProgram:
 
     @property
     def positions(self) -> Positions:
-        """Return every fixed waypoint."""
-        return self.columns.positions
+        """Return every fixed waypoint, and what else holds a position."""
+        return self._positions
+
+    @cached_property
+    def _positions(self) -> Positions:
+        found = with_unread(self.columns.positions, unread_of(self.xml, self.reader))
+        return replace(found, shifts=shifts_of(self.xml, self.reader))
 
     @cached_property
     def frames(self) -> Frames:

@@ -107,10 +107,7 @@ class Reader:
         yield from self._grouped("indirect", others, "waypoints whose place is in a variable; not changed")
         empty = [i for i in kinds.get("Fixed", []) if self.xml.child(i, "position") not in self.read]
         yield from self._grouped("indirect", empty, "waypoints without joints of their own; not changed")
-        stray = [
-            i for i in self.tags.get("JointAngles", ())
-            if self.xml.elements[i].parent not in self.read and self._kind_around(i) == "Fixed"
-        ]  # fmt: skip
+        stray = self.stray_joints()
         yield from self._grouped("foreign", stray, "joints that belong to no waypoint; not changed")
         scripts = self.tags.get("cachedContents", [])
         yield from self._grouped(
@@ -128,6 +125,13 @@ class Reader:
             self.tags.get("Contributed", []),
             "nodes of a URCap: what they hold is not known; not changed",
         )
+
+    def stray_joints(self) -> list[int]:
+        """Return elements with joints that belong to no waypoint."""
+        return [
+            i for i in self.tags.get("JointAngles", ())
+            if self.xml.elements[i].parent not in self.read and self._kind_around(i) == "Fixed"
+        ]  # fmt: skip
 
     def _of_kinematics(self, waypoints: list[Waypoint]) -> Iterator[Remark]:
         unknown = [w.offset for w in waypoints if w.kinematics is None or w.kinematics.chain is None]

@@ -25,6 +25,7 @@ from service.programs.cell_of_program import (
     groups_of,
     in_no_frame,
     missing,
+    name_in,
     points_of,
     refuse_foreign,
     tool_of,
@@ -143,9 +144,11 @@ class Carrier:
         """Return the points of a group that go this way; of the others it is said that they stay, or are left."""
         goes = np.ones(len(group.rows), dtype=bool)
         joints = ~points.cartesian[group.rows]
-        in_base = in_no_frame(points.programs[points.of[group.rows[0]]], group.frame)
+        program = points.programs[points.of[group.rows[0]]]
+        in_base = in_no_frame(program, group.frame)
+        frame = name_in(self._route.source, program, group.frame)
         for some, held in ((~joints, False), (joints, True)):
-            taken = self._route.takes(group.frame, bare_joints=held and in_base, in_joints=held)
+            taken = self._route.takes(frame, bare_joints=held and in_base, in_joints=held)
             if taken is not True:
                 goes &= ~some
             if taken is False:

@@ -26,6 +26,8 @@ from service.programs.project_pulses import MISSING, PULSES
 
 Rows = NDArray[np.intp]
 Some = TypeVar("Some", bound=np.generic)
+Entry = TypeVar("Entry")
+CASELESS = frozenset(("abb", "kuka"))  # brands whose languages take a name in any case
 
 _ALWAYS = {"yaskawa": ("BASE", "ROBOT")}  # a file may hold these, but does not bring them
 _ALIKE_M, _ALIKE_RAD = 1e-5, np.radians(0.01)  # what a pendant shows of one pose and another
@@ -156,9 +158,10 @@ def tool_of(project: Project, program: ProgramFile, name: str | None, *, at_home
     named = name if name is not None else project.unsaid_tool
     if named is None:
         return None
-    if named in project.tools:
-        return project.tools[named]
-    pose = _own(_brought(program, at_home=at_home)[0], named, flange_of(program.brand))
+    entered = entry_named(project.tools, named, program.brand)
+    if entered is not None:
+        return entered
+    pose = _own(_brought(program, at_home=at_home)[0], named, flange_of(program.brand), program.brand)
     return None if pose is None else Tool(pose, pose)
 
 
@@ -169,14 +172,29 @@ def frame_of(
     named = name if name is not None else project.unsaid_frame
     if named is None:
         return None
-    if named in project.frames:
-        return project.frames[named]
-    return _own(_brought(program, at_home=at_home)[1], named, base_of(program.brand))
+    entered = entry_named(project.frames, named, program.brand)
+    if entered is not None:
+        return entered
+    return _own(_brought(program, at_home=at_home)[1], named, base_of(program.brand), program.brand)
+
+
+def entry_named(entries: Mapping[str, Entry], name: str, brand: str) -> Entry | None:
+    """Return the entry of a name; a language that ignores case finds it in any case."""
+    if name in entries or brand not in CASELESS:
+        return entries.get(name)
+    return next((entry for key, entry in entries.items() if key.lower() == name.lower()), None)
+
+
+def name_in(project: Project, program: ProgramFile, name: str | None) -> str | None:
+    """Return a user frame's name as the project spells it, where the program's language ignores case."""
+    if name is None or program.brand not in CASELESS:
+        return name
+    return next((key for key in project.frames if key.lower() == name.lower()), name)
 
 
 def in_no_frame(program: ProgramFile, name: str | None) -> bool:
     """Tell whether a position names no user frame, or only the robot's base."""
-    return name is None or name == base_of(program.brand)
+    return name is None or _alike(name, base_of(program.brand), program.brand)
 
 
 def contradiction(
@@ -186,22 +204,24 @@ def contradiction(
     tools, frames = _brought(program, at_home=at_home)
     tool = tool if tool is not None else project.unsaid_tool
     frame = frame if frame is not None else project.unsaid_frame
-    entered = project.tools[tool].entered if tool is not None and tool in project.tools else None
     brand = program.brand
+    known = None if tool is None else entry_named(project.tools, tool, brand)
+    entered = None if known is None else known.entered
     pairs = (
         ("tool", tool, entered, tools, (flange_of(brand),)),
         (
             "user frame",
             frame,
-            project.frames.get(frame or ""),
+            entry_named(project.frames, frame or "", brand),
             frames,
             (base_of(brand), *_ALWAYS.get(brand, ())),
         ),
     )
     for what, name, cells, files, always in pairs:
-        if name is None or cells is None or name not in files or name in always:
+        own = None if name is None else entry_named(files, name, brand)
+        if own is None or cells is None or any(_alike(name or "", one, brand) for one in always):
             continue
-        apart, turned = same_place(files[name].matrix()[None], cells[None])
+        apart, turned = same_place(own.matrix()[None], cells[None])
         if apart[0] > _ALIKE_M or turned[0] > _ALIKE_RAD:
             return (
                 f"the program brings its own {what} {name}, {apart[0] * 1e3:.2f} mm and "
@@ -290,10 +310,15 @@ def side_by_side(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArra
     return parts[0] if len(parts) == 1 else np.concatenate([empty, *parts])  # a large file is not copied
 
 
-def _own(poses: Mapping[str, Pose], name: str, always: str) -> Array | None:
-    if name in poses:
-        return poses[name].matrix()
-    return np.eye(4) if name == always else None
+def _own(poses: Mapping[str, Pose], name: str, always: str, brand: str) -> Array | None:
+    pose = entry_named(poses, name, brand)
+    if pose is not None:
+        return pose.matrix()
+    return np.eye(4) if _alike(name, always, brand) else None
+
+
+def _alike(name: str, other: str, brand: str) -> bool:
+    return name == other or (brand in CASELESS and name.lower() == other.lower())
 
 
 def joints_of(positions: Positions, axes: int) -> Array:

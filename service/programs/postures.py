@@ -23,7 +23,10 @@ _FACTORY = CompensationLimits(branch_rad=0.3)
 UNREACHABLE = "unreachable: the arm has no posture for this pose"
 OTHER_CONFIGURATION = "no posture of the arm reaches this pose with the configuration {text}"
 OTHER_TURNS = "no joints inside the limits have the turn numbers of {text}"
-NO_POSTURE = "the file says neither joints nor configuration, and no position before it does"
+NO_POSTURE = (
+    "the file says neither joints nor configuration, and no position before it does: write its configuration "
+    "(KUKA: S and T) into it, or put a move to joint angles in front of it"
+)
 
 
 class PostureSearch:

@@ -12,7 +12,7 @@ import numpy as np
 from calibration.geometry import Array, inverse_transform, log_rotation
 from drivers.programs.positions import ProgramFile
 from drivers.programs.shifts import Axes, Shift
-from service.programs.cell_of_program import Points, frame_of
+from service.programs.cell_of_program import Points, frame_of, name_in
 from service.programs.project import Project
 from service.programs.result import Finding
 
@@ -25,7 +25,11 @@ _COSTS = (
     "{what} shifts {point} in axes that this change turns by {angle} deg: the point then misses by {distance} mm "
     "and {turn} deg. Turn the shift in the program, too, or teach the point there."
 )
-_UNREADABLE = (
+_COSTS_EACH_TIME = (
+    "{what} shifts {point} in axes that this change turns by {angle} deg: the point then misses by {distance} mm "
+    "for each time that this runs. Turn the shift in the program, too, or teach the point there."
+)
+_SIZE_UNREADABLE = (
     "{what} shifts {point} in axes that this change turns by {angle} deg; the size of the shift is not readable, "
     "and each 100 mm of it may miss by {distance} mm. Turn the shift in the program, too, or teach the point there."
 )
@@ -66,8 +70,8 @@ def _findings_of(points: Points, number: int, start: int, route: Changing) -> li
     found: list[Finding] = []
     for shift in program.positions.shifts:
         if not shift.rows:
-            frame = shift.user_frame
-            if route.takes(frame, bare_joints=False) is True:
+            frame = name_in(route.source, program, shift.user_frame)
+            if frame is None or route.takes(frame, bare_joints=False) is True:
                 found.append(
                     _finding(shift, shift.point, -1, None, _turned(known, program, frame, shift, route))
                 )
@@ -101,7 +105,7 @@ def _finding(shift: Shift, point: str, row: int, pose: Array | None, seen: _Turn
     change = seen.change
     angle = float(np.linalg.norm(log_rotation(change[:3, :3])))
     if _size_counts(shift, seen) or (pose is None and shift.quaternion not in (None, (1.0, 0.0, 0.0, 0.0))):
-        text = _text(_UNREADABLE, shift, point, angle, _SHOWN_M * _chord(angle), 0.0)
+        text = _text(_SIZE_UNREADABLE, shift, point, angle, _SHOWN_M * _chord(angle), 0.0)
         return Finding(shift.line, point, shift.what, angle, math.nan, math.nan, text, row)
     if not seen.exact:
         distance = float(np.linalg.norm(np.nan_to_num(shift.translation_m))) * _chord(angle)
@@ -113,7 +117,11 @@ def _finding(shift: Shift, point: str, row: int, pose: Array | None, seen: _Turn
         distance = float(np.linalg.norm(wanted[:3, 3] - reached[:3, 3]))
         turn = float(np.linalg.norm(log_rotation(wanted[:3, :3].T @ reached[:3, :3])))
     costs = distance > _LEAST_M or turn > _LEAST_RAD
-    text = _text(_COSTS, shift, point, angle, distance, turn) if costs else ""
+    text = (
+        _text(_COSTS_EACH_TIME if shift.each_time else _COSTS, shift, point, angle, distance, turn)
+        if costs
+        else ""
+    )
     return Finding(shift.line, point, shift.what, angle, distance, turn, text, row)
 
 

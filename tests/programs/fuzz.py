@@ -26,7 +26,7 @@ from calibration.geometry import Array, exp_rotation, homogeneous
 from drivers.program_registry import all_brands
 from drivers.programs.brands import ProgramBrand
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Change, Positions, ProgramFile
+from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change, Positions, ProgramFile
 from tests.programs.damage import mutate
 
 # With the blanks before it, which a wider number takes; never from amid blanks: a line of them would cost its square.
@@ -135,7 +135,7 @@ def check_positions(positions: Positions) -> None:
     assert positions.frame_tip.shape == (count, 4, 4)
     assert (positions.lines >= 1).all()
     kinds = np.array(positions.kinds, dtype=object)
-    own = ~np.isin(kinds, (CARTESIAN, JOINTS, UNTAUGHT))  # a maker's own kind: pulses, shift
+    own = ~np.isin(kinds, (CARTESIAN, JOINTS, UNTAUGHT, UNREAD))  # a maker's own kind: pulses, shift
     assert np.isnan(positions.joints[own]).all(), "what nobody can move holds joints"
     finite = np.isfinite(positions.frame_tip).all(axis=(1, 2))
     assert (finite == (kinds == CARTESIAN)).all(), "a pose where there is none, or none where there is one"
@@ -202,7 +202,9 @@ def _name(brand: ProgramBrand, suffix: str) -> str:
 
 def some_change(positions: Positions, rng: np.random.Generator) -> Change | None:
     """Return a rigid shift of some Cartesian positions and a shift of some joint positions."""
-    movable = np.flatnonzero(np.array([kind != UNTAUGHT for kind in positions.kinds], dtype=bool))
+    movable = np.flatnonzero(
+        np.array([kind not in (UNTAUGHT, UNREAD) for kind in positions.kinds], dtype=bool)
+    )
     if not len(movable):
         return None
     rows = np.sort(rng.choice(movable, size=int(rng.integers(1, len(movable) + 1)), replace=False))

@@ -9,7 +9,7 @@ from drivers.programs.brands import ProgramBrand
 from drivers.yaskawa.programs import BRAND as YASKAWA
 from service.programs.move import moving
 from service.programs.project import Project, read_project
-from tests.programs import fanuc_motion, generate_fanuc_motions, generate_yaskawa_motions, yaskawa_motion
+from tests.programs import fanuc_motion, jobs_to_move, listings_to_move, yaskawa_motion
 from tests.programs.moved_path import Tally, compare_paths
 
 Execute = Callable[[str], list[Any]]
@@ -17,9 +17,9 @@ Execute = Callable[[str], list[Any]]
 
 def fanuc_moved(seeds: Iterable[int], folder: Path) -> Tally:
     """Move generated listings and compare their paths."""
-    cell, total = _cell(folder, generate_fanuc_motions.PROJECT), Tally()
+    cell, total = _cell(folder, listings_to_move.PROJECT), Tally()
     for seed in seeds:
-        case = generate_fanuc_motions.generate(seed)
+        case = listings_to_move.generate(seed)
         total.add(
             _moved(
                 seed,
@@ -34,10 +34,10 @@ def fanuc_moved(seeds: Iterable[int], folder: Path) -> Tally:
 
 def yaskawa_moved(seeds: Iterable[int], folder: Path) -> Tally:
     """Move generated jobs and compare their paths."""
-    cell, total = _cell(folder, generate_yaskawa_motions.PROJECT), Tally()
-    frames = generate_yaskawa_motions.FRAMES
+    cell, total = _cell(folder, jobs_to_move.PROJECT), Tally()
+    frames = jobs_to_move.FRAMES
     for seed in seeds:
-        case = generate_yaskawa_motions.generate(seed)
+        case = jobs_to_move.generate(seed)
         total.add(
             _moved(
                 seed,

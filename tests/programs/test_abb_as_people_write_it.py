@@ -5,7 +5,7 @@ import pytest
 
 from drivers.abb.programs import BRAND
 from drivers.programs.across import Across
-from drivers.programs.positions import CARTESIAN
+from drivers.programs.positions import CARTESIAN, UNREAD
 
 E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
 ONE = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{E}]"
@@ -99,8 +99,9 @@ def test_elements_that_are_names_or_sums_are_remarked_and_the_numbers_beside_the
         "MoveL pts{2},v100,fine,tGrip\\WObj:=wTable;",
         "ENDPROC",
     )
-    assert file.positions.names == ("p1", "pts{2}")
-    assert file.positions.user_frames == (None, "wTable")
+    assert file.positions.names == ("p1", "pts{2}", "line 3")
+    assert file.positions.kinds == (CARTESIAN, CARTESIAN, UNREAD)
+    assert file.positions.user_frames == (None, "wTable", None)
     assert [remark.code for remark in file.remarks] == ["computed"] * 3
     assert "copies" in file.positions.barred[0]  # nobody moves to p1 itself
 

@@ -8,7 +8,7 @@ from calibration.geometry import homogeneous, quaternion_from_rotation
 from drivers.abb.configuration import AbbConfigurations
 from drivers.abb.programs import BRAND, writes_program
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Change
+from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change
 
 E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
 
@@ -143,7 +143,9 @@ def test_what_is_not_understood_inside_a_position_is_refused_with_its_place(line
 def test_what_also_moves_the_robot_is_remarked_and_left(line, code):
     file = read(target("p1"), line)
     assert code in [remark.code for remark in file.remarks if remark.line == 3]
-    assert file.positions.names == ("p1",)
+    assert {
+        name for name, kind in zip(file.positions.names, file.positions.kinds, strict=True) if kind != UNREAD
+    } == {"p1"}
 
 
 def test_a_target_used_in_several_frames_is_barred_and_takes_none_that_a_project_assumes():
@@ -173,7 +175,9 @@ def test_a_target_used_in_several_frames_is_barred_and_takes_none_that_a_project
 )
 def test_a_position_inside_other_data_is_remarked_and_left(line):
     file = read("PROC main()", "MoveL p,v100,fine,tGrip;", line, "ENDPROC")
-    assert len(file.positions) == 0
+    assert set(file.positions.kinds) <= {UNREAD}
+    assert len(file.positions) == line.count("9E+09")
+    assert all("not read" in why for why in file.positions.barred.values())
     assert [(remark.line, remark.code) for remark in file.remarks] == [(4, "computed")]
 
 

@@ -13,7 +13,7 @@ from service.exit_codes import ExitCode
 from service.programs.move import moving
 from service.programs.project import read_project
 from service.programs.result import ProgramResult
-from tests.programs.generate_fanuc_motions import PROJECT
+from tests.programs.listings_to_move import PROJECT
 
 RECORD = """P[{number}]{{
    GP1:

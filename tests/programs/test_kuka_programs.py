@@ -13,7 +13,7 @@ from drivers.kuka.configuration import KukaConfigurations
 from drivers.kuka.programs import BRAND, writes_program
 from drivers.programs.brands import Telling
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Change
+from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change
 from tests.programs import generate_kuka
 from tests.programs.fuzz import some_change
 
@@ -107,7 +107,9 @@ def test_an_external_tool_is_listed_but_not_shifted():
 
 def test_a_frame_is_a_point_only_where_it_has_a_tool():
     plain = "DEFDAT A\nDECL FRAME XF={X 1,Y 2,Z 3,A 0,B 0,C 0}\n"
-    assert len(read(plain.encode()).positions) == 0
+    alone = read(plain.encode()).positions
+    assert alone.kinds == (UNREAD,)
+    assert "FRAME" in alone.barred[0]
     with_data = plain + "DECL FDAT FF={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE}\n"
     assert read(with_data.encode()).positions.user_frames == ("2",)
 
@@ -228,7 +230,7 @@ def test_points_inside_moves_have_the_frames_that_the_routine_sets_once():
 def test_what_also_moves_the_robot_is_remarked_and_left(line, code):
     file = src(line)
     assert code in [remark.code for remark in file.remarks if remark.line == 2]
-    assert all(kind == UNTAUGHT for kind in file.positions.kinds)
+    assert all(kind in (UNTAUGHT, UNREAD) for kind in file.positions.kinds)
 
 
 def test_a_real_controllers_joints_and_pose_prove_a_b_c_and_the_signs_of_all_axes():

@@ -7,7 +7,7 @@ from calibration.arm.kinematics import load_model
 from calibration.geometry import exp_rotation, homogeneous
 from drivers.program_registry import read_program
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, Change
+from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change
 from drivers.universal_robots.script_numbers import java_text, poses_of, renewed, six_of
 from drivers.universal_robots.script_program import ScriptProgram, read_script
 
@@ -125,7 +125,8 @@ def test_a_place_whose_tool_is_not_one_is_barred(lines: tuple[str, ...], words: 
 
 def test_a_place_out_of_a_list_is_computed_and_no_damage():
     file = _read(f"Places = [{_POSE}, {_POSE}]", "movel(Places[0], a=1.2)", "movej(Places[i + 1])")
-    assert len(file.positions) == 0
+    assert file.positions.kinds == (UNREAD, UNREAD)
+    assert len(file.positions.barred) == 2
     assert [remark.code for remark in file.remarks if remark.line == 2] == ["computed"]
 
 

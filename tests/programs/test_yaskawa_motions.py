@@ -12,7 +12,7 @@ from service.exit_codes import ExitCode
 from service.programs.move import moving
 from service.programs.project import read_project
 from service.programs.result import ProgramResult
-from tests.programs.generate_yaskawa_motions import PROJECT
+from tests.programs.jobs_to_move import PROJECT
 
 HEAD = """/JOB
 //NAME A

@@ -69,6 +69,7 @@ WHOLE = (
     "service/programs/cell_of_program.py",
     "service/programs/judge.py",
     "service/programs/postures.py",
+    "service/programs/turned_shifts.py",
     "service/runs",
     "service/watching",
     "drivers/operator/terminal.py",
