@@ -37,11 +37,12 @@ class Registers:
         default_factory=set
     )  # registers whose W, P or R the program sets to other than zero
     used: set[int] = field(default_factory=set)  # registers that an expression of another one uses
+    camera: set[int] = field(default_factory=set)  # registers that get what a camera found
 
     @property
     def size(self) -> int:
         """Return how much is found so far."""
-        return sum(map(len, self.origins.values())) + len(self.altered) + len(self.turned)
+        return sum(map(len, self.origins.values())) + len(self.altered) + len(self.turned) + len(self.camera)
 
 
 def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> Registers:
@@ -83,8 +84,8 @@ def _assign_whole(found: Registers, match: re.Match[bytes], line: int, last: int
     if _HERE.search(value) and last is not None:
         origins.add(last)
     found.used |= registers - {number}
-    if registers & found.turned:
-        found.turned.add(number)
+    found.turned |= {number} if registers & found.turned else set()
+    found.camera |= {number} if b"VR[" in value or registers & found.camera else set()
     if _ALONE.fullmatch(value) is not None:
         for each in positions:
             found.copied.setdefault(each, set()).add(number)

@@ -45,6 +45,10 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
     found = _found(data)
     registers = registers_of(found.assigned)
     found.amounts |= found.conditions
+    for motion in found.by_register:
+        if registers.camera & set(motion.shifting or found.conditions):
+            why = _CAMERA.format("Offset", motion.line)
+            found.increments = {**dict.fromkeys(motion.targets, why), **found.increments}
     shifts = [*found.shifts, *_shifts_by_registers(found, registers), *_shifts_by_places(found, registers)]
     barred = dict(positions.barred)
     rows: dict[int, list[int]] = {}

@@ -78,6 +78,20 @@ def test_what_is_no_place_is_left_and_named(options: str, word: str, tmp_path: P
     assert record(2) in result.after.to_bytes().decode()
 
 
+@pytest.mark.parametrize(
+    "lines",
+    [
+        ("PR[3]=VR[1].OFFSET", "L P[1] 100mm/sec FINE Offset,PR[3]"),
+        ("PR[4]=VR[1].OFFSET", "PR[3]=PR[4]", "OFFSET CONDITION PR[3]", "L P[1] 100mm/sec FINE Offset"),
+    ],
+)
+def test_a_shift_that_a_camera_measures_leaves_its_point(lines: tuple[str, ...], tmp_path: Path) -> None:
+    result = moved(listing(*lines), tmp_path, turn=False)
+
+    assert result.status == ("left", "changed", "changed")
+    assert "camera" in result.reason[0]
+
+
 def test_both_points_of_an_incremental_circle_are_left(tmp_path: Path) -> None:
     data = listing("L P[1] 100mm/sec FINE", "C P[2]    \n    :  P[3] 100mm/sec FINE INC")
 
