@@ -6,8 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from calibration.geometry import Array, Pose
+from drivers.programs.across import Abroad, Said
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change, Frames, Positions, Remark
+from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
+from drivers.programs.shifts import Axes, Shift
+from drivers.yaskawa.job_calls import said_by, shift_from_others
 from drivers.yaskawa.job_columns import PULSES, SHIFT, kind_of, positions_of
 from drivers.yaskawa.job_edits import RATIOS_NEEDED, edits_of
 from drivers.yaskawa.job_motions import motions_in
@@ -26,8 +29,28 @@ class JobProgram:
     remarks: tuple[Remark, ...] = field(repr=False)
     frames: Frames = field(repr=False)
     rows: tuple[Row, ...] = field(repr=False)
+    jobs: tuple[str, ...] = field(repr=False)  # whose row each is
     pulses_per_rad: tuple[float, ...] | None = None
+    abroad: Abroad | None = field(default=None, repr=False)  # what the controller's other jobs say
     brand: str = "yaskawa"
+
+    @property
+    def said(self) -> Said:
+        """Return what counts for other jobs of the controller."""
+        return said_by(self.file, self.data)
+
+    def with_abroad(self, abroad: Abroad | None) -> "JobProgram":
+        """Return the program with the shifts of other jobs that may be on in its own."""
+        if abroad is None or not abroad.doubtful:
+            return self
+        shifts = [
+            Shift(int(self.positions.lines[row]), what, Axes.BASE, (row,))
+            for row, kind in enumerate(self.positions.kinds)
+            if kind in (CARTESIAN, JOINTS)
+            and (what := shift_from_others(self.file, self.jobs[row], abroad.doubtful))
+        ]
+        positions = replace(self.positions, shifts=(*self.positions.shifts, *shifts))
+        return replace(self, positions=positions, abroad=abroad) if shifts else self
 
     def to_bytes(self) -> bytes:
         """Return the file."""
@@ -46,7 +69,7 @@ class JobProgram:
             pieces += [self.data[at:start], new.encode("ascii")]
             at = start + len(old)
         data = b"".join([*pieces, self.data[at:]])
-        return read_job(self.file, data, pulses_per_rad=self.pulses_per_rad)
+        return read_job(self.file, data, pulses_per_rad=self.pulses_per_rad).with_abroad(self.abroad)
 
 
 def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array | None = None) -> JobProgram:
@@ -94,6 +117,7 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
         remarks=tuple(sorted(remarks, key=lambda remark: remark.line)),
         frames=_frames(jobs),
         rows=tuple(rows),
+        jobs=tuple(job.name for job in jobs for row in job.rows if row.kind in ROBOT_ROWS),
         pulses_per_rad=None if ratios is None else tuple(float(ratio) for ratio in ratios),
     )
 

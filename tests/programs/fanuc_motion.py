@@ -56,6 +56,7 @@ class Interpreter:
     """Executes one listing."""
 
     def __init__(self, text: str, controller: Controller) -> None:
+        text = text.replace("\r\n", "\n")
         main, records = text.split("/MN\n")[1].split("/POS\n")
         self.lines = [
             re.sub(r"(\[\d+(?:,\d)?):[^\]]*\]", r"\1]", re.sub(r"^\s*\d+\s*:\s*", "", line)).strip()

@@ -278,7 +278,7 @@ def generate(seed: int) -> Case:
         f"{''.join(make.records)}/END\n"
     )
     return Case(
-        text,
+        text.replace("\n", "\r\n") if rng.random() < 0.3 else text,
         Controller(FRAMES, make.registers),
         _work_moves(rng),
         set() if make.any_increment else make.plain,

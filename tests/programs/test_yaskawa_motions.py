@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from calibration.geometry import homogeneous
+from drivers.programs.across import Across
 from drivers.programs.shifts import Axes
-from drivers.yaskawa.programs import BRAND
+from drivers.yaskawa.job_calls import said_by
+from drivers.yaskawa.programs import BRAND, read
 from service.exit_codes import ExitCode
 from service.programs.move import moving
 from service.programs.project import read_project
@@ -154,3 +156,41 @@ def test_one_position_that_needs_another_rconf_is_left_alone(tmp_path: Path) -> 
     assert left(result) == {"C00001", "P00000", "P00002"}
     assert "RCONF" in dict(result.left)["C00001"]
     assert result.exit_code is ExitCode.REFUSED
+
+
+def named_job(name: str, *lines: str) -> bytes:
+    """Return a job of this name."""
+    return job(*lines).replace(b"//NAME A", f"//NAME {name}".encode())
+
+
+@pytest.mark.parametrize(
+    ("lines", "found"),
+    [
+        (("SFTON P050 BF", "CALL JOB:PICK", "SFTOF"), {"C00000"}),
+        (("SFTON P050 BF", "CALL JOB:MIDDLE IF IN#(1)=ON", "SFTOF"), {"C00000"}),
+        (("SFTON P050 BF", "SFTOF", "CALL JOB:PICK"), set()),
+        (("CALL JOB:PICK",), set()),
+    ],
+)
+def test_a_shift_is_on_in_jobs_that_are_called(lines: tuple[str, ...], found: set[str]) -> None:
+    files = {
+        "MAIN.JBI": named_job("MAIN", *lines),
+        "MIDDLE.JBI": named_job("MIDDLE", "CALL JOB:PICK"),
+        "PICK.JBI": named_job("PICK", "MOVL C00000 V=1.0"),
+    }
+    across = Across({name: said_by(name, data) for name, data in files.items()})
+    pick = read("PICK.JBI", files["PICK.JBI"]).with_abroad(across.of("PICK.JBI"))
+
+    assert {pick.positions.names[row] for one in pick.positions.shifts for row in one.rows} >= found
+    assert bool(pick.positions.shifts) is bool(found)
+
+
+def test_a_job_that_leaves_its_shift_on_shifts_its_caller() -> None:
+    files = {
+        "MAIN.JBI": named_job("MAIN", "CALL JOB:ON", "MOVL C00000 V=1.0"),
+        "ON.JBI": named_job("ON", "SFTON P050 BF"),
+    }
+    across = Across({name: said_by(name, data) for name, data in files.items()})
+    main = read("MAIN.JBI", files["MAIN.JBI"]).with_abroad(across.of("MAIN.JBI"))
+
+    assert {one.what for one in main.positions.shifts} == {"SFTON of ON"}
