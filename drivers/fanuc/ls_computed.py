@@ -8,9 +8,11 @@ from math import isnan, nan
 from drivers.fanuc.ls_statements import Motion, Statement
 from drivers.programs.shifts import NO_TURN, UNREADABLE, Quaternion, Triple
 
-_ASSIGNED = re.compile(rb"PR\[ *+(?:GP\d *+: *+)?+(\d{1,5}+) *+(?:, *+(\d) *+)?+\] *+= *+(.*)", re.DOTALL)
+_ASSIGNED = re.compile(rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+(?:, *+(\d) *+)?+\] *+= *+(.*)", re.DOTALL)
 _POSITION = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
 _REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP\d *+: *+)?+(\d{1,5}+) *+\]")
+_CHOSEN_REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP *+1 *+: *+)?+[A-Za-z]{1,3}+\[[^=]*=")
+_CHOSEN_POSITION = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
 _HERE = re.compile(rb"\b[LJ]P(?:OS|NT)\b")
 _ALONE = re.compile(rb"(?:PR?\[[^\]]*+\] *+|[LJ]P(?:OS|NT) *+(?:\([^)]*+\))?)")
 _NOTHING = re.compile(rb"(PR\[ *\d+ *\]|LPOS|JPOS) *- *\1")
@@ -37,6 +39,8 @@ class Registers:
         default_factory=set
     )  # registers whose W, P or R the program sets to other than zero
     used: set[int] = field(default_factory=set)  # registers that an expression of another one uses
+    any_altered: int = 0  # a line in which a number chooses the register that is computed
+    any_position: int = 0  # a line in which a number chooses the position that a register gets
     camera: set[int] = field(default_factory=set)  # registers that get what a camera found
 
     @property
@@ -52,6 +56,7 @@ def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> Registers:
         before = found.size
         for statement, last in assigned:
             match = _ASSIGNED.search(statement.text)
+            _take_chosen(found, statement, certain=match is not None)
             if match is not None and match[2]:
                 _assign_element(found, match, statement.line)
             elif match is not None:
@@ -61,9 +66,22 @@ def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> Registers:
     return found
 
 
-def is_assignment(statement: Statement) -> bool:
-    """Tell whether a statement gives a value to a position register."""
-    return _ASSIGNED.search(statement.text) is not None
+def computes(statement: Statement) -> bool:
+    """Tell whether a statement that is no motion gives a value to a position register, or uses a position."""
+    return any(
+        pattern.search(statement.text)
+        for pattern in (_ASSIGNED, _CHOSEN_REGISTER, _POSITION, _CHOSEN_POSITION)
+    )
+
+
+def _take_chosen(found: Registers, statement: Statement, *, certain: bool) -> None:
+    """Take up what a number chooses, and positions in statements that are not understood."""
+    if _CHOSEN_POSITION.search(statement.text):
+        found.any_position = found.any_position or statement.line
+    if not certain:
+        found.computed |= {int(each) for each in _POSITION.findall(statement.text)}
+        if _CHOSEN_REGISTER.search(statement.text):
+            found.any_altered = found.any_altered or statement.line
 
 
 def _assign_element(found: Registers, match: re.Match[bytes], line: int) -> None:
@@ -104,8 +122,8 @@ class Contents:
     elements: dict[tuple[int, int], float] = field(default_factory=dict)
 
     def follow(self, statement: Statement) -> None:
-        """Take up a statement that is no motion."""
-        if _BRANCHES.search(statement.text):
+        """Take up a statement."""
+        if _BRANCHES.search(statement.text) or _CHOSEN_REGISTER.search(statement.text):
             self.certain = False
         match = _ASSIGNED.search(statement.text)
         if match is None:

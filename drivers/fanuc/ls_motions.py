@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 
-from drivers.fanuc.ls_computed import Contents, Registers, is_assignment, registers_of
+from drivers.fanuc.ls_computed import Contents, Registers, computes, registers_of
 from drivers.fanuc.ls_positions import REMOTE
 from drivers.fanuc.ls_statements import Motion, Statement, condition_of, motion_of, statements
 from drivers.programs.positions import CARTESIAN, JOINTS, Positions
@@ -57,6 +57,10 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
         rows.setdefault(number, []).append(row)
         if why := found.increments.get(number) or found.any_increment or _amount(number, found, registers):
             barred.setdefault(row, why)
+    if registers.any_position:  # whichever position it is, something may be computed from it
+        found.any_shift.append(
+            Shift(registers.any_position, "PR[...]=P[R[...]]", Axes.USER_FRAME, quaternion=None)
+        )
     told = [*_with_rows(shifts, rows, positions), *_of_any(found.any_shift, positions)]
     return replace(positions, barred=barred, shifts=(*positions.shifts, *told))
 
@@ -78,10 +82,11 @@ def _found(data: bytes) -> _Found:
             contents.follow(statement)
             region = _touch_offset(statement, region)
             found.conditions.update(condition_of(statement))
-            if is_assignment(statement):
+            if computes(statement):
                 found.assigned.append((statement, last))
             continue
         motion = motion_of(statement)
+        contents.follow(statement)
         _take_targets(found, motion)
         if motion.offset or region:
             amount, quaternion = contents.shift(motion, turned) if not region else (UNREADABLE, None)
@@ -96,7 +101,7 @@ def _found(data: bytes) -> _Found:
 
 def _turned(data: bytes) -> set[int]:
     """Return registers whose rotation the program sets."""
-    return registers_of([(each, None) for each in statements(data) if is_assignment(each)]).turned
+    return registers_of([(each, None) for each in statements(data) if computes(each)]).turned
 
 
 def _touch_offset(statement: Statement, region: bool) -> bool:
@@ -142,6 +147,8 @@ def _amount(number: int, found: _Found, registers: Registers) -> str:
     """Return why a position is left that no motion goes to as it stands, and that the program uses otherwise."""
     if number in found.places:
         return ""
+    if registers.any_position:
+        return _AMOUNT
     copies = registers.copied.get(number, set())
     if number in registers.computed:
         return _AMOUNT
@@ -153,7 +160,7 @@ def _amount(number: int, found: _Found, registers: Registers) -> str:
 def _shifts_by_registers(found: _Found, registers: Registers) -> Iterator[tuple[int, Shift]]:
     """Yield shifts of positions whose copy in a register is computed before a motion goes to the register."""
     for register, line in {**found.goes_to, **found.shifted}.items():
-        if register in registers.altered or register in found.shifted:
+        if register in registers.altered or register in found.shifted or registers.any_altered:
             turn = None if register in registers.turned else NO_TURN
             for number in sorted(registers.origins.get(register, ())):
                 yield number, Shift(line, f"PR[{register}]", Axes.USER_FRAME, quaternion=turn)

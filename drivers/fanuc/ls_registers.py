@@ -79,8 +79,8 @@ def _lines_of_no_places(data: bytes) -> set[int]:
     }
 
 
-_CHOSEN = re.compile(rb"PR(?<![A-Z]PR)\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?[A-Za-z]")
-_STARTS = re.compile(rb"[JLCAS][ \t]++PR\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?[A-Za-z]")
+_CHOSEN = re.compile(rb"PR(?<![A-Z]PR)\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?+[A-Za-z]{1,3}+\[")
+_STARTS = re.compile(rb"[JLCAS][ \t]++PR\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?+[A-Za-z]{1,3}+\[")
 _WORDS = {"frame": _FRAME_WORDS, "tool": (b"UTOOL_NUM", b"WKZ_NUM")}
 
 

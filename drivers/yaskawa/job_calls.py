@@ -12,6 +12,8 @@ from drivers.programs.across import Said
 _JOB = re.compile(r"^//NAME[ \t]+(\S+).*?^//INST(.*?)(?=^/JOB|\Z)", re.MULTILINE | re.DOTALL)
 _CALLED = re.compile(r"\bJOB:[ \t]*(\S+)")
 _LINES = re.compile(r"^[ \t]*(SFTON|SFTOF|CALL|PSTART|JUMP|\*)([^\n]*)", re.MULTILINE)
+_MADE = re.compile(r"^[ \t]*(?:MFRAME|SETTOOL|SETUF\w*)\b[^\n]*?\b(UF|TL)#\((\d{1,3}|[A-Z])", re.MULTILINE)
+_SAYS = re.compile(rb"JOB:|\b(?:SFTON|MFRAME|SETTOOL|SETUF)")
 _SHIFTED = "SFTON of {}"
 
 
@@ -21,7 +23,7 @@ def said_by(file: str, data: bytes) -> Said:
     The file need not be a sound one.
     """
     folder, said = PurePath(file).parent, dict[str, str]()
-    jobs = _JOB.findall(data.decode("latin-1")) if b"JOB:" in data or b"SFTON" in data else ()
+    jobs = _JOB.findall(data.decode("latin-1")) if _SAYS.search(data) else ()
     for name, instructions in jobs:
         found = _LINES.findall(instructions)
         jumps = any(word in ("JUMP", "*") for word, _ in found)
@@ -32,6 +34,8 @@ def said_by(file: str, data: bytes) -> Said:
             if called is not None:
                 said[f"{folder} call {name} {called[1]}"] = name
                 said |= {f"{folder} shifted {called[1]}": name} if on else {}
+        for what, number in _MADE.findall(instructions):
+            said[f"{folder} makes {name} {what} {number}"] = name
         if on:
             said[f"{folder} leaves {name}"] = name
     return Said(PurePath(file).stem, doubtful=said)
@@ -54,6 +58,16 @@ def shift_from_others(file: str, job: str, said: Mapping[str, str]) -> str:
                 left.add(caller)
                 shifted.setdefault(caller, called)
     return _SHIFTED.format(shifted[job]) if job in shifted else ""
+
+
+def frames_from_others(file: str, job: str, said: Mapping[str, str]) -> dict[tuple[str, str], str]:
+    """Return user frames and tools that other jobs make while the cell works, by UF or TL and number; and which job.
+
+    A job that calls none and that none calls is one to set up the cell, which a person ran once.
+    """
+    working = {name for pair in _keys(file, "call", said) for name in pair.split(" ")}
+    made = (key.split(" ") for key in _keys(file, "makes", said))
+    return {(what, number): name for name, what, number in made if name in working and name != job}
 
 
 def _keys(file: str, what: str, said: Mapping[str, str]) -> list[str]:

@@ -1,6 +1,6 @@
 """A Yaskawa job as positions in columns, and back: only numbers of changed positions differ."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,12 +10,14 @@ from drivers.programs.across import Abroad, Said
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
 from drivers.programs.shifts import Axes, Shift
-from drivers.yaskawa.job_calls import said_by, shift_from_others
+from drivers.yaskawa.job_calls import frames_from_others, said_by, shift_from_others
 from drivers.yaskawa.job_columns import PULSES, SHIFT, kind_of, positions_of
 from drivers.yaskawa.job_edits import RATIOS_NEEDED, edits_of
 from drivers.yaskawa.job_motions import motions_in
 from drivers.yaskawa.job_remarks import remarks_of
 from drivers.yaskawa.job_text import ROBOT_ROWS, Job, Row, jobs_of
+
+_MADE_BY = "{} makes its user frame or tool while it runs"
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,19 @@ class JobProgram:
             if kind in (CARTESIAN, JOINTS)
             and (what := shift_from_others(self.file, self.jobs[row], abroad.doubtful))
         ]
-        positions = replace(self.positions, shifts=(*self.positions.shifts, *shifts))
-        return replace(self, positions=positions, abroad=abroad) if shifts else self
+        made = {
+            row: _MADE_BY.format(who)
+            for row, held in enumerate(self.rows)
+            if (who := _maker_of(held, frames_from_others(self.file, self.jobs[row], abroad.doubtful)))
+        }
+        if not (shifts or made):
+            return self
+        positions = replace(
+            self.positions,
+            shifts=(*self.positions.shifts, *shifts),
+            barred={**made, **self.positions.barred},
+        )
+        return replace(self, positions=positions, abroad=abroad)
 
     def to_bytes(self) -> bytes:
         """Return the file."""
@@ -70,6 +83,18 @@ class JobProgram:
             at = start + len(old)
         data = b"".join([*pieces, self.data[at:]])
         return read_job(self.file, data, pulses_per_rad=self.pulses_per_rad).with_abroad(self.abroad)
+
+
+def _maker_of(row: Row, made: Mapping[tuple[str, str], str]) -> str:
+    """Return the job that makes a row's user frame or tool, "" where none does."""
+    if row.held.mode != "RECTAN":
+        return ""
+    user = row.held.user if row.held.postype == "USER" else None
+    for (what, number), who in made.items():
+        held = user if what == "UF" else row.held.tool
+        if held is not None and (not number.isdigit() or int(number) == int(held)):
+            return who
+    return ""
 
 
 def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array | None = None) -> JobProgram:

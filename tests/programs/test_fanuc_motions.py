@@ -125,6 +125,8 @@ def test_a_register_that_chooses_an_increment_leaves_every_position(tmp_path: Pa
         (("L P[1] 100mm/sec FINE Skip,LBL[1],PR[3]=LPOS",), True, set()),
         (("PR[3]=P[1]", "PR[3,3]=PR[3,3]+50", "L PR[3] 100mm/sec FINE"), True, {"P[1]"}),
         (("PR[3]=P[1]", "L PR[3] 100mm/sec FINE"), True, set()),
+        (("PR[3]=P[1]", "PR[R[1],3]=50", "L PR[3] 100mm/sec FINE"), True, {"P[1]"}),
+        (("PR[3]=P[1]", "PR[GP2:3,1]=50", "L PR[3] 100mm/sec FINE"), True, set()),
         (("PR[3]=P[1]", "L PR[3] 100mm/sec FINE Offset,PR[4]"), True, {"P[1]"}),
         (("L P[1] 100mm/sec FINE", "PR[3]=LPOS", "PR[3,3]=0", "L PR[3] 100mm/sec FINE"), True, {"P[1]"}),
         (("L P[R[1]] 100mm/sec FINE Offset,PR[3]",), True, {"P[1]", "P[2]", "P[3]"}),
@@ -153,6 +155,12 @@ def test_a_shift_that_the_program_states_costs_its_own_distance(tmp_path: Path) 
     assert not moved(listing(*along_the_axis), tmp_path).findings
     branched = ("IF R[1]=1,JMP LBL[1]", "PR[3]=PR[3]-PR[3]", "LBL[1]", "L P[1] 100mm/sec FINE Offset,PR[3]")
     assert moved(listing(*branched), tmp_path).findings
+    called = (
+        "PR[3]=PR[3]-PR[3]",
+        "L P[2] 9mm/sec FINE TB .1sec,CALL X",
+        "L P[1] 100mm/sec FINE Offset,PR[3]",
+    )
+    assert moved(listing(*called), tmp_path).findings
 
 
 @pytest.mark.parametrize(
@@ -162,6 +170,8 @@ def test_a_shift_that_the_program_states_costs_its_own_distance(tmp_path: Path) 
         ("PR[3]=P[2]", "L PR[3] 100mm/sec FINE INC"),
         ("PR[3]=PR[4]+P[2]", "L PR[3] 100mm/sec FINE"),
         ("PR[3]=P[2]", "CALL GRIP"),
+        ("PR[R[1]]=P[2]", "L P[1] 100mm/sec FINE Offset,PR[3]"),
+        ("PR[3]=P[R[1]]", "L P[1] 100mm/sec FINE Offset,PR[3]"),
         ("PR[3]=P[2]", "TOOL_OFFSET CONDITION PR[3]", "L P[1] 100mm/sec FINE Tool_Offset"),
     ],
 )

@@ -194,3 +194,24 @@ def test_a_job_that_leaves_its_shift_on_shifts_its_caller() -> None:
     main = read("MAIN.JBI", files["MAIN.JBI"]).with_abroad(across.of("MAIN.JBI"))
 
     assert {one.what for one in main.positions.shifts} == {"SFTON of ON"}
+
+
+@pytest.mark.parametrize(
+    ("lines", "names"),
+    [
+        (("MFRAME UF#(2) PX050 PX051 PX052", "CALL JOB:PICK"), {"C00000", "C00001", "P00000", "P00001"}),
+        (("SETTOOL TL#(0) P050", "CALL JOB:PICK"), set(NAMES)),
+        (("MFRAME UF#(5) PX050 PX051 PX052", "CALL JOB:PICK"), set()),
+        (("MFRAME UF#(2) PX050 PX051 PX052",), set()),  # a job to set up the cell
+    ],
+)
+def test_frames_that_other_jobs_make_leave_their_positions(lines: tuple[str, ...], names: set[str]) -> None:
+    files = {"MAIN.JBI": named_job("MAIN", *lines), "PICK.JBI": named_job("PICK", "MOVL C00000 V=1.0")}
+    across = Across({name: said_by(name, data) for name, data in files.items()})
+    alone = read("PICK.JBI", files["PICK.JBI"])
+    pick = alone.with_abroad(across.of("PICK.JBI"))
+
+    barred = {pick.positions.names[row] for row in pick.positions.barred}
+    assert barred == names | {alone.positions.names[row] for row in alone.positions.barred}
+    if "C00000" in names:
+        assert "MAIN makes" in pick.positions.barred[0]
