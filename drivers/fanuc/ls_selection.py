@@ -11,6 +11,7 @@ from drivers.programs.positions import CARTESIAN, Positions
 
 _OTHER_FRAME = "line {} goes there with {} {}, and it was taught with {}: the controller stops there"
 _OTHER_GROUP = "its program runs without motion group 1, which it was taught in: the controller stops there"
+_MISSING_GROUP = "its program runs motion group {}, in which it was not taught: the controller stops there"
 _SELECTED = re.compile(
     rb"\A(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+(?:\[ *+GP *+\d *+\][ \t]*+)?=[ \t]*+(\d{1,3}+)?"
 )
@@ -31,9 +32,25 @@ def with_selections(positions: Positions, data: bytes) -> Positions:
         for row in range(len(positions)):
             if positions.groups[row] == 1:
                 barred.setdefault(row, _OTHER_GROUP)
+    for row, group in _groups_missing(positions, mask[1] if mask is not None else b"").items():
+        barred.setdefault(row, _MISSING_GROUP.format(group))
     if _SELECTION.search(data) and _may_differ(positions, data):
         _bar_others(positions, data, barred)
     return replace(positions, barred=barred) if len(barred) > len(positions.barred) else positions
+
+
+def _groups_missing(positions: Positions, mask: bytes) -> dict[int, int]:
+    """Return the rows of group 1 whose position lacks another group that the program runs, and that group."""
+    asked = [group for group, word in enumerate(mask.split(b","), 1) if group > 1 and word.strip() == b"1"]
+    if not asked:
+        return {}
+    held = set(zip(positions.names, positions.groups.tolist(), strict=True))
+    missing = {
+        row: next((group for group in asked if (name, group) not in held), 0)
+        for row, name in enumerate(positions.names)
+        if positions.groups[row] == 1
+    }
+    return {row: group for row, group in missing.items() if group}
 
 
 def _may_differ(positions: Positions, data: bytes) -> bool:

@@ -212,6 +212,19 @@ def test_a_program_without_motion_group_1_is_told(tmp_path: Path) -> None:
     assert "motion group 1" in result.reason[0]
 
 
+def test_a_group_that_a_position_was_not_taught_in_is_told(tmp_path: Path) -> None:
+    second = "   GP2:\n\tUF : 0, UT : 1,\t\n\tJ1=     0.000 deg\n};\n"
+    records = (record(1).removesuffix("};\n") + second, record(2))
+
+    result = moved(listing("L P[1] 100mm/sec FINE", records=records, group="1,1,*,*,*"), tmp_path)
+
+    names = zip(
+        result.before.positions.names, result.before.positions.groups.tolist(), result.status, strict=True
+    )
+    assert list(names) == [("P[1]", 1, "changed"), ("P[1]", 2, "left"), ("P[2]", 1, "left")]
+    assert "motion group 2" in result.reason[2]
+
+
 def test_points_beside_a_moving_axis_are_left_together(tmp_path: Path) -> None:
     rail = (record(1, external=",\n\tE1=     0.000  mm"), record(2, external=",\n\tE1=   800.000  mm"))
     still = (record(1, external=",\n\tE1=     0.000  mm"), record(2, external=",\n\tE1=     0.000  mm"))

@@ -24,7 +24,7 @@ _BY_NAME = """
     text question asked
     increment led_motion standing_tool camera any_increment amount other_frame other_group beside_external external
     other_joints shared on_conveyor other_motion any_amount set_here in_tool in_master variable_amount written_remote
-    made_by
+    made_by missing_group
     costs costs_each_time size_unreadable inside star_unknown frame_alone relative_axes component_set external_offset
     element_set not_read conflicts in_script stray
 """
