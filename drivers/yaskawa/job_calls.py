@@ -50,7 +50,9 @@ def shift_from_others(file: str, job: str, said: Mapping[str, str]) -> str:
         called: said[f"{PurePath(file).parent} shifted {called}"] for called in _keys(file, "shifted", said)
     }
     left = set(_keys(file, "leaves", said))
-    for _ in range(len(calls) + 1):
+    before = -1
+    while len(shifted) + len(left) > max(before, 0):
+        before = len(shifted) + len(left)
         for caller, called in calls:
             if caller in shifted:
                 shifted.setdefault(called, shifted[caller])

@@ -45,16 +45,18 @@ class JobProgram:
         """Return the program with the shifts of other jobs that may be on in its own."""
         if abroad is None or not abroad.doubtful:
             return self
+        names = set(self.jobs)
+        shifting = {name: shift_from_others(self.file, name, abroad.doubtful) for name in names}
+        making = {name: frames_from_others(self.file, name, abroad.doubtful) for name in names}
         shifts = [
-            Shift(int(self.positions.lines[row]), what, Axes.BASE, (row,))
+            Shift(int(self.positions.lines[row]), shifting[self.jobs[row]], Axes.BASE, (row,))
             for row, kind in enumerate(self.positions.kinds)
-            if kind in (CARTESIAN, JOINTS)
-            and (what := shift_from_others(self.file, self.jobs[row], abroad.doubtful))
+            if kind in (CARTESIAN, JOINTS) and shifting[self.jobs[row]]
         ]
         made = {
             row: _MADE_BY.format(who)
             for row, held in enumerate(self.rows)
-            if (who := _maker_of(held, frames_from_others(self.file, self.jobs[row], abroad.doubtful)))
+            if (who := _maker_of(held, making[self.jobs[row]]))
         }
         if not (shifts or made):
             return self
