@@ -39,6 +39,7 @@ class Registers:
         default_factory=set
     )  # registers whose W, P or R the program sets to other than zero
     used: set[int] = field(default_factory=set)  # registers that an expression of another one uses
+    here: set[int] = field(default_factory=set)  # registers that get where the robot was before any position
     any_altered: int = 0  # a line in which a number chooses the register that is computed
     any_position: int = 0  # a line in which a number chooses the position that a register gets
     camera: set[int] = field(default_factory=set)  # registers that get what a camera found
@@ -46,7 +47,13 @@ class Registers:
     @property
     def size(self) -> int:
         """Return how much is found so far."""
-        return sum(map(len, self.origins.values())) + len(self.altered) + len(self.turned) + len(self.camera)
+        return (
+            sum(map(len, self.origins.values()))
+            + len(self.altered)
+            + len(self.turned)
+            + len(self.camera)
+            + len(self.here)
+        )
 
 
 def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> Registers:
@@ -101,6 +108,7 @@ def _assign_whole(found: Registers, match: re.Match[bytes], line: int, last: int
     origins |= positions | {n for each in registers for n in found.origins.get(each, ())}
     if _HERE.search(value) and last is not None:
         origins.add(last)
+    found.here |= {number} if (_HERE.search(value) and last is None) or registers & found.here else set()
     found.used |= registers - {number}
     found.turned |= {number} if registers & found.turned else set()
     found.camera |= {number} if b"VR[" in value or registers & found.camera else set()

@@ -18,7 +18,7 @@ _AMOUNT = "the program computes with it and does not go there, so it may be a sh
 _WRITTEN_REMOTE = (
     "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
 )
-_WORDS = (b"INC", b"COORD", b"RTCP", b"VOFFSET", b"VR[", b"ffset", b"FFSET", b"PR[", b"Inc")
+_WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[")
 
 
 @dataclass
@@ -40,7 +40,8 @@ class _Found:
 
 def with_motions(positions: Positions, data: bytes) -> Positions:
     """Return positions with those barred that are no places, and with the shifts of their motions."""
-    if not any(word in data for word in _WORDS):  # as in nearly all
+    upper = data.upper()
+    if not any(word in upper for word in _WORDS):  # as in nearly all
         return positions
     found = _found(data)
     registers = registers_of(found.assigned)
@@ -61,7 +62,12 @@ def with_motions(positions: Positions, data: bytes) -> Positions:
         found.any_shift.append(
             Shift(registers.any_position, "PR[...]=P[R[...]]", Axes.USER_FRAME, quaternion=None)
         )
-    told = [*_with_rows(shifts, rows, positions), *_of_any(found.any_shift, positions)]
+    shifted_here = [
+        Shift(line, f"PR[{each}]", Axes.USER_FRAME, point=f"PR[{each}]")
+        for each, line in found.goes_to.items()
+        if each in registers.here and each in registers.altered
+    ]
+    told = [*shifted_here, *_with_rows(shifts, rows, positions), *_of_any(found.any_shift, positions)]
     return replace(positions, barred=barred, shifts=(*positions.shifts, *told))
 
 

@@ -13,7 +13,7 @@ _OTHER_FRAME = "line {} goes there with {} {}, and it was taught with {}: the co
 _OTHER_GROUP = "its program runs without motion group 1, which it was taught in: the controller stops there"
 _MISSING_GROUP = "its program runs motion group {}, in which it was not taught: the controller stops there"
 _SELECTED = re.compile(
-    rb"\A(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+(?:\[ *+GP *+\d *+\][ \t]*+)?=[ \t]*+(\d{1,3}+)?"
+    rb"\A(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+(?:\[ *+GP *+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,3}+)?"
 )
 _SELECTION = re.compile(rb"\b(?:UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)\b|MNUFRAMENUM|MNUTOOLNUM")
 _FORGETS = re.compile(
@@ -64,7 +64,9 @@ def _may_differ(positions: Positions, data: bytes) -> bool:
     return any(number != other for frame, number in selected for which, other in held if which is frame)
 
 
-_NUMBERS = re.compile(rb"\b(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+=[ \t]*+0*+(\d{1,3}+)")
+_NUMBERS = re.compile(
+    rb"\b(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+(?:\[ *+GP *+1 *+\][ \t]*+)?+=[ \t]*+0*+(\d{1,3}+)"
+)
 
 
 def _bar_others(positions: Positions, data: bytes, barred: dict[int, str]) -> None:

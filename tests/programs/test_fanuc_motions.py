@@ -61,6 +61,7 @@ def moved(data: bytes, tmp_path: Path, *, turn: bool = True, joints=None) -> Pro
     [
         ("FINE INC", "increment"),
         ("CNT50 ACC80 INC", "increment"),
+        ("FINE inc", "increment"),
         ("FINE COORD", "leads"),
         ("FINE COORD[LDR]", "leads"),
         ("FINE RTCP", "stands in the cell"),
@@ -129,6 +130,8 @@ def test_a_register_that_chooses_an_increment_leaves_every_position(tmp_path: Pa
         (("PR[3]=P[1]", "PR[GP2:3,1]=50", "L PR[3] 100mm/sec FINE"), True, set()),
         (("PR[3]=P[1]", "L PR[3] 100mm/sec FINE Offset,PR[4]"), True, {"P[1]"}),
         (("L P[1] 100mm/sec FINE", "PR[3]=LPOS", "PR[3,3]=0", "L PR[3] 100mm/sec FINE"), True, {"P[1]"}),
+        (("PR[3]=LPOS", "PR[3,3]=PR[3,3]+50", "L PR[3] 100mm/sec FINE"), True, {"PR[3]"}),
+        (("PR[3]=LPOS", "L P[1] 100mm/sec FINE", "L PR[3] 100mm/sec FINE"), True, set()),
         (("L P[R[1]] 100mm/sec FINE Offset,PR[3]",), True, {"P[1]", "P[2]", "P[3]"}),
         (("Touch Offset PR[3]", "L P[1] 99mm/sec FINE", "Touch Offset End", "L P[2] 9mm/sec FINE"), True, {"P[1]"}),
     ],
@@ -186,6 +189,8 @@ def test_a_position_that_is_only_computed_with_is_left(lines: tuple[str, ...], t
     ("lines", "left"),
     [
         (("UFRAME_NUM=2", "L P[1] 100mm/sec FINE"), {"P[1]": "user frame 2"}),
+        (("UFRAME_NUM[GP1]=2", "L P[1] 100mm/sec FINE"), {"P[1]": "user frame 2"}),
+        (("UFRAME_NUM[GP2]=2", "L P[1] 100mm/sec FINE"), {}),
         (("UTOOL_NUM=4", "L P[1] 100mm/sec FINE"), {"P[1]": "tool 4"}),
         (("UFRAME_NUM=1", "L P[1] 100mm/sec FINE", "UFRAME_NUM=2", "L P[3] 9mm/sec FINE"), {"P[3]": "user frame 2"}),
         (("UFRAME_NUM=2", "CALL FRAMES", "L P[1] 100mm/sec FINE"), {}),
