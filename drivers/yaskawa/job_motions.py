@@ -48,7 +48,8 @@ class _Found:
     all_variables: str = ""  # why every variable is left
     made: list[tuple[str, str, str]] = field(default_factory=list)  # UF or TL, its number, why
     shifts: list[tuple[Key | None, Shift]] = field(default_factory=list)
-    from_here: set[int] = field(default_factory=set)  # variables that hold where the robot was
+    from_here: set[int] = field(default_factory=set)  # variables that get where the robot was
+    computed: set[int] = field(default_factory=set)  # of these, those that the job computes with
 
 
 def motions_in(jobs: Iterable[Job], positions: Positions) -> tuple[dict[int, str], tuple[Shift, ...]]:
@@ -108,14 +109,17 @@ def _of_rows(
 
 def _found(job: Job, rows: dict[Key, Row]) -> _Found:
     found = _Found()
+    found.from_here, found.computed = _from_here(_instructions(job))
     everywhere = _JUMPS.search(job.instructions) is not None
     lines = list(_instructions(job))
-    switched_on = [_shift_of(line, word, rest, rows) for line, word, rest in lines if word == "SFTON"]
+    switched_on = [
+        _shift_of(line, word, rest, found.from_here, rows) for line, word, rest in lines if word == "SFTON"
+    ]
     anywhere = [one for one in switched_on if one is not None] if everywhere else []
     active: list[Shift] = []
     for line, word, rest in lines:
         if word == "SFTON":
-            shift = _shift_of(line, word, rest, rows)
+            shift = _shift_of(line, word, rest, found.from_here, rows)
             active += [] if shift is None else [shift]
         elif word == "SFTOF":
             active = []
@@ -134,13 +138,33 @@ def _instructions(job: Job) -> Iterator[tuple[int, str, str]]:
             yield line, word, rest.partition(" '")[0]
 
 
-def _shift_of(line: int, word: str, rest: str, rows: dict[Key, Row]) -> Shift | None:
+def _from_here(instructions: Iterable[tuple[int, str, str]]) -> tuple[set[int], set[int]]:
+    """Return the variables that get where the robot is, or a taught position; and those computed from such."""
+    found: set[int] = set()
+    computing: list[list[int]] = []
+    for _, word, rest in instructions:
+        numbers = [int(each[2]) for each in _TAKEN.finditer(rest) if each[2]]
+        if word in _HERE:
+            found.update(numbers)
+        elif word in _AMOUNTS:
+            computing.append(numbers)
+    before = -1
+    while len(found) > before:
+        before = len(found)
+        found |= {numbers[0] for numbers in computing if found.intersection(numbers)}
+    return found, {numbers[0] for numbers in computing if found.intersection(numbers)}
+
+
+def _shift_of(line: int, word: str, rest: str, from_here: set[int], rows: dict[Key, Row]) -> Shift | None:
     """Return the shift of SFTON or IMOV; None for one along the axes of the tool, which turns with its point."""
     frame = _FRAME.search(rest)
     if frame is not None and frame[1] == "TF":
         return None
     axes = Axes.USER_FRAME if frame is not None and frame[1] == "UF#" else Axes.BASE
-    return Shift(line, word, axes, point=_amount(rest), quaternion=_turn_of(rest, rows))
+    turn = _turn_of(rest, rows)
+    if from_here.intersection(int(each[2]) for each in _TAKEN.finditer(rest) if each[2]):
+        turn = None  # the amount itself changes with the points
+    return Shift(line, word, axes, point=_amount(rest), quaternion=turn)
 
 
 def _amount(rest: str) -> str:
@@ -171,9 +195,9 @@ def _move(
             found.barred |= {} if key is None or key in found.barred else {key: why}
         elif key in rows:
             found.shifts += [(key, shift) for shift in active]
-        elif taken[2] and int(taken[2]) in found.from_here:
+        elif taken[2] and int(taken[2]) in found.computed:
             found.shifts.append((None, Shift(line, word, Axes.BASE, point=taken[0])))
-    if "IMOV" in word and (shift := _shift_of(line, word, own, rows)) is not None:
+    if "IMOV" in word and (shift := _shift_of(line, word, own, found.from_here, rows)) is not None:
         given = _TAKEN.search(own)
         found.shifts += [] if given is not None and _key(given) in rows else [(None, shift)]
 
@@ -191,9 +215,7 @@ def _why_no_place(word: str) -> str:
 
 def _compute(found: _Found, instruction: tuple[int, str, str]) -> None:
     line, word, rest = instruction
-    if word in _HERE:
-        found.from_here |= {int(each[2]) for each in _TAKEN.finditer(rest) if each[2]}
-    elif word in _AMOUNTS and _CHOSEN.search(rest):
+    if word in _AMOUNTS and _CHOSEN.search(rest):
         found.all_variables = found.all_variables or _ANY_AMOUNT.format(word, line)
     elif word in ("MFRAME", "SETTOOL", "SETUF", "SETUFRM"):
         made = _MADE.search(rest)

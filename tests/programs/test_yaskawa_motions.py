@@ -100,6 +100,7 @@ def test_what_is_no_place_is_left_and_named(line: str, name: str, word: str, tmp
         (("MOVL C00000 V=1.0", "IMOV LP050 V=1.0 RF"), {"LP050"}),
         (("MOVL C00000 V=1.0", "IMOV P050 V=1.0 TF"), set()),
         (("GETS PX050 $PX001", "ADD P050 P051", "MOVL P050 V=1.0"), {"P050"}),
+        (("GETS PX050 $PX001", "MOVL C00000 V=1.0", "MOVL P050 V=1.0"), set()),
     ],
 )
 def test_shifts_are_findings_where_the_work_turns(
@@ -111,6 +112,15 @@ def test_shifts_are_findings_where_the_work_turns(
     for finding in result.findings:
         assert np.degrees(finding.angle_rad) == pytest.approx(20.0)
     assert not moved(job("MOVL P001 V=1.0", *lines), tmp_path, turn=False).findings
+
+
+def test_an_amount_computed_from_a_taught_point_is_a_finding_without_a_turn(tmp_path: Path) -> None:
+    lines = ("GETPOS PX050 STEP#(1)", "SUB P050 P051", "SFTON P050 BF", "MOVL C00000 V=1.0", "SFTOF")
+
+    result = moved(job("MOVL P001 V=1.0", *lines), tmp_path, turn=False)
+
+    assert {finding.point for finding in result.findings} == {"C00000"}
+    assert result.exit_code is ExitCode.REFUSED
 
 
 def test_shifts_say_in_which_axes_they_are() -> None:
