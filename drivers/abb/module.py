@@ -1,13 +1,13 @@
 """RAPID modules: targets, tools and work objects that are declared, targets inside moves, and what changes them."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from calibration.geometry import Pose
-from drivers.abb.collected import Collected, pose_of
+from drivers.abb.collected import Collected
 from drivers.abb.displacements import USED, WORDS, Displacements, Move
-from drivers.abb.instructions import COMPUTED, MOVES, STAR, Instruction, Target, offset_of, read_instruction
+from drivers.abb.frames_declared import FramesDeclared
+from drivers.abb.instructions import MOVES, STAR, Instruction, Target, read_instruction
 from drivers.abb.literals import (
     AGGREGATES,
     NAME,
@@ -18,13 +18,11 @@ from drivers.abb.literals import (
     end_of_element,
     spelled,
 )
-from drivers.abb.shifted import ShiftFound, ShiftsFound
+from drivers.abb.shifted import ShiftsFound
 from drivers.abb.unread import LIKE_A_POSITION, unread_positions
 from drivers.abb.uses import Uses
 from drivers.abb.usual import USUAL
 from drivers.abb.written import Written
-from drivers.programs.positions import Frames
-from drivers.programs.shifts import NO_TURN, UNREADABLE
 from drivers.programs.spans import Source
 
 _BYTE_ORDER_MARK = "\xef\xbb\xbf"  # of UTF-8, byte by byte
@@ -60,13 +58,9 @@ _REMARKED = {
 _ASSIGNED_TEXT = "{} is set while the program runs; that value is not read."
 _FILLED_TEXT = "{} is an array without values: it is filled while the program runs."
 _COMPUTED_TEXT = "{} is computed; it is not read."
-_HELD_TEXT = "{} is held by the robot: its targets are seen from the flange, and are not changed."
-_MOVED_TEXT = "The user frame of {} is moved by {}; it is not taken as fixed."
-_STATIONARY_TEXT = "{} stands in the cell: targets that use it are seen from the flange, and are not changed."
 _INSIDE_TEXT = "A position stands inside this statement; it is not read, and stays as it is."
 _INSIDE = "it stands inside other data, or is computed in part, and is not read"
 _STAR_UNKNOWN = "its coordinates are not in the file"
-_UNREAD_TEXT = "{} is not read: it is computed, or not as {} is written."
 
 
 @dataclass
@@ -75,21 +69,18 @@ class Module:
 
     found: Collected
     shifts: ShiftsFound
-    uses: Uses = field(default_factory=Uses)
+    uses: Uses
+    frames: FramesDeclared
     name: str = ""
     assigned: list[tuple[int, str, str]] = field(default_factory=list)  # place, name, scope
     overwritten: list[tuple[int, str, str]] = field(
         default_factory=list
     )  # by what is neither read nor a copy
-    bases: dict[str, Pose] = field(default_factory=lambda: {"wobj0": Pose((0.0, 0.0, 0.0))})
-    tools: dict[str, Pose] = field(default_factory=lambda: {"tool0": Pose((0.0, 0.0, 0.0))})
     declared_local: bool = False
     local: bool = False  # the declaration that follows is its module's only
     looked_at: int = 0  # up to where the text was searched for positions inside other data
     displaced: bool = False  # moves are noted one by one, for displacements
     routine_begins: int = 0
-    frames_declared: set[str] = field(default_factory=set)  # tools and work objects, in small letters
-    frames_shown: set[str] = field(default_factory=set)  # those of them that other modules see
     set_names: set[str] = field(default_factory=set)  # what is assigned as a whole
     written: Written = field(default_factory=lambda: Written.nothing(0))
 
@@ -157,25 +148,14 @@ class Module:
             self.found.add_unread(f"line {self.found.source.line_of(place)}", place, _INSIDE)
         self.written = self.found.reckon_usual()
         self.uses.set_while_running |= {
-            name for name in self.set_names if name in self.frames_declared or name not in self.uses.shown
+            name for name in self.set_names if name in self.frames.declared or name not in self.uses.shown
         }
         for place, name, scope in self.assigned:
             if self.uses.rows_of(name, scope):
                 self.found.remark(place, "computed", _ASSIGNED_TEXT.format(name))
-        for poses in (self.tools, self.bases):
-            for name in [name for name in poses if name.lower() in self.uses.several]:
-                del poses[name]
+        self.frames.drop_several()
         self.uses.resolve(self.found)
         self.shifts.bar(self.found, self.uses)
-
-    def frames(self) -> Frames:
-        """Return the tools and fixed work objects that stand here, and the two of the language itself."""
-        return Frames(base_frame=self.bases, flange_tip=self.tools)
-
-    def shown(self, poses: Mapping[str, Pose]) -> dict[str, Pose | None]:
-        """Return what other modules see, by names in small letters; None for one without a fixed pose."""
-        of = {name.lower(): pose for name, pose in poses.items()}
-        return {name: of.get(name) for name in self.frames_shown}
 
     def _word(self, word: str, start: int, end: int) -> int:
         """Take a word at statement level; return where to go on."""
@@ -187,25 +167,10 @@ class Module:
         if word in _REMARKED:
             self.found.remark(start, *_REMARKED[word])
         if word in _REMARKED or word in WORDS:
-            self._shift(word, start, end)
+            self.shifts.take_word(word, (start, end), self.uses.scope)
             return end
         assigned = _ASSIGNED.match(self.found.source.text, end)
         return end if assigned is None else self._assignment(start, end, assigned)
-
-    def _shift(self, word: str, start: int, end: int) -> None:
-        """Note a displacement, or a target that a function shifts."""
-        text, spelt = self.found.source.text, self.found.source.text[start:end]
-        if word in WORDS:
-            self.shifts.displacements.take(word, spelt, end, self.uses.scope)
-            return
-        opened = after_blanks(text, end)
-        if word not in ("offs", "mirpos") or text[opened : opened + 1] != "(":
-            return
-        named = _NAME.match(text, opened + 1)
-        name = spelled(named[1]) if named else ""
-        size = offset_of(text, opened + 1, len(text)) if word == "offs" else UNREADABLE
-        turn = NO_TURN if word == "offs" else None
-        self.shifts.found.append(ShiftFound(start, spelt, self.uses.scope, name, None, size, turn))
 
     def _declaration(self, word: str, end: int) -> int:
         text = self.found.source.text
@@ -216,15 +181,13 @@ class Module:
         self.local, local = False, self.local
         self.declared_local = local
         if kind in ("tooldata", "wobjdata"):
-            self.frames_declared.add(name.lower())
-            if not local and self.uses.scope.endswith("/"):
-                self.frames_shown.add(name.lower())
+            self.frames.declare(name, shown=not local and self.uses.scope.endswith("/"))
         if kind not in AGGREGATES:
             return declared.end()
         if sizes is not None:
             return self._array(kind, name, sizes, declared)
         if kind not in TARGETS:
-            return self._frame(kind, name, declared)
+            return self.frames.take(kind, name, declared)
         if not declared[4]:
             self._declare(name, lambda: self.found.add_untaught(name, declared.start(2)))
             return declared.end()
@@ -312,46 +275,6 @@ class Module:
         add()
         self.uses.declare(name, row, local=self.declared_local)
 
-    def _frame(self, kind: str, name: str, declared: re.Match[str]) -> int:
-        if not declared[4]:
-            return declared.end()
-        try:
-            found = AGGREGATES[kind].match(self.found.source.text, declared.end())
-        except LiteralError:
-            self.found.remark(declared.start(2), "foreign", _UNREAD_TEXT.format(name, kind))
-            return declared.end()
-        self.uses.spell(name)
-        if kind == "tooldata":
-            self._tool(name, found)
-        else:
-            self._work_object(name, found)
-        return found.end()
-
-    def _tool(self, name: str, found: re.Match[str]) -> None:
-        pose = pose_of(found.groups()[1:8])
-        if found[1].upper() == "FALSE":
-            self.uses.seen_from_flange.add(name.lower())
-            self.found.remark(found.start(), "foreign", _STATIONARY_TEXT.format(name))
-        elif pose is not None:
-            self._keep(self.tools, name, pose)
-
-    def _work_object(self, name: str, found: re.Match[str]) -> None:
-        user, obj = pose_of(found.groups()[3:10]), pose_of(found.groups()[10:17])
-        if found[1].upper() == "TRUE":
-            self.uses.seen_from_flange.add(name.lower())
-            self.found.remark(found.start(), "foreign", _HELD_TEXT.format(name))
-        elif found[2].upper() == "FALSE":
-            self.uses.moved.add(name.lower())
-            self.found.remark(found.start(), "foreign", _MOVED_TEXT.format(name, found[3]))
-        elif user is not None and obj is not None:
-            self._keep(self.bases, name, user @ obj)
-
-    def _keep(self, poses: dict[str, Pose], name: str, pose: Pose) -> None:
-        """Take a tool's or a work object's pose; modules and routines of one file may each have their own."""
-        name = self.uses.spell(name)
-        if poses.setdefault(name, pose) != pose:
-            self.uses.several.add(name.lower())
-
     def _assignment(self, start: int, end: int, assigned: re.Match[str]) -> int:
         text = self.found.source.text
         bare = spelled(text[start:end])
@@ -407,16 +330,7 @@ class Module:
             self.found.add_unread(name, target.place, _STAR_UNKNOWN)
         if self.displaced:
             self._note_move(start, target.name, row, instruction.frame)
-        self._note_shift(instruction, target, name, row)
-
-    def _note_shift(self, instruction: Instruction, target: Target, name: str, row: int) -> None:
-        """Note a target that the move itself shifts or computes."""
-        if target.offset_m is None and target.remark != COMPUTED:
-            return
-        what, size, turn = ("Offs", target.offset_m, NO_TURN) if target.offset_m else (name, UNREADABLE, None)
-        self.shifts.found.append(
-            ShiftFound(target.place, what, self.uses.scope, target.name, instruction.frame, size, turn, row)
-        )
+        self.shifts.take_target(target, (name, row), self.uses.scope, instruction.frame)
 
     def _module(self, word: str, end: int) -> int:
         named = _NAME.match(self.found.source.text, end)
@@ -462,7 +376,8 @@ _HANDLERS: dict[str, Callable[[Module, str, int], int]] = {
 
 def read_module(source: Source) -> Module:
     """Read a module."""
-    module = Module(Collected(source), ShiftsFound(Displacements(source.text)))
+    found, uses = Collected(source), Uses()
+    module = Module(found, ShiftsFound(Displacements(source.text)), uses, FramesDeclared(found, uses))
     module.displaced = USED.search(source.text) is not None
     module.read()
     module.finish()

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from math import nan
 
 from drivers.abb.collected import Collected
-from drivers.abb.displacements import Displacements, Held
-from drivers.abb.literals import NUMBER, W
+from drivers.abb.displacements import WORDS, Displacements, Held
+from drivers.abb.instructions import COMPUTED, Target, offset_of
+from drivers.abb.literals import NAME, NUMBER, W, after_blanks, spelled
 from drivers.abb.uses import Uses
 from drivers.programs.barred import OVERWRITTEN
 from drivers.programs.positions import CARTESIAN
@@ -17,6 +18,7 @@ EXTERNAL_OFFSET = "an external axis is offset here, and the project does not kno
 COMPONENT_SET = "the program sets a component of it while it runs"
 _OTHERS = "what other routines go to while it holds"
 _COMPUTED = "a computed place"
+_NAME = re.compile(rf"{W}({NAME})", re.ASCII)
 _SUM = re.compile(r"([^;+\-]*+)([+-])([^;]*+);", re.ASCII)
 _TERM = re.compile(rf"{W}({NUMBER}){W}", re.ASCII)
 _AXIS = re.compile(r"\.trans\.([xyz])$", re.IGNORECASE)
@@ -46,6 +48,29 @@ class ShiftsFound:
     found: list[ShiftFound] = field(default_factory=list)
     set_components: list[tuple[str, str]] = field(default_factory=list)  # name, scope: not by adding to it
     overwritten: list[tuple[str, str]] = field(default_factory=list)  # by what is neither read nor a copy
+
+    def take_word(self, word: str, span: tuple[int, int], scope: str) -> None:
+        """Note a displacement, or a target that a function shifts."""
+        text, (start, end) = self.displacements.text, span
+        if word in WORDS:
+            self.displacements.take(word, text[start:end], end, scope)
+            return
+        opened = after_blanks(text, end)
+        if word not in ("offs", "mirpos") or text[opened : opened + 1] != "(":
+            return
+        named = _NAME.match(text, opened + 1)
+        size = offset_of(text, opened + 1, len(text)) if word == "offs" else UNREADABLE
+        turn = NO_TURN if word == "offs" else None
+        name = spelled(named[1]) if named else ""
+        self.found.append(ShiftFound(start, text[start:end], scope, name, None, size, turn))
+
+    def take_target(self, target: Target, move: tuple[str, int], scope: str, frame: str | None) -> None:
+        """Note a target that its move itself, by name and row, shifts or computes."""
+        if target.offset_m is None and target.remark != COMPUTED:
+            return
+        name, row = move
+        what, size, turn = ("Offs", target.offset_m, NO_TURN) if target.offset_m else (name, UNREADABLE, None)
+        self.found.append(ShiftFound(target.place, what, scope, target.name, frame, size, turn, row))
 
     def take_component(self, place: int, target: tuple[str, str], path: str, value_place: int) -> None:
         """Note that a component of a target, a name in a scope, is assigned."""

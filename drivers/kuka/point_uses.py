@@ -10,6 +10,7 @@ from drivers.kuka.frame_uses import BARRED, RESET, UNKNOWN, Branches, Routine, r
 from drivers.programs.across import COPIED, Held, RoutineSaid, bare_of
 from drivers.programs.positions import CARTESIAN, Frames
 
+EXTERNAL_TOOL = "the program works with an external tool ($IPO_MODE)"
 _MOST_COPIES = 100  # of one point, beyond which copies of copies are not looked for
 _MOST_USES = 1000  # of one name that are told apart; with more it is left
 
@@ -57,7 +58,7 @@ class PointUses:
         reached_from(self.routines)
         for used in self.rows:
             if self.external_tool and self.found.kinds[used.row] == CARTESIAN:
-                self.found.forget(used.row, "the program works with an external tool ($IPO_MODE)")
+                self.found.forget(used.row, EXTERNAL_TOOL)
                 continue
             held = self.held(used, joints=self.found.kinds[used.row] != CARTESIAN)
             self.found.tools[used.row], self.found.user_frames[used.row] = held.tool, held.frame
@@ -75,7 +76,7 @@ class PointUses:
         if not helds or self.found.kinds[row] != CARTESIAN:
             return
         if self.external_tool:
-            self.found.forget(row, "the program works with an external tool ($IPO_MODE)")
+            self.found.forget(row, EXTERNAL_TOOL)
             return
         why = next((held.why for held in sorted(helds, key=str) if held.why), "")
         if len({held[:2] for held in helds}) > 1:
@@ -130,6 +131,8 @@ class PointUses:
                 for used in all_used.values()
                 if bare not in self.routines[used.routine].declared
             }
+            if self.external_tool:
+                helds = {held._replace(why=EXTERNAL_TOOL) for held in helds}
             if helds:
                 said[name.removesuffix("[]")] = frozenset(helds | self._of_copies(name))
         return said

@@ -398,7 +398,7 @@ class Program:
         elif not alone and ":" not in value.partition("}")[2]:
             remark_hidden_positions(self.found, line, line.start)
         if ":" in value.partition("}")[2] and name.name[0] != "$":
-            self.shifts.note_operators(value, name.value or line.start, self.types, None)
+            self._copied(name, value, line)
         if literal is None or not literal.whole or (is_frame and not literal.axes):
             self._overwritten(name, value, line)
 
@@ -424,7 +424,7 @@ class Program:
             self._note(name.name, name.index, line.start, OVERWRITTEN)
 
     def _component(self, code: str, line: Line) -> None:
-        self.shifts.note_component(code, line.start)
+        self.shifts.note_component(code, line.start, self._here(line.start))
         self.found.remark(line.start, "computed", _ASSIGNED.format(code.partition("=")[0].strip()))
         name = item(self.found.source.text, line.start, line.end)
         if name is not None and name.name.upper() in _TABLES:

@@ -9,7 +9,6 @@ import numpy as np
 from calibration.geometry import quaternion_from_rotation
 from calibration.orientation import rotation_from
 from drivers.kuka.collected import Collected
-from drivers.kuka.frame_uses import Branches
 from drivers.kuka.literals import POSE_FIELDS, Literal
 from drivers.kuka.point_uses import PointUses, Used
 from drivers.programs.shifts import NO_TURN, UNREADABLE, Axes, Quaternion, Shift, Triple
@@ -68,7 +67,7 @@ class ShiftNotes:
                 translation, quaternion = (UNREADABLE, None) if literal is None else _size_of(literal)
             self.notes.append(_Found(place, "the operator ':'", right, translation, quaternion, used=used))
 
-    def note_component(self, code: str, place: int) -> None:
+    def note_component(self, code: str, place: int, used: Used) -> None:
         """Note that a component of a point is set."""
         found = _COMPONENT.match(code)
         if found is None:
@@ -83,7 +82,7 @@ class ShiftNotes:
             x, y, z = (size if axis == one else 0.0 for one in "XYZ")
             translation, quaternion = (x, y, z), NO_TURN
         what = " ".join(code.split())[:80]
-        self.notes.append(_Found(place, what, name, translation, quaternion, each_time=True))
+        self.notes.append(_Found(place, what, name, translation, quaternion, each_time=True, used=used))
 
     def shifts(self, points: PointUses) -> tuple[Shift, ...]:
         """Return the shifts, with the base of the move that each belongs to."""
@@ -102,11 +101,6 @@ class ShiftNotes:
             one.quaternion,
             one.each_time,
         )
-
-
-def used_at(place: int, routine: int, branches: Branches) -> Used:
-    """Return a move of a routine, which tells its base."""
-    return Used(-1, routine, place, branches)
 
 
 def _is_point(left: str, types: dict[str, str]) -> bool:

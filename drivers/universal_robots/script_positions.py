@@ -73,6 +73,7 @@ class Finder:
         self.near = {name for name, role in roles if role == "near"}
         self.tool_names = {name for name, role in roles if role == "tool"}
         frames = {name for name, role in roles if role == "frame"} - self.near - self.reached.keys()
+        frames -= {name for name, role in roles if role == "other"}  # a place that is gone to otherwise, too
         self.frame_names = {name for name in frames if self._known(name) and self.given[name][0].is_pose}
         self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
         self.text = text

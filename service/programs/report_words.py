@@ -35,11 +35,15 @@ def verdict(report: Report, language: Language = SCREEN) -> str:
     told = [counted_up]
     if counts[LEFT]:
         told.append(texts.left_means)
-    if report.findings:
-        told.append(counted(report.findings, texts.points_off))
+    told += points_off(report, language)
     if report.refused:
         told.append(counted(len(report.refused), texts.files_refused))
     return language.join(told)
+
+
+def points_off(report: Report, language: Language = SCREEN) -> list[str]:
+    """Return how many points are off though they are changed; nothing where none is."""
+    return [counted(report.findings, language.texts.points_off)] if report.findings else []
 
 
 def accuracy(report: Report, language: Language = SCREEN) -> str:

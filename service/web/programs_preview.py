@@ -17,7 +17,7 @@ from service.programs.report import ProgramEntry, Report, largest
 from service.programs.report_html import points_to_draw
 from service.programs.report_picture import CIVIDIS, Colouring, Scale
 from service.programs.report_texts import Language
-from service.programs.report_words import heading, problems
+from service.programs.report_words import heading, points_off, problems
 from service.programs.result import CHANGED, LEFT, UNCHANGED
 from service.programs.verdicts import counted, place_in, verdict_of
 from service.web.programs_files import ALL, ARCHIVE, OUT, PREVIEW, without_paths
@@ -90,7 +90,11 @@ def write_archive(folder: Path, inside: str) -> None:
 def _preview(made: Made, order: Sequence[ProgramEntry], verdicts: dict[str, int]) -> Preview:
     report, target = made.report, made.target
     arm = target.identified
-    notes = [*map(made.language.say, made.notes), *map(without_paths, problems(report, made.language))]
+    notes = [
+        *points_off(report, made.language),
+        *map(made.language.say, made.notes),
+        *map(without_paths, problems(report, made.language)),
+    ]
     return Preview(
         title=without_paths(heading(report, made.language)),
         cell=target.name,

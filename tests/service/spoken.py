@@ -26,7 +26,7 @@ _BY_NAME = """
     other_joints shared on_conveyor other_motion any_amount set_here in_tool in_master variable_amount written_remote
     made_by missing_group
     costs costs_each_time size_unreadable inside star_unknown frame_alone relative_axes component_set external_offset
-    element_set not_read conflicts in_script stray
+    external_tool element_set not_read conflicts in_script stray
 """
 # What is called with a text that is read by people, beside every error.
 _CALLED = """

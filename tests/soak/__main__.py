@@ -23,6 +23,7 @@ from tests.soak import (
     outliers,
     pages_link,
     places,
+    program_motion,
     program_speed,
     programs,
     screens,
@@ -89,7 +90,9 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
 def main() -> int:
     """Run the campaigns that are named, or all."""
     words = [word.partition("=") for word in sys.argv[1:] or CAMPAIGNS]
-    parts = programs.of_one_generator() | program_speed.of_one_brand()  # which run when they are named
+    parts = (
+        programs.of_one_generator() | program_speed.of_one_brand() | program_motion.of_one_language()
+    )  # which run when they are named
     known = CAMPAIGNS | parts
     unknown = [name for name, _, _ in words if name not in known]
     if unknown:
