@@ -22,9 +22,11 @@ from drivers.fanuc.ls_frames import (
     with_chosen_frames,
     without_set_frames,
 )
+from drivers.fanuc.ls_motions import with_motions, without_standing_tools
 from drivers.fanuc.ls_positions import positions_of
 from drivers.fanuc.ls_records import Place
 from drivers.fanuc.ls_remarks import remarks_of
+from drivers.fanuc.ls_selection import with_selections
 from drivers.fanuc.ls_together import FixedRead, Rewriting, read_fixed, rewriting, rewritten
 from drivers.programs.across import Abroad, Across, Said
 from drivers.programs.errors import ProgramFileError
@@ -71,6 +73,8 @@ class LsProgram:
         found = self._read[0]
         if self._track:
             return replace(found, barred=dict.fromkeys(range(len(found)), _TRACKED))
+        found = with_motions(without_standing_tools(found), self._place.data)
+        found = with_selections(found, self._place.data)
         if open_rows(found):
             found = self._with_chosen(found)
         doubtful = frames_set(self.file, self.name, self._place.data)

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass
 
 from drivers.fanuc.ls_remarks import statements_of
+from drivers.fanuc.ls_statements import motion_of, statements
 
 UNSURE = "?"
 _NUMBERED = re.compile(rb"[ \t]*+\d*+[ \t]*+:?[ \t]*+")
@@ -34,6 +35,7 @@ def registers_used(data: bytes) -> tuple[RegisterUse, ...]:
     first, statements = statements_of(data)
     surely = not _JUMPS.search(statements)
     set_once = {word: _alone(statements, words) for word, words in _WORDS.items()}
+    no_places = _lines_of_no_places(data)
     now: dict[str, str | None] = {"frame": None, "tool": None}
     found = []
     for at, line in enumerate(statements.split(b"\n"), first):
@@ -48,7 +50,7 @@ def registers_used(data: bytes) -> tuple[RegisterUse, ...]:
             RegisterUse(
                 number,
                 at,
-                bool(target and len(uses) == 1 and int(target[1]) == number),
+                bool(target and len(uses) == 1 and int(target[1]) == number and at not in no_places),
                 now["frame"],
                 now["tool"],
             )
@@ -57,6 +59,28 @@ def registers_used(data: bytes) -> tuple[RegisterUse, ...]:
     return tuple(found)
 
 
+def indirect_line(data: bytes) -> int:
+    """Return a line in which a register chooses the PR that is used otherwise than gone to; 0 where none does."""
+    for statement in statements(data):
+        if found := _CHOSEN.search(statement.text):
+            goes_there = statement.moves and _STARTS.match(statement.text) and motion_of(statement).is_place
+            if not goes_there or _CHOSEN.search(statement.text, found.end()):
+                return statement.line
+    return 0
+
+
+def _lines_of_no_places(data: bytes) -> set[int]:
+    """Return the lines of motions whose target is an increment, is led or is shifted."""
+    return {
+        line
+        for statement in statements(data)
+        if statement.moves and not motion_of(statement).is_place
+        for line in range(statement.line, statement.line + statement.text.count(b"\n") + 1)
+    }
+
+
+_CHOSEN = re.compile(rb"PR(?<![A-Z]PR)\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?+[A-Za-z]{1,3}+\[")
+_STARTS = re.compile(rb"[JLCAS][ \t]++PR\[[ \t]*+(?:GP\d[ \t]*+:[ \t]*+)?+[A-Za-z]{1,3}+\[")
 _WORDS = {"frame": _FRAME_WORDS, "tool": (b"UTOOL_NUM", b"WKZ_NUM")}
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,15 @@ class ConfigurationRule(Protocol):
 
     def spelled(self, model: RobotModel, joints: Array, like: Sequence[str]) -> tuple[str, ...]:
         """Return the texts that say these postures (N, n), in the spelling of the N old texts."""
+        ...
+
+
+@runtime_checkable
+class SharedConfigurations(Protocol):
+    """The rule of a maker whose files state a configuration once for many positions, none of which takes another."""
+
+    def refuses_change(self, old: str, new: str) -> str:
+        """Return why a position cannot take another text."""
         ...
 
 

@@ -19,6 +19,7 @@ NEAR_RAD = np.deg2rad(0.01)  # an axis this near to a border is on both sides of
 NEAR_M = 1e-4
 _KNOWN = 6
 _OLDER = 8  # numbers of an XRC's and an NX100's RCONF; a DX100's and all later ones have 24
+_SHARED = "it would need another RCONF, {} in place of {}, and the job states it once for many positions"
 _TURNS = {3: 3, 4: 5, 5: 0}  # place in RCONF: axis R, T, S
 
 
@@ -54,6 +55,10 @@ class JobConfigurations:
                     numbers[place] = _like(numbers[place], str(int(value[i])))
             texts.append(",".join(numbers))
         return tuple(texts)
+
+    def refuses_change(self, old: str, new: str) -> str:
+        """Return why a position cannot take another RCONF."""
+        return _SHARED.format(new, old)
 
 
 def _borders(

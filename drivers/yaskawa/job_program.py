@@ -1,17 +1,23 @@
 """A Yaskawa job as positions in columns, and back: only numbers of changed positions differ."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from calibration.geometry import Array, Pose
+from drivers.programs.across import Abroad, Said
 from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change, Frames, Positions, Remark
+from drivers.programs.positions import CARTESIAN, JOINTS, Change, Frames, Positions, Remark
+from drivers.programs.shifts import Axes, Shift
+from drivers.yaskawa.job_calls import frames_from_others, said_by, shift_from_others
 from drivers.yaskawa.job_columns import PULSES, SHIFT, kind_of, positions_of
 from drivers.yaskawa.job_edits import RATIOS_NEEDED, edits_of
+from drivers.yaskawa.job_motions import motions_in
 from drivers.yaskawa.job_remarks import remarks_of
 from drivers.yaskawa.job_text import ROBOT_ROWS, Job, Row, jobs_of
+
+_MADE_BY = "{} makes its user frame or tool while it runs"
 
 
 @dataclass(frozen=True)
@@ -25,8 +31,41 @@ class JobProgram:
     remarks: tuple[Remark, ...] = field(repr=False)
     frames: Frames = field(repr=False)
     rows: tuple[Row, ...] = field(repr=False)
+    jobs: tuple[str, ...] = field(repr=False)  # whose row each is
     pulses_per_rad: tuple[float, ...] | None = None
+    abroad: Abroad | None = field(default=None, repr=False)  # what the controller's other jobs say
     brand: str = "yaskawa"
+
+    @property
+    def said(self) -> Said:
+        """Return what counts for other jobs of the controller."""
+        return said_by(self.file, self.data)
+
+    def with_abroad(self, abroad: Abroad | None) -> "JobProgram":
+        """Return the program with the shifts of other jobs that may be on in its own."""
+        if abroad is None or not abroad.doubtful:
+            return self
+        names = set(self.jobs)
+        shifting = {name: shift_from_others(self.file, name, abroad.doubtful) for name in names}
+        making = {name: frames_from_others(self.file, name, abroad.doubtful) for name in names}
+        shifts = [
+            Shift(int(self.positions.lines[row]), shifting[self.jobs[row]], Axes.BASE, (row,))
+            for row, kind in enumerate(self.positions.kinds)
+            if kind in (CARTESIAN, JOINTS) and shifting[self.jobs[row]]
+        ]
+        made = {
+            row: _MADE_BY.format(who)
+            for row, held in enumerate(self.rows)
+            if (who := _maker_of(held, making[self.jobs[row]]))
+        }
+        if not (shifts or made):
+            return self
+        positions = replace(
+            self.positions,
+            shifts=(*self.positions.shifts, *shifts),
+            barred={**made, **self.positions.barred},
+        )
+        return replace(self, positions=positions, abroad=abroad)
 
     def to_bytes(self) -> bytes:
         """Return the file."""
@@ -45,7 +84,19 @@ class JobProgram:
             pieces += [self.data[at:start], new.encode("ascii")]
             at = start + len(old)
         data = b"".join([*pieces, self.data[at:]])
-        return read_job(self.file, data, pulses_per_rad=self.pulses_per_rad)
+        return read_job(self.file, data, pulses_per_rad=self.pulses_per_rad).with_abroad(self.abroad)
+
+
+def _maker_of(row: Row, made: Mapping[tuple[str, str], str]) -> str:
+    """Return the job that makes a row's user frame or tool, "" where none does."""
+    if row.held.mode != "RECTAN":
+        return ""
+    user = row.held.user if row.held.postype == "USER" else None
+    for (what, number), who in made.items():
+        held = user if what == "UF" else row.held.tool
+        if held is not None and (not number.isdigit() or int(number) == int(held)):
+            return who
+    return ""
 
 
 def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array | None = None) -> JobProgram:
@@ -82,6 +133,8 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
         if row.kind in ROBOT_ROWS
     ]
     positions = positions_of(name, jobs, rows, kinds, groups, ratios)
+    barred, shifts = motions_in(jobs, positions)
+    positions = replace(positions, barred=barred, shifts=shifts)
     remarks = [remark for notes, _ in told for remark in notes] + _kind_remarks(positions)
     return JobProgram(
         file=name,
@@ -91,6 +144,7 @@ def read_job(name: str, data: bytes, *, pulses_per_rad: Sequence[float] | Array 
         remarks=tuple(sorted(remarks, key=lambda remark: remark.line)),
         frames=_frames(jobs),
         rows=tuple(rows),
+        jobs=tuple(job.name for job in jobs for row in job.rows if row.kind in ROBOT_ROWS),
         pulses_per_rad=None if ratios is None else tuple(float(ratio) for ratio in ratios),
     )
 

@@ -8,7 +8,7 @@ from drivers.programs.positions import Remark
 from drivers.yaskawa.job_text import Job
 
 _MOVES = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "SMOVJ", "SMOVL", "SMOVC", "MOV", "REFP"))
-_VARIABLE = re.compile(r"\b(L?)P(X?)(\d{3,5})\b")
+_VARIABLE = re.compile(r"(?<!\$)\b(L?)P(X?)(\d{3,5})\b")
 _NUMBERED = re.compile(r"\b(C|P)(\d{3,5})\b")
 _TOGETHER = re.compile(r"\+S?MOV")
 _INDIRECT = re.compile(r"\bL?(?:P|BP|EX)X?\[")

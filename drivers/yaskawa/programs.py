@@ -4,6 +4,7 @@ import re
 
 from drivers.programs.brands import ProgramBrand
 from drivers.yaskawa.configuration import JobConfigurations
+from drivers.yaskawa.job_calls import said_by
 from drivers.yaskawa.job_program import JobProgram, read_job
 
 read = read_job  # with pulses_per_rad=… pulse positions become angles
@@ -23,4 +24,6 @@ BRAND = ProgramBrand(
     read=_plain,
     configurations=JobConfigurations(),
     writes_program=_is_job,
+    tells=True,
+    says=said_by,
 )

@@ -89,8 +89,9 @@ def move(  # noqa: PLR0913  a command's options are its arguments
     frame
         Move only the points of this user frame.
     joints
-        What becomes of points in joint angles whose program names no frame, a home position or all of a pulse job:
-        `move` takes them along with the work, `keep` leaves them as they are. Not said, each is left and named.
+        What becomes of points in joint angles, such as a home position or all of a pulse job: `move` takes them
+        along with the work, `keep` leaves them all as they are. Not said, those whose program names a frame move,
+        and each other one is left and named.
     before
         Instead of an offset: the fixture's alignment file before the move, and with `--to` after it.
     after

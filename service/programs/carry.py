@@ -66,8 +66,11 @@ class Route(Protocol):
         """Return what carries places of the source's base into the target's (4, 4)."""
         ...
 
-    def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
-        """Tell whether points of a user frame, or joint angles without one, go this way; or why nobody knows."""
+    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
+        """Tell whether points of a user frame go this way, or why that is not known.
+
+        ``in_joints`` are joint angles, ``bare_joints`` those whose program names no frame but the base.
+        """
         ...
 
     def way(self, passage: Passage) -> Way:
@@ -140,12 +143,12 @@ class Carrier:
     def _taken(self, points: Points, group: Group) -> Rows:
         """Return the points of a group that go this way; of the others it is said that they stay, or are left."""
         goes = np.ones(len(group.rows), dtype=bool)
-        joints = ~points.cartesian[group.rows] & in_no_frame(
-            points.programs[points.of[group.rows[0]]], group.frame
-        )
-        frame = name_in(self._route.source, points.programs[points.of[group.rows[0]]], group.frame)
-        for some, bare in ((~joints, False), (joints, True)):
-            taken = self._route.takes(frame, bare_joints=bare)
+        joints = ~points.cartesian[group.rows]
+        program = points.programs[points.of[group.rows[0]]]
+        in_base = in_no_frame(program, group.frame)
+        frame = name_in(self._route.source, program, group.frame)
+        for some, held in ((~joints, False), (joints, True)):
+            taken = self._route.takes(frame, bare_joints=held and in_base, in_joints=held)
             if taken is not True:
                 goes &= ~some
             if taken is False:

@@ -13,6 +13,14 @@ from calibration.programs.transfer import same_place
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
 from service.programs.makes import base_of, flange_of, make_of
+from service.programs.other_axes import (
+    BESIDE_EXTERNAL,
+    EXTERNAL,
+    OTHER_JOINTS,
+    beside_external_values,
+    has_external_values,
+    of_another_arm,
+)
 from service.programs.project import Project, Tool
 from service.programs.project_pulses import MISSING, PULSES
 
@@ -78,16 +86,9 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
     Raises
     ------
     ProgramFileError
-        A program of an arm with another number of joints.
+        A program of an arm with another number of joints: every joint position says so.
     """
-    for program in programs:
-        held = np.isfinite(program.positions.joints)
-        if held[:, axes:].any() or (held.any(axis=1) & ~held[:, :axes].all(axis=1)).any():
-            raise ProgramFileError(
-                program.name,
-                f"its positions hold another number of joints than the robot's {axes}.",
-                remedy="Name the project of the robot that this program is for.",
-            )
+    other_arms = [of_another_arm(program, axes) for program in programs]
     all_of = [program.positions for program in programs]
     count = [len(positions) for positions in all_of]
     points = Points(
@@ -109,17 +110,13 @@ def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
     )
     groups = side_by_side([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
     points.refuse(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
-    points.refuse(
-        np.flatnonzero(side_by_side([_carried(p.external) for p in all_of], np.zeros(0, dtype=bool))),
-        "carries external axes, and the project does not know what they move",
-    )
+    for flags, why in (
+        (other_arms, OTHER_JOINTS.format(axes)),
+        ([has_external_values(p) for p in all_of], EXTERNAL),
+        ([beside_external_values(p, axes) for p in all_of], BESIDE_EXTERNAL),
+    ):
+        points.refuse(np.flatnonzero(side_by_side(flags, np.zeros(0, dtype=bool))), why)
     return points
-
-
-def _carried(external: Array) -> NDArray[np.bool_]:
-    """Tell which positions (N, k) external axes carry: all that name one which goes anywhere in the file."""
-    used = (np.abs(np.nan_to_num(external)) > 0).any(axis=0)
-    return np.asarray(np.isfinite(external[:, used]).any(axis=1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,7 +73,7 @@ class CloneRoute:
         base = both.bases[0]
         return cls(master, clone, base.other_base_base.matrix(), np.array(base.covariance))
 
-    def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
+    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Every point is cloned."""
         return True
 

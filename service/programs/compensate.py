@@ -37,7 +37,7 @@ class CompensationRoute:
         """Return that nothing of the work moves."""
         return np.eye(4)
 
-    def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
+    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
         """Every point is corrected."""
         return True
 

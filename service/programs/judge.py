@@ -7,7 +7,7 @@ import numpy as np
 from calibration.geometry import Array
 from calibration.motion.collision import CollisionCheck, Contact
 from calibration.programs.transfer import Transferred, smallest_sigma
-from drivers.programs.brands import ConfigurationRule
+from drivers.programs.brands import ConfigurationRule, SharedConfigurations
 from service.programs.cell_of_program import Points, Rows
 from service.programs.project import Project
 
@@ -116,6 +116,10 @@ class Judge:
             return {}
         old = [points.texts[int(rows[i])] for i in other]
         new = self.rule.spelled(self.project.controller, joints[other], old)
+        if isinstance(self.rule, SharedConfigurations):
+            for i, before, after in zip(other, old, new, strict=True):
+                points.refuse(rows[[i]], self.rule.refuses_change(before, after))
+            return {}
         right = self.rule.agrees(self.project.controller, joints[other], new, turns=True)
         told = {int(rows[i]): text for i, text in zip(other, new, strict=True)}
         wrong = [int(rows[i]) for i, agrees in zip(other, right.tolist(), strict=True) if not agrees]

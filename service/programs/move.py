@@ -25,7 +25,9 @@ class MoveRoute:
     project: Project
     base_change: Array  # (4, 4) in the base: new place = change @ old place
     frame: str | None = None  # only points of this user frame; None: all
-    joints: JointPoints | None = None  # points in joint angles whose program names no frame
+    joints: JointPoints | None = (
+        None  # points in joint angles; None: those whose program names no frame are left
+    )
 
     @property
     def source(self) -> Project:
@@ -42,14 +44,16 @@ class MoveRoute:
         """Return the motion of the work."""
         return self.base_change
 
-    def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str:
-        """Points of one user frame, or all; of joint angles without one somebody says whether they go along."""
+    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
+        """Return whether points of a user frame move; the option for joint angles goes before what a file says."""
+        if in_joints and (self.joints == "keep" or (bare_joints and self.joints == "move")):
+            return self.joints == "move"
         named = frame if frame is not None else self.project.unsaid_frame
         if self.frame is not None and named != self.frame:
             return False
-        if not bare_joints:
-            return True
-        return UNDECIDED if self.joints is None else self.joints == "move"
+        if bare_joints and self.joints is None:
+            return UNDECIDED
+        return True
 
     def way(self, passage: Passage) -> Way:
         """Carry the real tip along with the work; without parameters the controller's arm stands for the real one."""

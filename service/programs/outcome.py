@@ -13,11 +13,12 @@ from drivers.program_registry import changed_together
 from drivers.programs.errors import ProgramFileError
 from drivers.programs.positions import Change, ProgramFile
 from service.programs.cell_of_program import Points, Rows, joints_of, side_by_side
+from service.programs.fitting_changes import change_what_fits
 from service.programs.project import Project
 from service.programs.result import CHANGED, LEFT, UNCHANGED, Finding, ProgramResult
 
 _BLOCK = 32768
-_MOST_FOREIGN = 0.5  # of a program's points
+_MOST_FOREIGN, _FEWEST_FOREIGN = 0.5, 2  # share of a program's points, and how many: one may be a mistake
 
 
 @dataclass(eq=False)
@@ -55,8 +56,8 @@ def results_of(
     Raises
     ------
     ProgramFileError
-        Most points of a program do not belong to the source's robot, a program cannot take its change, or does not
-        say what was asked for when it is read again.
+        Most points of a program do not belong to the source's robot, a program can take no change at all, or does
+        not say what was asked for when it is read again.
     """
     bounds = np.searchsorted(points.of, np.arange(len(points.programs) + 1)).tolist()
     good = np.array([not reason for reason in points.reasons], dtype=bool)
@@ -64,8 +65,9 @@ def results_of(
     for program, its in zip(points.programs, slices, strict=True):
         if not good[its].all():
             _refuse_foreign_points(program, points.reasons[its], source)
+    after = _changed(points, outcome, good & ~points.stays, slices)
+    good = np.array([not reason for reason in points.reasons], dtype=bool)
     written = good & ~points.stays
-    after = _changed(points, outcome, written, slices)
     status = _status(points, after, good)
     _check_written(points, after, outcome, written)
     for column in (
@@ -100,13 +102,23 @@ def results_of(
 
 
 def _changed(points: Points, outcome: Outcome, good: Flags, slices: Sequence[slice]) -> list[ProgramFile]:
-    """Return every program with its good points where they go."""
+    """Return every program with its good points where they go; points that it cannot take are left."""
     after = list(points.programs)
     rows = [its.start + np.flatnonzero(good[its]) for its in slices]
     some = [i for i, its in enumerate(rows) if len(its)]
     changes = [_change(points, rows[i], outcome) for i in some]
-    for i, new in zip(some, changed_together([points.programs[i] for i in some], changes), strict=True):
-        after[i] = new
+    try:
+        changed = changed_together([points.programs[i] for i in some], changes)
+    except ProgramFileError:
+        for i in some:
+            after[i], refused = change_what_fits(
+                points.programs[i], rows[i], lambda its: _change(points, its, outcome)
+            )
+            for row, why in refused.items():
+                points.refuse(np.array([row], dtype=np.intp), why)
+    else:
+        for i, new in zip(some, changed, strict=True):
+            after[i] = new
     return after
 
 
@@ -186,7 +198,7 @@ def _refuse_written(points: Points, rows: Rows, apart_m: Array) -> None:
 def _refuse_foreign_points(program: ProgramFile, reasons: Sequence[str], project: Project) -> None:
     """Refuse a program most of whose points its own robot cannot reach."""
     beyond = sum(reason.startswith(("unreachable: the arm has", "its joints and")) for reason in reasons)
-    if beyond > _MOST_FOREIGN * len(reasons):
+    if beyond >= _FEWEST_FOREIGN and beyond > _MOST_FOREIGN * len(reasons):
         raise ProgramFileError(
             program.name,
             f"{beyond} of its {len(reasons)} positions do not belong to the {project.nominal.name} of "

@@ -48,7 +48,7 @@ def in_joints(programs: Sequence[ProgramFile], ratios: Array | None) -> tuple[Pr
     from drivers.yaskawa.job_program import JobProgram, read_job  # noqa: PLC0415
 
     return tuple(
-        read_job(program.file, program.data, pulses_per_rad=ratios)
+        read_job(program.file, program.data, pulses_per_rad=ratios).with_abroad(program.abroad)
         if isinstance(program, JobProgram)
         else program
         for program in programs

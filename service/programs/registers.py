@@ -5,12 +5,12 @@ motion, is computed, or is gone to in several frames stays, with the reason.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.geometry import Array
-from drivers.fanuc.ls_registers import UNSURE, RegisterUse, registers_used
+from drivers.fanuc.ls_registers import UNSURE, RegisterUse, indirect_line, registers_used
 from drivers.fanuc.va_backup import REGISTERS, FanucBackup, read_backup
 from drivers.fanuc.va_edits import Edit, changed_files
 from drivers.fanuc.va_positions import VaPosition
@@ -20,6 +20,11 @@ from service.programs.carry import Carrier
 from service.programs.project import Project
 from service.programs.project_poses import ProjectError
 from service.programs.result import LEFT, ProgramResult
+
+_OTHER_CONFIGURATION = (
+    "it has the configuration {} in {}, and needs {}: record it on the pendant once in the right posture"
+)
+_CHOSEN = "{} line {} lets a number register choose a PR that it computes or shifts with: any may be meant"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,10 +59,13 @@ class Registers:
     def __init__(self, programs: Sequence[ProgramFile], cell: Project) -> None:
         self._backup = backup_of(cell)
         uses: dict[int, list[tuple[str, RegisterUse]]] = {}
+        chosen = ""
         for program in programs:
+            line = indirect_line(program.to_bytes()) if program.brand == "fanuc" else 0
+            chosen = chosen or (_CHOSEN.format(program.name, line) if line else "")
             for use in registers_used(program.to_bytes()) if program.brand == "fanuc" else ():
                 uses.setdefault(use.number, []).append((program.name, use))
-        self.all = tuple(_register(self._backup, number, uses[number]) for number in sorted(uses))
+        self.all = tuple(_register(self._backup, number, uses[number], chosen) for number in sorted(uses))
         self.places = RegisterPlaces(
             self._backup,
             tuple(
@@ -80,7 +88,8 @@ class Registers:
         after = result.after.positions
         here = target.backup is not None
         backup = read_backup(target.backup) if target.backup is not None else self._backup
-        _refuse_other_configurations(backup, self.places, rows, after.configurations)
+        result = _without_other_configurations(result, backup, self.places)
+        rows = [row for row in rows if result.status[row] != LEFT]
         edits = self.places.edits_in(backup, rows, after.frame_tip[rows], _joints(after.joints, rows))
         file = changed_files(backup, edits).get(REGISTERS, backup.files[REGISTERS].data) if here else None
         return Carried(result, edits, file)
@@ -108,10 +117,12 @@ def backup_of(cell: Project) -> FanucBackup:
     return backup
 
 
-def _register(backup: FanucBackup, number: int, uses: Sequence[tuple[str, RegisterUse]]) -> Register:
+def _register(
+    backup: FanucBackup, number: int, uses: Sequence[tuple[str, RegisterUse]], chosen: str
+) -> Register:
     position = backup.registers.get((GROUP, number))
     at = tuple((program, use.line) for program, use in uses)
-    return Register(number, position, at, _why_it_stays(position, uses))
+    return Register(number, position, at, _why_it_stays(position, uses) or chosen)
 
 
 def _why_it_stays(position: VaPosition | None, uses: Sequence[tuple[str, RegisterUse]]) -> str:
@@ -126,19 +137,17 @@ def _why_it_stays(position: VaPosition | None, uses: Sequence[tuple[str, Registe
     return ""
 
 
-def _refuse_other_configurations(
-    backup: FanucBackup, places: RegisterPlaces, rows: Sequence[int], configurations: Sequence[str]
-) -> None:
-    """Refuse numbers for a register that would read them in another posture."""
-    for row in rows:
-        number = places.places[row].number
-        held = backup.registers.get((GROUP, number))
-        if held is not None and held.cartesian and held.configuration != configurations[row]:
-            raise ProjectError(
-                f"PR[{number}] has the configuration {held.configuration} in {backup.folder}, and needs "
-                f"{configurations[row]}.",
-                remedy="Record it on the pendant once in the right posture, and save the backup again.",
-            )
+def _without_other_configurations(
+    result: ProgramResult, backup: FanucBackup, places: RegisterPlaces
+) -> ProgramResult:
+    """Return a result that leaves the registers which the target would read in another posture."""
+    status, reason = list(result.status), list(result.reason)
+    for row, text in enumerate(result.after.positions.configurations):
+        held = backup.registers.get((GROUP, places.places[row].number))
+        if status[row] != LEFT and held is not None and held.cartesian and held.configuration != text:
+            status[row] = LEFT
+            reason[row] = _OTHER_CONFIGURATION.format(held.configuration, backup.folder, text)
+    return replace(result, status=tuple(status), reason=tuple(reason))
 
 
 def _joints(joints: Array, rows: Sequence[int]) -> Array:

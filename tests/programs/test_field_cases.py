@@ -170,7 +170,8 @@ def test_an_axis_that_goes_anywhere_leaves_every_point_that_it_carries(tmp_path:
     moves = "\n".join(f"MoveL {target},v100,z1,tool0;" for target in (*targets, TARGET))
     text = f"MODULE A\nPROC main()\n{moves}\nENDPROC\nENDMODULE\n"
     moved = move(tmp_path, "abb", "wobj0_case.mod", offset=TURNED, text=text)
-    assert [one["status"] for one in moved.report["points"]] == ["left", "left", "changed"]
+    # the rail stands somewhere for the third, too, which does not name it
+    assert [one["status"] for one in moved.report["points"]] == ["left", "left", "left"]
 
 
 @pytest.mark.parametrize(

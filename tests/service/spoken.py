@@ -22,6 +22,9 @@ _BY_NAME = """
     barred_different barred_computed barred_set barred_moved seen_from_flange
     unreachable other_configuration other_turns no_posture fixed cure hindrances occupied
     text question asked
+    increment led_motion standing_tool camera any_increment amount other_frame other_group beside_external external
+    other_joints shared on_conveyor other_motion any_amount set_here in_tool in_master variable_amount written_remote
+    made_by missing_group
     costs costs_each_time size_unreadable inside star_unknown frame_alone relative_axes component_set external_offset
     external_tool element_set not_read conflicts in_script stray
 """

@@ -16,6 +16,7 @@ from drivers.fanuc.ls_program import read_ls
 from drivers.fanuc.programs import BRAND
 from drivers.programs.positions import CARTESIAN
 from drivers.universal_robots.script_program import read_script
+from service.programs.clone import cloning
 from service.programs.compensate import compensating
 from service.programs.joint_points import UNDECIDED, JointPoints
 from service.programs.move import change_of_frame, moving, redefined_frame
@@ -131,6 +132,26 @@ def test_points_of_the_wrong_configuration_are_named(cells: Cells) -> None:
 
     assert result.reason[0].startswith("no posture of the arm reaches this pose with the configuration")
     assert set(result.status[1:]) == {"changed"}
+
+
+@pytest.mark.parametrize("way", ["cloned", "compensated", "moved"])
+def test_no_way_changes_an_increment(cells: Cells, way: str) -> None:
+    old = cells.program.to_bytes()
+    data = old.replace(b"L P[2] 250mm/sec FINE ", b"L P[2] 250mm/sec FINE INC ")
+    assert data != old
+    program = read_ls("A.LS", data)
+    carriers = {
+        "cloned": lambda: cloning(cells.master_project, cells.clone_project, RULE),
+        "compensated": lambda: compensating(cells.master_project, Direction.UPLOAD, RULE),
+        "moved": lambda: moving(cells.master_project, OFFSET, RULE),
+    }
+
+    result = carriers[way]().carry([program])[0]
+
+    assert result.status[1] == "left"
+    assert "increment" in result.reason[1]
+    assert np.array_equal(result.after.positions.frame_tip[1], program.positions.frame_tip[1])
+    assert "changed" in result.status
 
 
 def _fitted(poses: np.ndarray, wanted: np.ndarray) -> np.ndarray:

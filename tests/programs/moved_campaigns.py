@@ -1,0 +1,63 @@
+"""Generated programs of FANUC and Yaskawa, moved and executed before and after: `tests.programs.moved_path`."""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from drivers.fanuc.programs import BRAND as FANUC
+from drivers.programs.brands import ProgramBrand
+from drivers.yaskawa.programs import BRAND as YASKAWA
+from service.programs.move import moving
+from service.programs.project import Project, read_project
+from tests.programs import fanuc_motion, jobs_to_move, listings_to_move, yaskawa_motion
+from tests.programs.moved_path import Tally, compare_paths
+
+Execute = Callable[[str], list[Any]]
+
+
+def fanuc_moved(seeds: Iterable[int], folder: Path) -> Tally:
+    """Move generated listings and compare their paths."""
+    cell, total = _cell(folder, listings_to_move.PROJECT), Tally()
+    for seed in seeds:
+        case = listings_to_move.generate(seed)
+        total.add(
+            _moved(
+                seed,
+                cell,
+                FANUC,
+                case,
+                lambda text, its=case: fanuc_motion.Interpreter(text, its.controller).run(),
+            )
+        )
+    return total
+
+
+def yaskawa_moved(seeds: Iterable[int], folder: Path) -> Tally:
+    """Move generated jobs and compare their paths."""
+    cell, total = _cell(folder, jobs_to_move.PROJECT), Tally()
+    frames = jobs_to_move.FRAMES
+    for seed in seeds:
+        case = jobs_to_move.generate(seed)
+        total.add(
+            _moved(
+                seed,
+                cell,
+                YASKAWA,
+                case,
+                lambda text, its=case: yaskawa_motion.Interpreter(text, frames, its.variables).run(),
+            )
+        )
+    return total
+
+
+def _cell(folder: Path, text: str) -> Project:
+    file = folder / "project.toml"
+    file.write_text(text, encoding="utf-8")
+    return read_project(file)
+
+
+def _moved(seed: int, cell: Project, brand: ProgramBrand, case: Any, execute: Execute) -> Tally:
+    program = brand.read(f"m{seed}{brand.suffixes[0]}", case.text.encode("cp437"))
+    result = moving(cell, case.change, brand.configurations, joints="keep").carry([program])[0]
+    after = result.after.to_bytes().decode("cp437")
+    return compare_paths(seed, result, (execute(case.text), execute(after)), case.change, case.plain)

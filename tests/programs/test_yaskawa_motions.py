@@ -1,0 +1,227 @@
+"""What instructions of Yaskawa jobs do to positions: increments, shifts, led motions, frames made at run time."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.geometry import homogeneous
+from drivers.programs.across import Across
+from drivers.programs.shifts import Axes
+from drivers.yaskawa.job_calls import said_by
+from drivers.yaskawa.programs import BRAND, read
+from service.exit_codes import ExitCode
+from service.programs.move import moving
+from service.programs.project import read_project
+from service.programs.result import ProgramResult
+from tests.programs.jobs_to_move import PROJECT
+
+HEAD = """/JOB
+//NAME A
+//POS
+///NPOS 2,0,0,3,0,0
+///TOOL 0
+///USER 2
+///POSTYPE USER
+///RECTAN
+///RCONF 0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0,0
+C00000=50.000,0.000,200.000,180.0000,0.0000,0.0000
+C00001=0.000,40.000,180.000,180.0000,0.0000,0.0000
+P00000=10.000,0.000,-50.000,0.0000,0.0000,0.0000
+P00001=20.000,30.000,190.000,180.0000,0.0000,0.0000
+///POSTYPE TOOL
+P00002=0.000,0.000,-30.000,0.0000,0.0000,0.0000
+//INST
+///DATE 2020/04/25 14:11
+///ATTR SC,RW
+///GROUP1 RB1
+NOP
+"""
+NAMES = ("C00000", "C00001", "P00000", "P00001", "P00002")
+
+
+def job(*lines: str) -> bytes:
+    """Return a job of two taught positions and three variables."""
+    return (HEAD + "\n".join([*lines, "END", ""])).encode("ascii")
+
+
+def moved(
+    data: bytes, tmp_path: Path, *, turn: bool = True, about: tuple[float, float] = (0.0, 0.0)
+) -> ProgramResult:
+    """Return a job whose work moves, by a turn about an upright axis and a step."""
+    file = tmp_path / "project.toml"
+    file.write_text(PROJECT, encoding="utf-8")
+    angle = np.radians(20.0) if turn else 0.0
+    c, s = np.cos(angle), np.sin(angle)
+    upright, place = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), np.array([*about, 0.0])
+    change = homogeneous(upright, place - upright @ place + np.array([0.02, -0.02, 0.005]))
+    return moving(read_project(file), change, BRAND.configurations).carry([BRAND.read("a.jbi", data)])[0]
+
+
+def left(result: ProgramResult) -> set[str]:
+    """Return what is left beside the variables that no line goes to."""
+    return {name for name, _ in result.left}
+
+
+@pytest.mark.parametrize(
+    ("line", "name", "word"),
+    [
+        ("IMOV P000 V=50.0 RF", "P00000", "increment"),
+        ("IMOV P000 V=50.0 UF#(2) ACC=50", "P00000", "increment"),
+        ("SMOVL C00001 V=50.0 +MOVL EC00001", "C00001", "leads"),
+        ("SYMOVL C00001 V=50.0 CV#(1) CTP=0.250", "C00001", "conveyor"),
+        ("EMOVL C00001 V=50.0 UF#(2)", "C00001", "does not state"),
+        ("MOVL P002 V=50.0", "P00002", "axes of the tool"),
+        ("IMOV P[I001] V=50.0 RF", "P00001", "register chooses"),
+        ("ADD P[I001] P000", "P00001", "register chooses"),
+    ],
+)
+def test_what_is_no_place_is_left_and_named(line: str, name: str, word: str, tmp_path: Path) -> None:
+    data = job("MOVJ C00000 VJ=5.00", "MOVL P001 V=50.0", line)
+
+    result = moved(data, tmp_path)
+
+    assert word in dict(result.left)[name]
+    assert "C00000" not in left(result)
+    assert result.exit_code is ExitCode.REFUSED
+    row = HEAD[HEAD.index(f"{name}=") :].partition("\n")[0]
+    assert row in result.after.to_bytes().decode()
+
+
+@pytest.mark.parametrize(
+    ("lines", "found"),
+    [
+        (("SFTON P050 BF", "MOVL C00000 V=1.0", "SFTOF", "MOVL C00001 V=1.0"), {"C00000"}),
+        (("SFTON P050 UF#(2)", "MOVL C00000 V=1.0", "MOVL P001 V=1.0"), {"C00000", "P00001"}),
+        (("SFTON P050 TF", "MOVL C00000 V=1.0"), set()),
+        (("'SFTON P050 BF", "COMM SFTON P050 BF", "MOVL C00000 V=1.0"), set()),
+        (("*A", "MOVL C00000 V=1.0", "SFTON P050 BF", "JUMP *A IF B000=1"), {"C00000", "P00001"}),
+        (("MOVL C00000 V=1.0", "IMOV P050 V=1.0 BF"), {"P050"}),
+        (("MOVL C00000 V=1.0", "IMOV LP050 V=1.0 RF"), {"LP050"}),
+        (("MOVL C00000 V=1.0", "IMOV P050 V=1.0 TF"), set()),
+        (("GETS PX050 $PX001", "ADD P050 P051", "MOVL P050 V=1.0"), {"P050"}),
+        (("GETS PX050 $PX001", "MOVL C00000 V=1.0", "MOVL P050 V=1.0"), set()),
+    ],
+)
+def test_shifts_are_findings_where_the_work_turns(
+    lines: tuple[str, ...], found: set[str], tmp_path: Path
+) -> None:
+    result = moved(job("MOVL P001 V=1.0", *lines), tmp_path)
+
+    assert {finding.point for finding in result.findings} == found
+    for finding in result.findings:
+        assert np.degrees(finding.angle_rad) == pytest.approx(20.0)
+    assert not moved(job("MOVL P001 V=1.0", *lines), tmp_path, turn=False).findings
+
+
+def test_an_amount_computed_from_a_taught_point_is_a_finding_without_a_turn(tmp_path: Path) -> None:
+    lines = ("GETPOS PX050 STEP#(1)", "SUB P050 P051", "SFTON P050 BF", "MOVL C00000 V=1.0", "SFTOF")
+
+    result = moved(job("MOVL P001 V=1.0", *lines), tmp_path, turn=False)
+
+    assert {finding.point for finding in result.findings} == {"C00000"}
+    assert result.exit_code is ExitCode.REFUSED
+
+
+def test_shifts_say_in_which_axes_they_are() -> None:
+    program = BRAND.read(
+        "a.jbi", job("SFTON P050 UF#(2)", "MOVL C00001 V=1.0", "SFTON P050 RF", "MOVL C00000 V=1.0")
+    )
+
+    assert {(one.axes, one.rows) for one in program.positions.shifts} == {
+        (Axes.USER_FRAME, (1,)), (Axes.USER_FRAME, (0,)), (Axes.BASE, (0,)),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("line", "names"),
+    [
+        ("MFRAME UF#(2) PX050 PX051 PX052", set(NAMES)),
+        ("MFRAME UF#(7) PX050 PX051 PX052", {"P00000", "P00002"}),
+        ("SETTOOL TL#(0) P050", set(NAMES)),
+        ("SETTOOL TL#(9) P050", {"P00000", "P00002"}),
+        ("MFRAME UF#(B001) PX050 PX051 PX052", set(NAMES)),
+    ],
+)
+def test_positions_in_a_frame_that_the_job_makes_are_left(line: str, names: set[str], tmp_path: Path) -> None:
+    result = moved(job(line, "MOVL C00000 V=1.0", "MOVL C00001 V=1.0", "MOVL P001 V=1.0"), tmp_path)
+
+    assert left(result) == names
+
+
+def test_the_current_position_is_no_variable_of_the_job(tmp_path: Path) -> None:
+    result = moved(job("MOVL P001 V=1.0", "GETS PX050 $PX001", "MOVL C00000 V=1.0"), tmp_path)
+
+    assert "P00001" not in left(result)
+
+
+def test_one_position_that_needs_another_rconf_is_left_alone(tmp_path: Path) -> None:
+    """A turn about the work takes axis T past half a turn for one position; the others still move."""
+    row = b"C00001=0.000,40.000,180.000,180.0000,0.0000,"
+    data = job("MOVL C00000 V=1.0", "MOVL C00001 V=1.0", "MOVL P001 V=1.0")
+    data = data.replace(row + b"0.0000", row + b"-30.0000")
+
+    result = moved(data, tmp_path, about=(1.2, 0.1))
+
+    assert left(result) == {"C00001", "P00000", "P00002"}
+    assert "RCONF" in dict(result.left)["C00001"]
+    assert result.exit_code is ExitCode.REFUSED
+
+
+def named_job(name: str, *lines: str) -> bytes:
+    """Return a job of this name."""
+    return job(*lines).replace(b"//NAME A", f"//NAME {name}".encode())
+
+
+@pytest.mark.parametrize(
+    ("lines", "found"),
+    [
+        (("SFTON P050 BF", "CALL JOB:PICK", "SFTOF"), {"C00000"}),
+        (("SFTON P050 BF", "CALL JOB:MIDDLE IF IN#(1)=ON", "SFTOF"), {"C00000"}),
+        (("SFTON P050 BF", "SFTOF", "CALL JOB:PICK"), set()),
+        (("CALL JOB:PICK",), set()),
+    ],
+)
+def test_a_shift_is_on_in_jobs_that_are_called(lines: tuple[str, ...], found: set[str]) -> None:
+    files = {
+        "MAIN.JBI": named_job("MAIN", *lines),
+        "MIDDLE.JBI": named_job("MIDDLE", "CALL JOB:PICK"),
+        "PICK.JBI": named_job("PICK", "MOVL C00000 V=1.0"),
+    }
+    across = Across({name: said_by(name, data) for name, data in files.items()})
+    pick = read("PICK.JBI", files["PICK.JBI"]).with_abroad(across.of("PICK.JBI"))
+
+    assert {pick.positions.names[row] for one in pick.positions.shifts for row in one.rows} >= found
+    assert bool(pick.positions.shifts) is bool(found)
+
+
+def test_a_job_that_leaves_its_shift_on_shifts_its_caller() -> None:
+    files = {
+        "MAIN.JBI": named_job("MAIN", "CALL JOB:ON", "MOVL C00000 V=1.0"),
+        "ON.JBI": named_job("ON", "SFTON P050 BF"),
+    }
+    across = Across({name: said_by(name, data) for name, data in files.items()})
+    main = read("MAIN.JBI", files["MAIN.JBI"]).with_abroad(across.of("MAIN.JBI"))
+
+    assert {one.what for one in main.positions.shifts} == {"SFTON of ON"}
+
+
+@pytest.mark.parametrize(
+    ("lines", "names"),
+    [
+        (("MFRAME UF#(2) PX050 PX051 PX052", "CALL JOB:PICK"), {"C00000", "C00001", "P00000", "P00001"}),
+        (("SETTOOL TL#(0) P050", "CALL JOB:PICK"), set(NAMES)),
+        (("MFRAME UF#(5) PX050 PX051 PX052", "CALL JOB:PICK"), set()),
+        (("MFRAME UF#(2) PX050 PX051 PX052",), set()),  # a job to set up the cell
+    ],
+)
+def test_frames_that_other_jobs_make_leave_their_positions(lines: tuple[str, ...], names: set[str]) -> None:
+    files = {"MAIN.JBI": named_job("MAIN", *lines), "PICK.JBI": named_job("PICK", "MOVL C00000 V=1.0")}
+    across = Across({name: said_by(name, data) for name, data in files.items()})
+    alone = read("PICK.JBI", files["PICK.JBI"])
+    pick = alone.with_abroad(across.of("PICK.JBI"))
+
+    barred = {pick.positions.names[row] for row in pick.positions.barred}
+    assert barred == names | {alone.positions.names[row] for row in alone.positions.barred}
+    if "C00000" in names:
+        assert "MAIN makes" in pick.positions.barred[0]
