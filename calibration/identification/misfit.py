@@ -76,7 +76,7 @@ def refuse_misfit(
         With the cause, and how to say it.
     """
     names = names or FileNames(model.joint_names)
-    if len(observations) < _FEWEST[observations.kind]:
+    if len(observations) < _FEWEST.get(observations.kind, len(observations) + 1):
         return
     rows = some_rows(len(observations), _MOST_ROWS)
     some = observations.take(rows)

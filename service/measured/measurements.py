@@ -21,6 +21,7 @@ from calibration.identification.observations import (
 from calibration.identification.unrounding import resolution
 from calibration.orientation import CONVENTIONS, rotation_from
 from service.measured.columns import Layout, detect_layout
+from service.measured.joint_coupling import controller_joints
 from service.measured.no_readings import no_readings, usable_without
 from service.measured.table import MeasurementError, Table, read_table
 from service.measured.unit_choice import UnitChoice
@@ -97,7 +98,7 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     units = UnitChoice({**layout.units, **options.units}, guesses)
     raw = np.column_stack([numbers[name][good] for name in layout.joints])
     unit = units.angle("joints", layout.joints, raw)
-    joints = _of_controller(_as_typed(raw * unit, layout), model, options)
+    joints = controller_joints(_as_typed(raw * unit, layout), model, options.joint_coupling)
     good, joints, silent = _with_readings(table, good, joints, (layout, numbers, model))
     rejected = tuple(sorted([*rejected, *silent], key=lambda item: item.row))
     _refuse_none(path, good, rejected)
@@ -157,20 +158,6 @@ def _with_readings(
         for at, why in found.items()
     ]
     return usable_without(good, list(found)), np.delete(joints_rad, list(found), axis=0), silent
-
-
-def _of_controller(angles_rad: Array, model: RobotModel, options: ReadOptions) -> Array:
-    """Return joints as the controller counts them, from geometric ones if the user says so."""
-    known = ("", "controller", "geometric")
-    if options.joint_coupling not in known:
-        raise MeasurementError(
-            f"joints cannot be {options.joint_coupling!r}.",
-            remedy="joint_coupling is controller (as on the pendant) or geometric.",
-        )
-    if options.joint_coupling != "geometric":
-        return angles_rad
-    signed: Array = angles_rad * np.sign(np.diag(model.joint_coupling))
-    return np.asarray(np.linalg.solve(model.joint_coupling, signed.T).T, dtype=np.float64)
 
 
 def _usable(

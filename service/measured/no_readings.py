@@ -10,6 +10,7 @@ from calibration.geometry import Array
 _FILL_INS = (999.0, 9999.0, 99999.0, 999999.0, 9999999.0, 999.9, 9999.9, 999.99, 9999.99, 999.999, 9999.999, 99999.999)
 _STOOD_M = 1e-3  # of the flange: beyond, the arm moved
 _FEWEST_FROZEN = {1: 3, 3: 2}  # equal readings in a row, by their numbers: one length may come twice by chance
+_MOST_FROZEN = 0.5  # of the rows: above, it is no fault of single rows
 _MOST_ZEROS = 0.9  # of the rows: above, a column of zeros is what the device reads
 
 
@@ -58,16 +59,17 @@ def _frozen(values: Array, flange_m: Array, found: dict[int, str]) -> None:
     """Find readings that repeat the one before to the last digit although the arm moved."""
     rows = [row for row in range(len(values)) if row not in found]
     fewest = _FEWEST_FROZEN[1 if values.shape[1] == 1 else 3]
+    stood: list[int] = []
     run: list[int] = []
     for row in [*rows, -1]:
         if row >= 0 and run and _repeats(values, flange_m, run[-1], row):
             run.append(row)
             continue
-        if len(run) >= fewest:
-            # The first may be a reading; nothing tells whether it is, and one row is no loss.
-            for each in run:
-                found[each] = "the same reading stands in neighbouring rows although the arm moved"
+        # The first may be a reading; nothing tells whether it is, and one row is no loss.
+        stood += run if len(run) >= fewest else []
         run = [row]
+    if len(stood) <= _MOST_FROZEN * len(values):
+        found |= dict.fromkeys(stood, "the same reading stands in neighbouring rows although the arm moved")
 
 
 def _repeats(values: Array, flange_m: Array, before: int, row: int) -> bool:
