@@ -82,13 +82,13 @@ def refuse_misfit(
     some = observations.take(rows)
     motion_m = motion_of(model, some)
     stands = fit_quickly(model, some)
-    if stands.score_m <= max(_SUSPECT * motion_m, _SUSPECT_M):
+    if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
+        others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
+        causes = _causes(model, observations, stands, names, others)
+        if causes:
+            raise _misfit(model, stands.score_m, motion_m, causes)
+    if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
         _refuse_far_zero(model, some, stands, names)
-        return
-    others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
-    causes = _causes(model, observations, stands, names, others)
-    if causes:
-        raise _misfit(model, stands.score_m, motion_m, causes)
 
 
 def refuse_gross_misfit(model: RobotModel, observations: Observations, errors: Array) -> None:
@@ -156,7 +156,10 @@ def _fit_from(model: RobotModel, observations: Observations, start: ArmState) ->
     for at, parameter in enumerate(layout.parameters):
         if parameter.role == "offset":
             offsets[parameter.joint], sigma[parameter.joint] = fit.deviations[at], spread[at]
-    return Fitted(score, tuple(offsets.tolist()), tuple(sigma.tolist()))
+    # Offsets belong to angles against the link before; what is shown are the controller's joints.
+    of_joints = np.linalg.inv(model.joint_coupling)
+    sigmas = np.where(np.abs(of_joints) > 0, np.abs(of_joints) * sigma, 0.0).sum(axis=1)
+    return Fitted(score, tuple((of_joints @ offsets).tolist()), tuple(sigmas.tolist()))
 
 
 def _refuse_far_zero(model: RobotModel, some: Observations, stands: Fitted, names: FileNames) -> None:
@@ -183,12 +186,16 @@ def _causes(
     found: list[tuple[Candidate, Fitted]] = []
     for candidate in candidates:
         fitted = fit_quickly(candidate.model, candidate.observations)
-        if fitted.score_m * _DECISIVE <= stands.score_m and _believable(candidate, fitted):
+        if fitted.score_m / candidate.scale * _DECISIVE <= stands.score_m and _believable(candidate, fitted):
             found.append((replace(candidate, reading=_with_fitted_zeros(candidate.reading, fitted, names)), fitted))
     if not found:
         return ()
-    best = min(fitted.score_m for _, fitted in found)
-    alike = [pair for pair in found if pair[1].score_m <= _ALIKE * best + _ALIKE_M and pair[0].parts]
+    best = min(fitted.score_m / candidate.scale for candidate, fitted in found)
+    alike = [
+        (candidate, fitted)
+        for candidate, fitted in found
+        if fitted.score_m / candidate.scale <= _ALIKE * best + _ALIKE_M and candidate.parts
+    ]
     alike.sort(key=lambda pair: (pair[0].parts, _KINDS.index(pair[0].kinds[-1]), pair[1].score_m))
     causes: dict[str, Cause] = {}
     for candidate, fitted in alike:

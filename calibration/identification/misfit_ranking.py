@@ -37,6 +37,7 @@ class Candidate:
     unit: str = ""  # of positions or lengths, if it is not the one that was taken
     mirrored: bool = False
     names: FileNames | None = None
+    scale: float = 1.0  # of measured values, if the unit is another: a smaller one leaves smaller errors of the same fit
 
     @property
     def parts(self) -> int:
@@ -141,7 +142,7 @@ def _point_candidates(
     chosen = np.array([way.reading for way in ways])
     scales = np.array([way.scale for way in ways])
     positions = scales[:, None, None] * some.positions_m
-    scores = point_scores(flanges[chosen], positions, np.array([way.mirrored for way in ways]))
+    scores = point_scores(flanges[chosen], positions, np.array([way.mirrored for way in ways])) / scales
     return [
         Candidate(
             readings[ways[at].reading],
@@ -154,6 +155,7 @@ def _point_candidates(
             ways[at].unit,
             ways[at].mirrored,
             names,
+            ways[at].scale,
         )
         for at in _worth(scores, ways)
     ]
@@ -214,6 +216,7 @@ def _length_candidates(
         flanges = _flanges(model, readings)
         lengths = np.array([way.scale for way in ways])[:, None] * some.lengths_m
         scores = length_scores(flanges[[way.reading for way in ways]], lengths)
+        scores = scores / np.array([way.scale for way in ways])
         chosen = _worth(scores, ways)
     else:
         chosen = [at for at, way in enumerate(ways) if way.parts == 1][:_WORTH_SINGLE]
@@ -230,6 +233,7 @@ def _length_candidates(
             ways[at].unit,
             False,
             names,
+            ways[at].scale,
         )
         for at in chosen
     ]

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.geometry import Array, Pose, exp_twist, homogeneous, inverse_transform, log_transform, skew
+from calibration.metres import refuse_not_metres
 from calibration.registration import RigidFit, best_fit_transform
 from calibration.uncertainty import chi_square_limit
 
 Triple = tuple[float, float, float]
 
 MIN_DISTANCE_M = 0.02
+_SURELY_DOWN = 0.5  # of the vertical: a frame on a slope is no mistake
 MIN_OPENING_RAD = math.radians(5.0)
 
 
@@ -42,6 +44,7 @@ def frame_from_three_points(
     *,
     above_m: Sequence[float] | None = None,
     origin_at_m: Sequence[float] | None = None,
+    up_in_base: Sequence[float] | None = None,
     sigma_m: float = 0.0,
 ) -> TaughtFrame:
     """Construct a frame from its origin, a point on +x and a point in the half plane of +y.
@@ -54,6 +57,8 @@ def frame_from_three_points(
         Any point known to lie on the +z side: catches two points taught in the wrong order.
     origin_at_m : point, optional
         Where the origin shall be, keeping the axes (the makers' four-point method).
+    up_in_base : vector, optional
+        Against gravity, of a frame that is known to have +z up: catches the same without a fourth point.
     sigma_m : float
         Standard uncertainty of one coordinate of one point [m].
 
@@ -86,6 +91,8 @@ def frame_from_three_points(
     matrix = _three_point_matrix(points)
     if above_m is not None:
         _refuse_below(matrix, above_m)
+    if up_in_base is not None:
+        _refuse_hanging(matrix, up_in_base)
     return _taught(_three_point_matrix, points, sigma_m, opening, length)
 
 
@@ -296,7 +303,18 @@ def _refuse_below(matrix: Array, above_m: Sequence[float]) -> None:
     if not height > 0:
         raise CalibrationError(
             f"the check point lies {-height * 1e3:.1f} mm below the frame: z points the wrong way.",
-            remedy="The points were taught in another order, or +y is on the other side.",
+            remedy="Two of the points are swapped: origin and the one on x, or the one on x and the one beside it; or +y is "
+            "on the other side.",
+        )
+
+
+def _refuse_hanging(matrix: Array, up_in_base: Sequence[float]) -> None:
+    up = np.asarray(up_in_base, dtype=float)
+    upward = float(matrix[:3, 2] @ up) / max(float(np.linalg.norm(up)), 1e-12)
+    if upward < -_SURELY_DOWN:
+        raise CalibrationError(
+            "z of the frame points down, where it should point up.",
+            remedy="Two of the three points are swapped: origin and the one on x, or the one on x and the one beside it.",
         )
 
 
@@ -304,4 +322,5 @@ def _points(*values: Sequence[float]) -> Array:
     points = np.asarray(values, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise CalibrationError("points need three finite coordinates each")
+    refuse_not_metres(points, "touched points")
     return points
