@@ -16,7 +16,12 @@ from calibration.identification.estimator import Problem, errors_m, estimate
 from calibration.identification.first_guess import first_guess
 from calibration.identification.misfit_hypotheses import FileNames, JointReading, home_reading, with_zeros
 from calibration.identification.misfit_ranking import Candidate, coarse_candidates
-from calibration.identification.observations import LengthObservations, Observations, PointObservations
+from calibration.identification.observations import (
+    LengthObservations,
+    MeasuredRows,
+    Observations,
+    PointObservations,
+)
 from calibration.identification.parameters import OFFSETS, ArmState, make_layout
 from calibration.identification.quick_fit import kept_rms, some_rows
 
@@ -66,7 +71,11 @@ class Fitted:
 
 
 def refuse_misfit(
-    model: RobotModel, observations: Observations, names: FileNames | None = None, *, search_models: bool = True
+    model: RobotModel,
+    observations: Observations,
+    names: FileNames | None = None,
+    *,
+    search_models: bool = True,
 ) -> None:
     """Refuse rows that fit the robot badly and fit well with a known cause.
 
@@ -91,7 +100,7 @@ def refuse_misfit(
         _refuse_far_zero(model, some, stands, names)
 
 
-def refuse_gross_misfit(model: RobotModel, observations: Observations, errors: Array) -> None:
+def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: Array) -> None:
     """Refuse the end of an identification whose errors (N,) [m] are as large as the robot.
 
     Raises
@@ -110,7 +119,7 @@ def refuse_gross_misfit(model: RobotModel, observations: Observations, errors: A
     )
 
 
-def motion_of(model: RobotModel, observations: Observations) -> float:
+def motion_of(model: RobotModel, observations: MeasuredRows) -> float:
     """Return how far the nominal flange moved about its mean (RMS) [m]."""
     rows = some_rows(len(observations), 2000)
     places = model.tip_positions(observations.joints_rad[rows], np.zeros(3))
@@ -179,15 +188,23 @@ def _refuse_far_zero(model: RobotModel, some: Observations, stands: Fitted, name
 
 
 def _causes(
-    model: RobotModel, observations: Observations, stands: Fitted, names: FileNames, others: Sequence[RobotModel]
+    model: RobotModel,
+    observations: Observations,
+    stands: Fitted,
+    names: FileNames,
+    others: Sequence[RobotModel],
 ) -> tuple[Cause, ...]:
     """Return the causes that explain the rows, the simplest first; all of them fit alike."""
-    candidates = coarse_candidates(model, observations, some_rows(len(observations), _MOST_ROWS), names, others)
+    candidates = coarse_candidates(
+        model, observations, some_rows(len(observations), _MOST_ROWS), names, others
+    )
     found: list[tuple[Candidate, Fitted]] = []
     for candidate in candidates:
         fitted = fit_quickly(candidate.model, candidate.observations)
         if fitted.score_m / candidate.scale * _DECISIVE <= stands.score_m and _believable(candidate, fitted):
-            found.append((replace(candidate, reading=_with_fitted_zeros(candidate.reading, fitted, names)), fitted))
+            found.append(
+                (replace(candidate, reading=_with_fitted_zeros(candidate.reading, fitted, names)), fitted)
+            )
     if not found:
         return ()
     best = min(fitted.score_m / candidate.scale for candidate, fitted in found)

@@ -57,9 +57,7 @@ def as_read(joints_rad: Array) -> JointReading:
     return JointReading("", 0, joints_rad)
 
 
-def joint_readings(
-    model: RobotModel, series_rad: Array, rows: Rows, names: FileNames
-) -> list[JointReading]:
+def joint_readings(model: RobotModel, series_rad: Array, rows: Rows, names: FileNames) -> list[JointReading]:
     """Return every single cause of this model's joints that is known, and some that come together.
 
     ``series_rad`` are the joints of the whole series, of which ``rows`` are looked at.
@@ -120,7 +118,7 @@ def _coupled(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator
     signs = np.sign(np.diag(coupling))
     second, third = names.joints[1], names.joints[2]
     if not np.allclose(coupling, np.diag(np.diag(coupling))):
-        geometric = np.linalg.solve(coupling, (joints_rad * signs).T).T
+        geometric = np.asarray(np.linalg.solve(coupling, (joints_rad * signs).T).T, dtype=np.float64)
         yield JointReading(
             "coupling",
             1,
@@ -129,7 +127,7 @@ def _coupled(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator
             f"{model.name} counts it",
             "Say so: `--joint-coupling geometric`.",
         )
-        back = (coupling @ joints_rad.T).T * signs
+        back: Array = (coupling @ joints_rad.T).T * signs
         yield JointReading(
             "coupling",
             1,
@@ -137,7 +135,10 @@ def _coupled(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator
             f"{third} is what the controller counts, and was taken as an angle against the link before",
             "Say so: `--joint-coupling controller`.",
         )
-    for sign, word, verb in ((1.0, "less", f"Add {second} to {third}"), (-1.0, "plus", f"Subtract {second} from {third}")):
+    for sign, word, verb in (
+        (1.0, "less", f"Add {second} to {third}"),
+        (-1.0, "plus", f"Subtract {second} from {third}"),
+    ):
         changed = joints_rad.copy()
         changed[:, 2] += sign * joints_rad[:, 1]
         yield JointReading(
@@ -198,7 +199,11 @@ def with_zeros(reading: JointReading, zeros: Mapping[int, float], names: FileNam
     for joint, zero in zeros.items():
         columns[joint] = f"{plain[joint]}{np.rad2deg(zero):+.4g}"
     each = [f"{names.joints[i]} by {np.rad2deg(zero):+.4g} deg" for i, zero in zeros.items()]
-    says = f"the zero differs, that of {each[0]}" if len(each) == 1 else f"the zeros differ, those of {_listed(each)}"
+    says = (
+        f"the zero differs, that of {each[0]}"
+        if len(each) == 1
+        else f"the zeros differ, those of {_listed(each)}"
+    )
     cure = (
         f"If the file counts from another zero, say so: {typed_columns(columns)}. If the robot lost its zero there, "
         "master it first."
@@ -245,12 +250,13 @@ def _lagging(series_rad: Array, rows: Rows) -> Iterator[JointReading]:
     """Return joints of the rows before or after: two logs that were put side by side one row off."""
     for shift in (1, -1, 2, -2):
         if len(series_rad) > 4 * abs(shift):
+            rows_said = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''}"
             yield JointReading(
                 "rows",
                 1,
                 np.roll(series_rad, shift, axis=0)[rows],
-                f"joints and measured values are {abs(shift)} row{'s' if abs(shift) > 1 else ''} apart",
-                f"Move the joints {abs(shift)} row{'s' if abs(shift) > 1 else ''} {'down' if shift > 0 else 'up'} in the file.",
+                f"joints and measured values are {rows_said} apart",
+                f"Move the joints {rows_said} {'down' if shift > 0 else 'up'} in the file.",
             )
 
 

@@ -37,7 +37,9 @@ class Candidate:
     unit: str = ""  # of positions or lengths, if it is not the one that was taken
     mirrored: bool = False
     names: FileNames | None = None
-    scale: float = 1.0  # of measured values, if the unit is another: a smaller one leaves smaller errors of the same fit
+    scale: float = (
+        1.0  # of measured values, if the unit is another: a smaller one leaves smaller errors of the same fit
+    )
 
     @property
     def parts(self) -> int:
@@ -57,7 +59,11 @@ class Candidate:
         """The causes beside that of the joints, in words."""
         lengths = isinstance(self.observations, LengthObservations)
         taken = self.names.length_unit if self.names and self.names.length_unit else "what they were taken as"
-        said = [f"the {'lengths' if lengths else 'positions'} are in {self.unit}, not in {taken}"] if self.unit else []
+        said = (
+            [f"the {'lengths' if lengths else 'positions'} are in {self.unit}, not in {taken}"]
+            if self.unit
+            else []
+        )
         if self.mirrored:
             said.append(
                 "the measured positions are a mirror image: one of the axes X, Y, Z has the wrong sign, or two of "
@@ -237,5 +243,3 @@ def _length_candidates(
         )
         for at in chosen
     ]
-
-

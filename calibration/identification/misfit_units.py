@@ -35,7 +35,10 @@ def unit_of_points(model: RobotModel, joints_rad: Array, values: Array, units: M
     positions = scales[:, None, None] * some
     frames = np.broadcast_to(flanges, (len(names), *flanges.shape))
     left = np.minimum(
-        *(trimmed_point_scores(frames, positions, np.full(len(names), mirrored)) for mirrored in (False, True))
+        *(
+            trimmed_point_scores(frames, positions, np.full(len(names), mirrored))
+            for mirrored in (False, True)
+        )
     )
     return _clearly(names, left / (seen * scales))
 

@@ -16,7 +16,9 @@ _LENGTH_UNKNOWNS = 17
 _BLOCK = 400  # readings at once
 
 
-def point_scores(base_flange: Array, positions_m: Array, mirrored: Array, weights: Array | None = None) -> Array:
+def point_scores(
+    base_flange: Array, positions_m: Array, mirrored: Array, weights: Array | None = None
+) -> Array:
     """Return the RMS residual [m] of the best rows of each reading (H,), base and tool fitted.
 
     Parameters
@@ -31,7 +33,8 @@ def point_scores(base_flange: Array, positions_m: Array, mirrored: Array, weight
         Which rows take part.
     """
     sizes = point_residuals(base_flange, positions_m, mirrored, weights)
-    return kept_rms(sizes) / np.sqrt(max(1.0 - 3.0 / sizes.shape[1], 0.1))
+    scores: Array = kept_rms(sizes) / np.sqrt(max(1.0 - 3.0 / sizes.shape[1], 0.1))
+    return scores
 
 
 def trimmed_point_scores(base_flange: Array, positions_m: Array, mirrored: Array, rounds: int = 3) -> Array:
@@ -66,10 +69,14 @@ def _residuals(base_flange: Array, positions_m: Array, mirrored: Array, weights:
         weights = np.ones((readings, rows))
     share = weights / weights.sum(axis=1, keepdims=True)
     turn, origin, goal = (
-        (share[:, None, :] @ values.reshape(readings, rows, -1))[:, 0] for values in (turns, origins, positions_m)
+        (share[:, None, :] @ values.reshape(readings, rows, -1))[:, 0]
+        for values in (turns, origins, positions_m)
     )
     turn = turn.reshape(-1, 3, 3)
-    moved, away = (positions_m - goal[:, None]) * share[..., None], (origins - origin[:, None]) * share[..., None]
+    moved, away = (
+        (positions_m - goal[:, None]) * share[..., None],
+        (origins - origin[:, None]) * share[..., None],
+    )
     with_origins = np.swapaxes(moved, 1, 2) @ origins
     with_turns = (np.swapaxes(moved, 1, 2) @ turns.reshape(readings, rows, 9)).reshape(readings, 9, 3)
     turned_origins = (away.reshape(readings, 1, -1) @ turns.reshape(readings, -1, 3))[:, 0]

@@ -44,7 +44,6 @@ def frame_from_three_points(
     *,
     above_m: Sequence[float] | None = None,
     origin_at_m: Sequence[float] | None = None,
-    up_in_base: Sequence[float] | None = None,
     sigma_m: float = 0.0,
 ) -> TaughtFrame:
     """Construct a frame from its origin, a point on +x and a point in the half plane of +y.
@@ -57,8 +56,6 @@ def frame_from_three_points(
         Any point known to lie on the +z side: catches two points taught in the wrong order.
     origin_at_m : point, optional
         Where the origin shall be, keeping the axes (the makers' four-point method).
-    up_in_base : vector, optional
-        Against gravity, of a frame that is known to have +z up: catches the same without a fourth point.
     sigma_m : float
         Standard uncertainty of one coordinate of one point [m].
 
@@ -91,9 +88,31 @@ def frame_from_three_points(
     matrix = _three_point_matrix(points)
     if above_m is not None:
         _refuse_below(matrix, above_m)
-    if up_in_base is not None:
-        _refuse_hanging(matrix, up_in_base)
     return _taught(_three_point_matrix, points, sigma_m, opening, length)
+
+
+def refuse_hanging_frame(base_frame: Pose, up_in_base: Sequence[float]) -> None:
+    """Refuse a frame whose +z is known to be up and points down: two of its three points are swapped.
+
+    Parameters
+    ----------
+    base_frame : Pose
+        As constructed.
+    up_in_base : vector
+        Against gravity, in the base.
+
+    Raises
+    ------
+    CalibrationError
+        Its z points down by 30 degrees and more; a frame on a slope is no mistake.
+    """
+    up = np.asarray(up_in_base, dtype=float)
+    upward = float(base_frame.rotation()[:, 2] @ up) / max(float(np.linalg.norm(up)), 1e-12)
+    if upward < -_SURELY_DOWN:
+        raise CalibrationError(
+            "z of the frame points down, where it should point up.",
+            remedy="Two of the three points are swapped: origin and x, or x and y.",
+        )
 
 
 class PointsDisagreeError(CalibrationError):
@@ -303,18 +322,7 @@ def _refuse_below(matrix: Array, above_m: Sequence[float]) -> None:
     if not height > 0:
         raise CalibrationError(
             f"the check point lies {-height * 1e3:.1f} mm below the frame: z points the wrong way.",
-            remedy="Two of the points are swapped: origin and the one on x, or the one on x and the one beside it; or +y is "
-            "on the other side.",
-        )
-
-
-def _refuse_hanging(matrix: Array, up_in_base: Sequence[float]) -> None:
-    up = np.asarray(up_in_base, dtype=float)
-    upward = float(matrix[:3, 2] @ up) / max(float(np.linalg.norm(up)), 1e-12)
-    if upward < -_SURELY_DOWN:
-        raise CalibrationError(
-            "z of the frame points down, where it should point up.",
-            remedy="Two of the three points are swapped: origin and the one on x, or the one on x and the one beside it.",
+            remedy="Two of the points are swapped (origin and x, or x and y), or +y is on the other side.",
         )
 
 

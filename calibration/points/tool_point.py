@@ -17,8 +17,8 @@ from calibration.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
-from calibration.points.deleted_residuals import deleted_residuals
 from calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
+from calibration.points.deleted_residuals import deleted_residuals
 from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
 
 Triple = tuple[float, float, float]

@@ -68,9 +68,12 @@ def _of_layout(error: MisfitError, series: str) -> MisfitError:
 
 def _listed(found: re.Match[str]) -> str:
     words = ", ".join(f'"{word}"' for word in found[2].split(","))
-    return f"`[columns]` `joints = [{words}]`" if found[1] == "joints" else f"`columns = [{words}]` of the reading"
+    return (
+        f"`[columns]` `joints = [{words}]`"
+        if found[1] == "joints"
+        else f"`columns = [{words}]` of the reading"
+    )
 
 
 def _key(meaning: str) -> str:
     return meaning if meaning in ("joints", "rotation") else "readings"
-

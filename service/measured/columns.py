@@ -31,7 +31,19 @@ _ATTITUDE = {
     "rot", "rotation", "orientation", "ori", "orient", "quat", "quaternion", "q", "attitude", "euler", "normal",
     "angle", "rotvec", "rpy", "normalised", "direction", "vector", "vec",
 }  # fmt: skip
-_PLACE = {"pos", "position", "p", "point", "location", "translation", "trans", "xyz", "coordinate", "coord", "t"}
+_PLACE = {
+    "pos",
+    "position",
+    "p",
+    "point",
+    "location",
+    "translation",
+    "trans",
+    "xyz",
+    "coordinate",
+    "coord",
+    "t",
+}
 _GROUP = {"group", "series", "session", "run", "block", "trial", "batch", "set_id", "path"}
 _LENGTHS = {
     "l", "length", "len", "distance", "dist", "wire", "cable", "wire_length", "cable_length", "draw_wire",
@@ -132,9 +144,7 @@ def detect_layout(
     )
 
 
-def _given(
-    names: Sequence[str], columns: Mapping[str, Sequence[str]]
-) -> dict[str, tuple[TypedColumn, ...]]:
+def _given(names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> dict[str, tuple[TypedColumn, ...]]:
     known = {"joints", "position", "length", "controller", "rotation", "group"}
     for meaning in columns:
         if meaning not in known:
@@ -291,7 +301,11 @@ def _worded_turn(
     names: Sequence[str], plain: Mapping[str, str], place: set[str]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return an attitude that is told by a word: ``rot_x`` to ``rot_w``, ``orientation.w``, ``quat x``."""
-    for axes, fields in ((_QUATERNION, ("qw", "qx", "qy", "qz")), (_QUATERNION[1:], ("rx", "ry", "rz")), *((f, f) for f in _TURNS)):
+    for axes, fields in (
+        (_QUATERNION, ("qw", "qx", "qy", "qz")),
+        (_QUATERNION[1:], ("rx", "ry", "rz")),
+        *((f, f) for f in _TURNS),
+    ):
         found = {
             key: columns
             for key, columns in _triples(names, plain, axes).items()

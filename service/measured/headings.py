@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-_UNIT = re.compile(r"[\[(（【]\s*(?P<unit>[^\])）】]*)\s*[\])）】]")
+_UNIT = re.compile(r"[\[(\uff08\u3010]\s*(?P<unit>[^\])\uff09\u3011]*)\s*[\])\uff09\u3011]")
 _TRAILING_UNIT = re.compile(
     r"_(mm|deg|rad|m|degrees|radians|cm|um|inches|inch|in|ft|feet|mils|mil|grad|gon|mrad|mdeg)$"
 )
@@ -12,10 +12,10 @@ _UNIT_NAMES = {
     "rad": "rad", "radian": "rad", "radians": "rad", "millimeter": "mm", "millimeters": "mm", "mms": "mm",
     "meter": "m", "meters": "m", "metres": "m", "millimetre": "mm", "millimetres": "mm", "metre": "m",
     "centimeter": "cm", "centimeters": "cm", "centimetre": "cm", "zentimeter": "cm", "centímetros": "cm",
-    "grad": "deg", "in": "inch", "inch": "inch", "inches": "inch", '"': "inch", "''": "inch", "″": "inch",
+    "grad": "deg", "in": "inch", "inch": "inch", "inches": "inch", '"': "inch", "''": "inch", "\u2033": "inch",
     "”": "inch", "zoll": "inch", "pulgadas": "inch", "pulgada": "inch", "µm": "um", "um": "um", "μm": "um",
     "micron": "um", "microns": "um", "mil": "mil", "mils": "mil", "thou": "mil", "ft": "ft", "foot": "ft",
-    "feet": "ft", "'": "ft", "′": "ft", "mrad": "mrad", "mdeg": "mdeg", "gon": "gon", "grados": "deg",
+    "feet": "ft", "'": "ft", "\u2032": "ft", "mrad": "mrad", "mdeg": "mdeg", "gon": "gon", "grados": "deg",
     "grado": "deg", "radianes": "rad", "bogenmaß": "rad", "milímetros": "mm", "metros": "m",
     "毫米": "mm", "米": "m", "厘米": "cm", "公厘": "mm", "公分": "cm", "度": "deg", "角度": "deg", "弧度": "rad",
     "英寸": "inch", "英吋": "inch", "英尺": "ft", "微米": "um", "ミリ": "mm", "ミリメートル": "mm", "ラジアン": "rad",
@@ -30,10 +30,14 @@ _WORDS: Sequence[tuple[str, str]] = (
     ("測定値", "measured"), ("測定", "measured"), ("计测", "measured"), ("計測", "measured"), ("跟踪仪", "tracker"),
     ("激光", "laser"), ("理论值", "nominal"), ("理论", "nominal"), ("理論値", "nominal"), ("理論", "nominal"),
     ("名义", "nominal"), ("标称", "nominal"), ("公称", "nominal"), ("设计值", "nominal"), ("设计", "nominal"),
-    ("設計", "nominal"), ("指令", "command"), ("目标", "target"), ("目標", "target"), ("设定", "setpoint"),
-    ("示教", "programmed"), ("偏差", "deviation"), ("误差", "error"), ("誤差", "error"), ("差值", "deviation"),
-    ("不确定度", "uncertainty"), ("标准差", "std"), ("標準偏差", "std"), ("位置坐标", ""), ("坐标值", ""), ("坐标", ""),
-    ("座標", ""), ("位置", ""), ("温度", "temperature"), ("溫度", "temperature"), ("长度", "length"), ("長度", "length"),
+    ("設計", "nominal"), ("指令", "command"), ("目标", "target"), ("目標", "target"),
+    ("设定", "setpoint"),
+    ("示教", "programmed"), ("偏差", "deviation"), ("误差", "error"), ("誤差", "error"),
+    ("差值", "deviation"),
+    ("不确定度", "uncertainty"), ("标准差", "std"), ("標準偏差", "std"), ("位置坐标", ""), ("坐标值", ""),
+    ("坐标", ""),
+    ("座標", ""), ("位置", ""), ("温度", "temperature"), ("溫度", "temperature"), ("长度", "length"),
+    ("長度", "length"),
     ("長さ", "length"), ("拉线", "wire"), ("绳长", "wire_length"), ("距离", "distance"), ("距離", "distance"),
     ("点名称", "point_name"), ("点名", "point_name"), ("点号", "point_name"), ("點名", "point_name"),
     ("名称", "name"), ("名稱", "name"), ("名前", "name"), ("测点", "point"), ("测站", "station"),
@@ -53,6 +57,7 @@ _WORDS: Sequence[tuple[str, str]] = (
     ("théorique", "nominal"), ("axe", "axis"), ("longueur", "length"),
 )  # fmt: skip
 
+
 def _is_cjk(text: str) -> bool:
     return any("\u3040" <= character <= "\u9fff" for character in text)
 
@@ -67,7 +72,7 @@ def plain_name(name: str) -> str:
     text = _UNIT.sub(_inside_brackets, name).strip().lower()
     for word, meaning in _INSIDE:
         text = text.replace(word, f"_{meaning}_")
-    text = re.sub(r"[\s.\-/:'+#，、：]+", "_", text)
+    text = re.sub(r"[\s.\-/:'+#\uff0c、\uff1a]+", "_", text)
     text = re.sub(r"_{2,}", "_", text).strip("_")
     text = "_".join(_WHOLE.get(word, word) for word in text.split("_"))
     text = _NUMBER_FIRST.sub(r"\2_\1", text)
@@ -98,4 +103,4 @@ def unit_named(text: str) -> str:
 
 def heading_words() -> tuple[str, ...]:
     """Return words of headings in writing that needs to be decoded: where they appear, the encoding is right."""
-    return tuple(word for word, _ in _INSIDE if len(word) > 1) + ("轴", "軸", "毫米", "英寸", "弧度")
+    return (*(word for word, _ in _INSIDE if len(word) > 1), "轴", "軸", "毫米", "英寸", "弧度")

@@ -7,9 +7,25 @@ from numpy.typing import NDArray
 
 from calibration.geometry import Array
 
-_FILL_INS = (999.0, 9999.0, 99999.0, 999999.0, 9999999.0, 999.9, 9999.9, 999.99, 9999.99, 999.999, 9999.999, 99999.999)
+_FILL_INS = (
+    999.0,
+    9999.0,
+    99999.0,
+    999999.0,
+    9999999.0,
+    999.9,
+    9999.9,
+    999.99,
+    9999.99,
+    999.999,
+    9999.999,
+    99999.999,
+)
 _STOOD_M = 1e-3  # of the flange: beyond, the arm moved
-_FEWEST_FROZEN = {1: 3, 3: 2}  # equal readings in a row, by their numbers: one length may come twice by chance
+_FEWEST_FROZEN = {
+    1: 3,
+    3: 2,
+}  # equal readings in a row, by their numbers: one length may come twice by chance
 _MOST_FROZEN = 0.5  # of the rows: above, it is no fault of single rows
 _MOST_ZEROS = 0.9  # of the rows: above, a column of zeros is what the device reads
 
@@ -37,7 +53,9 @@ def _fill_ins(values: Array, found: dict[int, str]) -> None:
     for column in range(values.shape[1]):
         rows = np.flatnonzero(fill[:, column])
         others = size[~fill[:, column], column]
-        if len(rows) and (not len(others) or _stands_out(size[rows, column], others) or fill[rows].all(axis=1).all()):
+        if len(rows) and (
+            not len(others) or _stands_out(size[rows, column], others) or fill[rows].all(axis=1).all()
+        ):
             for row in rows.tolist():
                 found.setdefault(row, f"{values[row, column]:g} is a fill-in, no reading")
 

@@ -77,7 +77,9 @@ def read_table(path: Path, *, sheet: str | None = None) -> Table:
         return _read_excel(path, sheet)
     encoding = encoding_of(path)
     with path.open(encoding=encoding, errors="replace") as file:
-        separator, comma = _dialect(list(islice((line for line in file if line.strip() and not is_remark([line])), _LOOK_AHEAD)))
+        separator, comma = _dialect(
+            list(islice((line for line in file if line.strip() and not is_remark([line])), _LOOK_AHEAD))
+        )
     mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
     with path.open(encoding=encoding, errors="replace") as file:
         cells = ([_cell(cell, comma) for cell in _split(line, separator)] for line in file)
@@ -142,11 +144,7 @@ def _assemble(path: Path, cells: Iterable[list[float | str]], dialect: str) -> T
             remedy="A file of measurements has one row a posture: joints, and what the device read.",
         )
     usual = widths.most_common(1)[0][0]
-    first = next(
-        i
-        for i, count in enumerate(counts)
-        if count >= max(_FEWEST_COLUMNS, 0.5 * usual)
-    )
+    first = next(i for i, count in enumerate(counts) if count >= max(_FEWEST_COLUMNS, 0.5 * usual))
     names = heading_names(head[:first], _width(head[first]))
     has_heading = names is not None
     if names is None:

@@ -6,8 +6,11 @@ from collections.abc import Sequence
 
 from service.measured.headings import unit_named
 
+_BRACKETS = "[]()\uff08\uff09 "
 _MARKS = ("//", "#", "%")
-_OTHER_UNITS = frozenset({"", "degc", "°c", "℃", "c", "s", "sec", "ms", "-", "1", "k", "mbar", "hpa", "%", "n", "nm", "v"})
+_OTHER_UNITS = frozenset(
+    {"", "degc", "°c", "℃", "c", "s", "sec", "ms", "-", "1", "k", "mbar", "hpa", "%", "n", "nm", "v"}
+)
 _AXES = re.compile(r"AXES\s*=\s*CARTESIAN\s*:\s*X\s*,\s*Y\s*,\s*Z\s*\(([^)]*)\)", re.IGNORECASE)
 
 Cells = list[float | str]
@@ -33,7 +36,7 @@ def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:
     if _doubled(names):
         names = _with_groups(names, lines[:at])
     joined = [
-        f"{n} [{u.strip('[]()（）')}]" if u and u not in n else n
+        f"{n} [{u.strip(_BRACKETS)}]" if u and u not in n else n
         for n, u in zip(names, [*units, *[""] * len(names)], strict=False)
     ]
     return tuple(name or f"column {i + 1}" for i, name in enumerate(joined))
@@ -85,7 +88,7 @@ def _without_mark(row: list[str]) -> list[str]:
 
 
 def _are_units(row: Sequence[str]) -> bool:
-    cells = [cell.strip("[]()（） ").lower() for cell in row]
+    cells = [cell.strip(_BRACKETS).lower() for cell in row]
     return any(cells) and all(cell in _OTHER_UNITS or bool(unit_named(cell)) for cell in cells)
 
 

@@ -32,7 +32,12 @@ class UnitChoice:
         return ANGLE_UNITS[name]
 
     def length(
-        self, meaning: str, columns: Sequence[str], values: Array, spread_m: float, by_fit: FitUnit | None = None
+        self,
+        meaning: str,
+        columns: Sequence[str],
+        values: Array,
+        spread_m: float,
+        by_fit: FitUnit | None = None,
     ) -> float:
         """Return m per unit: the one that fits the arm, else in which the values spread as wide as it moved."""
         if meaning in self.known:

@@ -56,7 +56,10 @@ def measured(robot: str, seed: int) -> Measured:
     """Return 30 to 60 rows of a robot with errors of its own, a few of them far off."""
     model, dice = load_model(robot), np.random.default_rng([seed, *robot.encode()])
     device = exp_twist(np.concatenate([dice.uniform(-2, 2, 3), dice.uniform(-1.5, 1.5, 3)]))
-    tool = homogeneous(np.eye(3), np.array([*(dice.choice([-1, 1], 2) * dice.uniform(0.03, 0.1, 2)), dice.uniform(0.05, 0.2)]))
+    tool = homogeneous(
+        np.eye(3),
+        np.array([*(dice.choice([-1, 1], 2) * dice.uniform(0.03, 0.1, 2)), dice.uniform(0.05, 0.2)]),
+    )
     start = nominal_state(model, (Device(device, np.zeros(3)),), tool)
     geometry = dice.standard_normal((model.axes, 5)) * _ERRORS
     truth = ArmState(model, geometry, (), np.zeros(0), start.flange_tool, start.devices)
@@ -187,7 +190,7 @@ def is_named(spoilt: Spoilt, refused: MisfitError | None) -> bool:
 
 def misfits(seeds: int) -> Figures:
     """Twelve ways to spoil a file, every robot that ships, so many seeds: the cause is named, and nothing passes."""
-    named = {way: 0 for way in WAYS}
+    named = dict.fromkeys(WAYS, 0)
     passed = asked = false_alarms = 0
     for robot in model_names():
         for seed in range(seeds):
