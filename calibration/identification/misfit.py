@@ -38,6 +38,7 @@ _FAR_RAD = float(np.deg2rad(5.0))  # of a zero: ten deviations of what mastering
 _SURE_RAD = float(np.deg2rad(0.5))
 _ROUND_RAD = float(np.deg2rad(2.0))
 _MOST_CAUSES = 4
+_PARTS = 4  # of a series, one of which is likely without a break
 _KINDS = ("unit", "angle unit", "mirror", "coupling", "sign", "home", "order", "rows", "model")
 
 
@@ -82,7 +83,7 @@ def refuse_misfit(
     Raises
     ------
     MisfitError
-        With the cause, and how to say it.
+        With the cause, and how to say it; or that no known cause fits, nor a device that was moved in between.
     """
     names = names or FileNames(model.joint_names)
     if len(observations) < _FEWEST.get(observations.kind, len(observations) + 1):
@@ -98,6 +99,8 @@ def refuse_misfit(
             raise _misfit(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
         _refuse_far_zero(model, some, stands, names)
+    elif _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
+        raise _unknown(model, stands.score_m, motion_m)
 
 
 def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: Array) -> None:
@@ -111,11 +114,25 @@ def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: A
     motion_m, left_m = motion_of(model, observations), float(kept_rms(errors))
     if left_m <= max(_GROSS * motion_m, _GROSS_M):
         return
-    raise MisfitError(
+    raise _unknown(model, left_m, motion_m)
+
+
+def _unknown(model: RobotModel, left_m: float, motion_m: float) -> MisfitError:
+    return MisfitError(
         f"the measurements do not fit {model.name}: errors of {left_m * 1e3:.1f} mm remain of a motion of "
         f"{motion_m * 1e3:.0f} mm, and no known cause fits.",
         remedy="See that joints and measured values of a row belong together, which robot was measured, and what the "
-        "columns are (`--show-layout`); nothing was stored.",
+        "columns are (`--show-layout`). Nothing was stored.",
+    )
+
+
+def _misfits_throughout(model: RobotModel, observations: Observations, limit_m: float) -> bool:
+    """Tell whether no part of a series fits by itself: where one does, a device was moved between the parts."""
+    fewest = _FEWEST[observations.kind]
+    parts = np.array_split(np.arange(len(observations)), max(min(len(observations) // fewest, _PARTS), 1))
+    return all(
+        fit_quickly(model, observations.take(part[some_rows(len(part), _MOST_ROWS)])).score_m > limit_m
+        for part in parts
     )
 
 

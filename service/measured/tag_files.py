@@ -257,7 +257,7 @@ def _attitudes(
     if four:
         turns = np.column_stack([numbers[c] for c in layout.turn])
         length = np.linalg.norm(turns, axis=1, keepdims=True)
-        turns = np.where(np.abs(length - 1.0) < 0.01, turns / length, turns)
+        turns = np.where(np.abs(length - 1.0) < 0.01, turns / np.maximum(length, 0.01), turns)
     else:
         turns = _scaled(layout.turn, numbers, _unit("rotation", units, _ANGLES, _MOST_RADIANS, guesses))
     quaternions = [quaternion_from_rotation(rotation) for rotation in rotation_from(convention, turns)]
