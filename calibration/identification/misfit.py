@@ -35,7 +35,7 @@ _DECISIVE = 4.0  # times better must the rows fit with a cause
 _ALIKE = 1.6  # times the best score: these causes cannot be told apart
 _ALIKE_M = 2e-4
 _FAR_RAD = float(np.deg2rad(5.0))  # of a zero: ten deviations of what mastering may be off by
-_SURE_RAD = float(np.deg2rad(0.5))
+_SURE = 0.2  # of a far zero: its standard deviation
 _ROUND_RAD = float(np.deg2rad(2.0))
 _MOST_CAUSES = 4
 _PARTS = 4  # of a series, one of which is likely without a break
@@ -193,7 +193,7 @@ def _refuse_far_zero(model: RobotModel, some: Observations, stands: Fitted, name
     far = {
         joint: _rounded(offset)
         for joint, (offset, sigma) in enumerate(zip(stands.offsets_rad, stands.sigma_rad, strict=True))
-        if abs(offset) > _FAR_RAD and sigma < _SURE_RAD
+        if abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
     }
     if far:
         told = home_reading(some.joints_rad, far, names)
