@@ -25,7 +25,7 @@ _SPREAD = {
 _DIFFERENCE = {
     "delta", "dev", "deviation", "deviations", "diff", "difference", "offset", "correction", "corr", "tol",
     "tolerance", "tolplus", "tolminus", "min", "max", "upper", "lower", "range", "velocity", "vel", "speed",
-    "acceleration", "acc", "force", "torque", "test", "out",
+    "acceleration", "acc", "force", "torque", "test", "out", "d",
 }  # fmt: skip
 _ATTITUDE = {
     "rot", "rotation", "orientation", "ori", "orient", "quat", "quaternion", "q", "attitude", "euler", "normal",
@@ -62,6 +62,7 @@ _BY_MAKER = (
     ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
     ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"),
     ("s", "l", "u", "r", "b", "t"),
+    ("s_axis", "l_axis", "u_axis", "r_axis", "b_axis", "t_axis"),
 )
 
 
@@ -237,7 +238,7 @@ def _triples(
     families: dict[tuple[str, str], dict[str, str]] = {}
     for name in names:
         for axis in axes:
-            match = re.match(rf"^(?P<before>(?:.*_)?(?:pos|p)?){axis}(?P<after>\d*(?:_.*)?)$", plain[name])
+            match = re.match(rf"^(?P<before>(?:.*_)?(?:pos|p|t)?){axis}(?P<after>\d*(?:_.*)?)$", plain[name])
             if match:
                 families.setdefault((match["before"], match["after"]), {}).setdefault(axis, name)
     return {

@@ -5,7 +5,7 @@ from pathlib import Path
 from service.measured.headings import heading_words
 
 _LOOKED_AT = 200_000  # bytes, where the encoding is not plain
-_EAST = ("gb18030", "cp932", "big5")
+_EAST = ("gb18030", "cp932", "big5", "cp949")
 _PLAIN_HANZI = range(0xB0, 0xD8)  # first byte of the common characters of GB 2312
 _GB_MARKS = range(0xA1, 0xA4)  # of its punctuation
 _BOMS = ((b"\xff\xfe\x00\x00", "utf-32"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))

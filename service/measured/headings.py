@@ -42,6 +42,8 @@ _WORDS: Sequence[tuple[str, str]] = (
     ("点名称", "point_name"), ("点名", "point_name"), ("点号", "point_name"), ("點名", "point_name"),
     ("名称", "name"), ("名稱", "name"), ("名前", "name"), ("测点", "point"), ("测站", "station"),
     ("序号", "index"), ("编号", "index"), ("組", "group"), ("组", "group"), ("时间", "time"), ("時間", "time"),
+    ("관절", "joint"), ("측정", "measured"), ("실측", "measured"), ("이론", "nominal"), ("공칭", "nominal"),
+    ("편차", "deviation"), ("좌표", ""), ("온도", "temperature"), ("축", "axis"),
     ("轴", "axis"), ("軸", "axis"), ("角度", "angle"), ("第", ""), ("值", ""), ("値", ""),
     ("gemessene", "measured"), ("gemessener", "measured"), ("gemessen", "measured"), ("messwert", "measured"),
     ("messung", "measured"), ("istwert", "measured"), ("ist", "actual"), ("sollwert", "nominal"), ("soll", "nominal"),
@@ -59,17 +61,18 @@ _WORDS: Sequence[tuple[str, str]] = (
 
 
 def _is_cjk(text: str) -> bool:
-    return any("\u3040" <= character <= "\u9fff" for character in text)
+    return any("\u3040" <= character <= "\u9fff" or "\uac00" <= character <= "\ud7a3" for character in text)
 
 
 _INSIDE = [(word, meaning) for word, meaning in _WORDS if _is_cjk(word)]
 _WHOLE = {word: meaning for word, meaning in _WORDS if not _is_cjk(word)}
+_GLUED = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")  # MeasX, XNominal
 _NUMBER_FIRST = re.compile(r"(?<![a-z\d])(\d)_?(axis|joint)(?![a-z])_?(?!\d)")
 
 
 def plain_name(name: str) -> str:
     """Return a name in one spelling: lower case, words joined by underscores, without its unit, in English."""
-    text = _UNIT.sub(_inside_brackets, name).strip().lower()
+    text = _GLUED.sub("_", _UNIT.sub(_inside_brackets, name).strip()).lower()
     for word, meaning in _INSIDE:
         text = text.replace(word, f"_{meaning}_")
     text = re.sub(r"[\s.\-/:'+#\uff0c、\uff1a]+", "_", text)

@@ -26,6 +26,7 @@ _FEWEST_COLUMNS = 3
 _GROUP_MARKS = re.compile("[ \u2009\u202f'\u2019]")
 _GROUPED = re.compile(r"^[+-]?\d{1,3}([ \u2009\u202f'\u2019]\d{3})+([.,]\d+)?$")
 _THOUSANDS = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")  # without a point, a comma is a decimal mark
+_UNIT_APART = re.compile(r"[ \t]+([\[(][^\s\])]*[\])])")  # J1 [deg] is one name between blanks
 _EXCEL = {".xlsx", ".xlsm"}
 
 
@@ -88,7 +89,7 @@ def read_table(path: Path, *, sheet: str | None = None) -> Table:
 
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
-        return line.split()
+        return _UNIT_APART.sub(r"\1", line).split()
     # One line, one row: a quotation mark that is never closed must not swallow the rest of the file.
     return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
 

@@ -22,9 +22,9 @@ WRONG = np.random.default_rng(4).normal(0.0, 3.0, MM.shape)
 J = [f"J{i}" for i in range(1, 7)]
 
 
-def identified(path, capsys, *options, robot="abb_irb120"):
+def identified(path, capsys, *options, robot="abb_irb120", level="1"):
     """Return the exit code, the report as an object, and what was said on standard error."""
-    code = run_command_line(["identify", str(path), "--robot", robot, "--json", *options])
+    code = run_command_line(["identify", str(path), "--robot", robot, "--level", level, "--json", *options])
     said = capsys.readouterr()
     return code, json.loads(said.out) if said.out.strip() else {}, " ".join(said.err.split())
 
@@ -46,7 +46,7 @@ def rows(*blocks, separator=",", comma=False, digits=4):
 
 @pytest.mark.parametrize("name", ["v02_nomact.csv", "v11_inch.csv", "v17_gbk.csv"])
 def test_field_files_are_read_to_their_hundredths(name, capsys):
-    code, report, _ = identified(FIELD / name, capsys)
+    code, report, _ = identified(FIELD / name, capsys, level="2")
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 5e-5
 
@@ -74,13 +74,13 @@ def test_field_files_that_do_not_fit_are_refused_with_a_cure_that_works(name, ro
     assert "wider range" not in said
     assert not (tmp_path / "sets").exists()
     option = ["--columns", cure] if "=" in cure else cure.split()
-    code, report, _ = identified(FIELD / name, capsys, *option, robot=robot)
+    code, report, _ = identified(FIELD / name, capsys, *option, robot=robot, level="2")
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 1e-4
 
 
 def test_the_good_twin_of_a_coupled_robot_passes(capsys):
-    code, report, _ = identified(FIELD / "m6_ctl.csv", capsys, robot="fanuc_m6ib")
+    code, report, _ = identified(FIELD / "m6_ctl.csv", capsys, robot="fanuc_m6ib", level="2")
     assert code == ExitCode.PASS
     assert report["held_out"]["rmse_m"] < 1e-4
 
@@ -114,6 +114,8 @@ HEADINGS = {
     "Spanish": ([f"eje {i} (grados)" for i in range(1, 7)], ["X medido", "Y medido", "Z medido"]),
     "KUKA": ([f"A{i} (deg)" for i in range(1, 7)], ["X", "Y", "Z"]),
     "Yaskawa": (["S", "L", "U", "R", "B", "T"], ["X [mm]", "Y [mm]", "Z [mm]"]),
+    "Korean": ([f"축{i}" for i in range(1, 7)], ["측정X", "측정Y", "측정Z"]),
+    "Yaskawa axes": ([f"{a}-axis" for a in "SLURBT"], ["Tx", "Ty", "Tz"]),
     "theta": ([f"theta{i}" for i in range(1, 7)], ["Pos.X", "Pos.Y", "Pos.Z"]),
     "Joint1": ([f"Joint{i}" for i in range(1, 7)], ["X_mm", "Y_mm", "Z_mm"]),
 }
@@ -129,7 +131,9 @@ HEADINGS = {
         ("Japanese", "cp932"),
         ("German", "cp1252"),
         ("Spanish", "cp1252"),
+        ("Korean", "cp949"),
         ("KUKA", "utf-8"),
+        ("Yaskawa axes", "utf-8"),
         ("Yaskawa", "utf-8"),
         ("theta", "utf-8"),
         ("Joint1", "utf-8"),
@@ -140,7 +144,36 @@ def test_headings_of_many_languages_and_encodings(language, encoding, tmp_path, 
     path = file_of(tmp_path, [",".join([*joints, *position]), *rows(DEG, MM)], encoding)
     code, report, _ = identified(path, capsys)
     assert code == ExitCode.PASS
-    assert report["held_out"]["rmse_m"] < 3e-4
+    assert report["held_out"]["rmse_m"] < 3e-3
+
+
+@pytest.mark.parametrize("comma", [False, True])
+def test_thousands_marks(comma, tmp_path, capsys):
+    def number(value):
+        text = f"{value:,.3f}"
+        return text.translate(str.maketrans(",.", ".,")) if comma else f'"{text}"'
+
+    lines = [
+        (";" if comma else ",").join(number(v) for v in (*d, *m)) for d, m in zip(DEG, MM * 1.0, strict=True)
+    ]
+    head = (";" if comma else ",").join([*J, "X", "Y", "Z"])
+    _, report, _ = identified(file_of(tmp_path, [head, *lines]), capsys)
+    assert report["held_out"]["rmse_m"] < 3e-3
+
+
+def test_fixed_widths_with_units_beside_the_names(tmp_path, capsys):
+    head = "  ".join([*(f"{j} [deg]" for j in J), *(f"{a} (mm)" for a in "XYZ")])
+    body = ["".join(f"{v:12.4f}" for v in (*d, *m)) for d, m in zip(DEG, MM, strict=True)]
+    _, report, _ = identified(file_of(tmp_path, [head, *body]), capsys)
+    assert report["held_out"]["rmse_m"] < 3e-3
+    assert len(report["guesses"]) == 1
+
+
+def test_numbered_quaternions_that_end_with_the_scalar(tmp_path, capsys):
+    names = [*J, "X", "Y", "Z", "q1", "q2", "q3", "q4"]
+    path = file_of(tmp_path, [",".join(names), *rows(DEG, MM, QUATERNIONS[:, [1, 2, 3, 0]], digits=6)])
+    _, report, _ = identified(path, capsys)
+    assert any("read as ros_quaternion" in guess for guess in report["guesses"])
 
 
 def test_a_degree_sign_in_a_western_file_is_not_chinese(tmp_path):
@@ -158,6 +191,8 @@ def test_a_degree_sign_in_a_western_file_is_not_chinese(tmp_path):
         ("Soll {}", "Ist {}", "Abweichung {}"),
         ("理论{}", "实测{}", "偏差{}"),
         ("Theoretical {}", "{}", "Error {}"),
+        ("{}Nom", "{}Act", "{}Dev"),
+        ("Nom{}", "Meas{}", "d{}"),
     ],
 )
 def test_nominal_actual_and_deviation_are_told_apart(triples, tmp_path, capsys):
@@ -165,14 +200,14 @@ def test_nominal_actual_and_deviation_are_told_apart(triples, tmp_path, capsys):
     path = file_of(tmp_path, [",".join([*J, *names]), *rows(DEG, MM + WRONG, MM, -WRONG)])
     code, report, _ = identified(path, capsys)
     assert code == ExitCode.PASS
-    assert report["held_out"]["rmse_m"] < 3e-4
+    assert report["held_out"]["rmse_m"] < 3e-3
 
 
 def test_groups_of_columns_over_x_y_and_z(tmp_path, capsys):
     head = [",,,,,,Nominal,,,Actual,,", ",".join([*J, *"XYZXYZ"])]
     path = file_of(tmp_path, [*head, *rows(DEG, MM + WRONG, MM)])
     _, report, _ = identified(path, capsys)
-    assert report["held_out"]["rmse_m"] < 3e-4
+    assert report["held_out"]["rmse_m"] < 3e-3
 
 
 @pytest.mark.parametrize(
@@ -214,7 +249,7 @@ def test_a_unit_in_the_heading_wins(unit, factor, tmp_path, capsys):
     path = file_of(tmp_path, [",".join(names), *rows(DEG, MM / factor, digits=7)])
     code, report, _ = identified(path, capsys)
     assert code == ExitCode.PASS
-    assert report["held_out"]["rmse_m"] < 3e-4
+    assert report["held_out"]["rmse_m"] < 3e-3
     assert not any("position" in guess for guess in report["guesses"])
 
 
@@ -223,7 +258,7 @@ def test_a_unit_that_nothing_tells_is_told_by_the_fit(factor, tmp_path, capsys):
     path = file_of(tmp_path, [",".join([*J, "X", "Y", "Z"]), *rows(DEG, MM / factor, digits=7)])
     code, report, _ = identified(path, capsys)
     assert code == ExitCode.PASS
-    assert report["held_out"]["rmse_m"] < 3e-4
+    assert report["held_out"]["rmse_m"] < 3e-3
 
 
 def test_columns_of_two_units_are_refused(tmp_path, capsys):
@@ -241,7 +276,7 @@ def test_a_file_without_heading_is_read_by_the_numbers_of_its_columns(tmp_path, 
     given = ["--columns", "joints=4,5,6,7,8,9", "--columns", "position=1,2,3"]
     code, report, _ = identified(path, capsys, *given)
     assert code == ExitCode.PASS
-    assert report["held_out"]["rmse_m"] < 3e-4
+    assert report["held_out"]["rmse_m"] < 3e-3
 
 
 def test_remarks_between_the_rows_are_no_rows(tmp_path, capsys):
@@ -255,7 +290,7 @@ def test_units_below_the_heading_and_decimal_commas(tmp_path, capsys):
     lines = [";".join([*J, "X", "Y", "Z"]), ";".join(["[°]"] * 6 + ["[mm]"] * 3)]
     path = file_of(tmp_path, [*lines, *rows(DEG, MM, separator=";", comma=True)], "cp1252")
     _, report, _ = identified(path, capsys)
-    assert report["held_out"]["rmse_m"] < 3e-4
+    assert report["held_out"]["rmse_m"] < 3e-3
     assert len(report["guesses"]) == 1
 
 
@@ -274,7 +309,7 @@ def test_rows_without_a_reading_are_told_apart_from_rejected_ones(tmp_path, caps
     assert unread == [3, 7, 11, 14, 15, 29]
     assert [row["row"] for row in report["rejected"] if row["kind"] != UNREAD] == [25]
     assert (report["rows"], report["usable"], report["held_out"]["n"]) == (40, 34, 34)
-    run_command_line(["identify", str(path), "--robot", "abb_irb120"])
+    run_command_line(["identify", str(path), "--robot", "abb_irb120", "--level", "1"])
     said = capsys.readouterr().out
     assert "34 usable rows of 40" in said
     assert "6 rows hold no reading" in said
