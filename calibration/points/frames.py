@@ -91,28 +91,14 @@ def frame_from_three_points(
     return _taught(_three_point_matrix, points, sigma_m, opening, length)
 
 
-def refuse_hanging_frame(base_frame: Pose, up_in_base: Sequence[float]) -> None:
-    """Refuse a frame whose +z is known to be up and points down: two of its three points are swapped.
+def points_down(base_frame: Pose, up_in_base: Sequence[float]) -> bool:
+    """Tell whether +z of a frame points against a direction that is up, by 30 degrees and more below the horizontal.
 
-    Parameters
-    ----------
-    base_frame : Pose
-        As constructed.
-    up_in_base : vector
-        Against gravity, in the base.
-
-    Raises
-    ------
-    CalibrationError
-        Its z points down by 30 degrees and more; a frame on a slope is no mistake.
+    Where z is known to be up, two of the three points that made such a frame are swapped: each swap turns z over.
     """
     up = np.asarray(up_in_base, dtype=float)
     upward = float(base_frame.rotation()[:, 2] @ up) / max(float(np.linalg.norm(up)), 1e-12)
-    if upward < -_SURELY_DOWN:
-        raise CalibrationError(
-            "z of the frame points down, where it should point up.",
-            remedy="Two of the three points are swapped: origin and x, or x and y.",
-        )
+    return upward < -_SURELY_DOWN
 
 
 class PointsDisagreeError(CalibrationError):
