@@ -31,7 +31,7 @@ _SUSPECT = 0.002  # of the motion: no nominal arm with its mastering fitted is o
 _SUSPECT_M = 1e-3
 _GROSS = 0.015  # of the motion: nothing is calibrated by such a fit
 _GROSS_M = 5e-3
-_DECISIVE = 4.0  # times better must the rows fit with a cause
+_DECISIVE = 3.0  # times better must the rows fit with a cause
 _ALIKE = 1.6  # times the best score: these causes cannot be told apart
 _ALIKE_M = 2e-4
 _FAR_RAD = float(np.deg2rad(5.0))  # of a zero: ten deviations of what mastering may be off by
@@ -94,7 +94,9 @@ def refuse_misfit(
     stands = fit_quickly(model, some)
     if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
         others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
-        causes = _causes(model, observations, stands, names, others)
+        # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
+        limit_m = stands.score_m / (1.0 if _far_zeros(stands) else _DECISIVE)
+        causes = _causes(model, observations, limit_m, names, others)
         if causes:
             raise _misfit(model, stands.score_m, motion_m, causes)
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
@@ -190,11 +192,7 @@ def _fit_from(model: RobotModel, observations: Observations, start: ArmState) ->
 
 def _refuse_far_zero(model: RobotModel, some: Observations, stands: Fitted, names: FileNames) -> None:
     """Refuse rows that fit only with a zero further off than any mastering leaves it."""
-    far = {
-        joint: _rounded(offset)
-        for joint, (offset, sigma) in enumerate(zip(stands.offsets_rad, stands.sigma_rad, strict=True))
-        if abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
-    }
+    far = _far_zeros(stands)
     if far:
         told = home_reading(some.joints_rad, far, names)
         raise MisfitError(
@@ -204,10 +202,18 @@ def _refuse_far_zero(model: RobotModel, some: Observations, stands: Fitted, name
         )
 
 
+def _far_zeros(stands: Fitted) -> dict[int, float]:
+    return {
+        joint: _rounded(offset)
+        for joint, (offset, sigma) in enumerate(zip(stands.offsets_rad, stands.sigma_rad, strict=True))
+        if abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
+    }
+
+
 def _causes(
     model: RobotModel,
     observations: Observations,
-    stands: Fitted,
+    limit_m: float,
     names: FileNames,
     others: Sequence[RobotModel],
 ) -> tuple[Cause, ...]:
@@ -218,7 +224,7 @@ def _causes(
     found: list[tuple[Candidate, Fitted]] = []
     for candidate in candidates:
         fitted = fit_quickly(candidate.model, candidate.observations)
-        if fitted.score_m / candidate.scale * _DECISIVE <= stands.score_m and _believable(candidate, fitted):
+        if fitted.score_m / candidate.scale <= limit_m and _believable(candidate, fitted):
             found.append(
                 (replace(candidate, reading=_with_fitted_zeros(candidate.reading, fitted, names)), fitted)
             )
