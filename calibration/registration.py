@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.geometry import Array, Pose, homogeneous, nearest_rotation, skew
+from calibration.point_order import refuse_other_order
 
 Triple = tuple[float, float, float]
 
@@ -64,7 +65,8 @@ def best_fit_transform(
     DegenerateDataError
         Fewer than three pairs, or points (nearly) on one line.
     CalibrationError
-        Different numbers of points, numbers that are not finite, or one set is a mirror image of the other.
+        Different numbers of points, numbers that are not finite, points in another order, or one set is a mirror
+        image of the other.
 
     References
     ----------
@@ -78,6 +80,7 @@ def best_fit_transform(
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     covariance = b.T @ a
     rotation = nearest_rotation(covariance)
+    refuse_other_order(a, b, a @ rotation.T - b)
     _refuse_mirror(covariance, a, b, rotation)
     residuals = a @ rotation.T - b
     freedom = 3 * len(source) - 6

@@ -11,7 +11,7 @@ from pydantic_core import to_jsonable_python
 
 from calibration.geometry import Pose
 from calibration.points.frame_design import FrameGoal, FrameOutlook, FramePoint, FrameRole, frame_outlook
-from calibration.points.frames import TaughtFrame
+from calibration.points.frames import TaughtFrame, points_down
 from drivers.interfaces import Instruction
 from procedures.canonical import sha256_of
 from procedures.entry import Entry, Keepsake, Phase
@@ -154,6 +154,11 @@ def _keeps(spec: ThreePointFrame, result: FrameSetup) -> Keepsake:
 
 
 _NONE_TO_SPARE = "Three points fix a frame without one to spare: a wrong touch leaves no trace in a residual."
+_HANGING = (
+    "z of the frame points down in the robot's base: if it should point up, two of the three points are swapped "
+    "(origin and x, or x and y)."
+)
+_UP = (0.0, 0.0, 1.0)  # of a robot that stands on its feet
 _SPARE_RULE = "PASS if the points have coordinates to compare, else UNDECIDED: touch the origin once more"
 
 
@@ -176,7 +181,10 @@ def _judge(spec: ThreePointFrame, found: FrameSetup) -> Verdict:
         limit=1,
     )
     above = held("handedness: a point above lies on +z", True, "refused where it does not")
-    unseen = ("Nothing was touched on the +z side: the order of the points was not checked.",)
+    unseen = (
+        "Nothing was touched on the +z side: the order of the points was not checked.",
+        *((_HANGING,) if points_down(taught.base_frame, _UP) else ()),
+    )
     return Verdict(
         (origin.with_budget(budget), turn, spare, *((above,) if spec.check_above else ())),
         limits_from=told(spec.accuracy_class, spec.limits),

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
+from calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
 from calibration.wires.model import WirePrior
 from calibration.wires.reference import WireReference
 
@@ -130,6 +131,7 @@ class RecoveryKit:
             raise CalibrationError(
                 "the tip and the deviations of a recovery kit must be finite, deviations > 0"
             )
+        refuse_not_metres(self.tip_in_flange_m, "tip of the recovery kit", MOST_OF_TOOL_M)
 
 
 @dataclass(frozen=True, slots=True)

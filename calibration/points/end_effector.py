@@ -11,6 +11,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, Pose
+from calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
 from calibration.points.fixture import (
     PlacedPoints,
     Triple,
@@ -39,6 +40,7 @@ def refuse_tool_points(points_in_tool_m: Sequence[Triple]) -> None:
     CalibrationError
         With what to measure instead.
     """
+    refuse_not_metres(points_in_tool_m, "points on the end-effector", MOST_OF_TOOL_M)
     if len(points_in_tool_m) == 2:
         raise CalibrationError(
             "two points leave the turn about their line open.",

@@ -13,6 +13,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.geometry import Array, Pose, adjoint, exp_twist, skew
+from calibration.metres import refuse_not_metres
 from calibration.registration import best_fit_transform
 from calibration.uncertainty import chi_square_limit, coverage_in_space
 
@@ -137,6 +138,7 @@ def refuse_bad_points(points_m: Sequence[Sequence[float]], what: str = "alignmen
     points = np.asarray(points_m, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise CalibrationError(f"the {what} need three finite coordinates each")
+    refuse_not_metres(points, what)
     if len(points) < 3:
         raise DegenerateDataError(
             f"{len(points)} {what} do not fix a frame.", remedy="Use three that lie on no line, better four."

@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.geometry import Array, Pose, exp_twist, homogeneous, inverse_transform, log_transform, skew
+from calibration.metres import refuse_not_metres
 from calibration.registration import RigidFit, best_fit_transform
 from calibration.uncertainty import chi_square_limit
 
 Triple = tuple[float, float, float]
 
 MIN_DISTANCE_M = 0.02
+_SURELY_DOWN = 0.5  # of the vertical: a frame on a slope is no mistake
 MIN_OPENING_RAD = math.radians(5.0)
 
 
@@ -87,6 +89,16 @@ def frame_from_three_points(
     if above_m is not None:
         _refuse_below(matrix, above_m)
     return _taught(_three_point_matrix, points, sigma_m, opening, length)
+
+
+def points_down(base_frame: Pose, up_in_base: Sequence[float]) -> bool:
+    """Tell whether +z of a frame points against a direction that is up, by 30 degrees and more below the horizontal.
+
+    Where z is known to be up, two of the three points that made such a frame are swapped: each swap turns z over.
+    """
+    up = np.asarray(up_in_base, dtype=float)
+    upward = float(base_frame.rotation()[:, 2] @ up) / max(float(np.linalg.norm(up)), 1e-12)
+    return upward < -_SURELY_DOWN
 
 
 class PointsDisagreeError(CalibrationError):
@@ -296,7 +308,7 @@ def _refuse_below(matrix: Array, above_m: Sequence[float]) -> None:
     if not height > 0:
         raise CalibrationError(
             f"the check point lies {-height * 1e3:.1f} mm below the frame: z points the wrong way.",
-            remedy="The points were taught in another order, or +y is on the other side.",
+            remedy="Two of the points are swapped (origin and x, or x and y), or +y is on the other side.",
         )
 
 
@@ -304,4 +316,5 @@ def _points(*values: Sequence[float]) -> Array:
     points = np.asarray(values, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise CalibrationError("points need three finite coordinates each")
+    refuse_not_metres(points, "touched points")
     return points

@@ -14,6 +14,7 @@ from calibration.errors import CalibrationError, DegenerateDataError
 from calibration.geometry import Array, Pose, homogeneous
 from calibration.identification.cross_validation import Errors
 from calibration.identification.identify import Identification, identify
+from calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
 from calibration.identification.observations import PointObservations
 from calibration.identification.parameters import OFFSETS
 from calibration.identification.selection import Options
@@ -152,7 +153,10 @@ def _identified(model: RobotModel, joints: Array, measured: Array, level: int) -
     rows = PointObservations(
         joints, measured, np.full(len(joints), _SIGMA_M), np.zeros(len(joints), dtype=np.intp)
     )
-    return identify(model, rows, options=Options(level=level, find_breaks=False))
+    refuse_misfit(model, rows)
+    found = identify(model, rows, options=Options(level=level, find_breaks=False))
+    refuse_gross_misfit(model, rows, found.judgement.held_out_m)
+    return found
 
 
 def _joints(model: RobotModel, pairs: Pairs) -> Array:

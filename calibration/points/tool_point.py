@@ -17,6 +17,7 @@ from calibration.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
+from calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
 from calibration.points.deleted_residuals import deleted_residuals
 from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
 
@@ -116,6 +117,7 @@ def locate_tool_point(
     n = len(touches)
     if n < 3:
         raise DegenerateDataError(f"{n} touches cannot locate a tip.", remedy="Teach three or more touches.")
+    refuse_not_metres([touch.position_m for touch in touches], "poses of the flange")
     design = np.zeros((n, 3, 6))
     design[:, :, :3] = [touch.rotation() for touch in touches]
     design[:, :, 3:] = -np.eye(3)
@@ -132,6 +134,7 @@ def locate_tool_point(
             condition=condition,
         )
     solution = vt.T @ ((u.T @ (centre - positions).ravel()) / singular)
+    refuse_not_metres(solution[:3], "tip of the tool", MOST_OF_TOOL_M)
     residuals = (matrix @ solution - (centre - positions).ravel()).reshape(n, 3)
     freedom = 3 * n - 6
     variance = float((residuals**2).sum()) / freedom if sigma_m is None else sigma_m**2
@@ -285,6 +288,7 @@ def axes_from_attitude(base_flange: Pose, base_tool: Pose) -> ToolAxes:
 
 def tool_pose(tip_in_flange_m: Triple, axes: ToolAxes | None = None) -> Pose:
     """Return flange_tool: the tip with the given axes, or with the flange's own."""
+    refuse_not_metres(tip_in_flange_m, "tip of the tool", MOST_OF_TOOL_M)
     rotation = np.eye(3) if axes is None else rotation_from_quaternion(np.array(axes.quaternion))
     return Pose.from_matrix(homogeneous(rotation, np.array(tip_in_flange_m)))
 

@@ -7,6 +7,7 @@ import numpy as np
 from calibration.arm.kinematics import RobotModel
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
+from calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
 
 FRAME_PARAMETERS = 8  # anchor x y z, hook x y z, zero, scale; geometry errors follow
 
@@ -41,6 +42,8 @@ class WirePrior:
         sigmas = [float(getattr(self, name)) for name in _SIGMAS]
         if not np.isfinite([*self.anchor_in_base_m, *self.hook_in_flange_m, self.zero_m, *sigmas]).all():
             raise CalibrationError("the places and deviations of a wire must be finite")
+        refuse_not_metres(self.anchor_in_base_m, "anchor of the wire")
+        refuse_not_metres(self.hook_in_flange_m, "hook of the wire", MOST_OF_TOOL_M)
         if min(sigmas) < 0 or min(sigmas[:6]) == 0:
             raise CalibrationError("the deviations of a wire must be above zero")
 

@@ -42,6 +42,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     units: tuple[str, ...] = (),
     convention: str = "",
     sheet: str | None = None,
+    joint_coupling: str = "",
     layout: Path | None = None,
     show_layout: bool = False,
     save: Path | None = None,
@@ -101,13 +102,15 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         the workspace, correlations, distributions.
     columns
         What a column is, where guessing fails: joints=q1,q2,… position=X,Y,Z length=L controller=… rotation=…
-        group=…
+        group=…; by name, or by its number counted from 1. -J2 turns a sign, J2+90 adds to a joint's zero [deg].
     units
         Units, where guessing fails: joints=deg position=mm length=m controller=mm rotation=rad.
     convention
         Orientation convention of the measured attitude, or none.
     sheet
         Sheet of an Excel file.
+    joint_coupling
+        controller: joints as on the pendant; geometric: every angle against the link before (FANUC J3 against J2).
     layout
         TOML file that names columns, units, orientation convention, joint coupling and groups; or the readings
         of several devices, targets and robots, which are then fitted together: level, seed, free, limit,
@@ -151,7 +154,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         refuse_for_a_cell({
             "check": check, "train_rows": train_rows, "start": start != "nominal", "columns": columns,
             "residual_model": residual_model, "units": units, "convention": convention, "sheet": sheet,
-            "show_layout": show_layout,
+            "show_layout": show_layout, "joint_coupling": joint_coupling,
         })  # fmt: skip
         words = tuple(word.strip() for text in free for word in text.split(","))
         command = CellCommand(
@@ -160,7 +163,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         )  # fmt: skip
         return identify_cell(command, CellOptions(level=level, seed=seed, free=words))
     named = {key: tuple(value.split(",")) for key, value in _pairs(columns, "--columns").items()}
-    read = ReadOptions(named, _pairs(units, "--units"), convention, sheet)
+    read = ReadOptions(named, _pairs(units, "--units"), convention, sheet, joint_coupling)
     if layout is not None:
         read = overlaid(read_layout(layout), read)
     if show_layout:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from calibration.identification.tip_uncertainty import HayatiTable
     from service.identification.identify import IdentifyReport
     from service.identification.identify_at import TipsAt
+    from service.measured.measurements import RejectedRow
 
 MOST_ROWS_SHOWN = 12
 _WIDER = "these postures hardly show them: measure over a wider range of these joints"
@@ -50,7 +51,7 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
     from calibration.identification.parameters import LEVEL_NAMES
 
     table = Table(
-        "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {report.rows} rows"
+        "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {_rows_said(report)}"
     )
     robot = "the nominal robot" if report.start == "nominal" else report.start
     figures = (
@@ -66,6 +67,11 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
             _add(table, title, errors)
     console.print(table)
     console.print(f"Held out by {report.held_out_by}.")
+
+
+def _rows_said(report: "IdentifyReport") -> str:
+    usable = len(report.measurements.rows)
+    return f"{usable} rows" if usable == report.rows else f"{usable} usable rows of {report.rows}"
 
 
 def _print_reasons(console: "Console", report: "IdentifyReport") -> None:
@@ -94,15 +100,25 @@ def _add(table: "Table", title: str, errors: "Errors") -> None:
 
 
 def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
+    from service.measured.measurements import OUTLIER, UNREAD
+
+    unread = [row for row in report.rejected if row.kind == UNREAD]
+    outliers = [row for row in report.rejected if row.kind == OUTLIER]
+    if unread:
+        console.print(f"[bold]{len(unread)} rows hold no reading[/] and take no part")
+        _print_rows(console, unread)
+    if outliers:
+        console.print(f"[bold]{len(outliers)} rows rejected[/], not fitted; held-out errors count them")
+        _print_rows(console, outliers)
+
+
+def _print_rows(console: "Console", rows: "list[RejectedRow]") -> None:
     from rich.markup import escape
 
-    if not report.rejected:
-        return
-    console.print(f"[bold]{len(report.rejected)} rows rejected[/], not fitted; held-out errors count them")
-    for item in report.rejected[:MOST_ROWS_SHOWN]:
+    for item in rows[:MOST_ROWS_SHOWN]:
         console.print(f"  row {item.row}: {escape(item.reason)}")
-    if len(report.rejected) > MOST_ROWS_SHOWN:
-        console.print(f"  … and {len(report.rejected) - MOST_ROWS_SHOWN} more (`--json` lists all)")
+    if len(rows) > MOST_ROWS_SHOWN:
+        console.print(f"  … and {len(rows) - MOST_ROWS_SHOWN} more (`--json` lists all)")
 
 
 def _print_parameters(console: "Console", report: "IdentifyReport") -> None:

@@ -20,6 +20,7 @@ from calibration.identification.offset_acceptance import OffsetAcceptance, Offse
 from calibration.identification.parameters import LEVEL_NAMES
 from calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from calibration.uncertainty import Decision, Verdict, coverage_factor, decide
+from service.identification.cell_gate import refuse_gross_misfit_of_series, refuse_misfit_of_series
 from service.identification.identify_verdicts import Limits
 from service.measured.cell_rows import CellMeasurements, read_cell
 from service.measured.cells import read_cell_layout
@@ -152,9 +153,12 @@ def identify_cell_file(
         No such robot model, or rows that cannot place what they are about.
     """
     started = time.perf_counter()
-    measurements = read_cell(path, read_cell_layout(layout), robot)
+    described = read_cell_layout(layout)
+    measurements = read_cell(path, described, robot)
     limits = limits or Limits()
+    refuse_misfit_of_series(measurements.cell, described)
     found = fit_cell(measurements.cell, options)
+    refuse_gross_misfit_of_series(measurements.cell, found)
     return CellReport(
         found.level,
         time.perf_counter() - started,

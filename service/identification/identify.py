@@ -14,6 +14,7 @@ from calibration.identification.cross_validation import Errors, Grouping, group_
 from calibration.identification.free_parameters import PartLayout, values_of
 from calibration.identification.identify import Identification, identify
 from calibration.identification.lints import Lint
+from calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
 from calibration.identification.observations import Observations, Rows, with_mounting
 from calibration.identification.parameters import LEVEL_NAMES
 from calibration.identification.residual_model import errors_with
@@ -26,6 +27,7 @@ from service.identification.identify_check import (
     Prepared,
     check_file,
     errors_of,
+    file_names,
     lints_of_fit,
     lints_of_start,
     prepare,
@@ -33,7 +35,7 @@ from service.identification.identify_check import (
 )
 from service.identification.identify_start import Start, StartOptions, places_document, read_start
 from service.identification.identify_verdicts import Limits, Verdicts, judge_limits
-from service.measured.measurements import Measurements, ReadOptions, RejectedRow
+from service.measured.measurements import OUTLIER, Measurements, ReadOptions, RejectedRow
 from service.measured.table import MeasurementError
 
 
@@ -103,6 +105,7 @@ class IdentifyReport:
             "robot": self.robot,
             "level": self.level,
             "rows": self.rows,
+            "usable": len(self.measurements.rows),
             "before": asdict(self.before),
             "fit": asdict(self.fit),
             "held_out": asdict(self.held_out),
@@ -167,6 +170,7 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
     model = load_model(robot)
     prepared = prepare(path, model, options.read)
     start = read_start(options.start, model, prepared.observations.kind)
+    refuse_misfit(start.point.chain(model), prepared.observations, file_names(prepared.measurements))
     train, held = _split(len(prepared.observations), options)
     grouping = group_rows(
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
@@ -186,6 +190,7 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
     )
     breaks = [int(train[item.row]) for item in found.breaks]
     judged = _judged(prepared, found, (train, held), breaks)
+    refuse_gross_misfit(model, prepared.observations, judged.held_out_m)
     checked = None
     if options.check is not None:
         checked = check_file(options.check, options.read, found, prepared)
@@ -303,6 +308,7 @@ def _rejected(measurements: Measurements, found: Identification, train: Rows) ->
             int(measurements.rows[train[row]]),
             f"off model and neighbours by {found.fit_m[row] * 1e3:.2f} mm, "
             f"{found.robust.deviations[row]:.1f} deviations (limit {found.robust.threshold:.1f})",
+            OUTLIER,
         )
         for row in found.rejected
     ]

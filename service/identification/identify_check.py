@@ -14,6 +14,7 @@ from calibration.identification.drift_lint import order_drift, temperature_drift
 from calibration.identification.estimator import Problem, errors_m, estimate, whitened_residuals
 from calibration.identification.identify import Identification
 from calibration.identification.lints import Lint
+from calibration.identification.misfit import FileNames, refuse_misfit
 from calibration.identification.observations import Observations, Rows, with_joints, with_mounting
 from calibration.identification.parameters import FRAMES, ArmState, make_layout
 from calibration.identification.residual_model import errors_with
@@ -80,6 +81,17 @@ def prepare(path: Path, model: RobotModel, options: ReadOptions) -> Prepared:
             )
     grouping = group_rows(raw.joints_rad, measurements.groups)
     return Prepared(measurements, observations, grouping, in_file(noticed, measurements))
+
+
+def file_names(measurements: Measurements) -> FileNames:
+    """Return what a file calls its columns and units, for cures that can be typed."""
+    layout, units = measurements.layout, measurements.units
+    return FileNames(
+        layout.as_typed(layout.joints),
+        layout.as_typed(layout.position) or ("X", "Y", "Z"),
+        units.get("length" if layout.length else "position", ""),
+        units.get("joints", ""),
+    )
 
 
 def in_file(found: Sequence[Lint], measurements: Measurements) -> tuple[Lint, ...]:
@@ -160,6 +172,7 @@ def check_file(path: Path, read: ReadOptions, found: Identification, fitted: Pre
         The file cannot be understood, or holds what another instrument measured.
     """
     other = prepare(path, found.state.nominal, read)
+    refuse_misfit(found.state.nominal, other.observations, file_names(other.measurements))
     if (other.observations.kind == "length") != (fitted.observations.kind == "length"):
         raise MeasurementError(
             f"{path} holds {other.observations.kind}s, not {fitted.observations.kind}s as the fit.",

@@ -26,9 +26,13 @@ from calibration.identification.observations import (
 )
 from calibration.orientation import CONVENTIONS, rotation_from
 from service.measured.cells import CellLayoutFile, Named, Reading
+from service.measured.joint_coupling import controller_joints
+from service.measured.no_readings import no_readings
 from service.measured.table import MeasurementError, Table, read_table
+from service.measured.typed_columns import columns_typed
+from service.measured.units import ANGLE_UNITS, LENGTH_UNITS
 
-_UNITS = {"deg": float(np.deg2rad(1.0)), "rad": 1.0, "mm": 1e-3, "m": 1.0, "inch": 25.4e-3}
+_UNITS = {**ANGLE_UNITS, **LENGTH_UNITS}
 _UNBELIEVABLE = 1e9
 
 
@@ -181,7 +185,8 @@ class _File:
             mine = rows[[other == label for other in labels]]
             many = len(set(labels)) > 1
             name = f"{reading.name}: {device}, {target}" if many else reading.name
-            seen = self._observations(reading, mine)
+            mine = self._with_readings(reading, mine, models[robot])
+            seen = self._observations(reading, mine, models[robot])
             yield _Part(name, device, target, robot, seen, self._table.lines[mine], self._groups(mine))
 
     def _filled(self, reading: Reading) -> Rows:
@@ -195,6 +200,16 @@ class _File:
         if bool((wanted & ~filled).any()):
             self.left_out[reading.name] = int((wanted & ~filled).sum())
         return np.flatnonzero(wanted & filled)
+
+    def _with_readings(self, reading: Reading, rows: Rows, model: RobotModel) -> Rows:
+        """Return the rows in which the device read something."""
+        if reading.kind not in ("point", "pose", "length", "guided length") or not reading.columns:
+            return rows
+        flange = model.tip_positions(self._joints(self._layout.joints, model)[rows], np.zeros(3))
+        silent = list(no_readings(self._columns(reading.columns)[rows], flange))
+        if silent:
+            self.left_out[reading.name] = self.left_out.get(reading.name, 0) + len(silent)
+        return np.delete(rows, silent)
 
     def _equal(self, column: str, entry: str | float) -> np.typing.NDArray[np.bool_]:
         self._known((column,))
@@ -215,8 +230,16 @@ class _File:
         return np.unique(words, return_inverse=True)[1].reshape(-1)[rows] if words else None
 
     def _columns(self, names: tuple[str, ...]) -> Array:
-        self._known(names)
-        return np.column_stack([self._table.column(name) for name in names])
+        """Return columns as they are typed, a turned sign included."""
+        typed = columns_typed(self._table.names, names)
+        return np.column_stack([column.sign * self._table.column(column.name) for column in typed])
+
+    def _joints(self, names: tuple[str, ...], model: RobotModel) -> Array:
+        """Return the joints of all rows as the controller counts them [rad]."""
+        zeros = [column.zero_deg for column in columns_typed(self._table.names, names)]
+        unit = _UNITS[self._layout.units["joints"]]
+        angles = self._columns(names) * unit + np.deg2rad(zeros)
+        return controller_joints(angles, model, self._layout.joint_coupling)
 
     def _known(self, names: tuple[str, ...]) -> None:
         for name in names:
@@ -225,10 +248,12 @@ class _File:
                     f"{self._path} has no column {name!r}.", remedy=f"It has {', '.join(self._table.names)}."
                 )
 
-    def _observations(self, reading: Reading, rows: Rows) -> CellObservations:  # noqa: PLR0911  # one for each kind
+    def _observations(  # noqa: PLR0911  # one for each kind
+        self, reading: Reading, rows: Rows, model: RobotModel
+    ) -> CellObservations:
         layout, count = self._layout, len(rows)
-        turn, unit = _UNITS[layout.units["joints"]], _UNITS[layout.units["readings"]]
-        joints = self._columns(layout.joints)[rows] * turn
+        unit = _UNITS[layout.units["readings"]]
+        joints = self._joints(layout.joints, model)[rows]
         sigma, once = np.full(count, reading.sigma_m), np.zeros(count, dtype=np.intp)
         values = np.full((count, 1), reading.nominal_m)
         if reading.columns:
@@ -240,7 +265,7 @@ class _File:
             sigma_rad = np.full(count, reading.sigma_rad)
             return PoseObservations(joints, values, sigma, once, self._attitudes(reading, rows), sigma_rad)
         if reading.kind == "bar":
-            return BarLengths(joints, one, sigma, once, self._columns(reading.joints_to)[rows] * turn)
+            return BarLengths(joints, one, sigma, once, self._joints(reading.joints_to, model)[rows])
         if reading.kind == "pin":
             return PinTouches.of(joints, sigma, once)
         if reading.kind == "plane":

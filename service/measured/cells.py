@@ -13,6 +13,7 @@ from calibration.geometry import Array, homogeneous, rotation_from_quaternion
 from calibration.orientation import CONVENTIONS
 from service.measured.layouts import layout_data, refuse_unknown
 from service.measured.table import MeasurementError
+from service.measured.units import ANGLE_UNITS, LENGTH_UNITS
 
 _PLACE = ("name", "place_mm", "quaternion", "known_to_mm", "known_to_deg")
 _NUMBERS = ("zero_mm", "zero_known_to_mm", "scale", "scale_known_to", "radius_mm", "radius_known_to_mm")
@@ -27,7 +28,11 @@ _KEYS: Mapping[str, tuple[str, ...]] = {
     ),
 }
 _COLUMNS = ("joints", "robot", "device", "target", "group")
-_UNITS = {"joints": ("deg", "rad"), "rotation": ("deg", "rad"), "readings": ("mm", "m", "inch")}
+_UNITS = {
+    "joints": tuple(ANGLE_UNITS),
+    "rotation": ("deg", "rad"),
+    "readings": tuple(LENGTH_UNITS),
+}
 KINDS = {"point": 3, "pose": 3, "length": 1, "guided length": 1, "bar": 1, "plane": 0, "sphere": 0, "pin": 0}
 _FRAME, _POINT = "frame", "point"
 
@@ -69,6 +74,7 @@ class CellLayoutFile:
     units: Mapping[str, str]
     convention: str
     sheet: str | None
+    joint_coupling: str  # empty, controller or geometric
     robots: tuple[Named, ...]
     tools: tuple[Named, ...]
     targets: tuple[Named, ...]
@@ -90,7 +96,7 @@ def read_cell_layout(path: Path) -> CellLayoutFile:
         No such file, no TOML, or an entry that no layout has; with what it may be.
     """
     data = layout_data(path)
-    refuse_unknown(path, data, ("columns", "units", "convention", "sheet", *_KEYS))
+    refuse_unknown(path, data, ("columns", "units", "convention", "sheet", "joint_coupling", *_KEYS))
     columns, units = dict(data.get("columns", {})), dict(data.get("units", {}))
     refuse_unknown(path, columns, _COLUMNS)
     for meaning, unit in units.items():
@@ -112,12 +118,23 @@ def read_cell_layout(path: Path) -> CellLayoutFile:
         {"joints": "deg", "rotation": "deg", "readings": "mm", **units},
         convention,
         data.get("sheet"),
+        _joint_coupling(path, data),
         tuple(_named(entry, _FRAME, ("model",)) for entry in tables["robot"]),
         tuple(_named(entry, _POINT, ("robot",)) for entry in tables["tool"]),
         tuple(_target(entry) for entry in tables["target"]),
         tuple(_device(entry) for entry in tables["device"]),
         readings,
     )
+
+
+def _joint_coupling(path: Path, data: Mapping[str, Any]) -> str:
+    word = data.get("joint_coupling", "")
+    if word not in ("", "controller", "geometric"):
+        raise MeasurementError(
+            f"{path}: joints cannot be {word!r}.",
+            remedy="joint_coupling is controller (as on the pendant) or geometric.",
+        )
+    return str(word)
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,8 +70,8 @@ def layout_document(found: Measurements, options: ReadOptions) -> dict[str, Any]
     """Return how a file was understood, as an object whose keys are those of a layout file."""
     layout = found.layout
     columns = {
-        "joints": layout.joints,
-        "position": layout.position,
+        "joints": layout.as_typed(layout.joints),
+        "position": layout.as_typed(layout.position),
         "rotation": layout.turn if found.convention else (),
         "length": (layout.length,) if layout.length else (),
         "controller": layout.controller,

@@ -10,6 +10,7 @@ from calibration.arm.kinematics import RobotModel
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, log_rotation, mean_rotation
 from calibration.identification.first_guess import first_guess
+from calibration.identification.misfit_units import unit_of_lengths, unit_of_points
 from calibration.identification.observations import (
     LengthObservations,
     Observations,
@@ -20,14 +21,15 @@ from calibration.identification.observations import (
 from calibration.identification.unrounding import resolution
 from calibration.orientation import CONVENTIONS, rotation_from
 from service.measured.columns import Layout, detect_layout
+from service.measured.joint_coupling import controller_joints
+from service.measured.no_readings import no_readings, usable_without
 from service.measured.table import MeasurementError, Table, read_table
+from service.measured.unit_choice import UnitChoice
 
-_LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 25.4e-3, "um": 1e-6}
-_ANGLE_UNITS = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
-_MOST_RADIANS = 8.2  # a turn and a third: beyond, angles are degrees
 _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
 _SIGMA_RAD = 2e-3
 _CONSISTENT_RAD = float(np.deg2rad(2.0))
+UNREAD, OUTLIER = "no reading", "outlier"
 _LIKELY = ("ur_rotation_vector", "ros_rpy", "instrument_xyz")  # of equal formulas, the first is named
 _ROUNDED = 0.01
 _ENOUGH_ROWS = 20_000  # to tell a unit by
@@ -42,6 +44,7 @@ class RejectedRow:
 
     row: int
     reason: str
+    kind: str = UNREAD  # or OUTLIER: it was read, and the fit does not believe it
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,16 +92,19 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
     numbers = {name: table.column(name) for name in (*names, *layout.spread, *layout.controller)}
     good, rejected = _usable(table, names, numbers)
-    if not good.any():
-        first = f"row {rejected[0].row}: {rejected[0].reason}" if rejected else "it has no rows"
-        raise MeasurementError(f"{path} has no usable row; {first}.", remedy="Name columns with `--columns`.")
+    _refuse_none(path, good, rejected)
     _refuse_mostly_text(path, rejected, len(table))
-    numbers = {name: values[good] for name, values in numbers.items()}
     guesses = [table.dialect] if table.dialect else []
-    units = _Units({**layout.units, **options.units}, guesses)
-    raw = np.column_stack([numbers[name] for name in layout.joints])
+    units = UnitChoice({**layout.units, **options.units}, guesses)
+    raw = np.column_stack([numbers[name][good] for name in layout.joints])
     unit = units.angle("joints", layout.joints, raw)
-    source = _Source(layout, numbers, model, options, units, _of_controller(raw * unit, model, options))
+    joints = controller_joints(_as_typed(raw * unit, layout), model, options.joint_coupling)
+    good, joints, silent = _with_readings(table, good, joints, (layout, numbers, model))
+    rejected = tuple(sorted([*rejected, *silent], key=lambda item: item.row))
+    _refuse_none(path, good, rejected)
+    numbers = {name: values[good] * layout.sign(name) for name, values in numbers.items()}
+    raw = np.column_stack([numbers[name] for name in layout.joints])
+    source = _Source(layout, numbers, model, options, units, joints)
     controller, controller_step = source.controller()
     observations, value_step = source.observations()
     rows = np.flatnonzero(good)
@@ -120,18 +126,38 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
     )
 
 
-def _of_controller(angles_rad: Array, model: RobotModel, options: ReadOptions) -> Array:
-    """Return joints as the controller counts them, from geometric ones if the user says so."""
-    known = ("", "controller", "geometric")
-    if options.joint_coupling not in known:
-        raise MeasurementError(
-            f"joints cannot be {options.joint_coupling!r}.",
-            remedy="joint_coupling is controller (as on the pendant) or geometric.",
-        )
-    if options.joint_coupling != "geometric":
-        return angles_rad
-    signed: Array = angles_rad * np.sign(np.diag(model.joint_coupling))
-    return np.asarray(np.linalg.solve(model.joint_coupling, signed.T).T, dtype=np.float64)
+def _as_typed(joints_rad: Array, layout: Layout) -> Array:
+    """Return joints with the signs and zeros that were typed with their columns."""
+    signs = np.array([layout.sign(name) for name in layout.joints])
+    typed: Array = joints_rad * signs + np.deg2rad([layout.zero_deg(name) for name in layout.joints])
+    return typed
+
+
+def _refuse_none(path: Path, good: np.typing.NDArray[np.bool_], rejected: tuple[RejectedRow, ...]) -> None:
+    if not good.any():
+        first = f"row {rejected[0].row}: {rejected[0].reason}" if rejected else "it has no rows"
+        raise MeasurementError(f"{path} has no usable row; {first}.", remedy="Name columns with `--columns`.")
+
+
+def _with_readings(
+    table: Table,
+    good: np.typing.NDArray[np.bool_],
+    joints_rad: Array,
+    known: tuple[Layout, Mapping[str, Array], RobotModel],
+) -> tuple[np.typing.NDArray[np.bool_], Array, list[RejectedRow]]:
+    """Return usable rows and their joints without those in which the device read nothing."""
+    layout, numbers, model = known
+    names = (layout.length,) if layout.length else layout.position
+    values = np.column_stack([numbers[name][good] for name in names])
+    found = no_readings(values, model.tip_positions(joints_rad, np.zeros(3)))
+    if not found:
+        return good, joints_rad, []
+    rows = np.flatnonzero(good)
+    silent = [
+        RejectedRow(int(rows[at]), f"line {table.lines[rows[at]]}: {', '.join(names)}: {why}")
+        for at, why in found.items()
+    ]
+    return usable_without(good, list(found)), np.delete(joints_rad, list(found), axis=0), silent
 
 
 def _usable(
@@ -169,7 +195,7 @@ class _Source:
     numbers: Mapping[str, Array]
     model: RobotModel
     options: ReadOptions
-    units: "_Units"
+    units: UnitChoice
     joints_rad: Array
 
     def columns(self, names: Sequence[str]) -> Array:
@@ -198,11 +224,23 @@ class _Source:
         once = np.zeros(count, dtype=np.intp)
         if layout.length:
             raw = self.numbers[layout.length]
-            unit = self.units.length("length", (layout.length,), raw[:, None], 0.0)
+            unit = self.units.length(
+                "length",
+                (layout.length,),
+                raw[:, None],
+                0.0,
+                lambda units: unit_of_lengths(self.model, self.joints_rad, raw, units),
+            )
             sigma = self._sigma(unit)
             return LengthObservations(self.joints_rad, raw * unit, sigma, once), resolution(raw) * unit
         raw = self.columns(layout.position)
-        unit = self.units.length("position", layout.position, raw, self.spread_m())
+        unit = self.units.length(
+            "position",
+            layout.position,
+            raw,
+            self.spread_m(),
+            lambda units: unit_of_points(self.model, self.joints_rad, raw, units),
+        )
         points = PointObservations(self.joints_rad, raw * unit, self._sigma(unit), once)
         step = max(resolution(column) for column in raw.T) * unit
         if not layout.turn or self.options.convention == "none":
@@ -220,10 +258,9 @@ class _Source:
     def _with_attitudes(self, points: PointObservations) -> Observations:
         """Add attitudes if one convention makes the tool sit still in the flange; else leave them out."""
         written = ", ".join(self.layout.turn)
-        turns, names = self._turns()
         try:
-            expected = _expected_attitudes(self.model, points)
-            wobble = {name: _wobble_rad(expected, rotation_from(name, turns)) for name in names}
+            expected, read = _expected_attitudes(self.model, points), self._rotations()
+            wobble = {name: _wobble_rad(expected, rotations) for name, rotations in read.items()}
         except CalibrationError as error:
             self.units.guesses.append(f"attitudes ({written}) left out: {error.message}")
             return points
@@ -238,32 +275,38 @@ class _Source:
             return points
         self.units.used["convention"] = best
         self.units.guesses.append(f"attitude ({written}) read as {best}: {CONVENTIONS[best].formula}")
-        return pose_from_points(points, rotation_from(best, turns), np.full(len(points), _SIGMA_RAD))
+        return pose_from_points(points, read[best], np.full(len(points), _SIGMA_RAD))
 
-    def _turns(self) -> tuple[Array, list[str]]:
-        """Return the numbers of the attitudes and the conventions that they may be written in."""
-        turns, fields, wanted = (
-            self.columns(self.layout.turn),
-            self.layout.turn_fields,
-            self.options.convention,
-        )
+    def _rotations(self) -> Mapping[str, Array]:
+        """Return the attitudes (N, 3, 3) by every convention that they may be written in."""
+        turns, wanted = self.columns(self.layout.turn), self.options.convention
         if wanted and wanted not in CONVENTIONS:
             raise MeasurementError(
                 f"no orientation is called {wanted!r}.",
                 remedy=f"--convention takes none, {', '.join(CONVENTIONS)}.",
             )
-        if len(fields) == 4:
-            # Numbered quaternions, such as q1 to q4, begin with the scalar.
-            order = ("qw", "qx", "qy", "qz") if "qw" in fields else tuple(sorted(fields))
-            if wanted == "ros_quaternion" and "qw" not in fields:
-                order = (order[3], *order[:3])
-            turns = turns[:, [fields.index(f) for f in order]]
-            # Printed quaternions are rounded; anything further from unit length is refused later.
-            length = np.linalg.norm(turns, axis=1, keepdims=True)
-            return np.where(np.abs(length - 1.0) < _ROUNDED, turns / length, turns), ["abb_quaternion"]
+        if len(self.layout.turn) == 4:
+            return self._quaternions(turns)
         turns = turns * self.units.angle("rotation", self.layout.turn, turns)
         others = (n for n, c in CONVENTIONS.items() if len(c.fields) == 3 and n not in _LIKELY)
-        return turns, [wanted] if wanted else [*_LIKELY, *others]
+        return {n: rotation_from(n, turns) for n in ([wanted] if wanted else [*_LIKELY, *others])}
+
+    def _quaternions(self, turns: Array) -> Mapping[str, Array]:
+        """Return attitudes from quaternions: by their names; numbered ones may begin or end with the scalar."""
+        fields, wanted = self.layout.turn_fields, self.options.convention
+        # Printed quaternions are rounded; anything further from unit length is refused later.
+        length = np.linalg.norm(turns, axis=1, keepdims=True)
+        turns = np.where(np.abs(length - 1.0) < _ROUNDED, turns / np.maximum(length, _ROUNDED), turns)
+        if "qw" in fields:
+            order = [fields.index(f) for f in ("qw", "qx", "qy", "qz")]
+            return {"abb_quaternion": rotation_from("abb_quaternion", turns[:, order])}
+        first = [fields.index(f) for f in sorted(fields)]
+        orders = {"abb_quaternion": first, "ros_quaternion": [first[3], *first[:3]]}
+        return {
+            name: rotation_from("abb_quaternion", turns[:, order])
+            for name, order in orders.items()
+            if wanted in ("", name)
+        }
 
 
 def _groups(table: Table, name: str, rows: Rows) -> Rows | None:
@@ -273,52 +316,6 @@ def _groups(table: Table, name: str, rows: Rows) -> Rows | None:
     codes = np.unique([cells[row] for row in rows], return_inverse=True)[1].reshape(-1)
     count = int(codes.max()) + 1
     return codes if 2 < count <= len(rows) // 2 else None
-
-
-@dataclass(frozen=True, slots=True)
-class _Units:
-    """Units that names or the user state, and guesses from magnitudes for the rest, written down."""
-
-    known: Mapping[str, str]
-    guesses: list[str]
-    used: dict[str, str] = field(default_factory=dict)
-
-    def angle(self, meaning: str, columns: Sequence[str], values: Array) -> float:
-        """Return rad per unit: degrees if any angle is beyond a turn and a third."""
-        if meaning in self.known:
-            return self._stated(meaning, _ANGLE_UNITS)
-        name = "deg" if float(np.abs(values).max()) > _MOST_RADIANS else "rad"
-        self._note(meaning, columns, name)
-        return _ANGLE_UNITS[name]
-
-    def length(self, meaning: str, columns: Sequence[str], values: Array, spread_m: float) -> float:
-        """Return m per unit: in which the values spread as wide as the arm moved, if that is known."""
-        if meaning in self.known:
-            return self._stated(meaning, _LENGTH_UNITS)
-        if spread_m > 0:
-            spread = float(np.sqrt(((values - values.mean(axis=0)) ** 2).sum(axis=1).mean()))
-            misfits = {
-                n: abs(np.log(max(spread * _LENGTH_UNITS[n], 1e-12) / spread_m)) for n in ("m", "mm", "cm")
-            }
-            name = min(misfits, key=lambda n: misfits[n])
-        else:
-            name = "mm" if float(np.median(np.abs(values))) > 20.0 else "m"
-        self._note(meaning, columns, name)
-        return _LENGTH_UNITS[name]
-
-    def _stated(self, meaning: str, table: Mapping[str, float]) -> float:
-        unit = self.known[meaning]
-        if unit not in table:
-            raise MeasurementError(
-                f"{meaning} cannot be in {unit!r}.",
-                remedy=f"`--units {meaning}=UNIT` takes {', '.join(table)}.",
-            )
-        self.used[meaning] = unit
-        return table[unit]
-
-    def _note(self, meaning: str, columns: Sequence[str], unit: str) -> None:
-        self.used[meaning] = unit
-        self.guesses.append(f"{meaning} ({', '.join(columns)}) taken as {unit}")
 
 
 def _expected_attitudes(model: RobotModel, points: PointObservations) -> Array:

@@ -16,6 +16,8 @@ import numpy as np
 from calibration.errors import CellError
 from calibration.geometry import Array
 from calibration.identification.observations import Rows
+from service.measured.encodings import encoding_of
+from service.measured.table_heads import doubled_name, heading_names, is_remark, names_without_heading
 
 _SEPARATORS = (";", "\t", ",", "|", " ")
 _LOOK_AHEAD = 200  # lines, to find separator and decimal mark
@@ -24,6 +26,7 @@ _FEWEST_COLUMNS = 3
 _GROUP_MARKS = re.compile("[ \u2009\u202f'\u2019]")
 _GROUPED = re.compile(r"^[+-]?\d{1,3}([ \u2009\u202f'\u2019]\d{3})+([.,]\d+)?$")
 _THOUSANDS = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")  # without a point, a comma is a decimal mark
+_UNIT_APART = re.compile(r"[ \t]+([\[(][^\s\])]*[\])])")  # J1 [deg] is one name between blanks
 _EXCEL = {".xlsx", ".xlsm"}
 
 
@@ -42,6 +45,7 @@ class Table:
     texts: Mapping[tuple[int, int], str]
     lines: Rows  # (N,) of the file, counted from one
     dialect: str  # for people
+    has_heading: bool = True  # else the names are numbers of columns, or from a remark
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -72,32 +76,20 @@ def read_table(path: Path, *, sheet: str | None = None) -> Table:
         raise MeasurementError(f"there is no file {path}.", remedy="Check the name.")
     if path.suffix.lower() in _EXCEL:
         return _read_excel(path, sheet)
-    encoding = _encoding(path)
+    encoding = encoding_of(path)
     with path.open(encoding=encoding, errors="replace") as file:
-        separator, comma = _dialect(list(islice((line for line in file if line.strip()), _LOOK_AHEAD)))
+        separator, comma = _dialect(
+            list(islice((line for line in file if line.strip() and not is_remark([line])), _LOOK_AHEAD))
+        )
     mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
     with path.open(encoding=encoding, errors="replace") as file:
         cells = ([_cell(cell, comma) for cell in _split(line, separator)] for line in file)
         return _assemble(path, cells, f"separated by {mark}, decimal {'comma' if comma else 'point'}")
 
 
-def _encoding(path: Path) -> str:
-    data = path.read_bytes()
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return "utf-16"
-    for order, high_bytes in (("utf-16-le", data[1:400:2]), ("utf-16-be", data[:400:2])):
-        if high_bytes.count(0) > len(high_bytes) // 2:
-            return order
-    try:
-        data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8-sig"
-
-
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
-        return line.split()
+        return _UNIT_APART.sub(r"\1", line).split()
     # One line, one row: a quotation mark that is never closed must not swallow the rest of the file.
     return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
 
@@ -145,7 +137,7 @@ def _cell(text: str, comma: bool) -> float | str:
 def _assemble(path: Path, cells: Iterable[list[float | str]], dialect: str) -> Table:
     rows = iter(cells)
     head = list(islice(rows, _HEAD))
-    counts = [sum(isinstance(cell, float) for cell in row) for row in head]
+    counts = [0 if is_remark(row) else sum(isinstance(cell, float) for cell in row) for row in head]
     widths = Counter(count for count in counts if count >= _FEWEST_COLUMNS)
     if not widths:
         raise MeasurementError(
@@ -154,10 +146,18 @@ def _assemble(path: Path, cells: Iterable[list[float | str]], dialect: str) -> T
         )
     usual = widths.most_common(1)[0][0]
     first = next(i for i, count in enumerate(counts) if count >= max(_FEWEST_COLUMNS, 0.5 * usual))
-    names = _names(path, head[:first], len(head[first]))
+    names = heading_names(head[:first], _width(head[first]))
+    has_heading = names is not None
+    if names is None:
+        remarks = [",".join(str(cell) for cell in row) for row in head[:first]]
+        names = names_without_heading(head[first][: _width(head[first])], remarks)
+    if twice := doubled_name(names):
+        raise MeasurementError(
+            f"{path}: the column name {twice!r} occurs twice.", remedy="Rename one of them."
+        )
     numbers, texts, lines = array("d"), dict[tuple[int, int], str](), array("q")
     for line, row in enumerate(chain(head[first:], rows), start=first + 1):
-        if not any(cell != "" for cell in row):
+        if not any(cell != "" for cell in row) or is_remark(row):
             continue
         padded = [*row[: len(names)], *[""] * (len(names) - len(row))]
         for at, cell in enumerate(padded):
@@ -166,57 +166,12 @@ def _assemble(path: Path, cells: Iterable[list[float | str]], dialect: str) -> T
         numbers.extend(cell if isinstance(cell, float) else math.nan for cell in padded)
         lines.append(line)
     shaped = np.frombuffer(numbers, dtype=float).reshape(-1, len(names))
-    return Table(names, shaped, texts, np.frombuffer(lines, dtype=np.int64), dialect)
+    return Table(names, shaped, texts, np.frombuffer(lines, dtype=np.int64), dialect, has_heading)
 
 
-def _names(path: Path, above: list[list[float | str]], width: int) -> tuple[str, ...]:
-    """Return the header: the line above the numbers, with a line of units between them if there is one."""
-    lines = [[str(cell).strip() for cell in row] for row in above if any(str(cell).strip() for cell in row)]
-    lines = [_without_mark(row) for row in lines]
-    header = [row for row in lines if len(row) >= width or sum(map(bool, row)) >= width]
-    if not header:
-        raise MeasurementError(
-            f"{path} has no line of column names above its numbers.",
-            remedy="Write one, such as q1,q2,q3,q4,q5,q6,x,y,z; `--columns` then says what is what.",
-        )
-    names, units = header[-1], [""] * len(header[-1])
-    if len(header) > 1 and all(_is_unit(cell) for cell in header[-1]):
-        names, units = header[-2], header[-1]
-    joined = [
-        f"{n} [{u.strip('[]()')}]" if u and u not in n else n for n, u in zip(names, units, strict=False)
-    ]
-    doubled = [name for name, count in Counter(n for n in joined if n).items() if count > 1]
-    if doubled:
-        raise MeasurementError(
-            f"{path}: the column name {doubled[0]!r} occurs twice.", remedy="Rename one of them."
-        )
-    return tuple(name or f"column {i + 1}" for i, name in enumerate(joined))
-
-
-def _without_mark(row: list[str]) -> list[str]:
-    """Drop the comment mark of a header such as ``# q1 q2``."""
-    if row and row[0] in ("#", "%", "//"):
-        return row[1:]
-    return [row[0].lstrip("#%").strip(), *row[1:]] if row else row
-
-
-def _is_unit(cell: str) -> bool:
-    return cell.strip("[]()").lower() in {
-        "",
-        "mm",
-        "m",
-        "cm",
-        "µm",
-        "um",
-        "deg",
-        "°",
-        "rad",
-        "degc",
-        "°c",
-        "s",
-        "-",
-        "1",
-    }
+def _width(row: list[float | str]) -> int:
+    """Return how many cells of a row hold something; separators at its end make no columns."""
+    return max((at + 1 for at, cell in enumerate(row) if cell != ""), default=0)
 
 
 def _read_excel(path: Path, sheet: str | None) -> Table:

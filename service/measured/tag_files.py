@@ -1,7 +1,7 @@
 """Tag points from files as simulations, controllers and instruments export them: CSV or Excel, columns found out."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,17 @@ from calibration.orientation import CONVENTIONS, rotation_from
 from calibration.points.tag_points import TagPath
 from service.measured.carried import file_of, is_carried
 from service.measured.columns import Layout, detect_layout
+from service.measured.headings import plain_name
 from service.measured.table import MeasurementError, Table, read_table
+from service.measured.table_heads import are_numbered
+from service.measured.typed_columns import columns_typed
+from service.measured.units import ANGLE_UNITS as _ANGLES
+from service.measured.units import LENGTH_UNITS as LENGTHS
 
-LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 25.4e-3, "um": 1e-6}
-_ANGLES = {"rad": 1.0, "deg": float(np.deg2rad(1.0))}
+_BY_NUMBER = (
+    "It has no heading: say which columns are which by their numbers, such as `--columns name=1` "
+    "`--columns position=2,3,4`."
+)
 WRITTEN = {  # what a screen may tell of a file
     "lengths": list(LENGTHS),
     "angles": list(_ANGLES),
@@ -84,13 +91,15 @@ def read_tags(path: Path, options: TagOptions | None = None) -> ReadTags:
     options = options or TagOptions()
     table = read_table(path, sheet=options.sheet)
     guesses = [table.dialect] if table.dialect else []
-    name = options.columns.get("name") or _name_column(table)
+    name = _given_name(table, options) or _name_column(table)
     layout = _layout(table, options, name)
     numbers = {c: table.column(c) for c in (*layout.joints, *layout.position, *layout.turn)}
     _refuse_gaps(path, table, numbers)
     units = {**layout.units, **options.units}
     joints = _scaled(layout.joints, numbers, _unit("joints", units, _ANGLES, _MOST_RADIANS, guesses))
     positions = _scaled(layout.position, numbers, _unit("position", units, LENGTHS, _MOST_METRES, guesses))
+    joints = _as_typed(layout.joints, joints, layout, joints=True)
+    positions = _as_typed(layout.position, positions, layout)
     return ReadTags(
         TagPath(
             source=path.name,
@@ -103,8 +112,13 @@ def read_tags(path: Path, options: TagOptions | None = None) -> ReadTags:
     )
 
 
+def _given_name(table: Table, options: TagOptions) -> str:
+    wanted = options.columns.get("name", "")
+    return columns_typed(table.names, (wanted,))[0].name if wanted else ""
+
+
 def _name_column(table: Table) -> str:
-    plain = {name.strip().lower().replace(" ", "_"): name for name in table.names}
+    plain = {plain_name(name): name for name in table.names}
     found = next((plain[word] for word in _NAMES if word in plain), "")
     if found:
         return found
@@ -121,26 +135,41 @@ def _layout(table: Table, options: TagOptions, name: str) -> Layout:
         for key, text in options.columns.items()
         if key != "name"
     }
+    typed = {key: columns_typed(table.names, found) for key, found in given.items()}
+    given = {key: tuple(column.name for column in found) for key, found in typed.items()}
+    changed = {column.name: column for found in typed.values() for column in found if column.changes}
     joints = given.pop("joints", ()) or _joint_columns(names, given)
-    missing = [column for column in joints if column not in names]
-    if missing:
-        raise MeasurementError(
-            f"there is no column {missing[0]!r}.", remedy=f"Columns are: {', '.join(names)}."
-        )
     rest = [column for column in names if column not in joints]
+    if not table.has_heading and "position" not in given:
+        given |= _only_numbers(table, rest)
     try:
         found = detect_layout(rest, (), given)
-    except MeasurementError:
+    except MeasurementError as error:
+        if not joints and are_numbered(rest):
+            raise MeasurementError(error.message, remedy=_BY_NUMBER) from error
         if not joints or given:
             raise
-        return Layout(joints=joints, units=_joint_unit(names, joints))
+        return Layout(joints=joints, units=_joint_unit(names, joints), typed=changed)
     return Layout(
         joints=joints,
         position=found.position,
         turn=found.turn,
         turn_fields=found.turn_fields,
         units={**_joint_unit(names, joints), **found.units},
+        typed=changed,
     )
+
+
+def _only_numbers(table: Table, names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the three columns of numbers of a list without heading, if it has no more: x, y and z."""
+    if _triples_named(names):
+        return {}
+    numbers = tuple(name for name in names if np.isfinite(table.column(name)).all())
+    return {"position": numbers} if len(numbers) == 3 else {}
+
+
+def _triples_named(names: Sequence[str]) -> bool:
+    return {"x", "y", "z"} <= {plain_name(name) for name in names}
 
 
 def _joint_columns(names: list[str], given: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
@@ -182,6 +211,15 @@ def _scaled(columns: tuple[str, ...], numbers: Mapping[str, Array], unit: Any) -
     return scaled
 
 
+def _as_typed(columns: tuple[str, ...], values: Array, layout: Layout, *, joints: bool = False) -> Array:
+    """Return values (N, k) with the signs, and the zeros of joints, that were typed with their columns."""
+    if not values.shape[1]:
+        return values
+    zeros = np.deg2rad([layout.zero_deg(column) for column in columns]) if joints else 0.0
+    typed: Array = values * np.array([layout.sign(column) for column in columns]) + zeros
+    return typed
+
+
 def _unit(
     meaning: str, units: Mapping[str, str], table: Mapping[str, float], most: float, guesses: list[str]
 ) -> Any:
@@ -219,7 +257,7 @@ def _attitudes(
     if four:
         turns = np.column_stack([numbers[c] for c in layout.turn])
         length = np.linalg.norm(turns, axis=1, keepdims=True)
-        turns = np.where(np.abs(length - 1.0) < 0.01, turns / length, turns)
+        turns = np.where(np.abs(length - 1.0) < 0.01, turns / np.maximum(length, 0.01), turns)
     else:
         turns = _scaled(layout.turn, numbers, _unit("rotation", units, _ANGLES, _MOST_RADIANS, guesses))
     quaternions = [quaternion_from_rotation(rotation) for rotation in rotation_from(convention, turns)]

@@ -48,6 +48,8 @@ WHOLE = (
     "calibration/identification/identifiability.py",
     "calibration/line_accuracy.py",
     "calibration/mastering/kit_design.py",
+    "calibration/metres.py",
+    "calibration/point_order.py",
     "calibration/mastering/pose_design.py",
     "calibration/motion",
     "calibration/points/end_effector.py",

@@ -1,0 +1,295 @@
+"""Measurements that do not fit their robot by far: which known cause explains them, found by fitting each one.
+
+A fit that leaves half a metre is no calibration of anything. Before it is made, the rows are understood in every
+way that files get wrong: mirrored axes, signs, zeros, order, coupling, units, rows beside each other, another robot.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel, load_model, model_names
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+from calibration.identification.estimator import Problem, errors_m, estimate
+from calibration.identification.first_guess import first_guess
+from calibration.identification.misfit_hypotheses import FileNames, JointReading, home_reading, with_zeros
+from calibration.identification.misfit_ranking import Candidate, coarse_candidates
+from calibration.identification.observations import (
+    LengthObservations,
+    MeasuredRows,
+    Observations,
+    PointObservations,
+)
+from calibration.identification.parameters import OFFSETS, ArmState, make_layout
+from calibration.identification.quick_fit import kept_rms, some_rows
+
+_FEWEST = {"point": 8, "pose": 8, "length": 14}
+_MOST_ROWS = 80
+_SUSPECT = 0.002  # of the motion: no nominal arm with its mastering fitted is off by as much
+_SUSPECT_M = 1e-3
+_GROSS = 0.015  # of the motion: nothing is calibrated by such a fit
+_GROSS_M = 5e-3
+_DECISIVE = 3.0  # times better must the rows fit with a cause
+_ALIKE = 1.6  # times the best score: these causes cannot be told apart
+_ALIKE_M = 2e-4
+_FAR_RAD = float(np.deg2rad(5.0))  # of a zero: ten deviations of what mastering may be off by
+_SURE = 0.2  # of a far zero: its standard deviation
+_ROUND_RAD = float(np.deg2rad(2.0))
+_MOST_CAUSES = 4
+_PARTS = 4  # of a series, one of which is likely without a break
+_KINDS = ("unit", "angle unit", "mirror", "coupling", "sign", "home", "order", "rows", "model")
+
+
+class MisfitError(CalibrationError):
+    """Measurements that do not fit the robot, with the cause that explains them if one is known."""
+
+    code = "calibration.misfit"
+
+    def __init__(self, message: str, *, remedy: str, causes: tuple["Cause", ...] = ()) -> None:
+        super().__init__(message, remedy=remedy)
+        self.causes = causes
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """One explanation of a misfit."""
+
+    kinds: tuple[str, ...]  # unit | angle unit | mirror | coupling | sign | home | order | rows | model
+    says: str
+    cure: str
+    remaining_m: float  # RMS of the rows, with this cause
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """How well rows fit, and how far the zeros of the inner joints then are from where they should be."""
+
+    score_m: float
+    offsets_rad: tuple[float, ...] = ()
+    sigma_rad: tuple[float, ...] = ()
+
+
+def refuse_misfit(
+    model: RobotModel,
+    observations: Observations,
+    names: FileNames | None = None,
+    *,
+    search_models: bool = True,
+) -> None:
+    """Refuse rows that fit the robot badly and fit well with a known cause.
+
+    Raises
+    ------
+    MisfitError
+        With the cause, and how to say it; or that no known cause fits, nor a device that was moved in between.
+    """
+    names = names or FileNames(model.joint_names)
+    if len(observations) < _FEWEST.get(observations.kind, len(observations) + 1):
+        return
+    rows = some_rows(len(observations), _MOST_ROWS)
+    some = observations.take(rows)
+    motion_m = motion_of(model, some)
+    stands = fit_quickly(model, some)
+    if stands.score_m > max(_SUSPECT * motion_m, _SUSPECT_M):
+        others = [load_model(name) for name in model_names() if name != model.name] if search_models else []
+        # A zero far off is a cause itself, which the fit found by chance: any that fits better takes its place.
+        limit_m = stands.score_m / (1.0 if _far_zeros(stands) else _DECISIVE)
+        causes = _causes(model, observations, limit_m, names, others)
+        if causes:
+            raise _misfit(model, stands.score_m, motion_m, causes)
+    if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
+        _refuse_far_zero(model, some, stands, names)
+    elif _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
+        raise _unknown(model, stands.score_m, motion_m)
+
+
+def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: Array) -> None:
+    """Refuse the end of an identification whose errors (N,) [m] are as large as the robot.
+
+    Raises
+    ------
+    MisfitError
+        No known cause explains them.
+    """
+    motion_m, left_m = motion_of(model, observations), float(kept_rms(errors))
+    if left_m <= max(_GROSS * motion_m, _GROSS_M):
+        return
+    raise _unknown(model, left_m, motion_m)
+
+
+def _unknown(model: RobotModel, left_m: float, motion_m: float) -> MisfitError:
+    return MisfitError(
+        f"the measurements do not fit {model.name}: errors of {left_m * 1e3:.1f} mm remain of a motion of "
+        f"{motion_m * 1e3:.0f} mm, and no known cause fits.",
+        remedy="See that joints and measured values of a row belong together, which robot was measured, and what the "
+        "columns are (`--show-layout`). Nothing was stored.",
+    )
+
+
+def _misfits_throughout(model: RobotModel, observations: Observations, limit_m: float) -> bool:
+    """Tell whether no part of a series fits by itself: where one does, a device was moved between the parts."""
+    fewest = _FEWEST[observations.kind]
+    parts = np.array_split(np.arange(len(observations)), max(min(len(observations) // fewest, _PARTS), 1))
+    return all(
+        fit_quickly(model, observations.take(part[some_rows(len(part), _MOST_ROWS)])).score_m > limit_m
+        for part in parts
+    )
+
+
+def motion_of(model: RobotModel, observations: MeasuredRows) -> float:
+    """Return how far the nominal flange moved about its mean (RMS) [m]."""
+    rows = some_rows(len(observations), 2000)
+    places = model.tip_positions(observations.joints_rad[rows], np.zeros(3))
+    return float(np.sqrt(((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+
+def fit_quickly(model: RobotModel, observations: Observations) -> Fitted:
+    """Fit base, tool and zeros to most of the rows; outliers do not speak."""
+    best = Fitted(float("inf"))
+    plain = _places_only(observations)
+    try:
+        starts = first_guess(model, plain)
+        for start in starts:
+            fitted = _fit_from(model, plain, start)
+            if fitted.score_m < best.score_m:
+                best = fitted
+    except (CalibrationError, np.linalg.LinAlgError):
+        return best
+    return best
+
+
+def _places_only(observations: Observations) -> Observations:
+    if isinstance(observations, LengthObservations):
+        return observations
+    once = np.zeros(len(observations), dtype=np.intp)
+    return PointObservations(observations.joints_rad, observations.positions_m, observations.sigma_m, once)
+
+
+def _fit_from(model: RobotModel, observations: Observations, start: ArmState) -> Fitted:
+    layout = make_layout(model, observations.kind, start.mountings, level=OFFSETS)
+    problem = Problem.of(start, observations)
+    fit = estimate(layout, start, problem)
+    for share in (0.6, 0.75):
+        sizes = errors_m(fit.state, problem)
+        weights = np.where(sizes <= np.quantile(sizes, share), 1.0, 1e-6)
+        # After outliers the start may be far: the rows that fit best lead back.
+        fit = estimate(layout, fit.state, problem, weights)
+    sizes = errors_m(fit.state, problem)
+    freedom = 1.0 - len(layout) / (0.75 * observations.channels * len(observations))
+    score = float(kept_rms(sizes)) / float(np.sqrt(max(freedom, 0.1)))
+    offsets, sigma = np.zeros(model.axes), np.full(model.axes, np.inf)
+    spread = np.sqrt(np.diag(fit.covariance)) * max(score / float(np.median(observations.sigma_m)), 1.0)
+    for at, parameter in enumerate(layout.parameters):
+        if parameter.role == "offset":
+            offsets[parameter.joint], sigma[parameter.joint] = fit.deviations[at], spread[at]
+    # Offsets belong to angles against the link before; what is shown are the controller's joints.
+    of_joints = np.linalg.inv(model.joint_coupling)
+    sigmas = np.where(np.abs(of_joints) > 0, np.abs(of_joints) * sigma, 0.0).sum(axis=1)
+    return Fitted(score, tuple((of_joints @ offsets).tolist()), tuple(sigmas.tolist()))
+
+
+def _refuse_far_zero(model: RobotModel, some: Observations, stands: Fitted, names: FileNames) -> None:
+    """Refuse rows that fit only with a zero further off than any mastering leaves it."""
+    far = _far_zeros(stands)
+    if far:
+        told = home_reading(some.joints_rad, far, names)
+        raise MisfitError(
+            f"the measurements fit {model.name} only if {told.says}.",
+            remedy=told.cure,
+            causes=(Cause(("home",), told.says, told.cure, stands.score_m),),
+        )
+
+
+def _far_zeros(stands: Fitted) -> dict[int, float]:
+    return {
+        joint: _rounded(offset)
+        for joint, (offset, sigma) in enumerate(zip(stands.offsets_rad, stands.sigma_rad, strict=True))
+        if abs(offset) > _FAR_RAD and sigma < _SURE * abs(offset)
+    }
+
+
+def _causes(
+    model: RobotModel,
+    observations: Observations,
+    limit_m: float,
+    names: FileNames,
+    others: Sequence[RobotModel],
+) -> tuple[Cause, ...]:
+    """Return the causes that explain the rows, the simplest first; all of them fit alike."""
+    candidates = coarse_candidates(
+        model, observations, some_rows(len(observations), _MOST_ROWS), names, others
+    )
+    found: list[tuple[Candidate, Fitted]] = []
+    for candidate in candidates:
+        fitted = fit_quickly(candidate.model, candidate.observations)
+        if fitted.score_m / candidate.scale <= limit_m and _believable(candidate, fitted):
+            found.append(
+                (replace(candidate, reading=_with_fitted_zeros(candidate.reading, fitted, names)), fitted)
+            )
+    if not found:
+        return ()
+    best = min(fitted.score_m / candidate.scale for candidate, fitted in found)
+    alike = [
+        (candidate, fitted)
+        for candidate, fitted in found
+        if fitted.score_m / candidate.scale <= _ALIKE * best + _ALIKE_M and candidate.parts
+    ]
+    alike.sort(key=lambda pair: (pair[0].parts, _KINDS.index(pair[0].kinds[-1]), pair[1].score_m))
+    causes: dict[str, Cause] = {}
+    for candidate, fitted in alike:
+        cause = _cause(candidate, fitted)
+        if candidate.parts <= alike[0][0].parts + 1:
+            causes.setdefault(cause.says, cause)
+    return tuple(causes.values())[:_MOST_CAUSES]
+
+
+def _believable(candidate: Candidate, fitted: Fitted) -> bool:
+    motion_m = motion_of(candidate.model, candidate.observations)
+    return fitted.score_m <= max(_GROSS * motion_m, _GROSS_M)
+
+
+def _cause(candidate: Candidate, fitted: Fitted) -> Cause:
+    says, cures = [*candidate.says, candidate.reading.says], [*candidate.cures, candidate.reading.cure]
+    return Cause(
+        candidate.kinds,
+        ", and ".join(word for word in says if word),
+        " ".join(word for word in cures if word),
+        fitted.score_m,
+    )
+
+
+def _with_fitted_zeros(reading: JointReading, fitted: Fitted, names: FileNames) -> JointReading:
+    """Return a reading with the zeros that its fit found, where they are far from none."""
+    total = {
+        joint: _rounded(reading.zeros_rad.get(joint, 0.0) + offset)
+        for joint, offset in enumerate(fitted.offsets_rad)
+    }
+    zeros = {joint: zero for joint, zero in total.items() if abs(zero) > _FAR_RAD}
+    if not zeros and not reading.zeros_rad:
+        return reading
+    return with_zeros(reading, zeros, names)
+
+
+def _rounded(angle_rad: float) -> float:
+    """Return an angle as one would write it: whole quarter turns where it is one, else tenths of a degree."""
+    angle_rad = float((angle_rad + np.pi) % (2 * np.pi) - np.pi)
+    quarter = float(np.round(angle_rad / (np.pi / 2)) * (np.pi / 2))
+    if quarter and abs(angle_rad - quarter) < _ROUND_RAD:
+        return quarter
+    return float(np.deg2rad(np.round(np.rad2deg(angle_rad), 1)))
+
+
+def _misfit(model: RobotModel, left_m: float, motion_m: float, causes: tuple[Cause, ...]) -> MisfitError:
+    first, *rest = causes
+    also = f" It fits as well that {'; or that '.join(cause.says for cause in rest)}." if rest else ""
+    return MisfitError(
+        f"the measurements do not fit {model.name}: {left_m * 1e3:.1f} mm remain of a motion of "
+        f"{motion_m * 1e3:.0f} mm; only {first.remaining_m * 1e3:.2f} mm remain if {first.says}.",
+        remedy=f"{first.cure}{also} Nothing was stored.",
+        causes=causes,
+    )
+
+
+__all__ = ["Cause", "FileNames", "MisfitError", "fit_quickly", "refuse_gross_misfit", "refuse_misfit"]

@@ -1,0 +1,264 @@
+"""Other ways to understand the same rows: what a person or a program gets wrong about signs, zeros, orders, units."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel
+from calibration.geometry import Array
+from calibration.identification.observations import Rows
+
+LENGTH_UNITS: Mapping[str, float] = {
+    "m": 1.0,
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "inch": 25.4e-3,
+    "ft": 0.3048,
+    "mil": 25.4e-6,
+    "um": 1e-6,
+}
+_QUARTER = np.pi / 2
+_FREE_STEP_RAD = float(np.deg2rad(15.0))
+_MOST_PERMUTED = 6  # joints: beyond, only two of them change places
+_TURN_DEG = 180.0 / np.pi
+
+
+@dataclass(frozen=True, slots=True)
+class FileNames:
+    """What the file calls its columns, for cures that can be typed."""
+
+    joints: tuple[str, ...]
+    position: tuple[str, ...] = ("X", "Y", "Z")
+    length_unit: str = ""  # in which positions or lengths were taken
+    angle_unit: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class JointReading:
+    """One way to understand the joints of the rows.
+
+    ``columns`` are what the option takes: ``-J2`` is turned, ``J2+90`` counts from another zero.
+    """
+
+    kind: str  # sign | home | order | coupling | angle unit | rows | model; empty: as they were read
+    parts: int  # how many things are wrong at once
+    joints_rad: Array  # (N, n)
+    says: str = ""
+    cure: str = ""
+    zeros_rad: Mapping[int, float] = field(default_factory=dict)
+    columns: tuple[str, ...] = ()  # with their signs and in their order, if one of these differs
+    model: RobotModel | None = None  # another one than was named
+
+
+def as_read(joints_rad: Array) -> JointReading:
+    """Return the joints as they were read."""
+    return JointReading("", 0, joints_rad)
+
+
+def joint_readings(model: RobotModel, series_rad: Array, rows: Rows, names: FileNames) -> list[JointReading]:
+    """Return every single cause of this model's joints that is known, and some that come together.
+
+    ``series_rad`` are the joints of the whole series, of which ``rows`` are looked at.
+    """
+    joints_rad = series_rad[rows]
+    return [
+        *_angle_units(joints_rad, names),
+        *_coupled(model, joints_rad, names),
+        *_signs(model, joints_rad, names),
+        *_homes(joints_rad, names),
+        *_orders(joints_rad, names),
+        *_lagging(series_rad, rows),
+    ]
+
+
+def model_readings(
+    joints_rad: Array, names: FileNames, others: Sequence[RobotModel]
+) -> Iterator[JointReading]:
+    """Return the same joints as those of other robots, as a controller counts them and against the link before."""
+    for other in others:
+        if other.axes != joints_rad.shape[1]:
+            continue
+        says, cure = f"this is a {other.name}", f"Name the robot that was measured: `--robot {other.name}`."
+        yield JointReading("model", 1, joints_rad, says, cure, model=other)
+        for each in _coupled(other, joints_rad, names):
+            yield JointReading(
+                "model",
+                2,
+                each.joints_rad,
+                f"{says}, and {each.says}",
+                f"{cure} {each.cure}",
+                model=other,
+            )
+
+
+def typed_columns(columns: Sequence[str]) -> str:
+    """Return the option that names the joints so."""
+    return f"`--columns joints={','.join(columns)}`"
+
+
+def _angle_units(joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
+    for factor, unit, other in ((_TURN_DEG, "rad", "deg"), (1.0 / _TURN_DEG, "deg", "rad")):
+        if names.angle_unit in ("", other):
+            yield JointReading(
+                "angle unit",
+                1,
+                joints_rad * factor,
+                f"the joints are in {unit}, not in {other}",
+                f"Say so: `--units joints={unit}`.",
+            )
+
+
+def _coupled(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
+    """Return joints with one of them counted against the one before, or no longer: both directions."""
+    if model.axes < 3:
+        return
+    coupling = model.joint_coupling
+    signs = np.sign(np.diag(coupling))
+    second, third = names.joints[1], names.joints[2]
+    if not np.allclose(coupling, np.diag(np.diag(coupling))):
+        geometric = np.asarray(np.linalg.solve(coupling, (joints_rad * signs).T).T, dtype=np.float64)
+        yield JointReading(
+            "coupling",
+            1,
+            geometric,
+            f"{third} is counted against the link before, as in a description, not as the controller of this "
+            f"{model.name} counts it",
+            "Say so: `--joint-coupling geometric`.",
+        )
+        back: Array = (coupling @ joints_rad.T).T * signs
+        yield JointReading(
+            "coupling",
+            1,
+            back,
+            f"{third} is what the controller counts, and was taken as an angle against the link before",
+            "Say so: `--joint-coupling controller`.",
+        )
+    for sign, word, verb in (
+        (1.0, "less", f"Add {second} to {third}"),
+        (-1.0, "plus", f"Subtract {second} from {third}"),
+    ):
+        changed = joints_rad.copy()
+        changed[:, 2] += sign * joints_rad[:, 1]
+        yield JointReading(
+            "coupling",
+            1,
+            changed,
+            f"{third} holds the angle of the joint {word} that of {second} (joints that are coupled)",
+            f"{verb} in the file, or name the robot whose controller couples its joints.",
+        )
+
+
+def _signs(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
+    axes = model.axes
+    for count in range(1, axes + 1):
+        for turned in itertools.combinations(range(axes), count):
+            sign = np.ones(axes)
+            sign[list(turned)] = -1.0
+            columns = [("-" if i in turned else "") + name for i, name in enumerate(names.joints)]
+            which = _listed([names.joints[i] for i in turned])
+            yield JointReading(
+                "sign",
+                count,
+                joints_rad * sign,
+                f"{which} {'counts' if count == 1 else 'count'} the other way round",
+                f"Turn the sign: {typed_columns(columns)}.",
+                columns=tuple(columns),
+            )
+
+
+def _homes(joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
+    """Return other zeros: quarter turns of all joints whose zero neither base nor target hides, and of one any."""
+    inner = range(1, joints_rad.shape[1] - 1)
+    for quarters in itertools.product((0, 1, 2, -1), repeat=len(inner)):
+        zeros = {i: quarter * _QUARTER for i, quarter in zip(inner, quarters, strict=True) if quarter}
+        if zeros:
+            yield home_reading(joints_rad, zeros, names)
+    for joint in inner:
+        for step in range(-11, 12):
+            if step % 6:
+                yield home_reading(joints_rad, {joint: step * _FREE_STEP_RAD}, names)
+
+
+def home_reading(joints_rad: Array, zeros: Mapping[int, float], names: FileNames) -> JointReading:
+    """Return the joints with these angles added."""
+    changed = joints_rad.copy()
+    for joint, zero in zeros.items():
+        changed[:, joint] += zero
+    return with_zeros(JointReading("home", 0, changed), zeros, names)
+
+
+def with_zeros(reading: JointReading, zeros: Mapping[int, float], names: FileNames) -> JointReading:
+    """Return a reading told with these zeros (joint: angle to add), beside what else it changes."""
+    told = "" if reading.kind == "home" else reading.says
+    if not zeros:
+        return replace(reading, parts=reading.parts - len(reading.zeros_rad), says=told, zeros_rad=zeros)
+    plain = reading.columns or names.joints
+    columns = list(plain)
+    for joint, zero in zeros.items():
+        columns[joint] = f"{plain[joint]}{np.rad2deg(zero):+.4g}"
+    each = [f"{names.joints[i]} by {np.rad2deg(zero):+.4g} deg" for i, zero in zeros.items()]
+    says = (
+        f"the zero differs, that of {each[0]}"
+        if len(each) == 1
+        else f"the zeros differ, those of {_listed(each)}"
+    )
+    cure = (
+        f"If the file counts from another zero, say so: {typed_columns(columns)}. If the robot lost its zero there, "
+        "master it first."
+    )
+    return replace(
+        reading,
+        parts=reading.parts - len(reading.zeros_rad) + len(zeros),
+        says=f"{told}, and {says}" if told else says,
+        cure=f"{reading.cure} {cure}" if told and not reading.columns else cure,
+        zeros_rad=zeros,
+    )
+
+
+def _orders(joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
+    axes = joints_rad.shape[1]
+    plain = tuple(range(axes))
+    orders = (
+        itertools.permutations(plain)
+        if axes <= _MOST_PERMUTED
+        else (_swapped(plain, *pair) for pair in itertools.combinations(plain, 2))
+    )
+    for order in orders:
+        moved = sum(a != b for a, b in zip(order, plain, strict=True))
+        if not moved:
+            continue
+        columns = [names.joints[i] for i in order]
+        yield JointReading(
+            "order",
+            1 if moved == 2 or order == plain[::-1] else moved,
+            joints_rad[:, order],
+            f"the columns of the joints are in another order: {', '.join(columns)}",
+            f"Name them in this order: {typed_columns(columns)}.",
+            columns=tuple(columns),
+        )
+
+
+def _swapped(plain: tuple[int, ...], a: int, b: int) -> tuple[int, ...]:
+    order = list(plain)
+    order[a], order[b] = order[b], order[a]
+    return tuple(order)
+
+
+def _lagging(series_rad: Array, rows: Rows) -> Iterator[JointReading]:
+    """Return joints of the rows before or after: two logs that were put side by side one row off."""
+    for shift in (1, -1, 2, -2):
+        if len(series_rad) > 4 * abs(shift):
+            rows_said = f"{abs(shift)} row{'s' if abs(shift) > 1 else ''}"
+            yield JointReading(
+                "rows",
+                1,
+                np.roll(series_rad, shift, axis=0)[rows],
+                f"joints and measured values are {rows_said} apart",
+                f"Move the joints {rows_said} {'down' if shift > 0 else 'up'} in the file.",
+            )
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

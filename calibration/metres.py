@@ -1,0 +1,31 @@
+"""Numbers that cannot be metres where an arm is: millimetres, most of the time."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+
+MOST_OF_TOOL_M = 5.0  # from the flange; the longest lances are three
+MOST_OF_CELL_M = 30.0  # from the base, a rail included
+
+
+def refuse_not_metres(
+    values: Array | Sequence[float] | Sequence[Sequence[float]], what: str, most_m: float = MOST_OF_CELL_M
+) -> None:
+    """Refuse coordinates that no arm reaches.
+
+    Raises
+    ------
+    CalibrationError
+        One is beyond ``most_m``; what is not finite is left to others.
+    """
+    found = np.abs(np.asarray(values, dtype=float))
+    size = float(found.max(initial=0.0, where=np.isfinite(found)))
+    if size <= most_m:
+        return
+    raise CalibrationError(
+        f"{what}: {size:.6g} m cannot be right, an arm is shorter.",
+        remedy="Write metres; these numbers look like millimetres.",
+    )

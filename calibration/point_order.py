@@ -1,0 +1,66 @@
+"""Points that were taken in another order than the drawing's: found by trying the others."""
+
+from collections.abc import Iterator
+from itertools import combinations, permutations
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Array
+
+_SUSPECT_M = 1e-3  # RMS that no touch leaves
+_SUSPECT_SHARE = 3e-3  # of the spread
+_BETTER = 20.0
+_ALL_ORDERS = 7  # points; of more, two that changed places, and runs from another end or beginning
+
+
+def refuse_other_order(source: Array, target: Array, residuals: Array) -> None:
+    """Refuse pairs of centred points (n, 3) that another order fits twenty times better.
+
+    Raises
+    ------
+    CalibrationError
+        With the order.
+    """
+    left = _rms(residuals)
+    spread = float(np.sqrt((target**2).sum(axis=1).mean()))
+    if left < max(_SUSPECT_M, _SUSPECT_SHARE * spread):
+        return
+    orders = np.array(list(_orders(len(source))))
+    if not len(orders):
+        return
+    scores = _scores(source, target[orders])
+    best = int(np.argmin(scores))
+    if scores[best] * _BETTER > left:
+        return
+    order = ", ".join(str(at + 1) for at in orders[best])
+    raise CalibrationError(
+        f"the points fit {left / max(float(scores[best]), 1e-9):.0f} times better in another order: {order}.",
+        remedy="See which point is which: the numbers say where each one of the drawing stands among those measured.",
+    )
+
+
+def _orders(count: int) -> Iterator[tuple[int, ...]]:
+    plain = tuple(range(count))
+    if count <= _ALL_ORDERS:
+        yield from (order for order in permutations(plain) if order != plain)
+        return
+    for a, b in combinations(plain, 2):
+        order = list(plain)
+        order[a], order[b] = order[b], order[a]
+        yield tuple(order)
+    for turned in (plain, plain[::-1]):
+        yield from (turned[at:] + turned[:at] for at in range(count) if turned[at:] + turned[:at] != plain)
+
+
+def _scores(source: Array, targets: Array) -> Array:
+    """Return the RMS of the best rigid fit to each order of the target (H, n, 3)."""
+    left, _, right = np.linalg.svd(np.swapaxes(targets, 1, 2) @ source)
+    left[..., 2] *= (np.linalg.det(left) * np.linalg.det(right))[:, None]
+    moved = source @ np.swapaxes(left @ right, 1, 2)
+    scores: Array = np.sqrt(((moved - targets) ** 2).sum(axis=2).mean(axis=1))
+    return scores
+
+
+def _rms(residuals: Array) -> float:
+    return float(np.sqrt((residuals**2).sum(axis=1).mean()))

@@ -1,0 +1,212 @@
+"""Files of measurements that are wrong in one known way: is the cause named, whatever robot it is?"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.arm.kinematics import RobotModel, load_model, model_names
+from calibration.geometry import Array, exp_twist, homogeneous
+from calibration.identification.misfit import FileNames, MisfitError, refuse_misfit
+from calibration.identification.observations import Device, PointObservations
+from calibration.identification.parameters import ArmState, nominal_state
+from tests.soak.figures import Figures
+
+SEEDS = 20
+_REACH_RAD = 2.0
+_ERRORS = np.array([np.deg2rad(0.15), 4e-4, 4e-4, np.deg2rad(0.03), np.deg2rad(0.03)])
+_SIGMA_M = 1e-4
+_LEAST_NAMED = 0.95
+_INNER = (1, 2, 3, 4)  # joints whose zero neither the base nor the target hides
+
+
+@dataclass(frozen=True, eq=False)
+class Spoilt:
+    """Rows as a file has them, and what the answer must say."""
+
+    model: RobotModel  # as it was named
+    rows: PointObservations
+    kind: str
+    says: tuple[str, ...]  # all of these words
+    unit: str = "mm"
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Rows of a robot with its own errors, as they should be."""
+
+    model: RobotModel
+    rows: PointObservations
+    dice: np.random.Generator
+
+    def names(self) -> tuple[str, ...]:
+        """Return what the joints are called."""
+        return self.model.joint_names
+
+    def with_joints(self, joints_rad: Array) -> PointObservations:
+        """Return the rows with other joints."""
+        return replace(self.rows, joints_rad=joints_rad)
+
+    def with_positions(self, positions_m: Array) -> PointObservations:
+        """Return the rows with other positions."""
+        return replace(self.rows, positions_m=positions_m)
+
+
+def measured(robot: str, seed: int) -> Measured:
+    """Return 30 to 60 rows of a robot with errors of its own, a few of them far off."""
+    model, dice = load_model(robot), np.random.default_rng([seed, *robot.encode()])
+    device = exp_twist(np.concatenate([dice.uniform(-2, 2, 3), dice.uniform(-1.5, 1.5, 3)]))
+    tool = homogeneous(
+        np.eye(3),
+        np.array([*(dice.choice([-1, 1], 2) * dice.uniform(0.03, 0.1, 2)), dice.uniform(0.05, 0.2)]),
+    )
+    start = nominal_state(model, (Device(device, np.zeros(3)),), tool)
+    geometry = dice.standard_normal((model.axes, 5)) * _ERRORS
+    truth = ArmState(model, geometry, (), np.zeros(0), start.flange_tool, start.devices)
+    low, high = np.maximum(model.lower_rad, -_REACH_RAD), np.minimum(model.upper_rad, _REACH_RAD)
+    count = int(dice.integers(30, 61))
+    joints = dice.uniform(low, high, (count, model.axes))
+    seen = truth.seen_from(0).base_flange(joints)[:, :3, 3] + _SIGMA_M * dice.standard_normal((count, 3))
+    wrong = dice.choice(count, count // 20, replace=False)
+    seen[wrong] += 0.05 * dice.standard_normal((len(wrong), 3))
+    rows = PointObservations(joints, seen, np.full(count, 3e-4), np.zeros(count, dtype=np.intp))
+    return Measured(model, rows, dice)
+
+
+def _mirror(true: Measured) -> Spoilt:
+    sign = np.ones(3)
+    sign[true.dice.integers(3)] = -1.0
+    return Spoilt(true.model, true.with_positions(true.rows.positions_m * sign), "mirror", ("mirror image",))
+
+
+def _swapped_columns(true: Measured) -> Spoilt:
+    order = [[1, 0, 2], [0, 2, 1], [2, 1, 0]][true.dice.integers(3)]
+    return Spoilt(true.model, true.with_positions(true.rows.positions_m[:, order]), "mirror", ("swapped",))
+
+
+def _sign(true: Measured) -> Spoilt:
+    joint, sign = int(true.dice.integers(true.model.axes)), np.ones(true.model.axes)
+    sign[joint] = -1.0
+    rows = true.with_joints(true.rows.joints_rad * sign)
+    return Spoilt(true.model, rows, "sign", (f"{true.names()[joint]} counts the other way",))
+
+
+def _home(true: Measured, angle_deg: float) -> Spoilt:
+    joint, zero = int(true.dice.choice(_INNER)), np.zeros(true.model.axes)
+    zero[joint] = np.deg2rad(angle_deg)
+    rows = true.with_joints(true.rows.joints_rad - zero)
+    return Spoilt(true.model, rows, "home", (f"that of {true.names()[joint]} by {angle_deg:+.0f}",))
+
+
+def _quarter_home(true: Measured) -> Spoilt:
+    return _home(true, float(true.dice.choice([-90.0, 90.0])))
+
+
+def _free_home(true: Measured) -> Spoilt:
+    found = _home(true, float(true.dice.choice([-1, 1]) * true.dice.integers(8, 80)))
+    return replace(found, says=(found.says[0].rpartition("by")[0],))
+
+
+def _order(true: Measured) -> Spoilt:
+    a, b = true.dice.choice(true.model.axes, 2, replace=False)
+    order = np.arange(true.model.axes)
+    order[[a, b]] = order[[b, a]]
+    columns = ", ".join(true.names()[i] for i in order)
+    return Spoilt(true.model, true.with_joints(true.rows.joints_rad[:, order]), "order", (columns,))
+
+
+def _coupling(true: Measured) -> Spoilt:
+    coupling, joints = true.model.joint_coupling, true.rows.joints_rad
+    if abs(coupling[2, 1]) > 0:
+        sign = np.sign(np.diag(coupling))
+        return Spoilt(true.model, true.with_joints((coupling @ joints.T).T * sign), "coupling", ())
+    changed = joints.copy()
+    changed[:, 2] += joints[:, 1] * float(true.dice.choice([-1.0, 1.0]))
+    return Spoilt(true.model, true.with_joints(changed), "coupling", ())
+
+
+def _angle_unit(true: Measured) -> Spoilt:
+    factor, unit = ((180 / np.pi, "deg"), (np.pi / 180, "rad"))[true.dice.integers(2)]
+    return Spoilt(true.model, true.with_joints(true.rows.joints_rad * factor), "angle unit", (f"in {unit}",))
+
+
+def _metres(true: Measured) -> Spoilt:
+    factor, taken, unit = ((1e3, "m", "mm"), (1e-3, "mm", "m"), (10.0, "cm", "mm"))[true.dice.integers(3)]
+    rows = true.with_positions(true.rows.positions_m * factor)
+    return Spoilt(true.model, rows, "unit", (f"in {unit}, not in {taken}",), taken)
+
+
+def _inches(true: Measured) -> Spoilt:
+    metres, taken = ((1e-3, "mm"), (1e-2, "cm"), (1.0, "m"))[true.dice.integers(3)]
+    rows = true.with_positions(true.rows.positions_m / 0.0254 * metres)
+    return Spoilt(true.model, rows, "unit", (f"in inch, not in {taken}",), taken)
+
+
+def _other_model(true: Measured) -> Spoilt:
+    others = [name for name in model_names() if name != true.model.name]
+    named = load_model(str(true.dice.choice(others)))
+    return Spoilt(named, true.rows, "model", (f"this is a {true.model.name}",))
+
+
+def _rows_apart(true: Measured) -> Spoilt:
+    shift = int(true.dice.choice([-2, -1, 1, 2]))
+    joints = np.roll(true.rows.joints_rad, shift, axis=0)
+    return Spoilt(true.model, true.with_joints(joints), "rows", (f"{abs(shift)} row",))
+
+
+WAYS: Mapping[str, Callable[[Measured], Spoilt]] = {
+    "mirror": _mirror,
+    "swapped columns": _swapped_columns,
+    "sign": _sign,
+    "quarter home": _quarter_home,
+    "free home": _free_home,
+    "order": _order,
+    "coupling": _coupling,
+    "angle unit": _angle_unit,
+    "metres": _metres,
+    "inches": _inches,
+    "other model": _other_model,
+    "rows apart": _rows_apart,
+}
+
+
+def answer_to(spoilt: Spoilt) -> MisfitError | None:
+    """Return the refusal of spoilt rows."""
+    names = FileNames(spoilt.model.joint_names, length_unit=spoilt.unit, angle_unit="")
+    try:
+        refuse_misfit(spoilt.model, spoilt.rows, names)
+    except MisfitError as refused:
+        return refused
+    return None
+
+
+def is_named(spoilt: Spoilt, refused: MisfitError | None) -> bool:
+    """Tell whether the first cause of a refusal is the right one."""
+    if refused is None or not refused.causes:
+        return False
+    first = refused.causes[0]
+    return first.kinds == (spoilt.kind,) and all(words in first.says for words in spoilt.says)
+
+
+def misfits(seeds: int) -> Figures:
+    """Twelve ways to spoil a file, every robot that ships, so many seeds: the cause is named, and nothing passes."""
+    named = dict.fromkeys(WAYS, 0)
+    passed = asked = false_alarms = 0
+    for robot in model_names():
+        for seed in range(seeds):
+            true = measured(robot, seed)
+            false_alarms += answer_to(Spoilt(true.model, true.rows, "", ())) is not None
+            for way, spoil in WAYS.items():
+                spoilt = spoil(measured(robot, seed))
+                refused = answer_to(spoilt)
+                named[way] += is_named(spoilt, refused)
+                passed += refused is None
+                asked += 1
+    each = seeds * len(model_names())
+    parts = ", ".join(f"{way} {count}/{each}" for way, count in named.items())
+    share = sum(named.values()) / asked
+    line = (
+        f"misfits: {share:.1%} of {asked} spoilt files have their cause named first ({parts}); "
+        f"{passed} not refused, {false_alarms} of {each} good ones refused"
+    )
+    return Figures(line, share >= _LEAST_NAMED and not false_alarms)

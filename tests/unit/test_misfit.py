@@ -1,0 +1,174 @@
+"""Measurements that do not fit their robot are refused with the cause that does, whatever the door they come by."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration.arm.kinematics import load_model, model_names
+from calibration.errors import CalibrationError
+from calibration.identification.misfit import (
+    FileNames,
+    MisfitError,
+    fit_quickly,
+    refuse_gross_misfit,
+    refuse_misfit,
+)
+from calibration.points.tag_points import TagPath, paired
+from calibration.points.tag_robot import calibrate_simulated_robot
+from service.cli.app import run_command_line
+from service.exit_codes import ExitCode
+from tests.soak.misfits import WAYS, Spoilt, answer_to, is_named, measured
+from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
+
+J = [f"J{i}" for i in range(1, 7)]
+CELLS = Path(__file__).resolve().parents[2] / "deploy" / "layouts" / "cells"
+
+
+@pytest.mark.parametrize(("number", "way"), list(enumerate(WAYS)))
+def test_the_cause_is_named(number, way):
+    """One robot for each cause; `make soak ARGS=misfits` takes every robot and twenty seeds."""
+    robots = model_names()
+    spoilt = WAYS[way](measured(robots[number % len(robots)], 100))
+    refused = answer_to(spoilt)
+    assert is_named(spoilt, refused), refused
+
+
+@pytest.mark.parametrize("robot", ["abb_irb120", "fanuc_m6ib", "kuka_kr6_r900", "ur10e"])
+def test_good_measurements_pass(robot):
+    true = measured(robot, 101)
+    assert answer_to(Spoilt(true.model, true.rows, "", ())) is None
+
+
+def test_a_misfit_with_two_causes_names_both():
+    simulated = tracker_points("abb_irb120", 50)
+    seen = simulated.observations
+    spoilt = replace(seen, positions_m=seen.positions_m * [1.0, 1.0, -1.0] / 25.4)
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, spoilt, FileNames(tuple(J), length_unit="mm"))
+    assert refused.value.causes[0].kinds == ("unit", "mirror")
+    assert "position=inch" in refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "says"),
+    [
+        (lambda q: q * [1, 1, -1, 1, 1, 1], "sign", "J3 counts the other way"),
+        (lambda q: q - np.array([0, 0, np.pi / 2, 0, 0, 0]), "home", "J3 by +90"),
+        (lambda q: q[:, [0, 2, 1, 3, 4, 5]], "order", "J1, J3, J2"),
+        (np.rad2deg, "angle unit", "in deg"),
+    ],
+)
+def test_lengths_of_a_wire_are_no_exception(change, kind, says):
+    simulated = wire_lengths("abb_irb120", 80)
+    spoilt = replace(simulated.observations, joints_rad=change(simulated.observations.joints_rad))
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, spoilt, FileNames(tuple(J)))
+    assert refused.value.causes[0].kinds == (kind,)
+    assert says in refused.value.message
+
+
+def test_lengths_in_inches_and_good_ones():
+    simulated = wire_lengths("ur5", 80)
+    refuse_misfit(simulated.model, simulated.observations)
+    spoilt = replace(simulated.observations, lengths_m=simulated.observations.lengths_m / 25.4)
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, spoilt, FileNames(tuple(J), length_unit="mm"))
+    assert "--units length=inch" in refused.value.remedy
+
+
+def test_a_misfit_without_a_known_cause_is_refused_too():
+    simulated = tracker_points("ur10", 40)
+    dice = np.random.default_rng(0)
+    noise = replace(simulated.observations, positions_m=dice.uniform(-1, 1, (40, 3)))
+    with pytest.raises(MisfitError, match="no known cause fits"):
+        refuse_misfit(simulated.model, noise)
+    left = np.full(40, fit_quickly(simulated.model, noise).score_m)
+    with pytest.raises(MisfitError, match="no known cause fits"):
+        refuse_gross_misfit(simulated.model, noise, left)
+    refuse_gross_misfit(simulated.model, noise, np.full(40, 0.004))
+
+
+def test_a_device_that_was_moved_far_is_no_misfit():
+    simulated = tracker_points("ur10", 80)
+    places = simulated.observations.positions_m.copy()
+    places[40:] += [0.5, -0.3, 0.2]
+    refuse_misfit(simulated.model, replace(simulated.observations, positions_m=places))
+
+
+def written(path, names, table):
+    lines = [
+        ",".join(names),
+        *(",".join(v if isinstance(v, str) else f"{v:.5f}" for v in row) for row in table),
+    ]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    return path
+
+
+def test_numbers_of_dice_never_end_well_at_the_command(tmp_path, capsys):
+    dice = np.random.default_rng(3)
+    table = np.column_stack([dice.uniform(-90, 90, (40, 6)), dice.uniform(-900, 900, (40, 3))])
+    path = written(tmp_path / "dice.csv", [*J, "X", "Y", "Z"], table)
+    sets = tmp_path / "sets"
+    options = ["--save", str(sets), "--serial", "1", "--by", "me", "--json"]
+    code = run_command_line(["identify", str(path), "--robot", "abb_irb120", *options])
+    said = capsys.readouterr()
+    assert code == ExitCode.REFUSED
+    assert "no known cause fits" in " ".join(said.err.split())
+    assert not said.out.strip()
+    assert not sets.exists()
+
+
+def test_a_check_file_of_another_frame_of_mind_is_refused(tmp_path, capsys):
+    seen = tracker_points("ur10", 60).observations
+    good = np.column_stack([np.rad2deg(seen.joints_rad), seen.positions_m * 1e3])
+    bad = good * np.array([1.0] * 7 + [-1.0, 1.0])
+    fitted = written(tmp_path / "a.csv", [*J, "X", "Y", "Z"], good)
+    check = written(tmp_path / "b.csv", [*J, "X", "Y", "Z"], bad)
+    code = run_command_line(
+        ["identify", str(fitted), "--robot", "ur10", "--level", "1", "--check", str(check)]
+    )
+    assert code == ExitCode.REFUSED
+    assert "mirror image" in capsys.readouterr().err
+
+
+LAYOUT = """
+[columns]
+joints = ["J1", "J2", "J3", "J4", "J5", "J6"]
+[[reading]]
+name = "tracker"
+kind = "point"
+columns = ["X", "Y", "Z"]
+device = "tracker"
+target = "ball"
+sigma_mm = 0.05
+"""
+
+
+def test_a_cell_of_a_layout_is_refused_with_the_words_of_a_layout(tmp_path, capsys):
+    seen = tracker_points("ur10", 60).observations
+    table = np.column_stack([np.rad2deg(seen.joints_rad) * [1, -1, 1, 1, 1, 1], seen.positions_m * 1e3])
+    path = written(tmp_path / "a.csv", [*J, "X", "Y", "Z"], table)
+    layout = tmp_path / "cell.toml"
+    layout.write_text(LAYOUT, encoding="utf-8")
+    command = ["identify", str(path), "--robot", "ur10", "--layout", str(layout), "--level", "1", "--json"]
+    code = run_command_line(command)
+    said = capsys.readouterr()
+    assert (code, said.out.strip()) == (ExitCode.REFUSED, "")
+    told = " ".join(said.err.split())
+    assert "series 'tracker'" in told
+    assert '"J1", "-J2", "J3"' in told
+    layout.write_text(LAYOUT.replace('"J2"', '"-J2"'), encoding="utf-8")
+    assert run_command_line(command) == ExitCode.PASS
+    assert json.loads(capsys.readouterr().out)["series"][0]["held_out"]["rmse_m"] < 1e-3
+
+
+def test_a_simulated_robot_is_refused_too():
+    seen = tracker_points("ur10e", 40).observations
+    joints = seen.joints_rad * [1, 1, 1, -1, 1, 1]
+    robot = TagPath("robot", tuple(map(tuple, np.zeros((40, 3)))), joints_rad=tuple(map(tuple, joints)))
+    device = TagPath("device", tuple(map(tuple, seen.positions_m)))
+    with pytest.raises(CalibrationError, match="wrist_1_joint counts the other way"):
+        calibrate_simulated_robot(load_model("ur10e"), paired(robot, device))

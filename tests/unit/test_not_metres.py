@@ -1,0 +1,95 @@
+"""Numbers that cannot be metres, points in another order, frames that hang: refused where they come in."""
+
+import numpy as np
+import pytest
+
+from calibration.errors import CalibrationError
+from calibration.geometry import Pose, exp_rotation, exp_twist
+from calibration.mastering.counts import RecoveryKit
+from calibration.points.end_effector import refuse_tool_points
+from calibration.points.fixture import refuse_bad_points
+from calibration.points.frames import frame_from_three_points, points_down
+from calibration.points.tool_point import locate_tool_point, tool_pose
+from calibration.registration import best_fit_transform
+from calibration.wires.model import WirePrior
+from procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame
+from tests.unit.test_tool_point import noisy
+
+TRIANGLE = [(0.4, 0.1, 0.2), (0.7, 0.1, 0.2), (0.4, 0.35, 0.2)]
+
+
+@pytest.mark.parametrize(
+    "refuses",
+    [
+        lambda: frame_from_three_points(*(1e3 * np.array(TRIANGLE))),
+        lambda: refuse_bad_points(1e3 * np.array(TRIANGLE)),
+        lambda: refuse_tool_points([(10.0, 0.0, 180.0)]),
+        lambda: tool_pose((0.0, 0.0, 180.0)),
+        lambda: WirePrior((900.0, -700.0, -400.0), (0.0, 0.0, 0.1)),
+        lambda: WirePrior((0.9, -0.7, -0.4), (0.0, 0.0, 180.0)),
+        lambda: RecoveryKit((0.0, 0.0, 180.0), ()),
+        lambda: locate_tool_point(
+            [Pose(tuple(1e3 * np.array(t.position_m)), t.quaternion) for t in noisy(1, 0.0)]
+        ),
+    ],
+)
+def test_millimetres_for_metres_are_refused(refuses):
+    with pytest.raises(CalibrationError, match="m cannot be right"):
+        refuses()
+
+
+def drawing_and_places(count, seed=0):
+    dice = np.random.default_rng(seed)
+    drawing = dice.uniform(-0.4, 0.4, (count, 3))
+    frame = exp_twist(dice.uniform(-1, 1, 6))
+    return drawing, drawing @ frame[:3, :3].T + frame[:3, 3] + 1e-4 * dice.standard_normal((count, 3))
+
+
+@pytest.mark.parametrize(
+    ("count", "order"),
+    [
+        (3, [1, 0, 2]),
+        (4, [0, 2, 1, 3]),
+        (6, [5, 4, 3, 2, 1, 0]),
+        (12, [0, 7, 2, 3, 4, 5, 6, 1, 8, 9, 10, 11]),
+    ],
+)
+def test_an_order_that_fits_twenty_times_better_is_named(count, order):
+    drawing, places = drawing_and_places(count)
+    best_fit_transform(drawing, places)
+    with pytest.raises(CalibrationError, match="times better in another order") as refused:
+        best_fit_transform(drawing, places[order])
+    wanted = ", ".join(str(order.index(at) + 1) for at in range(count))
+    assert wanted in refused.value.message
+
+
+def test_points_that_no_order_mends_are_left_to_others():
+    drawing, places = drawing_and_places(5)
+    places[2] += 0.02
+    assert best_fit_transform(drawing, places).max_m > 5e-3
+
+
+def test_a_frame_that_hangs_has_two_points_swapped():
+    origin, x, y = TRIANGLE
+    up = (0.0, 0.0, 1.0)
+    assert not points_down(frame_from_three_points(origin, x, y).base_frame, up)
+    tilted = exp_rotation(np.array([np.deg2rad(80.0), 0.0, 0.0]))
+    assert not points_down(frame_from_three_points(*(np.array(TRIANGLE) @ tilted.T)).base_frame, up)
+    for swapped in ((origin, y, x), (x, origin, y)):
+        taught = frame_from_three_points(*swapped)
+        assert points_down(taught.base_frame, up)
+        with pytest.raises(CalibrationError, match="z points the wrong way"):
+            frame_from_three_points(*swapped, above_m=(0.5, 0.2, 0.3))
+
+
+@pytest.mark.parametrize(("order", "hangs"), [((0, 1, 2), 0), ((0, 2, 1), 1), ((1, 0, 2), 1)])
+def test_a_verdict_on_a_frame_says_that_it_hangs(order, hangs):
+    taught = frame_from_three_points(*(TRIANGLE[at] for at in order), sigma_m=1e-4)
+    spec = ThreePointFrame(1, (0.0, 0.0, 0.1))
+    setup = FrameSetup(1, taught, Pose((0.0, 0.0, 0.0)), taught.base_frame)
+    said = ENTRY.verdict(spec, setup).not_verified
+    assert sum("points down" in each for each in said) == hangs
+
+
+def test_a_kit_in_metres_is_taken():
+    assert not RecoveryKit((0.0, 0.0, 0.18), ()).places
