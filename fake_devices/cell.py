@@ -36,6 +36,12 @@ FACTORIES: dict[str, Factory] = {
 WITHOUT_WIRE = frozenset({"file_import"})  # a person or a file: nothing to play
 
 
+def _possible_factor(factor: float) -> float:
+    if not 1.0 <= factor <= 100.0:
+        raise ValueError(f"watchdog_factor {factor} is outside 1 to 100")
+    return factor
+
+
 class FakeCell:
     """All fake devices of one file; an async context."""
 
@@ -43,6 +49,7 @@ class FakeCell:
         fake = document.get("fake", {})
         hidden = bool(fake.get("hidden", True))  # false: a world as its drawings say, for tests of arithmetic
         self.world = World(int(fake.get("seed", 1)), float(fake.get("time_factor", 1.0)), hidden=hidden)
+        self.world.watchdog_factor = _possible_factor(float(fake.get("watchdog_factor", 1.0)))
         self.world.add_furniture(fake)
         self.control_port = int(fake.get("control_port", 0))
         self.robots = self._build(document.get("robot", []))

@@ -3,7 +3,8 @@
 Imitates
     The shop floor.
 Source
-    The [fake] table of a cell file: ``seed`` draws everything hidden, ``time_factor`` sets the clock.
+    The [fake] table of a cell file: ``seed`` draws everything hidden, ``time_factor`` sets the clock,
+    ``watchdog_factor`` lengthens the watchdogs that run in real time, for a machine that has other work.
 Modelled
     Arms by name, each with its own hidden errors; the masterings that can be lost; the true hooks of wires;
     a fixture and an end-effector that a wire can be moved to; artefacts that a probe can touch; marks and a seat;
@@ -41,6 +42,7 @@ class World:
 
     def __init__(self, seed: int = 1, time_factor: float = 1.0, *, hidden: bool = True) -> None:
         self.seed, self.hidden = seed, hidden
+        self.watchdog_factor = 1.0
         self.clock = Clock(time_factor)
         self.arms: dict[str, Arm] = {}
         self.masterings: dict[str, Mastering] = {}

@@ -68,6 +68,7 @@ class ModbusRobot:
         self.controller = Controller(
             arm, coders, str(table.get("serial", "F-000000")), _TITLES.get(model, model)
         )
+        self.controller.program.heartbeat_s *= world.watchdog_factor
         self.controller.on_power = self._power_changed
         self.world_faults = WorldFaults(world, self.controller)
         world.masterings[self._name] = self.controller

@@ -96,6 +96,7 @@ class Program:
     state: State = State.IDLE
     reason: Reason = Reason.NONE
     heartbeat_ignored: bool = False
+    heartbeat_s: float = HEARTBEAT_S  # of real time, after which a move without one is stopped
     _running: bool = False
     _reported: bool = True
     _heartbeat_real_s: float = 0.0
@@ -161,7 +162,7 @@ class Program:
 
     def _check_heartbeat(self) -> None:
         clock = self.firmware.arm.clock
-        due_s = self._heartbeat_real_s + HEARTBEAT_S
+        due_s = self._heartbeat_real_s + self.heartbeat_s
         if clock.real() > due_s and not self.heartbeat_ignored:
             self.abort(
                 Reason.HEARTBEAT_MISSING, at_s=min(max(clock.at_real(due_s), self._begun_s), clock.now())

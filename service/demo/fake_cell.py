@@ -16,7 +16,7 @@ from service.demo.furniture import FURNITURE, USUAL
 
 # ur-rtde cannot be told other ports, so every fake robot needs a loopback address of its own.
 _PORTS = (29999, 30001, 30002, 30003, 30004, 1502, 29536)
-_START_S = 30.0
+_START_S = 120.0
 
 QUICKLY = 600.0  # times as fast as real: for what a demo is not about
 
@@ -35,7 +35,7 @@ port = 1502
 model = "fanuc_m6ib"
 motion = "commanded"
 serial = "F-104711"
-deadline_s = 2.0
+deadline_s = 6.0                         # this and the limits below: also for a machine that has other work
 speed_limit_rad_s = 0.5
 settle_s = {settle_s}
 
@@ -51,8 +51,9 @@ address = "{address}"
 model = "ur10e"
 motion = "commanded"
 serial = "20225500042"
-deadline_s = 2.0
+deadline_s = 6.0
 speed_limit_rad_s = 0.5
+watchdog_hz = 1.0
 
 [[robot.space.plane]]                    # what stands in the cell: without any, speeds halve
 name = "floor"
@@ -70,7 +71,8 @@ node_id = 7
 serial = 4711
 range_m = 3.0
 sigma_m = 0.0002
-deadline_s = 1.0
+deadline_s = 3.0
+heartbeat_s = 0.4
 robot = "fanuc"
 anchor_in_base_mm = [900.0, -700.0, -450.0]
 hook_in_flange_mm = [60.0, 50.0, 120.0]
@@ -85,6 +87,7 @@ drift_check_days = 14
 [fake]
 seed = {seed}
 time_factor = {time_factor}
+watchdog_factor = 3.0
 control_port = 0
 {furniture}"""
 

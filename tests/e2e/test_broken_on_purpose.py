@@ -19,6 +19,7 @@ from service.demo.door import Door
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.exit_codes import ExitCode, exit_code_named
 from service.runs.journal import Journal
+from tests.machine_speed import stretched_s
 
 ROOT = Path(__file__).parents[2]
 YES = ("wire_is_hooked", "accept_plan", "may_move")
@@ -201,7 +202,7 @@ class Command:
     async def end(self) -> tuple[int, str]:
         """Wait for its end; return the exit code and all it said, on one line."""
         assert self.process.stderr is not None
-        async with asyncio.timeout(120):
+        async with asyncio.timeout(stretched_s(120.0)):
             rest = (await self.process.stderr.read()).decode()
             code = await self.process.wait()
         return code, " ".join(" ".join([*self._lines, rest]).split())
@@ -290,7 +291,7 @@ async def test_fakes_behind_a_script_end_when_they_are_told_to(tmp_path: Path) -
     children = children_of(process.pid)
     assert children
     process.terminate()
-    assert await asyncio.wait_for(process.wait(), 60.0) == ExitCode.PASS
+    assert await asyncio.wait_for(process.wait(), stretched_s(60.0)) == ExitCode.PASS
     for child in children:
         with pytest.raises(ProcessLookupError):
             os.kill(int(child), 0)

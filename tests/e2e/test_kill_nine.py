@@ -13,6 +13,7 @@ from procedures.past import Kind
 from service.runs.journal import Journal
 from service.runs.store import RunView, Store
 from tests.e2e.kill_nine.world import Served, child, parts_of
+from tests.machine_speed import stretched_s
 from tests.procedures.cells import Scene, recovering
 from tests.procedures.conclusions import concluded
 
@@ -30,7 +31,7 @@ def _one_life(made: Scene, journal: Path, run_id: str | None, kill: dict[str, An
     theirs.close()
     served = Served(made, ours)
     served.until_closed(process.kill, **(kill or {}))
-    process.join(120)
+    process.join(stretched_s(120.0))
     assert process.exitcode in ((0,) if kill is None else (0, -9))
     served.killed = process.exitcode == -9
     process.close()

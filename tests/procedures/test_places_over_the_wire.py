@@ -25,6 +25,7 @@ from service.runs.specs import build_spec
 from service.runs.store import Store
 from service.runs.unconfirmed import UnconfirmedMasteringError
 from service.watching.held_mastering import HeldMastering, journalled_mastering
+from tests.machine_speed import stretched_s
 from tests.procedures.certified import HOW
 from tests.procedures.fake_hands import FakeHands
 from tests.procedures.ledgers import MemoryLedger
@@ -113,7 +114,7 @@ async def do(config: CellConfig, cell: Any, procedure: str, **settings: Any) -> 
 
 async def lose(cell: Any, door: Door, fault: str = "battery_loss", **given: Any) -> None:
     await door.fault(fault, **given)
-    async with asyncio.timeout(90.0):
+    async with asyncio.timeout(stretched_s(90.0)):
         while (condition := await cell.robot.condition()).readiness is not Readiness.POSITION_LOST:
             await asyncio.sleep(0.05)
     assert condition.alarms
@@ -211,7 +212,7 @@ async def test_a_link_cut_right_after_the_write_leaves_nobody_in_doubt(tmp_path:
 
 
 async def _answers_again(cell: Any) -> None:
-    async with asyncio.timeout(90.0):
+    async with asyncio.timeout(stretched_s(90.0)):
         while (await cell.robot.condition()).readiness is Readiness.UNREACHABLE:
             await asyncio.sleep(0.05)
 

@@ -34,6 +34,7 @@ serial = 4711
 range_m = 3.0
 sigma_m = 0.0002
 deadline_s = 5.0
+heartbeat_s = 0.4
 robot = "fanuc"
 anchor_in_base_mm = [900.0, -700.0, -450.0]
 hook_in_flange_mm = [60.0, 50.0, 120.0]

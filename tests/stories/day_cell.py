@@ -56,6 +56,7 @@ serial = {wire}
 range_m = 3.0
 sigma_m = 0.0001
 deadline_s = 10.0
+heartbeat_s = 1.0
 robot = "{name}"
 anchor_in_base_mm = [900.0, -700.0, -450.0]
 hook_in_flange_mm = [60.0, 50.0, 120.0]
@@ -91,7 +92,7 @@ overtravel_mm = 6.0
 delay_ms = 6.0
 delay_tolerance_ms = 3.0
 deadline_s = 5.0
-silence_ms = 1000.0
+silence_ms = 2000.0
 debounce_ms = 40.0
 poll_ms = 6.0
 
@@ -102,6 +103,7 @@ period_s = 0.5
 seed = {seed}
 time_factor = {pace}
 control_port = 0
+watchdog_factor = 10.0
 
 [fake.fixture]
 points_mm = {points}

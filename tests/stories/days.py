@@ -13,13 +13,14 @@ from playwright.async_api import Page, ViewportSize, expect
 from playwright.async_api import TimeoutError as NotThere
 
 from service.web.app import Settings, create_app
+from tests.machine_speed import stretched_s
 from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium, served
 from tests.stories.day_cell import PACE, day_cell
 from tests.stories.forms import fill_in
 from tests.stories.hands import Hands
 
 PATIENCE_S = 600.0
-PRESS_MS = 4000
+PRESS_MS = 1e3 * stretched_s(4.0)
 LOOKS_S = 0.15
 
 SCREEN = ViewportSize(width=1280, height=800)

@@ -58,7 +58,7 @@ class ProbeCase:
 
 async def until(holds: Callable[[], Awaitable[bool]]) -> None:
     """Ask again and again until it holds; the world is another process and cannot tell us."""
-    async with asyncio.timeout(stretched_s(30.0)):
+    async with asyncio.timeout(stretched_s(60.0)):
         while not await holds():
             await asyncio.sleep(0.01)
 
@@ -170,7 +170,7 @@ ROBOTS: dict[str, RobotCase] = {
         name="fanuc",
         home_rad=(-0.35, 0.17, -0.44, 0.26, -1.05, 0.35),
         away_rad=(0.45, 0.3, -0.3, 0.3, -0.9, 0.2),
-        slow_rad_s=0.01,
+        slow_rad_s=0.006,
         heal=_heal_modbus_robot,
         link_faults=(("silent", {}), ("reset", {}), ("refuse", {})),
         stop_fault=("emergency_stop", {}),
@@ -181,7 +181,7 @@ ROBOTS: dict[str, RobotCase] = {
         name="ur",
         home_rad=(-1.57, -1.57, -1.57, -1.57, 1.57, 0.0),
         away_rad=(-0.77, -1.2, -1.9, -1.3, 1.3, 0.4),
-        slow_rad_s=0.01,
+        slow_rad_s=0.006,
         heal=_heal_universal_robot,
         link_faults=(("link_loss_rtde", {}), ("link_loss_all", {}), ("link_stall", {})),
         stop_fault=("emergency_stop", {}),

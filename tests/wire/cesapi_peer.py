@@ -12,6 +12,8 @@ from copy import deepcopy
 from typing import Any
 from unittest import mock
 
+from tests.machine_speed import stretched_s
+
 with mock.patch("logging.basicConfig"):  # cesapi calls it when it is imported: the log is not its business
     from CESAPI import packet as ces
     from CESAPI.command import CommandSync
@@ -148,7 +150,7 @@ async def listening(tracker: PeerTracker) -> AsyncIterator[int]:
         yield server.sockets[0].getsockname()[1]
         server.close()
         if serving:
-            await asyncio.wait({task for task in serving if task is not None}, timeout=5.0)
+            await asyncio.wait({task for task in serving if task is not None}, timeout=stretched_s(5.0))
     if failures:
         raise failures[0]
 

@@ -9,6 +9,7 @@ from typing import Any
 from fake_devices.cell import FakeCell
 from fake_devices.control import ControlDoor
 from fake_devices.device import FakeDevice
+from tests.machine_speed import stretched_s
 
 ROBOT = {"name": "fanuc", "driver": "modbus_robot", "address": "127.0.0.1", "port": 0, "serial": "F-104711"}
 GAUGE = {
@@ -18,8 +19,12 @@ GAUGE = {
 
 
 def document(**fake: Any) -> dict[str, Any]:
-    """Return the cell file of a robot and its wire; the clock runs 500 times as fast unless told."""
-    return {"robot": [ROBOT], "gauge": [GAUGE], "fake": {"seed": 1, "time_factor": 500.0, **fake}}
+    """Return the cell file of a robot and its wire; the clock runs 500 times as fast, watchdogs wait long."""
+    return {
+        "robot": [ROBOT],
+        "gauge": [GAUGE],
+        "fake": {"seed": 1, "time_factor": 500.0, "watchdog_factor": 10.0, **fake},
+    }
 
 
 @asynccontextmanager
@@ -36,9 +41,9 @@ async def behind_a_door(**fake: Any) -> AsyncIterator[ControlDoor]:
         yield door
 
 
-async def until(true: Callable[[], bool], *, within_s: float = 10.0) -> None:
+async def until(true: Callable[[], bool]) -> None:
     """Wait for something that will become true."""
-    async with asyncio.timeout(within_s):
+    async with asyncio.timeout(stretched_s(30.0)):
         while not true():
             await asyncio.sleep(0.002)
 

@@ -69,6 +69,7 @@ serial = 4711
 range_m = 3.0
 sigma_m = 0.0002
 deadline_s = 1.0
+heartbeat_s = 0.4  # as above
 robot = "fanuc"
 anchor_in_base_mm = [900.0, -700.0, -450.0]
 hook_in_flange_mm = [60.0, 50.0, 120.0]
@@ -129,11 +130,12 @@ control_port = 0
 """
 
 
-_LIMIT = re.compile(r"^(deadline_s|measure_deadline_s) = ([0-9.]+)", re.MULTILINE)
+_LIMIT = re.compile(r"^(deadline_s|measure_deadline_s|silence_ms) = ([0-9.]+)", re.MULTILINE)
+_MOST = {"silence_ms": 2000.0}  # what the drivers take
 
 
 def _stretched(limit: re.Match[str]) -> str:
-    return f"{limit[1]} = {min(stretched_s(float(limit[2])), 60.0):.1f}"
+    return f"{limit[1]} = {min(stretched_s(float(limit[2])), _MOST.get(limit[1], 60.0)):.1f}"
 
 
 def own_address() -> str:
@@ -147,6 +149,7 @@ def running(folder: Path, text: str = CELL) -> Iterator[tuple[Path, Door]]:
     """Play the devices of a cell file until the block ends."""
     path = folder / "cell.toml"
     text = text.format(address=own_address(), folder=folder, time_factor=TIME_FACTOR)
+    text = text.replace("[fake]\n", "[fake]\nwatchdog_factor = 3.0\n")
     path.write_text(_LIMIT.sub(_stretched, text), encoding="utf-8")
     process = subprocess.Popen(
         [sys.executable, "-m", "fake_devices", str(path), "--watch-stdin"],

@@ -15,6 +15,7 @@ from drivers.interfaces import Readiness
 from drivers.laser_tracker.config import LaserTrackerConfig
 from drivers.laser_tracker.packets import Change, Command
 from fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from tests.machine_speed import stretched_s
 from tests.wire.cesapi_peer import PeerClient, PeerTracker, ces, error, header_table, listening, status_change
 from tests.wire.trackers import SERIAL, believed, fake_tracker
 
@@ -23,7 +24,7 @@ PLACE_M = (2.125, -0.75, 0.5)
 
 def driver_at(port: int, **changes: Any) -> LaserTrackerConfig:
     given = {"driver": "laser_tracker", "name": "at", "address": "127.0.0.1", "port": port, "serial": SERIAL}
-    return LaserTrackerConfig.model_validate({**given, "deadline_s": 5.0, **changes})
+    return LaserTrackerConfig.model_validate({**given, "deadline_s": stretched_s(5.0), **changes})
 
 
 class TestOurDriver:

@@ -25,6 +25,7 @@ from drivers.wire.canopen import CanopenLink
 from drivers.wire.socketcand import GuardedSocketcandBus
 from service.configuration.cell_file import CellConfig
 from service.demo.door import Door
+from tests.machine_speed import stretched_s
 from tests.wire.cases import GAUGES, GaugeCase, until, until_ready
 
 
@@ -62,7 +63,8 @@ class TestTheNode:
     async def test_that_does_not_answer_rightly_is_an_error_with_a_remedy(
         self, gauge: Any, door: Door, fault: str, parameters: dict[str, Any], error: type[DeviceError]
     ) -> None:
-        await door.fault(fault, device="wire", **parameters)
+        given = {key: stretched_s(value) if key == "delay_s" else value for key, value in parameters.items()}
+        await door.fault(fault, device="wire", **given)
         with pytest.raises(error) as failure:
             await gauge.distance()
         assert str(failure.value).startswith("wire: ")
@@ -73,7 +75,7 @@ class TestTheNode:
     async def test_that_answers_late_is_never_taken_for_the_next_answer(
         self, gauge: Any, door: Door, delay_s: float
     ) -> None:
-        await door.fault("sdo_slow", device="wire", delay_s=delay_s, count=1)
+        await door.fault("sdo_slow", device="wire", delay_s=stretched_s(delay_s), count=1)
         with pytest.raises(DeviceTimeoutError):
             await gauge.distance()
         await door.fault("wire_offset", device="wire", m=0.04)
@@ -111,7 +113,7 @@ class TestTheNode:
         data = struct.pack("<BHBi", 0x23, 0x6003, 0, 100_000)
         bus = can.Bus(interface="socketcand", channel="can0", host=config.host, port=config.port)
         bus.send(can.Message(arbitration_id=0x600 + config.node_id, data=data, is_extended_id=False))
-        assert await asyncio.to_thread(bus.recv, 2.0) is not None
+        assert await asyncio.to_thread(bus.recv, stretched_s(10.0)) is not None
         bus.shutdown()
         await gauge.close()  # the next call connects again, as after any interruption
         for _ in range(2):
@@ -232,8 +234,8 @@ class TestTheTrapsOfSocketcand:
 
     def test_a_frame_may_arrive_with_the_last_handshake_answer(self) -> None:
         daemon = Daemon(b"< hi >", b"< ok >", b"< ok >< frame 707 1.000000 05 >")
-        bus = GuardedSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=2.0)
-        message = bus.recv(2.0)
+        bus = GuardedSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
+        message = bus.recv(stretched_s(5.0))
         assert message is not None
         assert (message.arbitration_id, bytes(message.data)) == (0x707, b"\x05")
         bus.shutdown()
@@ -248,16 +250,16 @@ class TestTheTrapsOfSocketcand:
     def test_a_daemon_that_says_no_is_an_error(self) -> None:
         daemon = Daemon(b"< hi >", b"< error could not open bus >")
         with pytest.raises(can.CanError, match="could not open bus"):
-            GuardedSocketcandBus("can9", "127.0.0.1", daemon.port, handshake_s=2.0)
+            GuardedSocketcandBus("can9", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
         daemon.end()
 
     @pytest.mark.parametrize("malformed", [b"< frame 707 1.0 >", b"< frame 707 1.0 5 >", b""])
     def test_nonsense_and_the_end_are_errors_and_not_silence(self, malformed: bytes) -> None:
         daemon = Daemon(b"< hi >", b"< ok >", b"< ok >" + malformed)
-        bus = GuardedSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=2.0)
+        bus = GuardedSocketcandBus("can0", "127.0.0.1", daemon.port, handshake_s=stretched_s(5.0))
         daemon.end()
         with pytest.raises(can.CanError):
-            bus.recv(2.0)
+            bus.recv(stretched_s(5.0))
         bus.shutdown()
 
 
@@ -266,8 +268,10 @@ async def virtual_gauge() -> AsyncIterator[tuple[DrawWire, can.BusABC]]:
     """A gauge on an in-process bus, and the bus as a node sees it; nobody answers unless the test does."""
     channel = f"bus {id(asyncio.get_running_loop())}"
     node = can.Bus(interface="virtual", channel=channel)
-    link = CanopenLink("wire", BusOptions("virtual", channel), 7, deadline_s=1.0, heartbeat_s=10.0)
-    gauge = DrawWire(link, load_objects(), GaugeOptions(4711, 3.0, 2e-4, 0.005, 1.0))
+    link = CanopenLink(
+        "wire", BusOptions("virtual", channel), 7, deadline_s=stretched_s(1.0), heartbeat_s=stretched_s(10.0)
+    )
+    gauge = DrawWire(link, load_objects(), GaugeOptions(4711, 3.0, 2e-4, 0.005, stretched_s(1.0)))
     yield gauge, node
     await gauge.close()
     node.shutdown()
@@ -275,7 +279,7 @@ async def virtual_gauge() -> AsyncIterator[tuple[DrawWire, can.BusABC]]:
 
 async def answer_with(node: can.BusABC, frames: list[tuple[int, bytes]]) -> None:
     """Wait for one request, then send these frames."""
-    request = await asyncio.to_thread(node.recv, 2.0)
+    request = await asyncio.to_thread(node.recv, stretched_s(10.0))
     assert request is not None
     for can_id, data in frames:
         node.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
@@ -321,7 +325,7 @@ async def test_an_answer_that_is_one_too_many_ends_the_session(
 async def test_bus_off_is_said_as_such(virtual_gauge: tuple[DrawWire, can.BusABC]) -> None:
     gauge, node = virtual_gauge
     asking = asyncio.create_task(gauge.distance())
-    assert await asyncio.to_thread(node.recv, 2.0) is not None
+    assert await asyncio.to_thread(node.recv, stretched_s(10.0)) is not None
     node.send(can.Message(arbitration_id=0x40, is_error_frame=True, is_extended_id=True, data=bytes(8)))
     with pytest.raises(UnreachableError, match="bus-off"):
         await asking

@@ -17,9 +17,10 @@ from fake_devices.draw_wire.device import DrawWire
 from fake_devices.draw_wire.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED
 from fake_devices.draw_wire.sdo import SdoServer
 from fake_devices.draw_wire.socketcand import frame_text, parse_send
+from tests.machine_speed import stretched_s
 from tests.wire.fake_cells import happen, running, until
 
-WAIT_S = 5.0
+WAIT_S = stretched_s(10.0)
 
 
 @pytest_asyncio.fixture

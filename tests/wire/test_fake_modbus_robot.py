@@ -14,8 +14,9 @@ from fake_devices.arm_models import COUNTS_PER_TURN
 from fake_devices.cell import FakeCell
 from fake_devices.kinematics import matrix_from_xyzwpr
 from fake_devices.modbus_robot.device import ModbusRobot
-from fake_devices.modbus_robot.program import Reason, State
+from fake_devices.modbus_robot.program import HEARTBEAT_S, Reason, State
 from fake_devices.world import World
+from tests.machine_speed import stretched_s
 from tests.wire.fake_cells import float32, floats, happen, int32, integers, running, text, until
 
 JOINT_MOVE, JOG, CALIBRATE, RESET, SELECT_TOOL, SELECT_FRAME = range(1, 7)
@@ -29,7 +30,9 @@ class Host:
         assert isinstance(robot, ModbusRobot)
         self.cell, self.robot, self.world = cell, robot, cell.world
         self.number = 0
-        self.client = AsyncModbusTcpClient("127.0.0.1", port=robot.server.port, timeout=2.0, retries=0)
+        self.client = AsyncModbusTcpClient(
+            "127.0.0.1", port=robot.server.port, timeout=stretched_s(5.0), retries=0
+        )
 
     async def read(self, address: int, count: int) -> list[int]:
         response = await self.client.read_holding_registers(address - 1, count=count)
@@ -56,7 +59,7 @@ class Host:
         """Start an operation and wait for its end, keeping the heartbeat up."""
         await self.begin(operation, **arguments)
         beat = 1000
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(stretched_s(30.0)):
             while True:
                 number, state, reason, _ = await self.status()
                 assert number == self.number
@@ -171,7 +174,7 @@ async def test_the_program_counter_runs(host: Host):
         return integers(await host.read(3053, 2))[0]
 
     first = await counter()
-    async with asyncio.timeout(5.0):
+    async with asyncio.timeout(stretched_s(10.0)):
         while await counter() == first:
             continue
 
@@ -206,12 +209,12 @@ class Raw:
         await self.writer.drain()
 
     async def receive(self) -> tuple[int, int, int, bytes]:
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(stretched_s(10.0)):
             tid, protocol, length, unit = struct.unpack(">HHHB", await self.reader.readexactly(7))
             return tid, protocol, unit, await self.reader.readexactly(length - 1)
 
     async def rest(self) -> bytes:
-        async with asyncio.timeout(5.0):
+        async with asyncio.timeout(stretched_s(10.0)):
             return await self.reader.read(1000)
 
     async def close(self) -> None:
@@ -345,6 +348,7 @@ async def test_what_cannot_be_done_is_refused_with_its_reason(host: Host, argume
 
 async def test_without_a_heartbeat_the_arm_stops(host: Host):
     host.world.clock.time_factor = 1.0
+    host.robot.controller.program.heartbeat_s = HEARTBEAT_S
     await host.begin(JOINT_MOVE, target=[160.0, 10.0, -25.0, 15.0, -60.0, 20.0], speed=10.0)
     assert (await host.status())[1] is State.RUNNING
     await until(lambda: host.robot.controller.program.state is State.STOPPED)

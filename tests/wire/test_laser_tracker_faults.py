@@ -19,6 +19,7 @@ from drivers.interfaces import Readiness
 from drivers.laser_tracker.tracker import LaserTracker
 from fake_devices.clock import Clock
 from fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from tests.machine_speed import stretched_s
 from tests.wire.trackers import SERIAL, believed, config_for, fake_tracker, off_in_sigmas
 
 
@@ -36,7 +37,7 @@ async def tracker(fake: FakeTracker) -> AsyncIterator[LaserTracker]:
 
 async def heals(tracker: LaserTracker, fake: FakeTracker) -> None:
     fake.clear()
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(stretched_s(30.0)):
         while (await tracker.condition()).readiness is not Readiness.READY:
             await asyncio.sleep(0.01)
     assert off_in_sigmas(await tracker.point(), fake) < 5.0
@@ -44,7 +45,7 @@ async def heals(tracker: LaserTracker, fake: FakeTracker) -> None:
 
 async def under_way(fake: FakeTracker) -> None:
     """Wait until the fake measures."""
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(stretched_s(30.0)):
         while not fake.controller.busy:
             await asyncio.sleep(0)
 
@@ -79,7 +80,7 @@ class TestTheLink:
         self, tracker: LaserTracker, fake: FakeTracker, fault: str, parameters: Any, error: type[DeviceError]
     ) -> None:
         await tracker.point()
-        await fake.fault(fault, parameters)
+        await fake.fault(fault, {k: stretched_s(v) if k == "delay_s" else v for k, v in parameters.items()})
         with pytest.raises(error) as failure:
             await tracker.point()
         assert str(failure.value).startswith("at: ")
@@ -121,7 +122,7 @@ class TestTheLink:
         self, tracker: LaserTracker, fake: FakeTracker
     ) -> None:
         await tracker.point()
-        await fake.fault("slow", {"delay_s": 1.2, "count": 1})
+        await fake.fault("slow", {"delay_s": stretched_s(1.2), "count": 1})
         with pytest.raises(DeviceTimeoutError):
             await tracker.point()
         await fake.fault("tripod_pushed", {"m": 0.1, "silently": True})
@@ -139,7 +140,7 @@ class TestTheLink:
         for _ in range(3):
             async with config_for(fake).open() as tracker:
                 await tracker.point()
-        async with asyncio.timeout(10.0):
+        async with asyncio.timeout(stretched_s(30.0)):
             while asyncio.all_tasks() - before or fake.server.connections:
                 await asyncio.sleep(0.001)
 

@@ -22,6 +22,7 @@ from drivers.interfaces import Readiness
 from drivers.wire.modbus import ModbusLink
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.door import Door
+from tests.machine_speed import stretched_s
 from tests.wire.cases import ROBOTS, opened, until, until_ready
 from tests.wire.contract_robot import moving
 
@@ -66,7 +67,8 @@ class TestAnswersThatAreNotOurs:
     async def test_become_an_error_that_names_the_device_and_a_remedy(
         self, fanuc: Any, door: Door, fault: str, parameters: dict[str, Any], error: type[DeviceError]
     ) -> None:
-        await door.fault(fault, device="fanuc", **parameters)
+        given = {key: stretched_s(value) if key == "delay_s" else value for key, value in parameters.items()}
+        await door.fault(fault, device="fanuc", **given)
         with pytest.raises(error) as failure:
             await fanuc.joints()
         assert str(failure.value).startswith("fanuc: ")
@@ -93,7 +95,7 @@ class TestAnswersThatAreNotOurs:
     async def test_a_late_answer_never_meets_the_next_request(self, fanuc: Any, door: Door) -> None:
         """One answer is held back for so long that it would arrive on the next connection."""
         for _ in range(3):
-            await door.fault("slow", device="fanuc", delay_s=0.7, count=1)
+            await door.fault("slow", device="fanuc", delay_s=stretched_s(0.7), count=1)
             with pytest.raises(DeviceTimeoutError):
                 await fanuc.joints()
             await fanuc.jog_axis(0, 0.02, speed_rad_s=0.5)
@@ -142,7 +144,7 @@ class TestAnswersThatAreNotOurs:
 
     async def test_the_last_frames_are_kept_for_the_journal(self, cell: CellConfig, door: Door) -> None:
         config = cell.robot("fanuc")
-        link = ModbusLink("fanuc", config.address, config.port, deadline_s=1.0)
+        link = ModbusLink("fanuc", config.address, config.port, deadline_s=stretched_s(2.0))
         await link.read(301, 40)
         sent, received = link.trace.frames()[-2:]
         assert (sent.direction, received.direction) == (">", "<")
@@ -244,7 +246,7 @@ class TestMotionThatGoesWrong:
     ) -> None:
         await fanuc.move_joints(CASE.away_rad, speed_rad_s=3.0)
         config = cell.robot("fanuc")
-        link = ModbusLink("raw", config.address, config.port, deadline_s=1.0)
+        link = ModbusLink("raw", config.address, config.port, deadline_s=stretched_s(2.0))
         low, high = await link.read(3019, 2)
         await link.close()
         (sent_deg_s,) = struct.unpack("<f", struct.pack("<2H", low, high))

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.timeout(stretched_s(60.0))
 
 @asynccontextmanager
 async def running_child(module: str = _MODULE) -> AsyncIterator[ChildProcess]:
-    child = await ChildProcess.start("arm", module, title="the child", start_s=20.0)
+    child = await ChildProcess.start("arm", module, title="the child", start_s=stretched_s(20.0))
     try:
         yield child
     finally:
@@ -80,13 +80,13 @@ async def test_a_child_that_hangs_is_ended_at_its_deadline(verb: str) -> None:
 async def test_a_crash_is_an_error_that_names_the_signal(verb: str, says: str) -> None:
     async with running_child() as child:
         with pytest.raises(UnreachableError, match=rf"arm: the child ended: {says}"):
-            await child.call(verb, deadline_s=30.0)
+            await child.call(verb, deadline_s=stretched_s(30.0))
         assert not child.alive
 
 
 async def test_a_crash_fails_every_call_under_way_at_once() -> None:
     async with running_child() as child:
-        hanging = [asyncio.create_task(child.call("hang", deadline_s=30.0)) for _ in range(3)]
+        hanging = [asyncio.create_task(child.call("hang", deadline_s=stretched_s(30.0))) for _ in range(3)]
         os.kill(child.pid, signal.SIGSEGV)
         results = await asyncio.gather(*hanging, return_exceptions=True)
         assert [type(result) for result in results] == [UnreachableError] * 3
@@ -130,7 +130,9 @@ async def test_a_cancelled_call_leaves_the_child_usable_and_its_late_answer_unus
 
 async def test_a_module_that_does_not_exist_is_an_error_of_the_device() -> None:
     with pytest.raises(UnreachableError, match=r"arm: the child ended: exit code 1.*No module named"):
-        await ChildProcess.start("arm", "drivers.no_such_module", title="the child", start_s=20.0)
+        await ChildProcess.start(
+            "arm", "drivers.no_such_module", title="the child", start_s=stretched_s(20.0)
+        )
 
 
 async def test_closing_twice_and_closing_a_dead_child_are_harmless() -> None:
@@ -139,7 +141,7 @@ async def test_closing_twice_and_closing_a_dead_child_are_harmless() -> None:
         await child.close()
         await child.close()
         with pytest.raises(UnreachableError, match="the test says so"):
-            await child.call("echo", deadline_s=1.0, value=1)
+            await child.call("echo", deadline_s=stretched_s(10.0), value=1)
 
 
 @pytest.mark.parametrize("verb", ["idle", "hang", "spin"])

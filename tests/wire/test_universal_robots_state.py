@@ -12,7 +12,7 @@ from drivers.universal_robots.state import StateClient
 from tests.machine_speed import stretched_s
 from tests.wire.rtde_controller import NAMES, RECIPE, TYPES, Controller, message, running_controller, state
 
-pytestmark = pytest.mark.timeout(stretched_s(60.0))
+pytestmark = pytest.mark.timeout(stretched_s(180.0))
 LONG_S = stretched_s(10.0)
 SHORT_S = 0.2
 

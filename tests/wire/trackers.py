@@ -13,6 +13,7 @@ from drivers.interfaces import Answer, Instruction, Question
 from drivers.laser_tracker.config import LaserTrackerConfig
 from fake_devices.cell import FakeCell
 from fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from tests.machine_speed import stretched_s
 
 SERIAL = 390793
 TIME_FACTOR = 300.0
@@ -46,8 +47,8 @@ def config_for(fake: FakeTracker, **changes: Any) -> LaserTrackerConfig:
         "serial": SERIAL,
         "station": 3,
         "measures_poses": True,
-        "deadline_s": 1.0,
-        "measure_deadline_s": 3.0,
+        "deadline_s": stretched_s(1.0),
+        "measure_deadline_s": stretched_s(3.0),
     }
     return LaserTrackerConfig.model_validate({**given, **changes})
 
