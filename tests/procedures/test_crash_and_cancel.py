@@ -5,6 +5,7 @@ import os
 import re
 from collections.abc import Awaitable, Callable
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -35,7 +36,11 @@ CASES = [*NAMES, *FURTHER]
 ASKED = os.environ.get("CELLCAL_CRASHES", "")
 CRASHES = int(ASKED or 24)  # of a procedure's writes, evenly spread; `make soak` takes all of them
 FEW = int(ASKED or 4)  # of further scenes of a procedure, and of moves
-FELT = int(ASKED or 10)  # of a procedure whose arm waits at each contact until it has been looked at
+LONG = {  # of procedures that take long: an arm that waits at each contact, and many lengths to judge
+    "probed_frame": int(ASKED or 10),
+    "mastering_record": int(ASKED or 10),
+    "mastering_recovery": int(ASKED or 5),
+}
 
 
 async def _scene(case: str) -> Scene:
@@ -54,9 +59,11 @@ async def _whole(case: str) -> tuple[object, MemoryLedger, Scene]:
     return await _procedure(case)(Run(made.cell, ledger), made.spec), ledger, made
 
 
-def _spread(case: str, count: int) -> list[int]:
-    most = FELT if case == "probed_frame" else FEW if case in FURTHER else CRASHES
-    return _evenly(count, most)
+def _spread(case: str, count: int, *, between: bool = False) -> list[int]:
+    """Return places evenly spread over so many; ``between``: those half-way between these, and the last."""
+    most = FEW if case in FURTHER else LONG.get(case, CRASHES)
+    places = _evenly(count, most)
+    return sorted({*((a + b) // 2 for a, b in pairwise(places)), *places[-1:]}) if between else places
 
 
 def _evenly(count: int, most: int) -> list[int]:
@@ -99,7 +106,7 @@ async def test_a_length_is_left_out_in_the_scene_that_says_so() -> None:
 async def test_a_crash_at_any_write_loses_and_doubles_nothing(case: str, stored: bool) -> None:
     result, whole, _ = await _whole(case)
     steps = [finding.step for finding in whole.past().findings]
-    for dies_at in _spread(case, len(whole.facts)):
+    for dies_at in _spread(case, len(whole.facts), between=stored and not ASKED):
         made = await _scene(case)
         facts: list = []
         mortal = MortalLedger(facts, dies_at, stored=stored)

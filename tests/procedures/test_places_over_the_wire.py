@@ -78,7 +78,7 @@ overtravel_mm = 6.0
 delay_ms = 6.0
 delay_tolerance_ms = 3.0
 deadline_s = 5.0
-silence_ms = 1000.0
+silence_ms = 500.0
 poll_ms = 6.0
 """
 TRACKER = f"""

@@ -309,8 +309,9 @@ def test_every_process_of_the_site_ends_when_asked(tmp_path: Path) -> None:
             for words in commands
         ]
         until((site.cells["cell-07"].cell.data_dir / "site_outbox.sqlite").exists)
-        until((site.monitor / "received.sqlite").exists)
-        time.sleep(0.5)
+        until(
+            (site.monitor / "received.sqlite").exists
+        )  # both listen to signals before they open their files
         for process, number in zip(
             (*processes, router), (signal.SIGINT, signal.SIGTERM, signal.SIGINT), strict=True
         ):

@@ -11,6 +11,7 @@ from pathlib import Path
 from calibration.arm.kinematics import load_model
 from service.demo.door import Door
 from service.demo.fake_cell import free_address, running_fakes
+from tests.machine_speed import stretched_s
 from tests.procedures.corners import corner_below
 from tests.wire.probe_cell import corner_tables
 
@@ -92,7 +93,7 @@ overtravel_mm = 6.0
 delay_ms = 6.0
 delay_tolerance_ms = 3.0
 deadline_s = 5.0
-silence_ms = 2000.0
+silence_ms = {silence}
 debounce_ms = 40.0
 poll_ms = 6.0
 
@@ -131,6 +132,7 @@ async def day_cell(
             seed=seed,
             pace=PACE,
             tip=list(TIP_MM),
+            silence=min(stretched_s(500.0), 2000.0),
             points=_in_mm(points_m),
             targets=_in_mm(TARGETS_M),
         )

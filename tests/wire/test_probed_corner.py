@@ -1,5 +1,7 @@
 """A corner felt through real drivers and sockets, by an arm with all that a world hides: inside U of the truth."""
 
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +10,14 @@ import pytest
 from calibration.arm.kinematics import load_model
 from calibration.geometry import inverse_transform, log_transform
 from drivers.operator.scripted import ScriptedOperator
+from procedures.cell import Cell
 from procedures.limits import FrameLimits
 from procedures.probed_frame import ENTRY, ProbedFrame, probed_frame
 from procedures.run import Run
 from procedures.steps.touch import NoContactError
 from procedures.teaching.corner_plan import CornerRules
 from service.configuration.cell_file import read_cell_file
+from service.demo.door import Door
 from service.runs.cell import open_cell
 from tests.procedures.corners import corner_below, off_by
 from tests.procedures.ledgers import MemoryLedger
@@ -25,26 +29,38 @@ COARSE = FrameLimits(0.003, 0.012)  # an arm by its drawing
 QUICK = CornerRules(corner="inside", clear_m=0.02, search_way_m=0.0025, repeats=1, measure_speed_m_s=0.0015)
 
 
-async def test_a_corner_is_felt_inside_its_uncertainty_and_a_missing_face_is_told(tmp_path: Path) -> None:
-    tip_m = tuple(value * 1e-3 for value in TIP_MM)
-    drawn = corner_below(load_model("fanuc_m6ib"), tip_m, HOME, height_m=0.04)
-    spec = ProbedFrame(4, off_by(drawn, (4e-4, -3e-4, 2e-4), (2e-3, -1e-3, 2e-3)), QUICK, limits=COARSE)
-    with at_a_corner(tmp_path, "fanuc", drawn, tip_sigma_mm=0.1) as (path, door):
+TIP_M = tuple(value * 1e-3 for value in TIP_MM)
+DRAWN = corner_below(load_model("fanuc_m6ib"), TIP_M, HOME, height_m=0.04)
+SPEC = ProbedFrame(4, off_by(DRAWN, (4e-4, -3e-4, 2e-4), (2e-3, -1e-3, 2e-3)), QUICK, limits=COARSE)
+
+
+@asynccontextmanager
+async def at_home(folder: Path) -> AsyncIterator[tuple[Cell, Door]]:
+    """Open a cell whose probe stands above the corner."""
+    with at_a_corner(folder, "fanuc", DRAWN, tip_sigma_mm=0.1) as (path, door):
         async with open_cell(read_cell_file(path), ScriptedOperator(YES)) as cell:
             await door.ask("clear")
             await cell.robot.move_joints(HOME, speed_rad_s=0.3)
-            setup = await probed_frame(Run(cell, MemoryLedger()), spec)
-            true = true_corner(await door.truth())
-            off = log_transform(inverse_transform(true) @ setup.found.base_frame.matrix())
-            origin_u, turn_u = setup.goal.u(setup.found.covariance_matrix())
-            assert np.abs(off[:3]).max() <= origin_u, (off, origin_u)
-            assert np.abs(off[3:]).max() <= turn_u, (off, turn_u)
-            assert origin_u < COARSE.origin_m  # stated, and not so large that anything would do
-            assert ENTRY.verdict is not None
-            assert ENTRY.verdict(spec, setup).word == "pass", ENTRY.verdict(spec, setup).characteristics
-            await door.fault("stuck_open", device="probe")
-            await cell.robot.move_joints(HOME, speed_rad_s=0.3)
-            with pytest.raises(NoContactError, match="touch the z face 1: no contact within"):
-                await probed_frame(Run(cell, MemoryLedger()), spec)
-            before, after = await cell.robot.joints(), await cell.robot.joints()
-            assert before.joints_rad == pytest.approx(after.joints_rad, abs=1e-6)
+            yield cell, door
+
+
+async def test_a_corner_is_felt_inside_its_uncertainty(tmp_path: Path) -> None:
+    async with at_home(tmp_path) as (cell, door):
+        setup = await probed_frame(Run(cell, MemoryLedger()), SPEC)
+        true = true_corner(await door.truth())
+        off = log_transform(inverse_transform(true) @ setup.found.base_frame.matrix())
+        origin_u, turn_u = setup.goal.u(setup.found.covariance_matrix())
+        assert np.abs(off[:3]).max() <= origin_u, (off, origin_u)
+        assert np.abs(off[3:]).max() <= turn_u, (off, turn_u)
+        assert origin_u < COARSE.origin_m  # stated, and not so large that anything would do
+        assert ENTRY.verdict is not None
+        assert ENTRY.verdict(SPEC, setup).word == "pass", ENTRY.verdict(SPEC, setup).characteristics
+
+
+async def test_a_face_that_is_missing_is_told_and_the_arm_stands(tmp_path: Path) -> None:
+    async with at_home(tmp_path) as (cell, door):
+        await door.fault("stuck_open", device="probe")
+        with pytest.raises(NoContactError, match="touch the z face 1: no contact within"):
+            await probed_frame(Run(cell, MemoryLedger()), SPEC)
+        before, after = await cell.robot.joints(), await cell.robot.joints()
+        assert before.joints_rad == pytest.approx(after.joints_rad, abs=1e-6)
