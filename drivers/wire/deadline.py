@@ -3,16 +3,53 @@
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from types import TracebackType
+from typing import Self
 
 from drivers.errors import DeviceTimeoutError
 
 _REMEDY = "Check the device and its cable, then try again."
+_LATE_S = 0.02  # a timer that comes later than that: this process stood still
+_LAST_LOOK_S = 0.05  # what had come by then is taken in that time
+
+
+class Limit:
+    """``asyncio.timeout`` for answers: one that came in time counts, also where this process was late to read it.
+
+    After a standstill of the process the event loop reads the answer and ends the wait in the same turn, and the
+    end would win. A limit that is late itself therefore lets the loop take first what has come.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._timeout = asyncio.timeout(None)
+
+    async def __aenter__(self) -> Self:
+        await self._timeout.__aenter__()
+        self._loop = asyncio.get_running_loop()
+        self._due_s = self._loop.time() + self._seconds
+        self._timer = self._loop.call_at(self._due_s, self._end)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._timer.cancel()
+        await self._timeout.__aexit__(kind, error, trace)
+
+    def expired(self) -> bool:
+        """Whether the block was ended by this limit."""
+        return self._timeout.expired()
+
+    def _end(self) -> None:
+        now_s = self._loop.time()
+        self._timeout.reschedule(now_s + (_LAST_LOOK_S if now_s - self._due_s > _LATE_S else 0.0))
 
 
 @asynccontextmanager
 async def deadline(device: str, seconds: float, doing: str) -> AsyncIterator[None]:
     """Raise DeviceTimeoutError when the block takes longer than ``seconds``."""
-    limit = asyncio.timeout(seconds)
+    limit = Limit(seconds)
     try:
         async with limit:
             yield

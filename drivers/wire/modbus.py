@@ -8,6 +8,7 @@ What pymodbus leaves to its caller, and what is done about it here:
 * after a time-out the link stays up, and the late answer may meet the next request; a link that failed, or
   whose request was cancelled, is dropped, and the next call makes a new one
 * a lost connection is noticed only at the end of the time-out; here it ends the request at once
+* after a standstill of this process its time-out wins over an answer that came in time; here the answer counts
 """
 
 import asyncio
@@ -27,6 +28,7 @@ from drivers.errors import (
     WireProtocolError,
 )
 from drivers.wire.backoff import Backoff
+from drivers.wire.deadline import Limit
 from drivers.wire.tables import CodeEntry, code_table
 from drivers.wire.trace import FrameTrace
 
@@ -36,6 +38,7 @@ _Ask = Callable[[AsyncModbusTcpClient], Awaitable[ModbusPDU]]
 
 _READ, _WRITE_COIL, _WRITE = 3, 5, 16
 _BUSY_PAUSES_S = (0.02, 0.05, 0.1)
+_NEVER = 10.0  # deadlines: the library's own time-out ends a wait whose answer has come, see Limit
 _CABLE = "Check its power and the network cable; the next call connects again by itself."
 _UNKNOWN = "Report this to the maker of the profile; the reading was not used."
 
@@ -145,10 +148,14 @@ class ModbusLink:
     async def _dial(self) -> None:
         self._lost = asyncio.get_running_loop().create_future()
         self._client = AsyncModbusTcpClient(
-            self._host, port=self._port, timeout=self._deadline_s, retries=0, reconnect_delay=0,
+            self._host, port=self._port, timeout=_NEVER * self._deadline_s, retries=0, reconnect_delay=0,
             trace_packet=self._seen, trace_connect=self._connection_changed,
         )  # fmt: skip
-        if not await self._client.connect():
+        connected = False
+        with suppress(TimeoutError):
+            async with Limit(self._deadline_s):
+                connected = await self._client.connect()
+        if not connected:
             where = f"{self._host}:{self._port}"
             raise UnreachableError(self.device, f"no connection to {where}.", remedy=_CABLE)
 
@@ -170,7 +177,7 @@ class ModbusLink:
         self, ask: _Ask, client: AsyncModbusTcpClient, lost: asyncio.Future[None]
     ) -> ModbusPDU:
         try:
-            async with asyncio.timeout(self._deadline_s):
+            async with Limit(self._deadline_s):
                 return await _first(ask(client), lost)
         except TimeoutError:
             raise self._silence() from None
