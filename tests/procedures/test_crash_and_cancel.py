@@ -39,7 +39,7 @@ FEW = int(ASKED or 4)  # of further scenes of a procedure, and of moves
 LONG = {  # of procedures that take long: an arm that waits at each contact, and many lengths to judge
     "probed_frame": int(ASKED or 10),
     "mastering_record": int(ASKED or 10),
-    "mastering_recovery": int(ASKED or 5),
+    "mastering_recovery": int(ASKED or 4),
 }
 
 

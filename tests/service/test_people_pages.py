@@ -227,6 +227,30 @@ async def test_an_approval_asks_for_the_pin_and_then_goes_through(shop: Shop, de
         assert desk.orders == [("answer", "Tom")]
 
 
+async def test_the_dialog_for_the_pin_comes_with_its_pad(shop: Shop, desk: OneQuestion) -> None:
+    """A pad that comes later moves the buttons below it: a press that has begun ends beside what it was meant for."""
+    desk.ask("accept_plan")
+    asked, may_come = asyncio.Event(), asyncio.Event()
+
+    async def slow(route: Route) -> None:
+        asked.set()
+        await may_come.wait()
+        await route.continue_()
+
+    async with shop.tablet("Tom") as page:
+        now_s = shop.entrance.clock()
+        shop.entrance.sessions._clock = lambda: now_s + FRESH_S + 30.0
+        await page.route("**/api/sign-in/people", slow)
+        await page.get_by_test_id("yes").click()
+        await asked.wait()
+        assert await page.get_by_test_id("dialog").count() == 0
+        may_come.set()
+        await shown(page, "dialog")
+        assert await page.get_by_test_id("secret").is_visible()
+        await page.get_by_test_id("dialog-close").click()
+        await gone(page, "dialog")
+
+
 async def test_a_screen_left_alone_still_stops_and_the_pin_opens_it(shop: Shop, desk: OneQuestion) -> None:
     desk.ask("wire_is_hooked")
     async with shop.tablet("Emil") as page:
