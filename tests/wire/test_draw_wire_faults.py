@@ -319,8 +319,13 @@ async def test_an_answer_that_is_one_too_many_ends_the_session(
         0x1001: b"\x4f\x01\x10\x00" + bytes(4),
     }
 
+    over = threading.Event()
+
     async def serve() -> None:
-        while (request := await asyncio.to_thread(node.recv, 1.0)) is not None:
+        while not over.is_set():
+            request = await asyncio.to_thread(node.recv, 0.05)
+            if request is None:
+                continue
             (index,) = struct.unpack_from("<H", request.data, 1)
             for data in (late, right) if index == 0x6004 else (expedited[index],):
                 node.send(can.Message(arbitration_id=0x587, data=data, is_extended_id=False))
@@ -329,6 +334,7 @@ async def test_an_answer_that_is_one_too_many_ends_the_session(
     with pytest.raises(WireProtocolError):
         await gauge.distance()
     await gauge.close()
+    over.set()
     await serving
 
 
