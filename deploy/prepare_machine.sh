@@ -13,13 +13,24 @@ install() {
 
 has_browser() { command -v chromium >/dev/null || command -v chromium-browser >/dev/null; }
 
+has_chinese_font() {
+  if command -v fc-list >/dev/null; then
+    [ -n "$(fc-list :lang=zh)" ]
+  else
+    [ -n "$(find /usr/share/fonts /usr/local/share/fonts "${HOME:-/root}/.fonts" -iregex '.*\(wqy\|cjk\|hansans\).*' -print -quit 2>/dev/null)" ]
+  fi
+}
+
 prepare_tests() {
-  has_browser && return
-  if can_install && install chromium fonts-wqy-microhei && has_browser; then
+  local lacks=()
+  has_browser || lacks+=(chromium)
+  has_chinese_font || lacks+=(fonts-wqy-microhei)
+  [ ${#lacks[@]} = 0 ] && return
+  if can_install && install "${lacks[@]}" && has_browser && has_chinese_font; then
     return
   fi
   # No end: every other test can run, and those of the pages say the same.
-  echo "The tests of the web pages need Chromium. Ask an administrator for: apt-get install chromium fonts-wqy-microhei" >&2
+  echo "The tests of the web pages need Chromium and a Chinese font. Ask an administrator for: apt-get install ${lacks[*]}" >&2
 }
 
 if ! "$python" -c 'import sys, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
@@ -27,7 +38,10 @@ if ! "$python" -c 'import sys, ensurepip; sys.exit(sys.version_info < (3, 11))' 
     echo "cellcal needs Python 3.11 or newer with the venv module. Ask an administrator for: apt-get install python3 python3-venv" >&2
     exit 1
   fi
-  install python3 python3-venv
+  if ! install python3 python3-venv; then
+    echo "Python 3.11 or newer with the venv module could not be installed. Ask an administrator for: apt-get install python3 python3-venv" >&2
+    exit 1
+  fi
 fi
 if [ "${1:-}" = tests ]; then
   prepare_tests

@@ -6,6 +6,7 @@ asserts: by Playwright's `expect`, to which importing this module gives patience
 
 import asyncio
 import os
+import shutil
 import socket
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
@@ -24,9 +25,9 @@ PATIENCE_S = stretched_s(90.0)
 PATIENCE_MS = 1000.0 * PATIENCE_S
 EVERY_S = 0.05
 LOCALES = ("en", "de", "es", "zh")
-CHROMIUM = next(
-    (Path(at) for at in ("/usr/bin/chromium", "/usr/bin/chromium-browser") if Path(at).exists()), None
-)
+CHROMIUM = shutil.which("chromium") or shutil.which(
+    "chromium-browser"
+)  # as deploy/prepare_machine.sh looks for it
 FLAGS = ["--no-sandbox", "--enable-unsafe-swiftshader", "--use-fake-device-for-media-stream"]
 SERVED: dict[str, Any] = {
     "log_level": "warning",

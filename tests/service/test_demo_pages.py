@@ -61,8 +61,10 @@ async def until(client: httpx.AsyncClient, path: str, true: Any) -> dict[str, An
 
 def _below(pid: int) -> set[int]:
     """Return the processes that a process started, and those that they started."""
-    listed = subprocess.run(["ps", "-eo", "pid=,ppid="], capture_output=True, text=True, check=True).stdout
-    pairs = [tuple(map(int, line.split())) for line in listed.splitlines()]
+    pairs = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it has ended meanwhile
+            pairs.append((int(stat.parent.name), int(stat.read_text().rpartition(")")[2].split()[1])))
     found, new = set[int](), {pid}
     while new:
         new = {child for child, parent in pairs if parent in new} - found
