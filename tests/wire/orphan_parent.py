@@ -4,12 +4,19 @@ import asyncio
 import sys
 
 from drivers.wire.process import ChildProcess
+from tests.machine_speed import stretched_s
 
 
 async def _main() -> None:
-    child = await ChildProcess.start("arm", "tests.wire.naughty_child", title="the child", start_s=20.0)
+    child = await ChildProcess.start(
+        "arm", "tests.wire.naughty_child", title="the child", start_s=stretched_s(20.0)
+    )
     verb = sys.argv[1]
-    call = asyncio.create_task(child.call(verb, deadline_s=1.0)) if verb != "idle" else asyncio.sleep(0)
+    call = (
+        asyncio.create_task(child.call(verb, deadline_s=stretched_s(60.0)))
+        if verb != "idle"
+        else asyncio.sleep(0)
+    )
     await asyncio.sleep(0.05)
     print(child.pid, flush=True)
     await asyncio.sleep(3600)

@@ -279,7 +279,7 @@ async def virtual_gauge() -> AsyncIterator[tuple[DrawWire, can.BusABC]]:
     channel = f"bus {id(asyncio.get_running_loop())}"
     node = can.Bus(interface="virtual", channel=channel)
     link = CanopenLink(
-        "wire", BusOptions("virtual", channel), 7, deadline_s=stretched_s(1.0), heartbeat_s=stretched_s(10.0)
+        "wire", BusOptions("virtual", channel), 7, deadline_s=stretched_s(1.0), heartbeat_s=60.0
     )
     gauge = DrawWire(link, load_objects(), GaugeOptions(4711, 3.0, 2e-4, 0.005, stretched_s(1.0)))
     yield gauge, node

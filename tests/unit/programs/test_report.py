@@ -28,6 +28,7 @@ from service.programs.report_files import formats
 from service.programs.report_html import as_html
 from service.programs.report_words import Note, accuracy, problems, said_once, verdict
 from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
+from tests.machine_speed import stretched_s
 from tests.unit.programs.patching import patched
 
 
@@ -301,7 +302,7 @@ def test_no_process_outlives_a_command_that_was_killed(tmp_path: Path, monkeypat
 
     def work(_: Sequence[Source]) -> None:
         os.write(held, b"x")
-        time.sleep(30)
+        time.sleep(600)
         os._exit(1)  # where this test fails
 
     command = multiprocessing.get_context("fork").Process(
@@ -312,7 +313,7 @@ def test_no_process_outlives_a_command_that_was_killed(tmp_path: Path, monkeypat
     assert os.read(alive, 1) == b"x"
     assert os.read(alive, 1) == b"x"  # two are at work
     command.kill()
-    ended, _, _ = select.select([alive], [], [], 20)
+    ended, _, _ = select.select([alive], [], [], stretched_s(60.0))
     assert ended
     assert os.read(alive, 1) == b""
     command.join()
