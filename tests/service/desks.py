@@ -39,6 +39,7 @@ class AtDesk:
         self.door, self.cell_file = door, cell_file
         self.seen: list[dict[str, Any]] = []
         self.live: dict[str, Any] = {}
+        self.looks = 0
         self._numbers = itertools.count(1)
         self.desk = Desk(read_cell_file(cell_file), self._told)
 
@@ -47,6 +48,7 @@ class AtDesk:
             self.seen.append(content)
         else:
             self.live = content
+            self.looks += 1
 
     @property
     def session(self) -> dict[str, Any]:
@@ -68,6 +70,11 @@ class AtDesk:
             while not (found := true(self.session)):
                 await asyncio.sleep(0.01)
         return found
+
+    async def further_looks(self, count: int) -> None:
+        """Wait until the desk has looked at its devices so many times more."""
+        enough = self.looks + count
+        await self.until(lambda _: self.looks >= enough)
 
     async def answer(self, key: str, value: str = "yes") -> dict[str, Any]:
         prompt = await self.until(

@@ -119,7 +119,7 @@ async def let_go_early(page: Page) -> None:
     hold = page.get_by_test_id("yes")
     await hold.hover()
     await page.mouse.down()
-    await page.wait_for_timeout(300)
+    await expect(hold).not_to_have_attribute("style", NOT_HELD)
     await page.mouse.up()
     await expect(hold).to_have_attribute("style", NOT_HELD)
     await at_rest(page)

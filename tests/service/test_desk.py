@@ -67,7 +67,7 @@ async def test_a_move_waits_for_the_button_and_ends_with_it(tmp_path: Path) -> N
         holding.cancel()  # no word of letting go: the screen just falls silent
         await person.until(lambda session: session["waits_for_hold"])
         left = await person.joints()
-        await asyncio.sleep(0.3)
+        await person.further_looks(5)
         assert left != stood
         assert await person.joints() == left
         await person.order({"op": "stop"})

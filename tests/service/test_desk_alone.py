@@ -103,7 +103,9 @@ async def test_what_nobody_vouched_for_is_asked_first_and_nothing_moves_before(t
         await person.order({"op": "stop"})
         await ended(person)
         await person.order({"op": "dismiss"})
-        await asyncio.sleep(1.0)  # the loss is looked at again and again, and nothing is begun a second time
+        await person.further_looks(
+            5
+        )  # the loss is looked at again and again, and nothing is begun a second time
         assert person.session["run"] is None
         assert person.session["losses"]
 
@@ -130,7 +132,7 @@ async def test_it_is_offered_and_not_started_where_the_cell_file_does_not_allow_
         (loss,) = await person.until(lambda session: session["losses"])
         assert reason in loss["reasons"]
         assert loss["procedure"]
-        await asyncio.sleep(1.0)
+        await person.further_looks(15)
         assert person.session["run"] is None
 
 
@@ -140,7 +142,7 @@ async def test_the_robot_is_looked_at_as_soon_as_a_run_has_let_it_go(tmp_path: P
         await person.order(RECORD | {"hold_to_move": False})
         await person.until(lambda session: (session["prompt"] or {}).get("key") == "wire_is_hooked")
         object.__setattr__(person.desk._watch._config.watch, "period_s", 3600.0)
-        await asyncio.sleep(0.5)
+        await person.further_looks(10)
         await person.door.fault("memory_loss")
         await person.order({"op": "stop"})
         await person.until(lambda session: session["losses"])
@@ -151,12 +153,12 @@ async def test_a_loss_during_a_run_is_left_to_whoever_works_there(tmp_path: Path
         await person.order(RECORD | {"hold_to_move": False})
         await person.until(lambda session: (session["prompt"] or {}).get("key") == "wire_is_hooked")
         await person.door.fault("memory_loss")
-        await asyncio.sleep(1.0)
+        await person.further_looks(15)
         assert person.session["run"]["who"] == "Anna"
         assert not person.session["losses"]  # the run has the robot
         await person.order({"op": "stop"})
         (loss,) = await person.until(lambda session: session["losses"])
         assert "a run had the robot when it was lost: who works there has to judge" in loss["reasons"]
         await person.order({"op": "dismiss"})
-        await asyncio.sleep(1.0)
+        await person.further_looks(15)
         assert person.session["run"] is None
