@@ -38,7 +38,7 @@ CRASHES = int(ASKED or 24)  # of a procedure's writes, evenly spread; `make soak
 FEW = int(ASKED or 4)  # of further scenes of a procedure, and of moves
 LONG = {  # of procedures that take long: an arm that waits at each contact, and many lengths to judge
     "probed_frame": int(ASKED or 10),
-    "mastering_record": int(ASKED or 10),
+    "mastering_record": int(ASKED or 6),
     "mastering_recovery": int(ASKED or 4),
 }
 
