@@ -10,7 +10,7 @@ from playwright.async_api import Page, expect
 from tests.service.browsers import LOCALES, comes, hold_to_rules, speaks
 from tests.service.steps import Pendant, asked, at_the_pages
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("cues")]
 # its last value is no function: that would be called
 SPY = """{ window.__tones = []; window.__shakes = [];
     const make = AudioContext.prototype.createOscillator;

@@ -7,7 +7,6 @@ import pytest
 from tests.soak.desk_kills import kill_and_look
 
 
-@pytest.mark.xdist_group("pages")
 @pytest.mark.timeout(
     900
 )  # each wait has its own patience; three starts of a service take long on a busy computer

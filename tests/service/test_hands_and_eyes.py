@@ -15,7 +15,7 @@ from tests.service.browsers import LOCALES, ROOT, at_rest, comes, go, hold_to_ru
 from tests.service.longer import lengthened
 from tests.service.steps import TIP_IN_FLANGE_M, Pendant, asked, at_the_pages, record, tip_at_home, why
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("hands_and_eyes")]
 FRAME = {"frame_number": 3, "tip_in_flange_m": TIP_IN_FLANGE_M.tolist()}
 OF_FRAME_M = {"touch_origin": (0.0, 0.0, 0.0), "touch_on_x": (0.25, 0.0, 0.0), "touch_on_xy": (0.0, 0.2, 0.0)}
 PLACES = ("#/", "#/procedure/three_point_frame", "#/history", "#/devices", "#/parameters", "#/programs")

@@ -20,7 +20,7 @@ from tests.service.shop import Shop, a_shop, give_pin
 from tests.service.test_people_door import XSS
 from tests.service.test_people_pages import OneQuestion
 
-pytestmark = pytest.mark.xdist_group("pages")
+pytestmark = pytest.mark.xdist_group("hostile_names")
 WHO, PIN = XSS[1], "161803"
 ALL = " ".join(XSS)
 # What would have been made of a text that was taken for a part of the page.

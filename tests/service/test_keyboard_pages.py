@@ -12,7 +12,7 @@ from tests.service.browsers import go
 from tests.service.test_pages import VIEWPORTS, Looking, looking_at_a_cell
 from tests.service.test_settings_pages import unfold
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("keyboard_pages")]
 PLACES = (
     "#/",
     "#/history",

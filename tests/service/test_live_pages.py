@@ -13,7 +13,7 @@ from tests.service.browsers import comes, go, hold_to_rules
 from tests.service.test_pages import Looking, looking_at_a_cell
 from tests.service.test_view3d import feed
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("live_pages")]
 CAPTURE = {
     "id": "r:1", "kind": "confirm", "key": "move_by_hand", "text": "Bring the arm to pose 1.", "unit": "",
     "step": "capture 1", "page": "capture", "data": {},

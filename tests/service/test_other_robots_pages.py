@@ -17,7 +17,7 @@ from tests.service.doors import Clock
 from tests.service.shop import Shop, a_shop
 from tests.service.test_people_pages import OneQuestion
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("other_robots_pages")]
 
 LOSS: dict[str, Any] = {
     "robot": "fanuc", "what": "lost", "detected_by": "the controller reports: SRVO-062", "mode": "M1",

@@ -20,7 +20,7 @@ from tests.service.browsers import LOCALES, hold_to_rules, speaks
 from tests.service.doors import PINS, Clock
 from tests.service.shop import Shop, a_shop, give_pin, sign_in
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("people_pages")]
 
 
 class OneQuestion:

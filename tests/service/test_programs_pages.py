@@ -18,7 +18,7 @@ from tests.service.browsers import LOCALES, hold_to_rules, speaks
 from tests.service.doors import Clock
 from tests.service.shop import Shop, a_shop, sign_in
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("programs_pages")]
 PROGRAMS = FOLDER / "cell_1" / "programs"
 NUMBERS = re.compile(rb"([XYZWPR]) = *-?[\d.]+ +(mm|deg)")
 

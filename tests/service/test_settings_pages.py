@@ -16,7 +16,7 @@ from tests.service.desks import a_cell
 from tests.service.test_pages import Looking, looking_at, looking_at_a_cell
 from tests.unit.helpers.usual import with_usual
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("settings_pages")]
 ROOM = "setting-room"
 SAID = {
     "de": ("Geschwindigkeit der Spitze", "höchstens 250,0 mm/s"),

@@ -27,7 +27,7 @@ from tests.service.steps import (
     why,
 )
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps_pages")]
 TILT = 45.0
 STEPS = ("ask", "teach", "review", "approve", "capture")  # kinds that are shot here
 # what a browser answers where no camera is

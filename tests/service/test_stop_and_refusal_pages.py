@@ -11,7 +11,7 @@ from tests.service.doors import Clock
 from tests.service.shop import PATIENCE_MS, Shop, a_shop
 from tests.service.test_people_pages import OneQuestion
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("stop_and_refusal_pages")]
 SIZES = ((1280, 800), (1024, 768), (800, 1280))
 PLACES = ("#/history", "#/devices", "#/sign-in", "#/parameters/1", "#/procedure/mastering_record", "#/")
 MOTION = ("hold",)

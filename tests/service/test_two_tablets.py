@@ -16,7 +16,7 @@ from playwright.async_api import expect
 from tests.service.browsers import comes, go, hold_to_rules_in_every_language
 from tests.service.floor import Floor, a_floor, can, held, press, seen, touch
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("pages")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("two_tablets")]
 FIRST = "[data-testid=prompt][data-key=pin_is_fixed]"
 NEXT = "[data-testid=prompt]:not([data-key=pin_is_fixed])"
 HEIGHT = 800

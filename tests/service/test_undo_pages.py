@@ -21,7 +21,7 @@ from service.runs.journal import Journal
 from tests.service.browsers import comes, hold_to_rules, hold_to_rules_in_every_language
 from tests.service.steps import Pendant, asked, at_the_pages, let_go_early
 
-pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("steps")]
+pytestmark = [pytest.mark.asyncio(loop_scope="module"), pytest.mark.xdist_group("undo_pages")]
 SERIAL = "F-104711"
 NO_CHANGE = "\N{EN DASH}"
 OFF = (0, 40_000, -30_000, 0, 9_000, 0)  # counts by which the backup is another mastering

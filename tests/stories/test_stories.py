@@ -20,7 +20,6 @@ from tests.stories.day_cell import day_cell
 from tests.stories.days import Day, Ended, Story, working_day
 from tests.stories.hands import Hands
 
-pytestmark = pytest.mark.xdist_group("pages")
 RECORD = Story("mastering_record", {"poses": 12})
 
 
