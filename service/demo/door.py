@@ -15,7 +15,7 @@ class Door:
 
     async def ask(self, verb: str, **arguments: Any) -> dict[str, Any]:
         """Send one command and return its answer; raise CellError with the door's own words if it says no."""
-        async with asyncio.timeout(20.0):
+        async with asyncio.timeout(60.0):
             reader, writer = await asyncio.open_connection(self.host, self.port)
             try:
                 writer.write(json.dumps({"do": verb, **arguments}).encode() + b"\n")

@@ -31,7 +31,7 @@ from service.watching.held_mastering import HeldMastering, journalled_mastering
 from service.watching.watch import LastHealthyCounts, PositionLoss, Watch
 
 ROBOT = "fanuc"
-NOTICE_WITHIN_S = 20.0
+NOTICE_WITHIN_S = 60.0
 _BUSY_TRIES = 3
 
 

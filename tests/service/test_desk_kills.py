@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from tests.machine_speed import stretched_s
 from tests.soak.desk_kills import kill_and_look
 
 
-@pytest.mark.timeout(
-    900
-)  # each wait has its own patience; three starts of a service take long on a busy computer
+# Each wait has its own patience; three starts of a service take long on a busy computer
+@pytest.mark.timeout(stretched_s(900.0))
 async def test_after_a_few_kills_the_page_shows_the_same_step_and_no_point_is_lost(tmp_path: Path) -> None:
     seen = await kill_and_look(tmp_path, 2, seed=2, longest_life=20)
     assert seen.wrong == []
