@@ -95,6 +95,7 @@ delay_tolerance_ms = 3.0
 deadline_s = 5.0
 silence_ms = {silence}
 debounce_ms = 40.0
+bounce_ms = 40.0  # of real time, while the world runs faster: an arm that comes to rest at the surface swings
 poll_ms = 6.0
 
 [watch]
