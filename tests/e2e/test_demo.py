@@ -27,9 +27,8 @@ def demo(loss: str, seed: int) -> tuple[int, dict]:
     return ended.returncode, json.loads(ended.stdout)
 
 
-@pytest.mark.parametrize("seed", [11, 12, 13])
-def test_lost_turns_are_restored_exactly(seed: int) -> None:
-    code, told = demo("turns", seed)
+def test_lost_turns_are_restored_exactly() -> None:  # further seeds: make soak ARGS="turns motor"
+    code, told = demo("turns", 11)
     assert set(told) == KEYS
     assert all(set(joint) == JOINT_KEYS for joint in told["joints"])
     assert (code, told["verdict"]) == (0, "PASS")
@@ -41,9 +40,8 @@ def test_lost_turns_are_restored_exactly(seed: int) -> None:
     assert told["tcp_error_after_m"]["max"] < 1e-9
 
 
-@pytest.mark.parametrize("seed", [21, 22])
-def test_an_exchanged_motor_is_told_apart_and_stays_inside_its_uncertainty(seed: int) -> None:
-    code, told = demo("motor:J3", seed)
+def test_an_exchanged_motor_is_told_apart_and_stays_inside_its_uncertainty() -> None:
+    code, told = demo("motor:J3", 21)
     assert (code, told["verdict"]) == (0, "PASS")
     exchanged = told["joints"].pop(2)
     assert (
