@@ -128,7 +128,7 @@ def without_a_wire_to_the_gauge(cell_file: Path) -> None:
 
 
 async def take_the_record(person: AtDesk) -> None:
-    await person.order(RECORD | {"hold_to_move": False, "settings": {"poses": 14}})
+    await person.order(RECORD | {"hold_to_move": False})
     await person.answer("wire_is_hooked")
     await person.answer("accept_plan")
     assert (await ended(person))["outcome"]["verdict"] == "passed"

@@ -57,6 +57,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "starts": (starts.starts, 10),
     "matrix": (durability.matrix, 1000),
     "power": (durability.power, 300),
+    "corner_story": (durability.corner_story, 3),
     "fence": (ur_fence.fence, 20),
     "fixture": (fixtures.fixture, 500),
     "tool": (fixtures.tool, 500),

@@ -9,6 +9,7 @@ from tests.e2e.test_power_cut import lost_in
 from tests.soak.figures import Figures
 
 MATRIX = "tests/procedures/test_crash_and_cancel.py"
+STORIES = "tests/stories/test_stories.py"
 
 
 def kill(kills: int) -> Figures:
@@ -39,6 +40,27 @@ def matrix(most: int) -> Figures:
     failed = [line.split(" - ")[0] for line in lines if line.startswith(("FAILED", "ERROR"))]
     told = f"{len(failed)} failed {failed}" if failed else lines[-1]
     return Figures(f"matrix: at most {most} crashes and cancels per procedure: {told}", ended.returncode == 0)
+
+
+def corner_story(times: int) -> Figures:
+    """A corner felt in a browser's view, to its certificate."""
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:randomly",
+        "--timeout",
+        "1800",
+        "-m",
+        "soak",
+        STORIES,
+    ]
+    failed = sum(
+        subprocess.run(command, capture_output=True, check=False).returncode != 0 for _ in range(times)
+    )
+    return Figures(f"corner_story: {failed} of {times} failed", failed == 0)
 
 
 def power(cuts: int) -> Figures:

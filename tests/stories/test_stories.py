@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
 from playwright.async_api import Page, expect
 
 from service.cli.certificate import verify
@@ -41,6 +42,16 @@ async def test_a_technician_teaches_tool_frame_and_workpiece_and_places_a_simula
         certificate_of(tmp_path, end)
 
 
+async def test_a_technician_is_told_of_a_face_that_the_probe_does_not_meet(tmp_path: Path) -> None:
+    """The slice of the story below: up to its first touch."""
+    async with working_day(tmp_path) as day:
+        await day.hands.door.fault("stuck_open", device="probe")
+        ended = await day.tell(PROBED)
+    assert ended.asked == ("probe_at_corner", "accept_plan")
+    assert "touch the z face 1: no contact within" in ended.words
+
+
+@pytest.mark.soak  # `make soak ARGS=corner_story`: most of it is waiting for a probe that is watched in real time
 async def test_a_technician_watches_a_probe_feel_for_a_corner(tmp_path: Path) -> None:
     async with working_day(tmp_path) as day:
         ended = await day.tell(PROBED)
