@@ -28,9 +28,10 @@ async def _healthy() -> Scene:
     return made
 
 
-async def _recover(made: Scene) -> tuple[RecoveryResult, list[str]]:
-    ledger = MemoryLedger()
-    result = await mastering_recovery(Run(made.cell, ledger), made.spec)
+async def _recover(made: Scene, ledger: MemoryLedger | None = None) -> tuple[RecoveryResult, list[str]]:
+    """Recover, or go on with what a run that ended early has in its ledger."""
+    ledger = ledger or MemoryLedger()
+    result = await mastering_recovery(Run(made.cell, ledger, ledger.past()), made.spec)
     return result, [finding.step for finding in ledger.past().findings]
 
 
@@ -109,12 +110,12 @@ async def test_an_arm_with_every_zero_elsewhere_has_its_plate_looked_at() -> Non
     _shift(made, (0.31, 0.44, -0.37, 0.29, 0.46, -0.33))
     made.arm.data = MasteringData(ZERO, mastered=False)
     made.hands.refuses = {"compare_plate"}
+    ledger = MemoryLedger()
     with pytest.raises(DeclinedError, match="another arm"):
-        await _recover(made)
+        await _recover(made, ledger)
     assert made.arm.writes == 0
     made.hands.refuses = set()
-    made.arm.put(HERE)
-    result, _ = await _recover(made)
+    result, _ = await _recover(made, MemoryLedger(ledger.facts))
     assert result.mode == "all"
 
 
