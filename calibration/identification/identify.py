@@ -1,6 +1,6 @@
 """Identification of an arm: which model the measurements support, how good it is, what stays unknown."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -68,6 +68,7 @@ class Identification:
     correlated: tuple[CorrelatedPair, ...]
     residual: ResidualFinding | None = None
     contradicted: tuple[Contradiction, ...] = ()  # offsets that an earlier fit has elsewhere
+    options: Options = field(default_factory=Options)  # with which it was made
 
     @property
     def before(self) -> Errors:
@@ -151,6 +152,7 @@ def identify(
         correlated_pairs(weak),
         _residual(robust, choice.seen, judgement, grouping, options) if options.residual_model else None,
         moved,
+        options,
     )
 
 
