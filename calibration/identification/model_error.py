@@ -14,9 +14,10 @@ from calibration.geometry import Array
 from calibration.uncertainty import coverage_in_space_of
 
 _PROBABILITY = 0.95
-_FEWEST_SCORES = 60  # rows before their own quantile is better known than the theoretical one
+_FEWEST_SCORES = 20  # rows: from so many on the quantile of their own scores is one of them
 _GROWTHS = np.geomspace(1.0, 1e3, 61)
 _FAR_SHARE = 0.99  # of the held-out rows have a parameter variance below that of a posture far from them
+_INDEPENDENT = 0.5  # of the readings of held-out rows: each fit has seen most of the others
 _SMALLEST_M2 = 1e-16
 
 
@@ -102,6 +103,8 @@ def model_error(near: HeldOut, far: HeldOut, degrees_of_freedom: float) -> Model
     ----------
     V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World, 2005, 4.1 (inductive conformal).
     """
+    if len(near):
+        degrees_of_freedom = min(degrees_of_freedom, max(_INDEPENDENT * near.channels * len(near), 1.0))
     growth = _growth(near, far)
     variance = _left(near, growth)
     return ModelError(

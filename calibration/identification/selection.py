@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,8 @@ _FOLDS_FOR_BREAKS = 5
 _BREAK_GAIN = 0.1  # of the held-out RMSE: a mounting costs more trust than a parameter
 _PATIENCE = 2
 _BELIEVABLE = 8.0  # times the median error
+FEW_ROWS = 60  # up to here priors speak beside the rows
+_FEW_WORSE = 0.05
 _MOST_ROWS = 4000  # are looked at to choose; the fit takes all
 
 
@@ -203,18 +206,42 @@ def _choose_level(trial: _Trial, wanted: int | None) -> tuple[int, tuple[str, ..
     if trial.options.start.free:
         return trial.level_of_free()
     sizes = {level: trial.unknowns(level) for level in LEVELS}
-    possible, said = possible_levels(sizes, trial.observations.channels * len(trial.observations))
+    few = len(trial.observations) <= FEW_ROWS
+    possible, said = possible_levels(sizes, trial.observations.channels * len(trial.observations), few=few)
     voting = np.ones(len(trial.observations), dtype=bool)
-    level, reasons = best_level(possible, trial.held_out, trial.grouping.groups, voting)
+    held_out = cache(trial.held_out)
+    level, reasons = best_level(possible, held_out, trial.grouping.groups, voting)
+    if few and level < GEOMETRY in possible:
+        raised, why = _level_of_few(level, {each: held_out(each) for each in (level, GEOMETRY)})
+        return raised, (*said, *reasons, why)
     return level, (*said, *reasons)
 
 
-def possible_levels(sizes: Mapping[int, int], readings: int) -> tuple[list[int], list[str]]:
+def _level_of_few(narrow: int, errors: Mapping[int, Array]) -> tuple[int, str]:
+    """Return the geometry for few rows, unless they are surely predicted worse with it, and why.
+
+    Priors keep what the rows do not show where it is expected, and deviations as wide as that; a narrower level would
+    state its few parameters as if all others were nominal.
+    """
+    before, after = (float(np.sqrt(np.median(errors[level] ** 2))) for level in (narrow, GEOMETRY))
+    name = f"level {GEOMETRY}, {LEVEL_NAMES[GEOMETRY]}"
+    figures = f"{after * 1e3:.3f} mm (level {narrow}: {before * 1e3:.3f}), median of few rows held out"
+    if after <= before * (1 + _FEW_WORSE):
+        return GEOMETRY, f"{name}: {figures}: not worse, and its priors state what few rows leave open"
+    return narrow, f"{name}: {figures}: worse"
+
+
+def possible_levels(
+    sizes: Mapping[int, int], readings: int, *, few: bool = False
+) -> tuple[list[int], list[str]]:
     """Return the levels that so many readings can carry, given their numbers of unknowns, and why not the others.
 
-    Ripple needs two readings an unknown: with fewer, its priors speak, and cost the more time the less they say.
+    Ripple needs two readings an unknown: with fewer, its priors speak, and cost the more time the less they say. The
+    geometry of few rows is carried by its priors, however many unknowns it has.
     """
     most = {level: readings // 2 if level >= RIPPLE else readings for level in sizes}
+    if few and GEOMETRY in most:
+        most[GEOMETRY] = max(readings, sizes[GEOMETRY])
     possible = [level for level in sizes if level == FRAMES or sizes[level - 1] < sizes[level] <= most[level]]
     said = [
         f"level {level}, {LEVEL_NAMES[level]}: {size} unknowns are too many for {readings} readings: not tried"

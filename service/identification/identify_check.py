@@ -14,6 +14,7 @@ from calibration.identification.drift_lint import order_drift, temperature_drift
 from calibration.identification.estimator import Problem, errors_m, estimate, whitened_residuals
 from calibration.identification.identify import Identification
 from calibration.identification.lints import Lint
+from calibration.identification.misfit_lint import misfit_notes
 from calibration.identification.observations import Observations, Rows, with_joints, with_mounting
 from calibration.identification.parameters import FRAMES, ArmState, make_layout
 from calibration.identification.residual_model import errors_with
@@ -133,6 +134,7 @@ def lints_of_fit(found: Identification, before_m: Array, fitted: Prepared, train
         ),
         *temperature_drift(None if temperature is None else temperature[train][kept], left_m, groups),
         *order_drift(left_m, groups),
+        *misfit_notes(found.misfit, len(train), len(found.rejected)),
     )
 
 
