@@ -39,7 +39,6 @@ _PLAY_RAD = float(np.deg2rad(0.02))
 _WANDER_M = 3e-4  # of device and target, over the whole series
 _ORDERS = (1, 2)
 _ABOUT_X = ("alpha", "rx")
-DOWN = (0.0, 0.0, -1.0)  # in the robot's base
 KINDS = ("joints", "play", "order")
 _PLACES = ("base", "anchor", "tool")
 
@@ -191,7 +190,7 @@ def _bending(state: ArmState, joints_rad: Array, parameter: Parameter) -> Array:
     frame = parameter.joint + (1 if state.nominal.dh is not None else 0)
     axis = rotations[frame, :, 0 if parameter.name.endswith(_ABOUT_X) else 1]
     lever = origins[-1] - origins[frame]
-    down = np.array(DOWN)[:, None] * np.ones_like(lever)
+    down = np.array(state.nominal.gravity_in_base)[:, None] * np.ones_like(lever)
     moment: Array = (cross(lever, down) * axis).sum(axis=0)
     return moment
 

@@ -7,7 +7,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.joint_terms import JointTerm, gear_terms, gravity_terms, harmonic_terms
+from calibration.arm.joint_terms import (
+    JointTerm,
+    gear_terms,
+    gravity_terms,
+    harmonic_terms,
+    wrist_gravity_terms,
+)
 from calibration.arm.kinematics import RobotModel
 from calibration.errors import DegenerateDataError
 from calibration.geometry import Array
@@ -49,6 +55,8 @@ from calibration.identification.series_breaks import (
 LEVELS = (FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR)
 _DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for
 _ANGLES_PER_PERIOD = 5  # distinct ones, or a wave is read into gaps
+_ROWS_FOR_SHORT_WAVES = 150
+_QUICK_UNKNOWNS = 100
 _ANGLE_STEP_RAD = 2e-3
 _FOLDS = 10
 _FOLDS_FOR_BREAKS = 5
@@ -87,19 +95,23 @@ class Selection:
 
 
 def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[JointTerm, ...]:
-    """Return the joint terms that a level has; a joint's ripple and gear ratio need twenty distinct angles."""
+    """Return the joint terms that a level has; a joint's ripple and gear ratio need twenty distinct angles.
+
+    Fewer rows than 150 carry one and two waves a turn of each joint, no shorter ones.
+    """
     if level < GRAVITY:
         return ()
     sag = gravity_terms(model)
     if level < RIPPLE:
         return sag
+    orders = RIPPLE_ORDERS if len(joints_rad) >= _ROWS_FOR_SHORT_WAVES else RIPPLE_ORDERS[:2]
     distinct = [len(np.unique(np.round(angle / _ANGLE_STEP_RAD))) for angle in joints_rad.T]
     ripple = (
         term
-        for term in harmonic_terms(model, RIPPLE_ORDERS)
+        for term in harmonic_terms(model, orders)
         if distinct[term.joint] >= max(_DISTINCT_ANGLES, _ANGLES_PER_PERIOD * term.order)
     )
-    terms = (*sag, *ripple)
+    terms = (*sag, *wrist_gravity_terms(model), *ripple)
     if level < GEAR:
         return terms
     # After ripple: without it a ratio passes for the long waves of a gear, and is believed wrongly.
@@ -236,10 +248,13 @@ def possible_levels(
 ) -> tuple[list[int], list[str]]:
     """Return the levels that so many readings can carry, given their numbers of unknowns, and why not the others.
 
-    Ripple needs two readings an unknown: with fewer, its priors speak, and cost the more time the less they say. The
-    geometry of few rows is carried by its priors, however many unknowns it has.
+    More than a hundred unknowns with ripple need two readings each: with fewer, priors speak, and cost the more time
+    the less they say. The geometry of few rows is carried by its priors, however many unknowns it has.
     """
-    most = {level: readings // 2 if level >= RIPPLE else readings for level in sizes}
+    most = {
+        level: readings // 2 if level >= RIPPLE and size > _QUICK_UNKNOWNS else readings
+        for level, size in sizes.items()
+    }
     if few and GEOMETRY in most:
         most[GEOMETRY] = max(readings, sizes[GEOMETRY])
     possible = [level for level in sizes if level == FRAMES or sizes[level - 1] < sizes[level] <= most[level]]

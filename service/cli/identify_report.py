@@ -86,6 +86,9 @@ def _print_reasons(console: "Console", report: "IdentifyReport") -> None:
     if found.residual is not None:
         chosen = "used" if found.residual.chosen else "not used"
         console.print(f"Residual model {chosen}: {escape(found.residual.reason)}")
+        console.print(
+            "It serves the figures here and `--at`: sets and `program compensate` hold the arm's parameters alone."
+        )
 
 
 def _add(table: "Table", title: str, errors: "Errors") -> None:
