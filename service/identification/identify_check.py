@@ -20,6 +20,7 @@ from calibration.identification.parameters import FRAMES, ArmState, make_layout
 from calibration.identification.residual_model import errors_with
 from calibration.identification.series_breaks import assign_mountings
 from calibration.identification.sweep_lint import sweep_lint
+from calibration.identification.temperature import TemperatureEffect, temperature_note
 from calibration.identification.unrounding import unround_joints
 from service.identification.identify_start import Start
 from service.measured.measurements import Measurements, ReadOptions, read_measurements
@@ -37,6 +38,7 @@ class Prepared:
     observations: Observations
     grouping: Grouping
     noticed: tuple[Lint, ...]
+    effect: TemperatureEffect | None = None  # taken out of the observations
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,14 @@ def prepare(path: Path, model: RobotModel, options: ReadOptions) -> Prepared:
     return Prepared(measurements, observations, grouping, in_file(noticed, measurements))
 
 
+def at_temperature(prepared: Prepared, effect: TemperatureEffect) -> Prepared:
+    """Return measurements brought to the temperature of an effect; without a column of temperatures as they are."""
+    temperature = prepared.measurements.temperature
+    if temperature is None:
+        return prepared
+    return replace(prepared, observations=effect.without(prepared.observations, temperature), effect=effect)
+
+
 def in_file(found: Sequence[Lint], measurements: Measurements) -> tuple[Lint, ...]:
     """Return notes about usable rows with the rows' numbers in the file."""
     return tuple(
@@ -121,7 +131,6 @@ def lints_of_fit(found: Identification, before_m: Array, fitted: Prepared, train
     seen = found.robust.problem.observations
     left_m = residuals[:3] * seen.sigma_m[kept]
     groups = found.grouping.groups[kept]
-    temperature = measurements.temperature
     return (
         *lints.not_a_measurement(before_m, measurements.value_step_m),
         *lints.alike_neighbours(residuals),
@@ -132,10 +141,17 @@ def lints_of_fit(found: Identification, before_m: Array, fitted: Prepared, train
             found.state.nominal.joint_names,
             lengths=seen.kind == "length",
         ),
-        *temperature_drift(None if temperature is None else temperature[train][kept], left_m, groups),
+        *_temperature(fitted, train[kept], left_m, groups),
         *order_drift(left_m, groups),
         *misfit_notes(found.misfit, len(train), len(found.rejected)),
     )
+
+
+def _temperature(fitted: Prepared, rows: Rows, left_m: Array, groups: Rows) -> list[Lint]:
+    temperature = fitted.measurements.temperature
+    if fitted.effect is not None:
+        return temperature_note(fitted.effect)
+    return temperature_drift(None if temperature is None else temperature[rows], left_m, groups)
 
 
 def lints_of_start(found: Identification, start: Start) -> list[Lint]:
@@ -162,6 +178,8 @@ def check_file(path: Path, read: ReadOptions, found: Identification, fitted: Pre
         The file cannot be understood, or holds what another instrument measured.
     """
     other = prepare(path, found.state.nominal, read)
+    if fitted.effect is not None:
+        other = at_temperature(other, fitted.effect)
     if (other.observations.kind == "length") != (fitted.observations.kind == "length"):
         raise MeasurementError(
             f"{path} holds {other.observations.kind}s, not {fitted.observations.kind}s as the fit.",
