@@ -64,7 +64,7 @@ _BREAK_GAIN = 0.1  # of the held-out RMSE: a mounting costs more trust than a pa
 _PATIENCE = 2
 _BELIEVABLE = 8.0  # times the median error
 FEW_ROWS = 60  # up to here priors speak beside the rows
-_FEW_WORSE = 0.05
+_FEW_GAIN = 0.75
 _MOST_ROWS = 4000  # are looked at to choose; the fit takes all
 
 
@@ -218,7 +218,7 @@ def _choose_level(trial: _Trial, wanted: int | None) -> tuple[int, tuple[str, ..
     if trial.options.start.free:
         return trial.level_of_free()
     sizes = {level: trial.unknowns(level) for level in LEVELS}
-    few = len(trial.observations) <= FEW_ROWS
+    few = len(trial.observations) <= FEW_ROWS and trial.options.start.is_nominal
     possible, said = possible_levels(sizes, trial.observations.channels * len(trial.observations), few=few)
     voting = np.ones(len(trial.observations), dtype=bool)
     held_out = cache(trial.held_out)
@@ -230,17 +230,20 @@ def _choose_level(trial: _Trial, wanted: int | None) -> tuple[int, tuple[str, ..
 
 
 def _level_of_few(narrow: int, errors: Mapping[int, Array]) -> tuple[int, str]:
-    """Return the geometry for few rows, unless they are surely predicted worse with it, and why.
+    """Return the geometry for few rows if it predicts them better by a quarter, sure or not, and why.
 
-    Priors keep what the rows do not show where it is expected, and deviations as wide as that; a narrower level would
-    state its few parameters as if all others were nominal.
+    Of few rows hardly any gain is sure. Priors keep what the rows do not show where it is expected, and deviations as
+    wide as that; a narrower level would state its few parameters as if all others were nominal.
     """
-    before, after = (float(np.sqrt(np.median(errors[level] ** 2))) for level in (narrow, GEOMETRY))
+    before, after = (
+        np.array([np.median(errors[level]), np.sqrt(np.mean(errors[level] ** 2))])
+        for level in (narrow, GEOMETRY)
+    )
     name = f"level {GEOMETRY}, {LEVEL_NAMES[GEOMETRY]}"
-    figures = f"{after * 1e3:.3f} mm (level {narrow}: {before * 1e3:.3f}), median of few rows held out"
-    if after <= before * (1 + _FEW_WORSE):
-        return GEOMETRY, f"{name}: {figures}: not worse, and its priors state what few rows leave open"
-    return narrow, f"{name}: {figures}: worse"
+    figures = f"{after[1] * 1e3:.3f} mm (level {narrow}: {before[1] * 1e3:.3f})"
+    if (after < _FEW_GAIN * before).all():
+        return GEOMETRY, f"{name}: {figures}: better, and its priors state what few rows leave open"
+    return narrow, f"{name}: {figures}: not better by a quarter, in the median and in the mean square"
 
 
 def possible_levels(
