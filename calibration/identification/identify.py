@@ -166,7 +166,8 @@ def _stated(
     """Return a fit with the deviations that may be stated: for rows that go together, and for few rows."""
     wide, effect = widened(robust, grouping.groups)
     kept = len(robust.problem.observations) - len(robust.rejected)
-    if kept > FEW_ROWS or choice.level == FRAMES or options.start.covariance is not None:
+    nothing_free = not len(robust.fit.layout)
+    if kept > FEW_ROWS or nothing_free or options.start.covariance is not None:
         return wide, effect, None
     misfit = average_over_misfits(robust, choice.seen)
     averaged = replace(robust.fit, covariance=misfit.covariance)

@@ -30,7 +30,9 @@ from calibration.identification.robust import RobustFit
 
 _NOISES = np.geomspace(0.125, 8.0, 13)  # of the deviation that the residuals show
 _LEAST_NOISE = 0.2  # of the stated deviation: fewer rows than unknowns leave no residuals that show one
-_SIZES = (0.0, 0.5, 2.0)  # of each kind of effect, of what is usual
+KINDS = ("joints", "play", "order")
+# Of each kind of effect, of what is usual; a device that was moved may have been moved by decimetres.
+_SIZES = ((0.0, 0.5, 2.0), (0.0, 0.5, 2.0), (0.0, 0.5, 2.0, 20.0, 200.0))
 _ABSENT = 0.5  # probability beforehand that a kind of effect is not there
 _RIPPLE_RAD = float(np.deg2rad(0.02))
 _SAG_RAD_PER_M = float(np.deg2rad(0.1))
@@ -39,7 +41,6 @@ _PLAY_RAD = float(np.deg2rad(0.02))
 _WANDER_M = 3e-4  # of device and target, over the whole series
 _ORDERS = (1, 2)
 _ABOUT_X = ("alpha", "rx")
-KINDS = ("joints", "play", "order")
 _PLACES = ("base", "anchor", "tool")
 
 
@@ -83,7 +84,7 @@ def average_over_misfits(robust: RobustFit, stated: Observations) -> Misfit:
     away = fit.deviations / fit.layout.prior
     effects = _effects(fit.state, problem, rows, frozenset(p.name for p in fit.layout.parameters))
     posteriors = []
-    for sizes in product(_SIZES, repeat=len(KINDS)):
+    for sizes in product(*_SIZES):
         turned = _Turned.of(scaled, left.reshape(-1), _mixed(effects, sizes))
         posteriors += [(sizes, n, *_posterior(turned, away, (raised * n) ** 2)) for n in _NOISES]
     chances = np.array([each[4] + _expected(each[0]) for each in posteriors])
@@ -101,7 +102,10 @@ def average_over_misfits(robust: RobustFit, stated: Observations) -> Misfit:
 
 def _expected(sizes: tuple[float, ...]) -> float:
     """Return the logarithm of the probability beforehand."""
-    each = [_ABSENT if size == 0 else (1.0 - _ABSENT) / (len(_SIZES) - 1) for size in sizes]
+    each = [
+        _ABSENT if size == 0 else (1.0 - _ABSENT) / (len(possible) - 1)
+        for size, possible in zip(sizes, _SIZES, strict=True)
+    ]
     return float(np.log(each).sum())
 
 

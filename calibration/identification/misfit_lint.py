@@ -8,8 +8,8 @@ _EXCLUDED = 0.1
 _MANY_REJECTED = 0.03  # of the rows: more than good rows that stand out by chance
 _CURES = {
     "joints": (
-        "the residuals go with sag, bending of links or ripple that this level does not have: measure more rows over "
-        "the whole of every joint (60 and more let the level be chosen), or ask for `--level 3`."
+        "the residuals go with what this level of the arm does not have (geometry below level 2, sag, bending of "
+        "links, ripple): measure more rows over the whole of every joint, or ask for a higher `--level`."
     ),
     "play": (
         "the residuals look like joints that do not come back to the same angle (play, friction, rounding of the "

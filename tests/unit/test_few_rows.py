@@ -62,12 +62,22 @@ def test_blunders_are_a_note_of_their_own():
     assert misfit_notes(None, 400, 3) == []
 
 
-def test_many_rows_and_frames_alone_keep_their_own_deviations():
+def test_many_rows_keep_their_own_deviations():
     there = world("none", 61, np.random.default_rng(3))
     found = identify(there.truth.nominal, there.observations, options=Options(judge=False, level=GEOMETRY))
     assert found.misfit is None
-    few = there.observations.take(np.arange(30))
-    assert identify(there.truth.nominal, few, options=Options(judge=False, level=FRAMES)).misfit is None
+
+
+def test_a_device_that_was_moved_is_seen_though_no_level_helps():
+    there = world("none", 40, np.random.default_rng(3))
+    places = there.observations.positions_m + np.where(np.arange(40) < 20, 0.0, 0.05)[:, None]
+    found = identify(
+        there.truth.nominal, replace(there.observations, positions_m=places), options=Options(judge=False)
+    )
+    assert found.level == FRAMES or found.breaks
+    chances = dict(zip(KINDS, found.misfit.probability, strict=True))
+    assert chances["order"] > 0.9
+    assert "order of measuring" in " ".join(note.message for note in misfit_notes(found.misfit, 40, 0))
 
 
 def test_deviations_of_few_rows_do_not_depend_on_the_stated_size_of_noise():
