@@ -14,6 +14,7 @@ from calibration.identification.parameters import FRAMES, GEOMETRY, GRAVITY, RIP
 from calibration.identification.selection import fit_level
 from calibration.identification.tip_uncertainty import predict_tips
 
+_NARROWEST_RAD = 0.1
 _RIVALS = (
     GEOMETRY,
     GRAVITY,
@@ -41,7 +42,8 @@ def predict_readings(found: Identification, joints_rad: Array) -> ReadingPredict
     Notes
     -----
     Away from the measured postures the levels that fit the rows alike part, and the rows do not tell which one is
-    right: by how far they part is added there.
+    right: by how far they part is added there. What no level describes grows with the way beyond a joint's range: as
+    far beyond as the range is wide, its deviation is doubled.
     """
     error = learn_model_error(found)
     tips = predict_tips(found.robust.fit, joints_rad)
@@ -50,9 +52,11 @@ def predict_readings(found: Identification, joints_rad: Array) -> ReadingPredict
         left, sigma = found.residual.model.predict(joints_rad)
         positions, own = positions + left @ found.state.devices[-1].device_base[:3, :3].T, sigma**2
     beyond = np.zeros(len(joints_rad), dtype=bool)
-    for note in beyond_fitted_range(found.robust.problem.observations.joints_rad, joints_rad):
+    fitted_rad = found.robust.problem.observations.joints_rad
+    for note in beyond_fitted_range(fitted_rad, joints_rad):
         beyond[list(note.rows)] = True
     far = error.far(tips.covariance_m2) | beyond
+    own += error.variance_m2 * ((1.0 + _excess(fitted_rad, joints_rad)) ** 2 - 1.0)
     own[far] += _parted_m2(found, joints_rad[far], tips.positions_m[far])
     return ReadingPrediction(
         positions,
@@ -64,6 +68,15 @@ def predict_readings(found: Identification, joints_rad: Array) -> ReadingPredict
         far,
         error,
     )
+
+
+def _excess(fitted_rad: Array, joints_rad: Array) -> Array:
+    """Return how far each posture (N,) is beyond the fitted range of a joint, in widths of that range; at most 1."""
+    low, high = fitted_rad.min(axis=0), fitted_rad.max(axis=0)
+    beyond = np.maximum(np.maximum(low - joints_rad, joints_rad - high), 0.0)
+    widths = np.maximum(high - low, _NARROWEST_RAD)
+    excess: Array = np.minimum(beyond / widths, 1.0).max(axis=1, initial=0.0)
+    return excess
 
 
 def _parted_m2(found: Identification, joints_rad: Array, positions_m: Array) -> Array:
