@@ -96,6 +96,7 @@ def factory_model(nominal: RobotModel, absolute: DhTable, *, name: str | None = 
         upper_rad=nominal.upper_rad,
         max_speed_rad_s=nominal.max_speed_rad_s,
         joint_names=nominal.joint_names,
+        gravity_in_base=nominal.gravity_in_base,
     )
 
 

@@ -22,6 +22,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     /,
     *,
     robot: str,
+    mounting: str = "",
     level: int | None = None,
     check: Path | None = None,
     train_rows: int | None = None,
@@ -60,6 +61,10 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         CSV or Excel file as the instrument wrote it: joints, and a length, position or pose per row.
     robot
         Nominal model; `cellcal models` lists them.
+    mounting
+        Where weight pulls, if the robot does not stand upright: wall (the base's x points up), ceiling, tilt:x=30,
+        tilt:y=-15 (degrees), or the direction of gravity in its base such as 0,-1,0. The same as `--robot ur10@wall`,
+        which is the name under which everything is kept.
     level
         0 base and tool only, 1 mastering offsets, 2 geometry, 3 and sag, 4 and gear ripple, 5 and gear ratios.
         Chosen by cross-validation if not given.
@@ -142,13 +147,14 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     from service.measured.layouts import overlaid, read_layout
     from service.measured.measurements import ReadOptions
 
+    robot = _mounted(robot, mounting)
     limits = Limits(
         _quantity(limit, "--limit", _MM),
         _quantity(accept_offset_sd, "--accept-offset-sd", _DEG),
         accept_offsets,
     )
     outputs = _Outputs(save, serial, by, urdf, geometric_joints)
-    outputs.check()
+    outputs.check(residual_model=residual_model)
     asked = None if at is None else AtOptions(at, at_convention, at_identified)
     if layout is not None and describes_a_cell(layout):
         refuse_for_a_cell({
@@ -228,6 +234,12 @@ def _exit_code(report: "IdentifyReport") -> int:
     return ExitCode.PASS if report.verdicts.proved else ExitCode.OUT_OF_TOLERANCE
 
 
+def _mounted(robot: str, mounting: str) -> str:
+    from calibration.arm.mounting import mounted
+
+    return mounted(robot, mounting)
+
+
 def _quantity(text: str, option: str, units: dict[str, float]) -> float | None:
     """Return a positive number with its unit in SI; None if nothing was said."""
     import math
@@ -281,10 +293,13 @@ class _Outputs:
     urdf: Path | None
     geometric_joints: bool
 
-    def check(self) -> None:
+    def check(self, *, residual_model: bool) -> None:
         """Refuse before the work rather than after it."""
+        from service.identification.identify_outputs import refuse_to_keep
         from service.measured.table import MeasurementError
 
+        if residual_model:
+            refuse_to_keep(self.save, self.urdf)
         if self.save is not None and not (self.serial and self.by):
             raise MeasurementError(
                 "a parameter set belongs to one robot and to the person who measured it.",

@@ -92,6 +92,9 @@ def _print_reasons(console: "Console", report: "IdentifyReport") -> None:
     if found.residual is not None:
         chosen = "used" if found.residual.chosen else "not used"
         console.print(f"Residual model {chosen}: {escape(found.residual.reason)}")
+        console.print(
+            "It serves the figures here and `--at`: sets and `program compensate` hold the arm's parameters alone."
+        )
 
 
 def _add(table: "Table", title: str, errors: "Errors") -> None:
@@ -236,12 +239,12 @@ def print_tips(console: "Console", tips: "TipsAt", target: str = "target") -> No
     title = f"{target} in the frame of the {tips.frame} (mm)"
     table = Table("point", "x", "y", "z", "sigma", "95 %", title=title)
     for i, place in enumerate(tips.positions_m[:MOST_ROWS_SHOWN]):
-        mark = " *" if i in tips.outside else ""
+        mark = " *" if i in tips.far or i in tips.outside else ""
         sizes = (tips.sigma_m[i], tips.expanded_m[i])
         table.add_row(f"{i}{mark}", *(f"{v * 1e3:.3f}" for v in place), *(f"{v * 1e3:.4f}" for v in sizes))
     console.print(table)
-    if tips.outside:
-        console.print("* turns a joint further than any fitted row: extrapolated.")
+    for sentence in tips.statement:
+        console.print(sentence, markup=False)
     if len(tips.positions_m) > MOST_ROWS_SHOWN:
         console.print(f"… and {len(tips.positions_m) - MOST_ROWS_SHOWN} more (`--at-csv` writes all)")
 

@@ -19,6 +19,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
+from calibration.arm.mounting import is_mounted_model
 from calibration.arm.robot_models import model_names
 from calibration.errors import CellError
 from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
@@ -342,7 +343,7 @@ class _Reader:
 
     def _models(self, robots: list[Any]) -> None:
         for i, robot in enumerate(robots):
-            if robot is not None and robot.model not in model_names():
+            if robot is not None and not is_mounted_model(robot.model, model_names()):
                 sentence = f"there is no robot model {robot.model!r}; {nearest(robot.model, model_names())}"
                 self.faults.append((f"robot[{i}].model", sentence))
 

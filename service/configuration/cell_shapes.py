@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from calibration.arm.kinematics import RobotModel
+from calibration.arm.mounting import is_mounted_model
 from calibration.arm.robot_models import model_names
 from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Pose, homogeneous
@@ -98,7 +99,7 @@ def surroundings_of(data: dict[str, Any], where: str) -> Surroundings:
 
 def check_shapes(model_name: str, surroundings: Surroundings) -> None:
     """Raise CalibrationError where shapes do not fit the arm; an unknown model is somebody else's fault."""
-    if model_name in model_names():
+    if is_mounted_model(model_name, model_names()):
         clearances(model_name, surroundings)
 
 

@@ -8,16 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from calibration.arm.urdf import bare_urdf
+from calibration.cells.cell import Series
 from calibration.cells.prediction import target_positions, tip_covariance
 from calibration.compensation.pose_gap import Arm
 from calibration.geometry import Array
 from calibration.identification.free_parameters import values_of
 from calibration.identification.lints import beyond_fitted_range
+from calibration.identification.model_error import HeldOut, expanded_in_space, model_error
 from calibration.identification.parameters import FRAMES
 from service.identification.at_points import AtOptions, read_points, solved
 from service.identification.cell_identify import ArmReport, CellReport
 from service.identification.identify import IdentifiedParameter
-from service.identification.identify_at import TipsAt
+from service.identification.identify_at import TipsAt, statement_of, tips_of
 from service.measured.table import MeasurementError
 from service.parameters.calibrated_models import nominal_sha256, values_of_identification
 from service.parameters.parameter_files import Who
@@ -159,19 +161,63 @@ def cell_tips(options: AtOptions, report: CellReport) -> dict[str, TipsAt]:
 
 
 def _tips(report: CellReport, target: str, joints: Array, measured: Array) -> TipsAt:
-    fit = report.identification.robust.fit
-    covariance = tip_covariance(fit, target, joints)
-    beyond = beyond_fitted_range(measured, joints)
-    return TipsAt(
+    found = report.identification
+    covariances = tip_covariance(found.robust.fit, target, joints)
+    missed = _missed(report, target)
+    freedom = max(found.robust.degrees_of_freedom, 1.0)
+    error = model_error(missed, HeldOut.none(), freedom)
+    beyond = np.zeros(len(joints), dtype=bool)
+    for note in beyond_fitted_range(measured, joints):
+        beyond[list(note.rows)] = True
+    own = np.zeros(len(joints))
+    total = error.total(covariances, own)
+    return tips_of(
         joints,
-        target_positions(fit, target, joints),
-        np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0)),
-        np.sqrt(np.maximum(np.einsum("nii->n", covariance), 0.0)),
-        report.coverage * np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0)),
-        beyond[0].rows if beyond else (),
+        target_positions(found.robust.fit, target, joints),
+        (total, error.expanded_m(covariances, own, beyond), expanded_in_space(covariances, freedom)),
+        (np.flatnonzero(beyond), np.flatnonzero(beyond)),
         f"base of {report.measurements.cell.robot_of(target).name}",
-        report.coverage,
+        statement_of(
+            f"{error.rows} held-out rows of the robot's series",
+            report.measurements.read,
+            len(report.rejected),
+            far=bool(beyond.any()),
+        ),
     )
+
+
+def _missed(report: CellReport, target: str) -> HeldOut:
+    """Return the errors of held-out rows of a target; of its robot's other targets where it has none.
+
+    They contain what the parameters miss: it is counted once more with the covariance, which errs to the safe side.
+    Readings of one channel count with the channels that they have. A cell whose series were too short to be held
+    out shows its residuals instead.
+    """
+    cell, by_series = report.measurements.cell, report.identification.series
+    robot = cell.robot_of(target)
+    pairs = [
+        (series, errors)
+        for series, errors in zip(cell.series, by_series, strict=True)
+        if cell.robot_of(series.target) is robot
+    ]
+    mine = [pair for pair in pairs if pair[0].target == target]
+    for some in (mine, pairs):
+        sizes = [_by_channel(series, np.asarray(errors.held_out_m)) for series, errors in some]
+        if sum(len(each) for each in sizes):
+            return _as_places(np.concatenate(sizes))
+    return _as_places(
+        np.concatenate([_by_channel(series, np.delete(e.fit_m, e.rejected)) for series, e in pairs])
+    )
+
+
+def _by_channel(series: Series, sizes_m: Array) -> Array:
+    """Return errors per root of a channel (N,) [m]."""
+    return np.asarray(sizes_m / np.sqrt(min(series.observations.channels, 3)))
+
+
+def _as_places(by_channel_m: Array) -> HeldOut:
+    nothing = np.zeros(len(by_channel_m))
+    return HeldOut(by_channel_m * np.sqrt(3.0), nothing, nothing, 3)
 
 
 def _refuse_frames(report: CellReport) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
+from calibration.arm.kinematics import RobotModel, load_model
 from calibration.geometry import Array
 from calibration.identification.cross_validation import Errors, Grouping, group_rows
 from calibration.identification.free_parameters import PartLayout, values_of
@@ -20,11 +20,13 @@ from calibration.identification.parameters import LEVEL_NAMES
 from calibration.identification.residual_model import errors_with
 from calibration.identification.selection import Options
 from calibration.identification.series_breaks import mounting_of
+from calibration.identification.temperature import temperature_effect
 from calibration.identification.tip_uncertainty import HayatiTable, hayati_table
 from calibration.uncertainty import coverage_factor
 from service.identification.identify_check import (
     Checked,
     Prepared,
+    at_temperature,
     check_file,
     errors_of,
     file_names,
@@ -176,6 +178,7 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
         prepared.measurements.observations.joints_rad[train], prepared.grouping.groups[train]
     )
     grouping = Grouping(grouping.groups, prepared.grouping.kind)
+    prepared = _at_one_temperature(model, prepared, train, grouping)
     found = identify(
         model,
         prepared.observations.take(train),
@@ -223,6 +226,15 @@ def identify_file(path: Path, robot: str, options: IdentifyOptions | None = None
         verdicts=_verdicts(options.limits, found, judged, checked),
         dh=None if model.dh is None else hayati_table(found.robust.fit),
     )
+
+
+def _at_one_temperature(model: RobotModel, prepared: Prepared, train: Rows, grouping: Grouping) -> Prepared:
+    """Return measurements brought to one temperature, where the rows that are fitted show that it matters."""
+    temperature = prepared.measurements.temperature
+    if temperature is None:
+        return prepared
+    effect = temperature_effect(model, prepared.observations.take(train), temperature[train], grouping)
+    return prepared if effect is None else at_temperature(prepared, effect)
 
 
 @dataclass(frozen=True, eq=False)

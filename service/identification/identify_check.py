@@ -11,6 +11,7 @@ from calibration.geometry import Array
 from calibration.identification import lints
 from calibration.identification.cross_validation import Errors, Grouping, group_rows, same_postures
 from calibration.identification.drift_lint import order_drift, temperature_drift
+from calibration.identification.effect_lint import misfit_notes
 from calibration.identification.estimator import Problem, errors_m, estimate, whitened_residuals
 from calibration.identification.identify import Identification
 from calibration.identification.lints import Lint
@@ -20,6 +21,7 @@ from calibration.identification.parameters import FRAMES, ArmState, make_layout
 from calibration.identification.residual_model import errors_with
 from calibration.identification.series_breaks import assign_mountings
 from calibration.identification.sweep_lint import sweep_lint
+from calibration.identification.temperature import TemperatureEffect, temperature_note
 from calibration.identification.unrounding import unround_joints
 from service.identification.identify_start import Start
 from service.measured.measurements import Measurements, ReadOptions, read_measurements
@@ -37,6 +39,7 @@ class Prepared:
     observations: Observations
     grouping: Grouping
     noticed: tuple[Lint, ...]
+    effect: TemperatureEffect | None = None  # taken out of the observations
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +97,14 @@ def file_names(measurements: Measurements) -> FileNames:
     )
 
 
+def at_temperature(prepared: Prepared, effect: TemperatureEffect) -> Prepared:
+    """Return measurements brought to the temperature of an effect; without a column of temperatures as they are."""
+    temperature = prepared.measurements.temperature
+    if temperature is None:
+        return prepared
+    return replace(prepared, observations=effect.without(prepared.observations, temperature), effect=effect)
+
+
 def in_file(found: Sequence[Lint], measurements: Measurements) -> tuple[Lint, ...]:
     """Return notes about usable rows with the rows' numbers in the file."""
     return tuple(
@@ -132,7 +143,6 @@ def lints_of_fit(found: Identification, before_m: Array, fitted: Prepared, train
     seen = found.robust.problem.observations
     left_m = residuals[:3] * seen.sigma_m[kept]
     groups = found.grouping.groups[kept]
-    temperature = measurements.temperature
     return (
         *lints.not_a_measurement(before_m, measurements.value_step_m),
         *lints.alike_neighbours(residuals),
@@ -143,9 +153,17 @@ def lints_of_fit(found: Identification, before_m: Array, fitted: Prepared, train
             found.state.nominal.joint_names,
             lengths=seen.kind == "length",
         ),
-        *temperature_drift(None if temperature is None else temperature[train][kept], left_m, groups),
+        *_temperature(fitted, train[kept], left_m, groups),
         *order_drift(left_m, groups),
+        *misfit_notes(found.misfit, len(train), len(found.rejected)),
     )
+
+
+def _temperature(fitted: Prepared, rows: Rows, left_m: Array, groups: Rows) -> list[Lint]:
+    temperature = fitted.measurements.temperature
+    if fitted.effect is not None:
+        return temperature_note(fitted.effect)
+    return temperature_drift(None if temperature is None else temperature[rows], left_m, groups)
 
 
 def lints_of_start(found: Identification, start: Start) -> list[Lint]:
@@ -173,6 +191,8 @@ def check_file(path: Path, read: ReadOptions, found: Identification, fitted: Pre
     """
     other = prepare(path, found.state.nominal, read)
     refuse_misfit(found.state.nominal, other.observations, file_names(other.measurements))
+    if fitted.effect is not None:
+        other = at_temperature(other, fitted.effect)
     if (other.observations.kind == "length") != (fitted.observations.kind == "length"):
         raise MeasurementError(
             f"{path} holds {other.observations.kind}s, not {fitted.observations.kind}s as the fit.",

@@ -57,6 +57,23 @@ def write_identified_urdf(report: IdentifyReport, path: Path, *, geometric_joint
     return sorted({kinds[term.kind] for term in state.terms})
 
 
+def refuse_to_keep(save: Path | None, urdf: Path | None) -> None:
+    """Refuse, before any work, to keep an arm whose residual model would be lost.
+
+    Raises
+    ------
+    MeasurementError
+        A parameter set or a description was asked for.
+    """
+    wanted = [option for option, path in (("--save", save), ("--urdf", urdf)) if path is not None]
+    if wanted:
+        raise MeasurementError(
+            f"a residual model cannot be kept by {' and '.join(wanted)}: parameter sets and descriptions hold the "
+            "arm's parameters only, and `program compensate` works with these alone.",
+            remedy="Leave out `--residual-model` to keep the arm, or leave out the other to see what it would gain.",
+        )
+
+
 def _refuse_frames(report: IdentifyReport) -> None:
     if report.level == FRAMES:
         raise MeasurementError(

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.arm.kinematics import RobotModel
+from calibration.arm.mounting import FLOOR
 from calibration.arm.urdf import calibrated_urdf, read_urdf
 from calibration.errors import CalibrationError
 from calibration.geometry import Array, homogeneous, inverse_transform
@@ -46,9 +47,10 @@ class CalibratedModel:
 
 def nominal_sha256(model: RobotModel) -> str:
     """Return a hash of everything in a nominal model that deviations refer to."""
-    numbers = np.concatenate(
-        [model.placements.ravel(), model.theta0_rad, model.joint_coupling.ravel()], dtype=np.float64
-    )
+    parts = [model.placements.ravel(), model.theta0_rad, model.joint_coupling.ravel()]
+    if model.gravity_in_base != FLOOR:  # sets of robots on the floor keep the hash that they have always had
+        parts.append(np.array(model.gravity_in_base))
+    numbers = np.concatenate(parts, dtype=np.float64)
     return hashlib.sha256(" ".join(f"{v:.12g}" for v in numbers + 0.0).encode()).hexdigest()
 
 

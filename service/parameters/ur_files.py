@@ -183,6 +183,7 @@ def model_of_ros(kinematics: RosKinematics, nominal: RobotModel) -> RobotModel:
         upper_rad=nominal.upper_rad,
         max_speed_rad_s=nominal.max_speed_rad_s,
         joint_names=nominal.joint_names,
+        gravity_in_base=nominal.gravity_in_base,
     )
     return factory_model(nominal, standard_dh(chain, nominal).table, name=chain.name)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from calibration.arm.kinematics import load_model
+from calibration.arm.mounting import is_mounted_model
 from calibration.arm.robot_models import model_names
 from calibration.errors import CellError
 from calibration.geometry import Array
@@ -207,7 +208,7 @@ def _cell(asked: Asked) -> Project | None:
         return read_project(asked.project)
     if asked.robot is None:
         return None
-    if asked.robot not in model_names():
+    if not is_mounted_model(asked.robot, model_names()):
         raise FilesError(
             f"No robot model is called {asked.robot!r}.", remedy=f"Known: {', '.join(model_names())}."
         )

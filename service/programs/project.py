@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from calibration.arm.kinematics import RobotModel, load_model
+from calibration.arm.mounting import is_mounted_model
 from calibration.arm.robot_models import model_names
 from calibration.compensation.pose_gap import Arm
 from calibration.errors import CellError
@@ -186,7 +187,7 @@ def _robot(robot: Mapping[str, Any], folder: Path, where: str) -> tuple[RobotMod
     arm = word(robot, "arm", where)
     if arm is not None:
         return nominal_arm(_beside(folder, arm), model), serial
-    if model not in model_names():
+    if not is_mounted_model(model, model_names()):
         raise ProjectError(
             f"{where}: no model is called {model!r}.",
             remedy=f"Known: {', '.join(model_names())}; name a file of another one as arm.",

@@ -64,7 +64,8 @@ def test_a_gear_ratio_is_not_asked_of_a_joint_with_few_angles():
 
 def test_waves_are_not_read_into_few_angles():
     model = load_model("ur10")
-    joints = random_joints(model, np.random.default_rng(0), 30)
+    # Each of 30 angles five times: fewer than 150 rows would not try more than two waves a turn.
+    joints = np.tile(random_joints(model, np.random.default_rng(0), 30), (5, 1))
     orders = {t.order for t in terms_of_level(model, joints, GEAR) if t.kind == "harmonic"}
     assert orders == set(range(1, 7))
 

@@ -55,6 +55,12 @@ def test_a_project_is_read_in_si(tmp_path: Path) -> None:
     assert [path.name for path in project.program_files()] == ["A.ls", "B.ls"]
 
 
+def test_a_projects_robot_may_hang_from_a_ceiling(tmp_path: Path) -> None:
+    project = read_project(_written(tmp_path, PLAIN.replace('"fanuc_m6ib"', '"fanuc_m6ib@ceiling"')))
+    assert project.nominal.gravity_in_base == (0.0, 0.0, 1.0)
+    assert project.controller.gravity_in_base == (0.0, 0.0, 1.0)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
