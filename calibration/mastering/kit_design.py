@@ -17,7 +17,8 @@ from calibration.mastering.integer_search import success_probability
 from calibration.mastering.place_choice import PlaceChoice
 from calibration.mastering.place_evidence import PlaceProblem
 from calibration.mastering.place_recovery import FITTED, place_covariance, places_to_fit_of
-from calibration.mastering.turn_recovery import SPARE_CAPTURES, SUCCESS_PROBABILITY
+from calibration.mastering.turn_gate import SUCCESS_PROBABILITY
+from calibration.mastering.turn_recovery import SPARE_CAPTURES
 from calibration.mastering.turn_verification import detection
 
 CHECKS = 3  # places of a kit of points or targets that are never fitted

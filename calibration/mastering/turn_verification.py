@@ -58,6 +58,13 @@ def verify_evidence(problem: Evidence, recovery: TurnRecovery) -> TurnRecovery:
     local = problem.at(np.array(recovery.offset_turns))
     spread = local.by_turn @ np.array(recovery.offset_covariance) @ local.by_turn.T
     local = replace(local, scatter=local.scatter + spread)
+    if recovery.equipment_change:
+        columns = local.equipment.columns
+        local = replace(
+            local,
+            residuals=local.residuals - columns @ np.array(recovery.equipment_change),
+            scatter=local.scatter + columns @ np.array(recovery.equipment_covariance) @ columns.T,
+        )
     found, limit = local.chi_square(), chi_square_limit(len(local.residuals))
     power = float(detection(problem, local).max(axis=0).min())
     largest_mm = 1e3 * float(np.abs(local.residuals).max())

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from tests.soak import (
     alignments,
     calibration_campaign,
+    changed_wires,
     clones,
     cold,
     compensation,
@@ -51,6 +52,7 @@ CAMPAIGNS: dict[str, tuple[Callable[[int], Figures], int]] = {
     "outlier": (losses.outlier, 200),
     "poor": (losses.poor, 1000),
     "exchanged": (losses.exchanged, 300),
+    "changed_wires": (changed_wires.changed_wires, 10_000),
     "kill": (durability.kill, 100),
     "desk_kills": (desk_kills.desk_kills, 100),
     "screens": (screens.screens, 50),
