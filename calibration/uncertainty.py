@@ -7,8 +7,8 @@ from enum import StrEnum
 import numpy as np
 import scipy  # its functions are loaded when one is first asked for: 0.4 s
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
 
 
 class Verdict(StrEnum):

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, chain_frames, cross
-from calibration.geometry import Array
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross
+from cellcal.calibration.geometry import Array
 
 _SHORTEST_LEVER_M = 0.02
 _ASIDE = ("x", "y")  # axes of the flange

@@ -17,10 +17,10 @@ from typing import Self
 
 import numpy as np
 
-from calibration.arm.mounting import MOUNTED, gravity_of
-from calibration.arm.robot_models import model_fields, model_names
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, exp_twist, is_rigid
+from cellcal.calibration.arm.mounting import MOUNTED, gravity_of
+from cellcal.calibration.arm.robot_models import model_fields, model_names
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, exp_twist, is_rigid
 
 __all__ = [
     "DhTable",

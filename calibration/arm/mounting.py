@@ -3,7 +3,7 @@
 import math
 from collections.abc import Container
 
-from calibration.errors import CalibrationError
+from cellcal.calibration.errors import CalibrationError
 
 MOUNTED = "@"  # between a model's name and its mounting
 Direction = tuple[float, float, float]

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import DhTable, RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, inverse_transform
+from cellcal.calibration.arm.kinematics import DhTable, RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, inverse_transform
 
 Six = tuple[float, float, float, float, float, float]
 _MASK = (1 << 64) - 1

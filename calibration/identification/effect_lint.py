@@ -1,7 +1,7 @@
 """What few rows say about what the model lacks, for people; and when they cannot say it."""
 
-from calibration.identification.effect_mixture import KINDS, Misfit
-from calibration.identification.lints import Lint
+from cellcal.calibration.identification.effect_mixture import KINDS, Misfit
+from cellcal.calibration.identification.lints import Lint
 
 _SEEN = 0.9  # probability
 _EXCLUDED = 0.1

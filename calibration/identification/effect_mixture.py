@@ -13,12 +13,12 @@ from itertools import product
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from calibration.arm.joint_terms import JointTerm, gravity_terms, harmonic_terms
-from calibration.arm.kinematics import chain_frames, cross
-from calibration.geometry import Array
-from calibration.identification.estimator import Problem, place_columns
-from calibration.identification.observations import Observations, Rows
-from calibration.identification.parameters import (
+from cellcal.calibration.arm.joint_terms import JointTerm, gravity_terms, harmonic_terms
+from cellcal.calibration.arm.kinematics import chain_frames, cross
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Problem, place_columns
+from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.parameters import (
     GEOMETRY,
     ArmState,
     Parameter,
@@ -26,7 +26,7 @@ from calibration.identification.parameters import (
     make_layout,
     with_further,
 )
-from calibration.identification.robust import RobustFit
+from cellcal.calibration.identification.robust import RobustFit
 
 _NOISES = np.geomspace(0.125, 8.0, 13)  # of the deviation that the residuals show
 _LEAST_NOISE = 0.2  # of the stated deviation: fewer rows than unknowns leave no residuals that show one

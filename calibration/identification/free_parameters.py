@@ -9,18 +9,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.arm.joint_terms import (
+from cellcal.calibration.arm.joint_terms import (
     JointTerm,
     gear_terms,
     gravity_terms,
     harmonic_terms,
     wrist_gravity_terms,
 )
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.observations import Device, Rows
-from calibration.identification.parameters import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Device, Rows
+from cellcal.calibration.identification.parameters import (
     FRAMES,
     GEAR,
     GEOMETRY,

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.identification.estimator import Problem, errors_m
-from calibration.identification.identify import Identification
-from calibration.identification.judgement import Judgement, judge, place_variances
-from calibration.identification.model_error import HeldOut, ModelError, model_error
-from calibration.identification.observations import Observations, Rows
-from calibration.identification.residual_model import errors_with, residual_of
-from calibration.identification.selection import evenly, fit_level
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Problem, errors_m
+from cellcal.calibration.identification.identify import Identification
+from cellcal.calibration.identification.judgement import Judgement, judge, place_variances
+from cellcal.calibration.identification.model_error import HeldOut, ModelError, model_error
+from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.residual_model import errors_with, residual_of
+from cellcal.calibration.identification.selection import evenly, fit_level
 
 _REGIONS = 8
 _ROWS_A_REGION = 6  # at least, on the average

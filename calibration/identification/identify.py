@@ -4,24 +4,29 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array
-from calibration.identification.cross_validation import Errors, Grouping, compare, group_rows
-from calibration.identification.earlier_posterior import Contradiction, EarlierPosterior, contradicted, told
-from calibration.identification.effect_mixture import Misfit, average_over_misfits
-from calibration.identification.estimator import errors_m
-from calibration.identification.free_parameters import StartingPoint, every_term, spelled
-from calibration.identification.group_effect import GroupEffect, widened
-from calibration.identification.identifiability import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Errors, Grouping, compare, group_rows
+from cellcal.calibration.identification.earlier_posterior import (
+    Contradiction,
+    EarlierPosterior,
+    contradicted,
+    told,
+)
+from cellcal.calibration.identification.effect_mixture import Misfit, average_over_misfits
+from cellcal.calibration.identification.estimator import errors_m
+from cellcal.calibration.identification.free_parameters import StartingPoint, every_term, spelled
+from cellcal.calibration.identification.group_effect import GroupEffect, widened
+from cellcal.calibration.identification.identifiability import (
     CorrelatedPair,
     NotIdentified,
     correlated_pairs,
     not_identified,
 )
-from calibration.identification.judgement import Judgement, judge
-from calibration.identification.observations import Observations, Rows
-from calibration.identification.parameters import (
+from cellcal.calibration.identification.judgement import Judgement, judge
+from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.parameters import (
     FRAMES,
     GEAR,
     LEVEL_NAMES,
@@ -30,10 +35,17 @@ from calibration.identification.parameters import (
     Parameter,
     make_layout,
 )
-from calibration.identification.residual_model import ResidualModel, residual_of
-from calibration.identification.robust import RobustFit
-from calibration.identification.selection import FEW_ROWS, LEVELS, Options, Selection, fit_level, select
-from calibration.identification.series_breaks import SeriesBreak
+from cellcal.calibration.identification.residual_model import ResidualModel, residual_of
+from cellcal.calibration.identification.robust import RobustFit
+from cellcal.calibration.identification.selection import (
+    FEW_ROWS,
+    LEVELS,
+    Options,
+    Selection,
+    fit_level,
+    select,
+)
+from cellcal.calibration.identification.series_breaks import SeriesBreak
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
 _ENDLESS = 1e9  # degrees of freedom

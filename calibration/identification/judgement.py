@@ -8,15 +8,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.identification.cross_validation import Grouping, deal_folds
-from calibration.identification.estimator import Fit, Problem, errors_m, place_columns
-from calibration.identification.observations import Observations, Rows, with_mounting
-from calibration.identification.parameters import FRAMES
-from calibration.identification.residual_model import errors_with, residual_of
-from calibration.identification.selection import Options, Selection, errors_in_both, evenly, fit_level, select
-from calibration.identification.series_breaks import change_between, mounting_of
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Grouping, deal_folds
+from cellcal.calibration.identification.estimator import Fit, Problem, errors_m, place_columns
+from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
+from cellcal.calibration.identification.parameters import FRAMES
+from cellcal.calibration.identification.residual_model import errors_with, residual_of
+from cellcal.calibration.identification.selection import (
+    Options,
+    Selection,
+    errors_in_both,
+    evenly,
+    fit_level,
+    select,
+)
+from cellcal.calibration.identification.series_breaks import change_between, mounting_of
 
 _FOLDS = 5
 _MANY_FOLDS = 10

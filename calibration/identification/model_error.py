@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry import Array
-from calibration.uncertainty import coverage_in_space_of
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.uncertainty import coverage_in_space_of
 
 _PROBABILITY = 0.95
 _FEWEST_SCORES = 20  # rows: from so many on the quantile of their own scores is one of them

@@ -10,11 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.arm.joint_terms import JointTerm
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, adjoint, exp_twist, inverse_transform
-from calibration.identification.observations import Device, Rows
+from cellcal.calibration.arm.joint_terms import JointTerm
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, adjoint, exp_twist, inverse_transform
+from cellcal.calibration.identification.observations import Device, Rows
 
 FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR = range(6)
 LEVEL_NAMES = (

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry import Array
-from calibration.identification.held_out_regions import learn_model_error
-from calibration.identification.identify import Identification
-from calibration.identification.lints import beyond_fitted_range
-from calibration.identification.model_error import ModelError, expanded_in_space
-from calibration.identification.parameters import FRAMES, GEOMETRY, GRAVITY, RIPPLE
-from calibration.identification.selection import fit_level
-from calibration.identification.tip_uncertainty import predict_tips
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.held_out_regions import learn_model_error
+from cellcal.calibration.identification.identify import Identification
+from cellcal.calibration.identification.lints import beyond_fitted_range
+from cellcal.calibration.identification.model_error import ModelError, expanded_in_space
+from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY, GRAVITY, RIPPLE
+from cellcal.calibration.identification.selection import fit_level
+from cellcal.calibration.identification.tip_uncertainty import predict_tips
 
 _NARROWEST_RAD = 0.1
 _RIVALS = (

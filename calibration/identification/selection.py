@@ -7,20 +7,20 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.joint_terms import (
+from cellcal.calibration.arm.joint_terms import (
     JointTerm,
     gear_terms,
     gravity_terms,
     harmonic_terms,
     wrist_gravity_terms,
 )
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.identification.cross_validation import Grouping, compare, deal_folds, held_out_errors
-from calibration.identification.earlier_posterior import EarlierPosterior, turned
-from calibration.identification.estimator import Problem, errors_m, estimate
-from calibration.identification.free_parameters import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Grouping, compare, deal_folds, held_out_errors
+from cellcal.calibration.identification.earlier_posterior import EarlierPosterior, turned
+from cellcal.calibration.identification.estimator import Problem, errors_m, estimate
+from cellcal.calibration.identification.free_parameters import (
     RIPPLE_ORDERS,
     PartLayout,
     StartingPoint,
@@ -28,8 +28,8 @@ from calibration.identification.free_parameters import (
     level_of,
     prepared,
 )
-from calibration.identification.observations import Observations, Rows, with_mounting
-from calibration.identification.parameters import (
+from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
+from cellcal.calibration.identification.parameters import (
     FRAMES,
     GEAR,
     GEOMETRY,
@@ -43,8 +43,8 @@ from calibration.identification.parameters import (
     nominal_state,
     with_further,
 )
-from calibration.identification.robust import RobustFit, fit_robustly
-from calibration.identification.series_breaks import (
+from cellcal.calibration.identification.robust import RobustFit, fit_robustly
+from cellcal.calibration.identification.series_breaks import (
     SeriesBreak,
     candidate_breaks,
     change_between,

@@ -9,15 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.identification.cross_validation import Grouping, compare, deal_folds
-from calibration.identification.drift_lint import drift_with
-from calibration.identification.estimator import Problem, estimate, whitened_residuals
-from calibration.identification.lints import Lint
-from calibration.identification.observations import LengthObservations, Observations, Rows
-from calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
-from calibration.identification.series_breaks import fit_frames
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Grouping, compare, deal_folds
+from cellcal.calibration.identification.drift_lint import drift_with
+from cellcal.calibration.identification.estimator import Problem, estimate, whitened_residuals
+from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.observations import LengthObservations, Observations, Rows
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
+from cellcal.calibration.identification.series_breaks import fit_frames
 
 _BY_CHANCE = 0.01
 _SMALLEST_M = 2e-5  # over the whole range

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.joint_terms import term_values
-from calibration.arm.kinematics import RobotModel, chain_frames, cross, placement_columns
-from calibration.arm.standard_dh import hayati_dh, parallel_rows
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit
-from calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross, placement_columns
+from cellcal.calibration.arm.standard_dh import hayati_dh, parallel_rows
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.parameters import ArmState, Layout
 
 _SHARE = 1e-3  # of a prior deviation: small enough to be linear, large enough to be seen
 _LARGEST = 1e-4  # metres or radians

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord
-from calibration.mastering.integer_search import success_probability
-from calibration.mastering.pose_design import next_poses, turn_covariances
-from calibration.mastering.turn_gate import SUCCESS_PROBABILITY
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.integer_search import success_probability
+from cellcal.calibration.mastering.pose_design import next_poses, turn_covariances
+from cellcal.calibration.mastering.turn_gate import SUCCESS_PROBABILITY
+from cellcal.calibration.wires.reference import WirePredictor
 
 _MOST_FURTHER = 12
 

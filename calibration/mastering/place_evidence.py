@@ -11,13 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, log_rotation
-from calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
-from calibration.mastering.turn_hypotheses import Equipment, Local, bent_links
-from calibration.registration import best_fit_transform
-from calibration.wires.model import with_geometry
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, log_rotation
+from cellcal.calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
+from cellcal.calibration.mastering.turn_hypotheses import Equipment, Local, bent_links
+from cellcal.calibration.registration import best_fit_transform
+from cellcal.calibration.wires.model import with_geometry
 
 _NEAR_M, _NEAR_RAD = (
     0.02,

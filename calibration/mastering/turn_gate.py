@@ -1,8 +1,8 @@
 """What must hold before lost turns are accepted: the gate's conditions, and how stories compete."""
 
-from calibration.mastering.turn_hypotheses import Story
-from calibration.mastering.turn_results import GateCheck
-from calibration.uncertainty import chi_square_limit
+from cellcal.calibration.mastering.turn_hypotheses import Story
+from cellcal.calibration.mastering.turn_results import GateCheck
+from cellcal.calibration.uncertainty import chi_square_limit
 
 SUCCESS_PROBABILITY = 0.9999
 RATIO = 3.0

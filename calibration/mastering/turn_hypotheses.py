@@ -11,13 +11,13 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord, WireCapture
-from calibration.mastering.integer_search import IntegerFix, search_integers
-from calibration.wires.model import FRAME_PARAMETERS, WireSeen, WireTerms
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
+from cellcal.calibration.mastering.integer_search import IntegerFix, search_integers
+from cellcal.calibration.wires.model import FRAME_PARAMETERS, WireSeen, WireTerms
+from cellcal.calibration.wires.reference import WirePredictor
 
 _MAX_ITERATIONS = 20
 _SETTLED_TURNS = 1e-5

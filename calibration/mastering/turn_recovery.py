@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
-from calibration.mastering.further_poses import further_lengths
-from calibration.mastering.pose_design import next_poses, predict
-from calibration.mastering.turn_gate import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
+from cellcal.calibration.mastering.further_poses import further_lengths
+from cellcal.calibration.mastering.pose_design import next_poses, predict
+from cellcal.calibration.mastering.turn_gate import (
     SUCCESS_PROBABILITY,
     blocks_whole_turns,
     chi_limit,
@@ -21,7 +21,7 @@ from calibration.mastering.turn_gate import (
     explains,
     integer_checks,
 )
-from calibration.mastering.turn_hypotheses import (
+from cellcal.calibration.mastering.turn_hypotheses import (
     AnyEquipment,
     Evidence,
     Local,
@@ -30,8 +30,8 @@ from calibration.mastering.turn_hypotheses import (
     Storyteller,
     solve_real,
 )
-from calibration.mastering.turn_results import GateCheck, TurnRecovery
-from calibration.mastering.turn_verification import verification_power, verify_recovery
+from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
+from cellcal.calibration.mastering.turn_verification import verification_power, verify_recovery
 
 __all__ = [
     "GateCheck",

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord, WireCapture
-from calibration.mastering.turn_hypotheses import Evidence, Local, LossProblem
-from calibration.mastering.turn_results import GateCheck, TurnRecovery
-from calibration.uncertainty import chi_square_limit
-from calibration.wires.model import WireSeen
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
+from cellcal.calibration.mastering.turn_hypotheses import Evidence, Local, LossProblem
+from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
+from cellcal.calibration.uncertainty import chi_square_limit
+from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.reference import WirePredictor
 
 VERIFICATION_POWER = 6.0
 

@@ -6,12 +6,12 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from calibration.arm.mounting import MOUNTED
-from drivers.interfaces import RobotCapabilities
-from drivers.universal_robots.contact import Contact, Timing
-from drivers.universal_robots.motion import Tolerances
-from drivers.universal_robots.robot import CAPABILITIES, MotionOptions, UniversalRobot
-from drivers.universal_robots.session import SessionOptions
+from cellcal.calibration.arm.mounting import MOUNTED
+from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.universal_robots.contact import Contact, Timing
+from cellcal.drivers.universal_robots.motion import Tolerances
+from cellcal.drivers.universal_robots.robot import CAPABILITIES, MotionOptions, UniversalRobot
+from cellcal.drivers.universal_robots.session import SessionOptions
 
 _MODELS = ("ur3e", "ur5e", "ur10e", "ur16e")  # e-Series: CB3 runs another software
 _STALE_SHARE = 0.25  # of the deadline

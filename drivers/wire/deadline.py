@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from drivers.errors import DeviceTimeoutError
+from cellcal.drivers.errors import DeviceTimeoutError
 
 _REMEDY = "Check the device and its cable, then try again."
 

@@ -8,13 +8,13 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from calibration.identification.cross_validation import Errors
-    from calibration.identification.identifiability import NotIdentified
-    from calibration.identification.offset_acceptance import OffsetAcceptance
-    from calibration.identification.tip_uncertainty import HayatiTable
-    from service.identification.identify import IdentifyReport
-    from service.identification.identify_at import TipsAt
-    from service.measured.measurements import RejectedRow
+    from cellcal.calibration.identification.cross_validation import Errors
+    from cellcal.calibration.identification.identifiability import NotIdentified
+    from cellcal.calibration.identification.offset_acceptance import OffsetAcceptance
+    from cellcal.calibration.identification.tip_uncertainty import HayatiTable
+    from cellcal.service.engineering.identification.identify import IdentifyReport
+    from cellcal.service.engineering.identification.identify_at import TipsAt
+    from cellcal.service.engineering.measured.measurements import RejectedRow
 
 MOST_ROWS_SHOWN = 12
 _WIDER = "these postures hardly show them: measure over a wider range of these joints"
@@ -48,7 +48,7 @@ def print_report(console: "Console", report: "IdentifyReport") -> None:
 def _print_errors(console: "Console", report: "IdentifyReport") -> None:
     from rich.table import Table
 
-    from calibration.identification.parameters import LEVEL_NAMES
+    from cellcal.calibration.identification.parameters import LEVEL_NAMES
 
     table = Table(
         "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {_rows_said(report)}"
@@ -103,7 +103,7 @@ def _add(table: "Table", title: str, errors: "Errors") -> None:
 
 
 def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
-    from service.measured.measurements import OUTLIER, UNREAD
+    from cellcal.service.engineering.measured.measurements import OUTLIER, UNREAD
 
     unread = [row for row in report.rejected if row.kind == UNREAD]
     outliers = [row for row in report.rejected if row.kind == OUTLIER]

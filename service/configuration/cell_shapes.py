@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.arm.mounting import is_mounted_model
-from calibration.arm.robot_models import model_names
-from calibration.errors import CalibrationError, CellError
-from calibration.geometry import Pose, homogeneous
-from calibration.motion.collision import Capsule, CellShape, Plane, Sphere
-from calibration.motion.motion_check import WirePath
-from calibration.orientation import rotation_from
-from procedures.motion.surroundings import Block, Surroundings, cell_shape, clearances
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.arm.mounting import is_mounted_model
+from cellcal.calibration.arm.robot_models import model_names
+from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.motion.collision import Capsule, CellShape, Plane, Sphere
+from cellcal.calibration.motion.motion_check import WirePath
+from cellcal.calibration.orientation import rotation_from
+from cellcal.procedures.motion.surroundings import Block, Surroundings, cell_shape, clearances
 
 Place = tuple[float, float, float]
 _TABLES = ("capsule", "box", "sphere", "plane")

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.joint_terms import JointTerm, gravity_terms, harmonic_terms, term_values
-from calibration.arm.kinematics import RobotModel, chain_frames
-from calibration.geometry import Array
-from calibration.identification.effect_lint import misfit_notes
-from calibration.identification.free_parameters import values_of
-from calibration.identification.identify import Identification, identify
-from calibration.identification.observations import Device, PointObservations
-from calibration.identification.parameters import GEOMETRY, ArmState, make_layout
-from calibration.identification.selection import Options
+from cellcal.calibration.arm.joint_terms import JointTerm, gravity_terms, harmonic_terms, term_values
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.effect_lint import misfit_notes
+from cellcal.calibration.identification.free_parameters import values_of
+from cellcal.calibration.identification.identify import Identification, identify
+from cellcal.calibration.identification.observations import Device, PointObservations
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, make_layout
+from cellcal.calibration.identification.selection import Options
 from tests.soak.coverage_arms import SIGMA_M, TOOL, TRACKER, Arm
 from tests.soak.figures import Figures
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from service.configuration.cell_file import ConfigError, read_cell_file
-from service.demo.fake_cell import write_cell_file
+from cellcal.service.configuration.cell_file import ConfigError, read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
 
 
 @pytest.fixture

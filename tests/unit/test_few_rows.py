@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.identification.effect_lint import misfit_notes
-from calibration.identification.effect_mixture import KINDS, average_over_misfits
-from calibration.identification.identify import identify
-from calibration.identification.parameters import FRAMES, GEOMETRY
-from calibration.identification.selection import Options
+from cellcal.calibration.identification.effect_lint import misfit_notes
+from cellcal.calibration.identification.effect_mixture import KINDS, average_over_misfits
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY
+from cellcal.calibration.identification.selection import Options
 from tests.soak.few_rows import EFFECTS, identify_few, share_inside, world
 
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.joint_terms import JointTerm, gear_terms, term_values
-from calibration.arm.kinematics import load_model
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.identification.free_parameters import Places, StartingPoint
-from calibration.identification.identify import identify
-from calibration.identification.parameters import FRAMES, GEAR, OFFSETS
-from calibration.identification.selection import Options, terms_of_level
+from cellcal.calibration.arm.joint_terms import JointTerm, gear_terms, term_values
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.identification.free_parameters import Places, StartingPoint
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.parameters import FRAMES, GEAR, OFFSETS
+from cellcal.calibration.identification.selection import Options, terms_of_level
 from tests.unit.helpers.simulated_arm import TRACKER, random_joints, tracker_points
 
 

@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from service.cli.app import run_command_line
-from service.measured.measurements import ReadOptions, read_measurements
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 from tests.unit.test_identify_report import file_of
 

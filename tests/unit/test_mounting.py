@@ -5,16 +5,21 @@ import json
 import numpy as np
 import pytest
 
-from calibration.arm.joint_terms import gravity_terms, harmonic_terms, term_values, wrist_gravity_terms
-from calibration.arm.kinematics import load_model
-from calibration.arm.mounting import gravity_of, is_mounted_model, mounted
-from calibration.arm.robot_models import model_names, parse_model
-from calibration.errors import CalibrationError
-from calibration.geometry import exp_rotation
-from calibration.identification.free_parameters import every_term
-from calibration.identification.identify import identify
-from calibration.identification.observations import Device, PointObservations
-from calibration.identification.parameters import (
+from cellcal.calibration.arm.joint_terms import (
+    gravity_terms,
+    harmonic_terms,
+    term_values,
+    wrist_gravity_terms,
+)
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.mounting import gravity_of, is_mounted_model, mounted
+from cellcal.calibration.arm.robot_models import model_names, parse_model
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import exp_rotation
+from cellcal.calibration.identification.free_parameters import every_term
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.observations import Device, PointObservations
+from cellcal.calibration.identification.parameters import (
     GRAVITY,
     RIPPLE,
     ArmState,
@@ -22,10 +27,10 @@ from calibration.identification.parameters import (
     nominal_state,
     term_parameters,
 )
-from calibration.identification.selection import Options, possible_levels, terms_of_level
-from calibration.identification.tip_uncertainty import predict_tips
-from service.cli.app import run_command_line
-from service.parameters.calibrated_models import nominal_sha256
+from cellcal.calibration.identification.selection import Options, possible_levels, terms_of_level
+from cellcal.calibration.identification.tip_uncertainty import predict_tips
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256
 from tests.unit.helpers.simulated_arm import TOOL, TRACKER, dh_errors, random_joints, tracker_points
 from tests.unit.test_identify_report import file_of
 
@@ -73,7 +78,7 @@ def test_the_name_of_a_model_carries_its_mounting():
 def test_a_model_file_says_how_its_robot_is_mounted():
     from importlib.resources import files
 
-    text = files("calibration.arm.robot_models").joinpath("ur10.toml").read_text(encoding="utf-8")
+    text = files("cellcal.calibration.arm.robot_models").joinpath("ur10.toml").read_text(encoding="utf-8")
     assert parse_model("mine", 'mounting = "ceiling"\n' + text)["gravity_in_base"] == (0.0, 0.0, 1.0)
     with pytest.raises(CalibrationError, match="no mounting"):
         parse_model("mine", 'mounting = "shelf"\n' + text)

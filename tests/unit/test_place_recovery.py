@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.mastering.counts import PlaceCapture
-from calibration.mastering.place_evidence import PlaceProblem
-from calibration.mastering.place_recovery import (
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.mastering.counts import PlaceCapture
+from cellcal.calibration.mastering.place_evidence import PlaceProblem
+from cellcal.calibration.mastering.place_recovery import (
     choose_places,
     places_to_fit,
     predict_places,

@@ -6,19 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.identification.cross_validation import group_rows
-from calibration.identification.held_out_regions import posture_regions
-from calibration.identification.identify import identify
-from calibration.identification.model_error import HeldOut, model_error
-from calibration.identification.observations import PoseObservations
-from calibration.identification.parameters import GEOMETRY, GRAVITY
-from calibration.identification.reading_prediction import predict_readings
-from calibration.identification.selection import Options
-from calibration.identification.tip_uncertainty import _slopes, tip_slopes
-from calibration.uncertainty import coverage_in_space, coverage_in_space_of
-from service.identification.identify_check import prepare
-from service.measured.measurements import ReadOptions
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.identification.cross_validation import group_rows
+from cellcal.calibration.identification.held_out_regions import posture_regions
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.model_error import HeldOut, model_error
+from cellcal.calibration.identification.observations import PoseObservations
+from cellcal.calibration.identification.parameters import GEOMETRY, GRAVITY
+from cellcal.calibration.identification.reading_prediction import predict_readings
+from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.tip_uncertainty import _slopes, tip_slopes
+from cellcal.calibration.uncertainty import coverage_in_space, coverage_in_space_of
+from cellcal.service.engineering.identification.identify_check import prepare
+from cellcal.service.engineering.measured.measurements import ReadOptions
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points, wire_lengths
 
 UR10 = load_model("ur10")
@@ -101,7 +101,7 @@ def test_derivatives_of_a_tip_are_those_of_differences(simulate):
     fit, joints = found.robust.fit, simulated.observations.joints_rad[:7]
 
     def places(state):
-        from calibration.arm.joint_terms import term_values
+        from cellcal.calibration.arm.joint_terms import term_values
 
         values = term_values(state.nominal, joints, state.terms)
         return state.seen_from(0).base_flange(state.moved_joints(joints, values))[:, :3, 3]

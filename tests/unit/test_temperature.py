@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.identification.cross_validation import group_rows
-from calibration.identification.temperature import temperature_effect, temperature_note
-from service.identification.identify import IdentifyOptions, identify_file
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.identification.cross_validation import group_rows
+from cellcal.calibration.identification.temperature import temperature_effect, temperature_note
+from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 from tests.unit.test_identify_report import file_of
 

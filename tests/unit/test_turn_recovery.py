@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from calibration.errors import CalibrationError
-from calibration.mastering.turn_recovery import TurnRecovery, predict, verification_power, verify_recovery
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.mastering.turn_recovery import (
+    TurnRecovery,
+    predict,
+    verification_power,
+    verify_recovery,
+)
 from tests.unit.helpers.recovery_cases import DRIVE, MODEL, kit, lose
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.mounting import gravity_of
-from calibration.errors import CalibrationError
+from cellcal.calibration.arm.mounting import gravity_of
+from cellcal.calibration.errors import CalibrationError
 
 _KEYS = {
     "title", "joints", "dh_source", "theta_deg", "d_mm", "a_mm", "alpha_deg", "sign", "interaction",

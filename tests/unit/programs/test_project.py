@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.geometry import homogeneous
-from calibration.orientation import rotation_from
-from drivers.program_registry import brand_named
-from drivers.programs.errors import ProgramFileError
-from service.programs.cell_of_program import refuse_foreign
-from service.programs.move import redefined_frame
-from service.programs.project import read_project
-from service.programs.project_poses import ProjectError
+from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.program_registry import brand_named
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.service.engineering.programs.cell_of_program import refuse_foreign
+from cellcal.service.engineering.programs.move import redefined_frame
+from cellcal.service.engineering.programs.project import read_project
+from cellcal.service.engineering.programs.project_poses import ProjectError
 from tests.unit.helpers.fanuc_va import Controller
 
 PLAIN = """\
