@@ -24,6 +24,7 @@ HOLE = re.compile(r"\{\d+\}")
 BEGUN = re.compile(r"^(\{\d+\} ?)+(?=[A-Z])")  # other sentences come before this one
 NUMBER = re.compile(r"(?<![A-Za-z_\d.])[-+]?\d+(?:\.\d+)?")  # "#" in a procedure's words
 # What people meet in the wizard and at the gates, whole; single files of larger rooms.
+IN_FILES = ("pendant_programs.py",)  # its sentences stand in program files, in English
 WHOLE = (
     "procedures",
     "service/cell_process",
@@ -176,7 +177,11 @@ def test_holes_count_from_one(locale: str) -> None:
 @pytest.mark.parametrize("room", WHOLE)
 def test_every_refusal_and_rule_has_its_words(room: str) -> None:
     place = ROOT / room
-    files = sorted(place.rglob("*.py")) if place.is_dir() else [place]
+    files = (
+        [file for file in sorted(place.rglob("*.py")) if file.name not in IN_FILES]
+        if place.is_dir()
+        else [place]
+    )
     said = {sentence for file in files for sentence in sentences(file)} - NOT_FOR_PEOPLE
     assert said
     for locale in TRANSLATED:
