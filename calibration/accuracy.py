@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, log_rotation
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, log_rotation
 
 Triple = tuple[float, float, float]
 

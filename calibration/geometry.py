@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
+from cellcal.calibration.errors import CalibrationError
 
 Array: TypeAlias = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.accuracy import refuse_fitted
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
+from cellcal.calibration.accuracy import refuse_fitted
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
 
 TITLE = "accuracy and repeatability along a draw-wire, one direction only; not a test to ISO 9283"
 

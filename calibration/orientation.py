@@ -13,8 +13,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import (
     Array,
     exp_rotation,
     is_rotation,

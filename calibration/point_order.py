@@ -5,8 +5,8 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
 
 _SUSPECT_M = 1e-3  # RMS that no touch leaves
 _SUSPECT_SHARE = 3e-3  # of the spread

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, Pose, homogeneous, nearest_rotation, skew
-from calibration.point_order import refuse_other_order
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, Pose, homogeneous, nearest_rotation, skew
+from cellcal.calibration.point_order import refuse_other_order
 
 Triple = tuple[float, float, float]
 

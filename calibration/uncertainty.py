@@ -7,7 +7,8 @@ from enum import StrEnum
 import numpy as np
 import scipy  # its functions are loaded when one is first asked for: 0.4 s
 
-from calibration.errors import CalibrationError
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
 
 
 class Verdict(StrEnum):
@@ -68,16 +69,25 @@ def coverage_in_space(
     ----------
     F. E. Satterthwaite, Biometrics Bulletin 2 (1946) 110; G. E. P. Box, Ann. Math. Stat. 25 (1954) 290.
     """
+    return float(
+        coverage_in_space_of(np.asarray([variances], dtype=float), degrees_of_freedom, probability)[0]
+    )
+
+
+def coverage_in_space_of(
+    variances: Array, degrees_of_freedom: float = float("inf"), probability: float = 0.95
+) -> Array:
+    """Return `coverage_in_space` of many vectors (N,), from variances (N, n) along their principal axes."""
     v = np.asarray(variances, dtype=float)
-    sound = bool(np.isfinite(v).all()) and bool((v >= 0).all()) and float(v.sum()) > 0
+    sound = bool(np.isfinite(v).all()) and bool((v >= 0).all()) and bool((v.sum(axis=-1) > 0).all())
     _require(sound, "coverage needs variances >= 0, one of them above")
     _require(
         degrees_of_freedom > 0 and 0 < probability < 1, "coverage needs degrees of freedom > 0 and 0 < p < 1"
     )
-    directions = float(v.sum() ** 2 / (v**2).sum())
+    directions = v.sum(axis=-1) ** 2 / (v**2).sum(axis=-1)
     if np.isinf(degrees_of_freedom):
-        return float(np.sqrt(scipy.special.chdtri(directions, 1.0 - probability) / directions))
-    return float(np.sqrt(scipy.special.fdtri(directions, degrees_of_freedom, probability)))
+        return np.asarray(np.sqrt(scipy.special.chdtri(directions, 1.0 - probability) / directions))
+    return np.asarray(np.sqrt(scipy.special.fdtri(directions, degrees_of_freedom, probability)))
 
 
 def effective_degrees_of_freedom(components: Sequence[tuple[float, float]]) -> float:

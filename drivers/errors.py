@@ -14,7 +14,7 @@
         └─ WrongDeviceError        serial or model is not the one in cell.toml   operator
 """
 
-from calibration.errors import CellError
+from cellcal.calibration.errors import CellError
 
 __all__ = [
     "BusyError",

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
-from calibration.geometry import Pose
-from calibration.mastering.counts import DriveTrain
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.mastering.counts import DriveTrain
 
 Joints = tuple[float, ...]
 Counts = tuple[int, ...]

@@ -4,37 +4,37 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import PurePath
 
-from drivers.programs.brands import ProgramBrand
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change, ProgramFile
+from cellcal.drivers.programs.brands import ProgramBrand
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import Change, ProgramFile
 
 
 def _abb() -> ProgramBrand:
-    from drivers.abb.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+    from cellcal.drivers.abb.program_files.programs import BRAND  # noqa: PLC0415  its patterns take long to make
 
     return BRAND
 
 
 def _fanuc() -> ProgramBrand:
-    from drivers.fanuc.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+    from cellcal.drivers.fanuc.program_files.programs import BRAND  # noqa: PLC0415  its patterns take long to make
 
     return BRAND
 
 
 def _kuka() -> ProgramBrand:
-    from drivers.kuka.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+    from cellcal.drivers.kuka.program_files.programs import BRAND  # noqa: PLC0415  its patterns take long to make
 
     return BRAND
 
 
 def _universal_robots() -> ProgramBrand:
-    from drivers.universal_robots.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+    from cellcal.drivers.universal_robots.program_files.programs import BRAND  # noqa: PLC0415  its patterns take long to make
 
     return BRAND
 
 
 def _yaskawa() -> ProgramBrand:
-    from drivers.yaskawa.programs import BRAND  # noqa: PLC0415  its patterns take long to make
+    from cellcal.drivers.yaskawa.program_files.programs import BRAND  # noqa: PLC0415  its patterns take long to make
 
     return BRAND
 

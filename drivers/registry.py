@@ -5,15 +5,15 @@ from typing import Annotated, TypeAlias
 
 from pydantic import Field
 
-from drivers.draw_wire.config import DrawWireConfig, ModbusDrawWireConfig
-from drivers.file_import.config import FileGaugeConfig, FileTrackerConfig
-from drivers.laser_tracker.config import LaserTrackerConfig
-from drivers.modbus_robot import fanuc_program
-from drivers.modbus_robot.config import ModbusRobotConfig
-from drivers.touch_probe.config import DialGaugeConfig, TouchProbeConfig
-from drivers.universal_robots import program_file
-from drivers.universal_robots.config import UniversalRobotConfig
-from drivers.wire.program_file import ProgramWriter
+from cellcal.drivers.draw_wire.config import DrawWireConfig, ModbusDrawWireConfig
+from cellcal.drivers.file_import.config import FileGaugeConfig, FileTrackerConfig
+from cellcal.drivers.laser_tracker.config import LaserTrackerConfig
+from cellcal.drivers.modbus_robot import fanuc_program
+from cellcal.drivers.modbus_robot.config import ModbusRobotConfig
+from cellcal.drivers.touch_probe.config import DialGaugeConfig, TouchProbeConfig
+from cellcal.drivers.universal_robots.config import UniversalRobotConfig
+from cellcal.drivers.universal_robots.program_files import program_file
+from cellcal.drivers.wire.program_file import ProgramWriter
 
 RobotConfig: TypeAlias = Annotated[ModbusRobotConfig | UniversalRobotConfig, Field(discriminator="driver")]
 _AnyDrawWire: TypeAlias = Annotated[DrawWireConfig | ModbusDrawWireConfig, Field(discriminator="interface")]

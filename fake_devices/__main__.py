@@ -21,8 +21,8 @@ import signal
 import sys
 from pathlib import Path
 
-from fake_devices.cell import FakeCell
-from fake_devices.control import ControlDoor
+from cellcal.fake_devices.cell import FakeCell
+from cellcal.fake_devices.control import ControlDoor
 
 
 def main() -> int:

@@ -24,10 +24,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fake_devices.arm_models import MODELS, ArmModel
-from fake_devices.clock import Clock
-from fake_devices.kinematics import Array, flange, link_frames
-from fake_devices.motion import Motion, Paced, SpeedChange, Standstill, Trapezoid
+from cellcal.fake_devices.arm_models import MODELS, ArmModel
+from cellcal.fake_devices.clock import Clock
+from cellcal.fake_devices.kinematics import Array, flange, link_frames
+from cellcal.fake_devices.motion import Motion, Paced, SpeedChange, Standstill, Trapezoid
 
 GRAVITY_M_S2 = 9.81
 _SETTLE_TIME_S = 0.08

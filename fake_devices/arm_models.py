@@ -18,7 +18,7 @@ from math import pi
 
 import numpy as np
 
-from fake_devices.kinematics import Array
+from cellcal.fake_devices.kinematics import Array
 
 COUNTS_PER_TURN = 1 << 19
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from fake_devices.kinematics import Array
+from cellcal.fake_devices.kinematics import Array
 
 KINDS = ("plane", "sphere", "pin")
 

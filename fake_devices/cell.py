@@ -15,23 +15,23 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import fake_devices.draw_wire.device
-import fake_devices.laser_tracker.device
-import fake_devices.modbus_robot.device
-import fake_devices.touch_probe.device
-import fake_devices.universal_robots.device
-from fake_devices.device import FakeDevice
-from fake_devices.world import World
+import cellcal.fake_devices.draw_wire.device
+import cellcal.fake_devices.laser_tracker.device
+import cellcal.fake_devices.modbus_robot.device
+import cellcal.fake_devices.touch_probe.device
+import cellcal.fake_devices.universal_robots.device
+from cellcal.fake_devices.device import FakeDevice
+from cellcal.fake_devices.world import World
 
 Factory = Callable[[World, Mapping[str, Any]], FakeDevice]
 
 FACTORIES: dict[str, Factory] = {
-    "modbus_robot": fake_devices.modbus_robot.device.create,
-    "universal_robots": fake_devices.universal_robots.device.create,
-    "draw_wire": fake_devices.draw_wire.device.create,
-    "laser_tracker": fake_devices.laser_tracker.device.create,
-    "touch_probe": fake_devices.touch_probe.device.create_probe,
-    "dial_gauge": fake_devices.touch_probe.device.create_dial,
+    "modbus_robot": cellcal.fake_devices.modbus_robot.device.create,
+    "universal_robots": cellcal.fake_devices.universal_robots.device.create,
+    "draw_wire": cellcal.fake_devices.draw_wire.device.create,
+    "laser_tracker": cellcal.fake_devices.laser_tracker.device.create,
+    "touch_probe": cellcal.fake_devices.touch_probe.device.create_probe,
+    "dial_gauge": cellcal.fake_devices.touch_probe.device.create_dial,
 }
 WITHOUT_WIRE = frozenset({"file_import"})  # a person or a file: nothing to play
 

@@ -18,8 +18,8 @@ import json
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from fake_devices.cell import FakeCell
-from fake_devices.device import FakeDevice, FaultRefusedError, JsonObject
+from cellcal.fake_devices.cell import FakeCell
+from cellcal.fake_devices.device import FakeDevice, FaultRefusedError, JsonObject
 
 _LINE_LIMIT = 1 << 20
 _ANSWERED = (ValueError, TypeError, AttributeError, OSError, ArithmeticError, LookupError, RuntimeError)

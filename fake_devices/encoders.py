@@ -16,9 +16,9 @@ Not modelled
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_devices.arm import Arm
-from fake_devices.arm_models import COUNTS_PER_TURN
-from fake_devices.kinematics import Array
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.arm_models import COUNTS_PER_TURN
+from cellcal.fake_devices.kinematics import Array
 
 Integers = NDArray[np.int64]
 

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from fake_devices.arm import Arm, generator
-from fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr, transform
+from cellcal.fake_devices.arm import Arm, generator
+from cellcal.fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr, transform
 
 SEAT_SIGMA_M = 2e-5
 _AXES = 6

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fake_devices.device import FaultRefusedError
+from cellcal.fake_devices.device import FaultRefusedError
 
 
 @dataclass

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fake_devices.arm import Arm
-from fake_devices.artefact import Artefact
-from fake_devices.kinematics import Array
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.artefact import Artefact
+from cellcal.fake_devices.kinematics import Array
 
 if TYPE_CHECKING:
-    from fake_devices.world import World
+    from cellcal.fake_devices.world import World
 
 MET_M, HELD_RAD = 5e-5, 1e-4  # standard deviations of coming to a mark or a seat
 _AWAY_RAD = 0.03  # how differently a person holds the arm the next time

@@ -13,7 +13,7 @@ Not modelled
 import struct
 from typing import Protocol
 
-from fake_devices.modbus_robot.server import ModbusError
+from cellcal.fake_devices.modbus_robot.server import ModbusError
 
 _READS, _WRITES = (1, 2, 3, 4), (5, 6, 15, 16)
 _ON, _OFF = 0xFF00, 0x0000

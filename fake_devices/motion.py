@@ -15,7 +15,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fake_devices.kinematics import Array
+from cellcal.fake_devices.kinematics import Array
 
 
 class Motion(Protocol):

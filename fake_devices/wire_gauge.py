@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from fake_devices.arm import Arm
-from fake_devices.fixture import own_base, own_flange
-from fake_devices.kinematics import Array, inverse, transform
-from fake_devices.world import World
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.fixture import own_base, own_flange
+from cellcal.fake_devices.kinematics import Array, inverse, transform
+from cellcal.fake_devices.world import World
 
 DRUM_M = 0.315  # one turn of the drum
 _AIM_IN_BASE_M = (0.75, 0.0, 0.55)

@@ -18,12 +18,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fake_devices.arm import Arm, generator
-from fake_devices.artefact import Artefact
-from fake_devices.clock import Clock
-from fake_devices.fixture import EndEffector, Fixture
-from fake_devices.kinematics import Array, transform
-from fake_devices.marks import Marks
+from cellcal.fake_devices.arm import Arm, generator
+from cellcal.fake_devices.artefact import Artefact
+from cellcal.fake_devices.clock import Clock
+from cellcal.fake_devices.fixture import EndEffector, Fixture
+from cellcal.fake_devices.kinematics import Array, transform
+from cellcal.fake_devices.marks import Marks
 
 _TIP_IN_FLANGE_M = (0.06, 0.05, 0.12)
 _CHECK_POSES = 50

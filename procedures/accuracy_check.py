@@ -13,15 +13,15 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.accuracy import FULL_POSES, AccuracyTest, Attained, Conditions, PoseResult, evaluate
-from calibration.arm.joint_terms import term_values
-from calibration.geometry import Array, inverse_transform
-from calibration.identification.parameters import ArmState
-from calibration.line_accuracy import LinePose, LineTest, evaluate_lengths
-from calibration.poses.arm_fit import placed, predicted_sigma
-from calibration.poses.calibrated_arm import CalibratedArm
-from drivers.interfaces import Instruction
-from procedures.arm.arm_bench import (
+from cellcal.calibration.accuracy import FULL_POSES, AccuracyTest, Attained, Conditions, PoseResult, evaluate
+from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.geometry import Array, inverse_transform
+from cellcal.calibration.identification.parameters import ArmState
+from cellcal.calibration.line_accuracy import LinePose, LineTest, evaluate_lengths
+from cellcal.calibration.poses.arm_fit import placed, predicted_sigma
+from cellcal.calibration.poses.calibrated_arm import CalibratedArm
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.arm.arm_bench import (
     READY,
     ArmCapture,
     Bench,
@@ -34,19 +34,19 @@ from procedures.arm.arm_bench import (
     same_robot,
     values_of,
 )
-from procedures.arm.arm_series import Visits
-from procedures.arm.cube_plan import CubePlan, plan_cube
-from procedures.canonical import sha256_of
-from procedures.cell import Cell
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
-from procedures.limits import POSE, AccuracyClass, PoseLimits, chosen, told
-from procedures.motion.plan_words import Tour, plan_words
-from procedures.motion.plans import Room
-from procedures.run import Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page, straight
-from procedures.verdict import Change, Verdict, judged, stated
+from cellcal.procedures.arm.arm_series import Visits
+from cellcal.procedures.arm.cube_plan import CubePlan, plan_cube
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
+from cellcal.procedures.limits import POSE, AccuracyClass, PoseLimits, chosen, told
+from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page, straight
+from cellcal.procedures.verdict import Change, Verdict, judged, stated
 
 SYSTEMATIC_SHARE = 0.5  # of a wire's sigma, that averaging does not take away
 

@@ -13,19 +13,19 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.points.alignment import Alignment, without_points
-from calibration.points.fixture import BaseToBase, refuse_bad_points
-from calibration.points.joint_bases import bases_together
-from calibration.uncertainty import chi_square_limit
-from drivers.interfaces import Counts, Instruction
-from procedures.canonical import sha256_of
-from procedures.cell import Cell
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
-from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
-from procedures.limits import FrameLimits
-from procedures.past import Finding
-from procedures.refit import (
+from cellcal.calibration.points.alignment import Alignment, without_points
+from cellcal.calibration.points.fixture import BaseToBase, refuse_bad_points
+from cellcal.calibration.points.joint_bases import bases_together
+from cellcal.calibration.uncertainty import chi_square_limit
+from cellcal.drivers.interfaces import Counts, Instruction
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
+from cellcal.procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
+from cellcal.procedures.limits import FrameLimits
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import (
     STANDS_OUT,
     FitPoint,
     Refit,
@@ -35,9 +35,9 @@ from procedures.refit import (
     pose_values,
     values_of,
 )
-from procedures.run import RefusalError, Run
-from procedures.steps.ask import accept, ask
-from procedures.verdict import NOTHING_MEASURED, Verdict, held, known_within, stated
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.verdict import NOTHING_MEASURED, Verdict, held, known_within, stated
 
 BASE_LIMITS = FrameLimits(0.0004, math.radians(0.02))
 

@@ -2,7 +2,7 @@
 
 from difflib import get_close_matches
 
-from procedures import (
+from cellcal.procedures import (
     accuracy_check,
     base_to_base,
     drift_check,
@@ -18,8 +18,8 @@ from procedures import (
     six_point_tcp,
     three_point_frame,
 )
-from procedures.entry import Entry, missing
-from procedures.run import ProcedureError
+from cellcal.procedures.entry import Entry, missing
+from cellcal.procedures.run import ProcedureError
 
 __all__ = ["CATALOGUE", "ENTRIES", "UnknownProcedureError", "entry_named", "missing"]
 

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-from calibration.arm.kinematics import RobotModel
-from calibration.drift.reference import DriftReference
-from calibration.mastering.counts import MasteringRecord
-from calibration.points.alignment import Alignment
-from calibration.poses.calibrated_arm import CalibratedArm
-from drivers.interfaces import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.drift.reference import DriftReference
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.points.alignment import Alignment
+from cellcal.calibration.poses.calibrated_arm import CalibratedArm
+from cellcal.drivers.interfaces import (
     ActiveFrames,
     Device,
     DistanceGauge,
@@ -29,7 +29,7 @@ from drivers.interfaces import (
     Tracker,
     UserFrameStore,
 )
-from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
+from cellcal.procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
 
 
 class MotionLevel(StrEnum):

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.drift.causes import (
+from cellcal.calibration.drift.causes import (
     DEVICE,
     NOTHING,
     OTHER,
@@ -24,9 +24,9 @@ from calibration.drift.causes import (
     explain,
     telling_pose,
 )
-from calibration.drift.reference import DriftReference
-from drivers.interfaces import Instruction, Joints
-from procedures.arm.arm_bench import (
+from cellcal.calibration.drift.reference import DriftReference
+from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.arm.arm_bench import (
     READY,
     ArmCapture,
     Bench,
@@ -39,8 +39,8 @@ from procedures.arm.arm_bench import (
     station_of,
     values_of,
 )
-from procedures.arm.arm_series import Visits
-from procedures.arm.drift_plan import (
+from cellcal.procedures.arm.arm_series import Visits
+from cellcal.procedures.arm.drift_plan import (
     ASSUMED_DISTANCE_M,
     REPEAT_M,
     DriftPlan,
@@ -49,15 +49,15 @@ from procedures.arm.drift_plan import (
     plan_check,
     plan_reference,
 )
-from procedures.canonical import sha256_of
-from procedures.cell import Cell
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
-from procedures.motion.plan_words import Tour, plan_words
-from procedures.run import RefusalError, Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page
-from procedures.verdict import Characteristic, Verdict, enough, held, judged, stated
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
+from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, plan_page
+from cellcal.procedures.verdict import Characteristic, Verdict, enough, held, judged, stated
 
 NEXT = {
     NOTHING: "nothing: go on working",

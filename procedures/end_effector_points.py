@@ -12,33 +12,33 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.geometry import Pose
-from calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_through
-from calibration.points.fixture import PlacedPoints, Triple
-from calibration.wires.network import Place
-from calibration.wires.network_fit import WireNetwork
-from drivers.interfaces import Instruction
-from procedures.arm.tool_write import UNTOLD_AXES, ToolOrder, frame_figures, shown_tool
-from procedures.canonical import sha256_of
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import Forecast, Knowledge, wire_lacking
-from procedures.judged_write import (
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_through
+from cellcal.calibration.points.fixture import PlacedPoints, Triple
+from cellcal.calibration.wires.network import Place
+from cellcal.calibration.wires.network_fit import WireNetwork
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.arm.tool_write import UNTOLD_AXES, ToolOrder, frame_figures, shown_tool
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import Forecast, Knowledge, wire_lacking
+from cellcal.procedures.judged_write import (
     WriteAnyway,
     first_of,
     frame_changes,
     ordered,
     refuse_failed,
 )
-from procedures.motion.plan_words import Tour, plan_words
-from procedures.past import Finding
-from procedures.refit import Refit, Refitted, pose_values, values_of
-from procedures.run import RefusalError, Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.end_effector import bad_shape, to_point
-from procedures.steps.mastering import same_epoch
-from procedures.steps.pages import plan_page
-from procedures.steps.write import read_tool_frame, write_and_read_back
-from procedures.survey.survey import (
+from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import Refit, Refitted, pose_values, values_of
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.end_effector import bad_shape, to_point
+from cellcal.procedures.steps.mastering import same_epoch
+from cellcal.procedures.steps.pages import plan_page
+from cellcal.procedures.steps.write import read_tool_frame, write_and_read_back
+from cellcal.procedures.survey.survey import (
     EACH_CAPTURE,
     Captures,
     Goal,
@@ -49,18 +49,18 @@ from procedures.survey.survey import (
     SurveyState,
     fit_survey,
 )
-from procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving
-from procedures.survey.survey_forecast import state_before, survey_forecast
-from procedures.survey.survey_motion import (
+from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving
+from cellcal.procedures.survey.survey_forecast import state_before, survey_forecast
+from cellcal.procedures.survey.survey_motion import (
     Wire,
     draw_pool,
     resting_poses,
     unchecked,
     way_to_rest,
 )
-from procedures.survey.survey_refit import refit_lengths, survey_of
-from procedures.survey.wire_survey import measure_spots, read_survey_state
-from procedures.verdict import SetAside, Verdict, stated
+from cellcal.procedures.survey.survey_refit import refit_lengths, survey_of
+from cellcal.procedures.survey.wire_survey import measure_spots, read_survey_state
+from cellcal.procedures.verdict import SetAside, Verdict, stated
 
 WIRE_STANDS = Instruction(
     "wire_stands",

@@ -6,12 +6,12 @@ from typing import Any, get_type_hints
 
 from pydantic import TypeAdapter
 
-from procedures.cell import Cell, MotionLevel
-from procedures.forecast import Forecast, Knowledge
-from procedures.past import Finding
-from procedures.refit import Refit
-from procedures.run import NeedsUnmetError, Run
-from procedures.verdict import Verdict
+from cellcal.procedures.cell import Cell, MotionLevel
+from cellcal.procedures.forecast import Forecast, Knowledge
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import Refit
+from cellcal.procedures.run import NeedsUnmetError, Run
+from cellcal.procedures.verdict import Verdict
 
 
 @dataclass(frozen=True, slots=True)

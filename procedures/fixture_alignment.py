@@ -14,30 +14,30 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.geometry import Pose
-from calibration.points.alignment import Alignment
-from calibration.points.fixture import (
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.alignment import Alignment
+from cellcal.calibration.points.fixture import (
     PlacedPoints,
     Triple,
     place_points,
     refuse_bad_points,
 )
-from calibration.wires.network import Place
-from calibration.wires.network_fit import WireNetwork
-from drivers.interfaces import Instruction
-from procedures.canonical import sha256_of
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import Forecast, Knowledge, wire_lacking
-from procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
-from procedures.limits import FrameLimits
-from procedures.motion.plan_words import Tour, plan_words
-from procedures.past import Finding
-from procedures.refit import Refit, Refitted, pose_values, values_of
-from procedures.run import RefusalError, Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.mastering import same_epoch
-from procedures.steps.pages import plan_page
-from procedures.survey.shared_fixture import (
+from cellcal.calibration.wires.network import Place
+from cellcal.calibration.wires.network_fit import WireNetwork
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import Forecast, Knowledge, wire_lacking
+from cellcal.procedures.judged_write import WriteAnyway, first_of, ordered, refuse_failed, with_verdict
+from cellcal.procedures.limits import FrameLimits
+from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import Refit, Refitted, pose_values, values_of
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.mastering import same_epoch
+from cellcal.procedures.steps.pages import plan_page
+from cellcal.procedures.survey.shared_fixture import (
     NOTHING_KNOWN,
     BaseOutlook,
     KnownWire,
@@ -45,7 +45,7 @@ from procedures.survey.shared_fixture import (
     read_known_wire,
     told_by_wire,
 )
-from procedures.survey.survey import (
+from cellcal.procedures.survey.survey import (
     EACH_CAPTURE,
     Captures,
     Goal,
@@ -57,9 +57,9 @@ from procedures.survey.survey import (
     fit_survey,
     uncertainties,
 )
-from procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving
-from procedures.survey.survey_forecast import state_before, survey_forecast
-from procedures.survey.survey_motion import (
+from cellcal.procedures.survey.survey_choice import fixed_plan_captures, order_pools, saving
+from cellcal.procedures.survey.survey_forecast import state_before, survey_forecast
+from cellcal.procedures.survey.survey_motion import (
     Wire,
     draw_pool,
     middle_of_work,
@@ -67,9 +67,9 @@ from procedures.survey.survey_motion import (
     unchecked,
     way_to_rest,
 )
-from procedures.survey.survey_refit import refit_lengths, survey_of
-from procedures.survey.wire_survey import measure_spots, read_survey_state
-from procedures.verdict import Characteristic, SetAside, Verdict, held, known_within, stated
+from cellcal.procedures.survey.survey_refit import refit_lengths, survey_of
+from cellcal.procedures.survey.wire_survey import measure_spots, read_survey_state
+from cellcal.procedures.verdict import Characteristic, SetAside, Verdict, held, known_within, stated
 
 ALIGNMENT_LIMITS = FrameLimits(0.00015, math.radians(0.02))
 _SHARED_WIRE = (

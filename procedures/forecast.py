@@ -6,14 +6,14 @@ A procedure says it in a function ``(spec, Knowledge) -> Forecast`` on its card,
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from calibration.arm.kinematics import RobotModel
-from calibration.drift.reference import DriftReference
-from calibration.mastering.counts import MasteringRecord
-from calibration.points.alignment import Alignment
-from drivers.interfaces import Counts, GaugeCapabilities, Joints, TrackerCapabilities
-from procedures.cell import GaugeSetup, MotionLimits, TrackerSetup
-from procedures.instruments import Instruments
-from procedures.limits import AccuracyClass, in_reach
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.drift.reference import DriftReference
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.points.alignment import Alignment
+from cellcal.drivers.interfaces import Counts, GaugeCapabilities, Joints, TrackerCapabilities
+from cellcal.procedures.cell import GaugeSetup, MotionLimits, TrackerSetup
+from cellcal.procedures.instruments import Instruments
+from cellcal.procedures.limits import AccuracyClass, in_reach
 
 PERSON_S = 60.0  # what a person takes to bring the arm to a point by hand, or to do as told
 ANSWER_S = 5.0

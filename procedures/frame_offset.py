@@ -12,23 +12,23 @@ import numpy as np
 from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose
-from calibration.points.fixture import Triple
-from calibration.points.offset_design import offset_outlook
-from drivers.interfaces import Instruction
-from procedures.canonical import sha256_of
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
-from procedures.judged_write import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.fixture import Triple
+from cellcal.calibration.points.offset_design import offset_outlook
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
+from cellcal.procedures.judged_write import (
     first_of,
     frame_changes,
     ordered,
     refuse_failed,
     with_verdict,
 )
-from procedures.past import Finding
-from procedures.refit import (
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import (
     STANDS_OUT,
     FitPoint,
     Refit,
@@ -39,13 +39,13 @@ from procedures.refit import (
     pose_values,
     values_of,
 )
-from procedures.run import RefusalError, Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.meters import known_points_meter, tip_in_base
-from procedures.steps.pages import point_states, points_page, with_changes
-from procedures.steps.teach import TaughtPose, teach
-from procedures.steps.write import read_user_frame, write_user_frame
-from procedures.teaching.moved_frame import (
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.meters import known_points_meter, tip_in_base
+from cellcal.procedures.steps.pages import point_states, points_page, with_changes
+from cellcal.procedures.steps.teach import TaughtPose, teach
+from cellcal.procedures.steps.write import read_user_frame, write_user_frame
+from cellcal.procedures.teaching.moved_frame import (
     FoundOffset,
     FrameOffset,
     Touched,
@@ -55,7 +55,7 @@ from procedures.teaching.moved_frame import (
     points_in_frame,
     saving,
 )
-from procedures.verdict import Verdict, held, known_within, stated
+from cellcal.procedures.verdict import Verdict, held, known_within, stated
 
 __all__ = ["ENTRY", "FrameOffset", "OffsetResult", "frame_offset"]
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from procedures.cell import Cell
+from cellcal.procedures.cell import Cell
 
 Triple = tuple[float, float, float]
 

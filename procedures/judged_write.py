@@ -8,12 +8,12 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from calibration.geometry import Pose, log_rotation
-from calibration.points.frames import frame_offset as offset_between
-from drivers.interfaces import Instruction
-from procedures.run import RefusalError
-from procedures.steps.pages import LEVER_M, frame_displacement, review_page, with_changes
-from procedures.verdict import FAIL, PASS, Change, Characteristic, Verdict
+from cellcal.calibration.geometry import Pose, log_rotation
+from cellcal.calibration.points.frames import frame_offset as offset_between
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.run import RefusalError
+from cellcal.procedures.steps.pages import LEVER_M, frame_displacement, review_page, with_changes
+from cellcal.procedures.verdict import FAIL, PASS, Change, Characteristic, Verdict
 
 WriteAnyway = Annotated[
     str, Field(max_length=200)

@@ -13,26 +13,26 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.arm.kinematics import load_model
-from calibration.mastering.counts import MasteringRecord, WireCapture
-from calibration.mastering.pose_design import predict
-from calibration.points.fixture import u_of
-from calibration.uncertainty import chi_square_limit
-from calibration.wires.model import WireSeen
-from calibration.wires.reference import WirePredictor, WireReference, fit_wire_reference
-from drivers.interfaces import Instruction, Readiness
-from procedures.canonical import sha256_of
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import Forecast, Knowledge
-from procedures.motion.detours import known_way
-from procedures.motion.pace import Paced
-from procedures.motion.plan_words import Tour, plan_words
-from procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
-from procedures.past import Finding
-from procedures.recovery.kit_offers import KitOffers
-from procedures.recovery.mastering_forecasts import forecast_places, forecast_record
-from procedures.recovery.place_record import place_phases, record_places
-from procedures.recovery.recovery_kit import (
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
+from cellcal.calibration.mastering.pose_design import predict
+from cellcal.calibration.points.fixture import u_of
+from cellcal.calibration.uncertainty import chi_square_limit
+from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.reference import WirePredictor, WireReference, fit_wire_reference
+from cellcal.drivers.interfaces import Instruction, Readiness
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import Forecast, Knowledge
+from cellcal.procedures.motion.detours import known_way
+from cellcal.procedures.motion.pace import Paced
+from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
+from cellcal.procedures.past import Finding
+from cellcal.procedures.recovery.kit_offers import KitOffers
+from cellcal.procedures.recovery.mastering_forecasts import forecast_places, forecast_record
+from cellcal.procedures.recovery.place_record import place_phases, record_places
+from cellcal.procedures.recovery.recovery_kit import (
     GOOD_PROBABILITY,
     GOOD_SIGMAS,
     KitProspect,
@@ -41,7 +41,7 @@ from procedures.recovery.recovery_kit import (
     predict_kit,
     recorded_kit,
 )
-from procedures.refit import (
+from cellcal.procedures.refit import (
     MEASURED_AGAIN,
     FitPoint,
     Refit,
@@ -52,14 +52,14 @@ from procedures.refit import (
     misses_of_lengths,
     values_of,
 )
-from procedures.run import RefusalError, Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.capture import StillCapture, capture
-from procedures.steps.kit_bench import read_kit_bench
-from procedures.steps.mastering import Motors, MotorState, read_motors, same_epoch
-from procedures.steps.motion import go_along
-from procedures.steps.pages import WIRE_CHECKS, Moves, plan_page, straight
-from procedures.verdict import SetAside, Verdict, enough, held, stated
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.capture import StillCapture, capture
+from cellcal.procedures.steps.kit_bench import read_kit_bench
+from cellcal.procedures.steps.mastering import Motors, MotorState, read_motors, same_epoch
+from cellcal.procedures.steps.motion import go_along
+from cellcal.procedures.steps.pages import WIRE_CHECKS, Moves, plan_page, straight
+from cellcal.procedures.verdict import SetAside, Verdict, enough, held, stated
 
 _PLACES = ("wire's exit x", "wire's exit y", "wire's exit z", "hook x", "hook y", "hook z")
 _STATE: TypeAdapter[MotorState] = TypeAdapter(MotorState)

@@ -8,28 +8,28 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
-from calibration.mastering.counts import MasteringRecord, WireCapture, provisional_turns
-from calibration.mastering.flank_check import OTHER_SIDE, FlankCheck
-from calibration.mastering.place_recovery import FITTED
-from calibration.mastering.turn_recovery import TurnRecovery
-from drivers.interfaces import Instruction, MasteringData
-from procedures.canonical import sha256_of
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import Forecast, Knowledge
-from procedures.mastering_record import HOOK_WIRE
-from procedures.motion.lost_plans import FinalPlan, plan_finals
-from procedures.motion.turn_doubt import Turns, first_doubt, sure_to
-from procedures.recovery.mastering_forecasts import forecast_place_recovery, forecast_recovery
-from procedures.recovery.place_recovery import OLD_RECORD, recover_by_places
-from procedures.recovery.recovery_campaign import (
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture, provisional_turns
+from cellcal.calibration.mastering.flank_check import OTHER_SIDE, FlankCheck
+from cellcal.calibration.mastering.place_recovery import FITTED
+from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.drivers.interfaces import Instruction, MasteringData
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import Forecast, Knowledge
+from cellcal.procedures.mastering_record import HOOK_WIRE
+from cellcal.procedures.motion.lost_plans import FinalPlan, plan_finals
+from cellcal.procedures.motion.turn_doubt import Turns, first_doubt, sure_to
+from cellcal.procedures.recovery.mastering_forecasts import forecast_place_recovery, forecast_recovery
+from cellcal.procedures.recovery.place_recovery import OLD_RECORD, recover_by_places
+from cellcal.procedures.recovery.recovery_campaign import (
     Campaign,
     check_the_memory,
     compare_with_drawn,
     confirm_elsewhere,
     measure_until_decided,
 )
-from procedures.recovery.recovery_pages import levers_page
-from procedures.recovery.recovery_result import (
+from cellcal.procedures.recovery.recovery_pages import levers_page
+from cellcal.procedures.recovery.recovery_result import (
     RecoveryResult,
     confirmed,
     controller_was_right,
@@ -38,17 +38,21 @@ from procedures.recovery.recovery_result import (
     told_correction,
     tooth_flanks,
 )
-from procedures.recovery.recovery_spec import MasteringRecoverySpec, refuse_other_gears, refuse_unknown_axes
-from procedures.recovery.recovery_verdict import saving, verdict_on_recovery
-from procedures.recovery.saved_counts import confirm_newest, saved_counts_page
-from procedures.recovery.waking import Turning, Woken, wake_encoders
-from procedures.run import Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.capture import capture
-from procedures.steps.mastering import MotorState, read_motors, same_epoch, stored_record
-from procedures.steps.motion import CountsToJoints, go_to, go_to_from_above
-from procedures.steps.write import restore_mastering, still_in_force, write_mastering
-from procedures.verdict import Verdict
+from cellcal.procedures.recovery.recovery_spec import (
+    MasteringRecoverySpec,
+    refuse_other_gears,
+    refuse_unknown_axes,
+)
+from cellcal.procedures.recovery.recovery_verdict import saving, verdict_on_recovery
+from cellcal.procedures.recovery.saved_counts import confirm_newest, saved_counts_page
+from cellcal.procedures.recovery.waking import Turning, Woken, wake_encoders
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.capture import capture
+from cellcal.procedures.steps.mastering import MotorState, read_motors, same_epoch, stored_record
+from cellcal.procedures.steps.motion import CountsToJoints, go_to, go_to_from_above
+from cellcal.procedures.steps.write import restore_mastering, still_in_force, write_mastering
+from cellcal.procedures.verdict import Verdict
 
 __all__ = ["ENTRY", "MasteringRecoverySpec", "mastering_recovery"]
 

@@ -8,22 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-from calibration.arm.kinematics import load_model
-from calibration.mastering.pose_design import candidate_joints
-from calibration.motion.motion_check import MotionLimits
-from drivers.interfaces import Counts, Instruction, MasteringData
-from procedures.canonical import sha256_of
-from procedures.cell import Cell, MasteringBackup
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import Forecast, Knowledge
-from procedures.recovery.recovery_verdict import AFTER_MASTERING
-from procedures.run import RefusalError, Run
-from procedures.shown import on_page
-from procedures.steps.ask import accept
-from procedures.steps.mastering import Motors, nominal_model, read_motors_alone
-from procedures.steps.pages import axis_levers, joint_displacement, review_page, with_changes
-from procedures.steps.write import ReadBackError, restore_mastering
-from procedures.verdict import Change, Verdict, held
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.motion.motion_check import MotionLimits
+from cellcal.drivers.interfaces import Counts, Instruction, MasteringData
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.cell import Cell, MasteringBackup
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import Forecast, Knowledge
+from cellcal.procedures.recovery.recovery_verdict import AFTER_MASTERING
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.shown import on_page
+from cellcal.procedures.steps.ask import accept
+from cellcal.procedures.steps.mastering import Motors, nominal_model, read_motors_alone
+from cellcal.procedures.steps.pages import axis_levers, joint_displacement, review_page, with_changes
+from cellcal.procedures.steps.write import ReadBackError, restore_mastering
+from cellcal.procedures.verdict import Change, Verdict, held
 
 _POSTURES = 200
 _PERSON_S = 30.0

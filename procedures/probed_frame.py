@@ -11,14 +11,14 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.geometry import Pose
-from calibration.points.three_two_one import FACES, LEAST, CornerFrame, FaceName
-from drivers.interfaces import Instruction
-from procedures.arm.arm_bench import ARM_SIGMA_M, same_robot
-from procedures.canonical import sha256_of
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
-from procedures.judged_write import (
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.three_two_one import FACES, LEAST, CornerFrame, FaceName
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.arm.arm_bench import ARM_SIGMA_M, same_robot
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
+from cellcal.procedures.judged_write import (
     WriteAnyway,
     ask_to_write,
     frame_changes,
@@ -26,15 +26,15 @@ from procedures.judged_write import (
     refuse_failed,
     shift_told,
 )
-from procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
-from procedures.motion.pace import Paced
-from procedures.motion.plan_words import Tour, plan_words
-from procedures.run import Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.pages import ARM_CHECKS, Moves, plan_page
-from procedures.steps.write import read_user_frame, write_user_frame
-from procedures.teaching.corner_plan import CornerRules, FacePlan, first_spots, plan_spots
-from procedures.teaching.corner_touches import (
+from cellcal.procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
+from cellcal.procedures.motion.pace import Paced
+from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.pages import ARM_CHECKS, Moves, plan_page
+from cellcal.procedures.steps.write import read_user_frame, write_user_frame
+from cellcal.procedures.teaching.corner_plan import CornerRules, FacePlan, first_spots, plan_spots
+from cellcal.procedures.teaching.corner_touches import (
     CheckTouch,
     Corner,
     CornerGoal,
@@ -50,7 +50,15 @@ from procedures.teaching.corner_touches import (
     touch_corner,
     touch_sigma,
 )
-from procedures.verdict import Characteristic, Contribution, Verdict, enough, held, known_within, stated
+from cellcal.procedures.verdict import (
+    Characteristic,
+    Contribution,
+    Verdict,
+    enough,
+    held,
+    known_within,
+    stated,
+)
 
 CHECK_SIGMAS = 3.0
 TRAVEL_S = 6.0  # from touch to touch

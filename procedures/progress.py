@@ -4,8 +4,8 @@ import asyncio
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.interfaces import Joints
-from procedures.shown import Page
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.shown import Page
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from calibration.geometry import Pose, log_rotation
-from procedures.past import Finding
-from procedures.run import ProcedureError
+from cellcal.calibration.geometry import Pose, log_rotation
+from cellcal.procedures.past import Finding
+from cellcal.procedures.run import ProcedureError
 
 Along = Literal["wire", "space", "touch", "place"]
 Use = tuple[bool, ...]  # of every point, in their order

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from pydantic_core import to_jsonable_python
 
-from drivers.interfaces import Instruction, Joints, MasteringData
-from procedures.arm.arm_bench import (
+from cellcal.drivers.interfaces import Instruction, Joints, MasteringData
+from cellcal.procedures.arm.arm_bench import (
     READY,
     ArmCapture,
     Bench,
@@ -20,8 +20,8 @@ from procedures.arm.arm_bench import (
     read_bench,
     same_robot,
 )
-from procedures.arm.arm_motion import Reach, ordered_ways
-from procedures.arm.arm_pages import (
+from cellcal.procedures.arm.arm_motion import Reach, ordered_ways
+from cellcal.procedures.arm.arm_pages import (
     planned_steps,
     series_moves,
     series_steps,
@@ -30,9 +30,9 @@ from procedures.arm.arm_pages import (
     zero_changes,
     zero_displacement,
 )
-from procedures.arm.arm_series import Visits
-from procedures.arm.calibration_order import CalibrationResult, RobotCalibration
-from procedures.arm.calibration_plan import (
+from cellcal.procedures.arm.arm_series import Visits
+from cellcal.procedures.arm.calibration_order import CalibrationResult, RobotCalibration
+from cellcal.procedures.arm.calibration_plan import (
     CalibrationPlan,
     Choice,
     Series,
@@ -40,26 +40,26 @@ from procedures.arm.calibration_plan import (
     choose_poses,
     plan_series,
 )
-from procedures.arm.calibration_result import Identified, after_mastering, errors_after, identify_arm
-from procedures.arm.calibration_verdict import verdict_on_calibration
-from procedures.arm.tool_series import measure_points
-from procedures.arm.tool_write import (
+from cellcal.procedures.arm.calibration_result import Identified, after_mastering, errors_after, identify_arm
+from cellcal.procedures.arm.calibration_verdict import verdict_on_calibration
+from cellcal.procedures.arm.tool_series import measure_points
+from cellcal.procedures.arm.tool_write import (
     ToolOrder,
     tool_words,
     why_not_written,
     write_tool,
 )
-from procedures.canonical import sha256_of
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
-from procedures.judged_write import refuse_failed, with_verdict
-from procedures.limits import CHECK, chosen
-from procedures.motion.plan_words import Tour, plan_words
-from procedures.run import NeedsUnmetError, RefusalError, Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.pages import plan_page, with_changes
-from procedures.steps.write import read_tool_frame, restore_mastering, still_in_force, write_mastering
-from procedures.verdict import (
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import ANSWER_S, SAMPLE_S, Forecast, Knowledge, PlannedPose, Prediction
+from cellcal.procedures.judged_write import refuse_failed, with_verdict
+from cellcal.procedures.limits import CHECK, chosen
+from cellcal.procedures.motion.plan_words import Tour, plan_words
+from cellcal.procedures.run import NeedsUnmetError, RefusalError, Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.pages import plan_page, with_changes
+from cellcal.procedures.steps.write import read_tool_frame, restore_mastering, still_in_force, write_mastering
+from cellcal.procedures.verdict import (
     FAIL,
 )
 

@@ -20,14 +20,14 @@ from typing import Any, Concatenate, ParamSpec, Protocol, TypeVar, get_type_hint
 from pydantic import TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.errors import CellError
-from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
-from drivers.interfaces import Instruction, Joints
-from procedures.canonical import alike, sha256_of
-from procedures.cell import Cell
-from procedures.past import Effect, Finding, Kind, Past
-from procedures.progress import Gate, Progress, ignore
-from procedures.shown import Page, Shown, page_of
+from cellcal.calibration.errors import CellError
+from cellcal.drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError
+from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.canonical import alike, sha256_of
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.past import Effect, Finding, Kind, Past
+from cellcal.procedures.progress import Gate, Progress, ignore
+from cellcal.procedures.shown import Page, Shown, page_of
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from pydantic_core import to_jsonable_python
 
-from drivers.interfaces import Instruction
+from cellcal.drivers.interfaces import Instruction
 
 StepKind = Literal["ask", "enter", "teach", "capture", "approve", "motion", "review", "sign"]
 

@@ -13,27 +13,36 @@ from typing import Annotated, Literal, NewType
 from pydantic import Field, TypeAdapter
 from pydantic_core import to_jsonable_python
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.arm.urdf import UrdfArm, bare_urdf, calibrated_urdf, read_urdf
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose
-from calibration.identification.parameters import GEOMETRY, OFFSETS
-from calibration.points.tag_placement import Method, PlacedTags, Sigmas, place_by_tags
-from calibration.points.tag_points import Pairs, TagPath, paired
-from calibration.points.tag_robot import LEAST_TAGS, SimulatedRobot, calibrate_simulated_robot
-from drivers.interfaces import Instruction
-from procedures.canonical import sha256_of
-from procedures.cell import Cell
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
-from procedures.limits import CHECK, FRAME, TOOL, AccuracyClass, CheckLimits, FrameLimits, chosen, told
-from procedures.past import Finding
-from procedures.refit import Refit, values_of
-from procedures.run import Run
-from procedures.steps.ask import accept
-from procedures.teaching.simulation_refit import refit_place, refit_robot
-from procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
-from procedures.verdict import NOTHING_MEASURED, Verdict
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.arm.urdf import UrdfArm, bare_urdf, calibrated_urdf, read_urdf
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS
+from cellcal.calibration.points.tag_placement import Method, PlacedTags, Sigmas, place_by_tags
+from cellcal.calibration.points.tag_points import Pairs, TagPath, paired
+from cellcal.calibration.points.tag_robot import LEAST_TAGS, SimulatedRobot, calibrate_simulated_robot
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import ANSWER_S, Forecast, Knowledge, Prediction
+from cellcal.procedures.limits import (
+    CHECK,
+    FRAME,
+    TOOL,
+    AccuracyClass,
+    CheckLimits,
+    FrameLimits,
+    chosen,
+    told,
+)
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import Refit, values_of
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.ask import accept
+from cellcal.procedures.teaching.simulation_refit import refit_place, refit_robot
+from cellcal.procedures.teaching.simulation_verdict import placed_verdict, robot_verdict
+from cellcal.procedures.verdict import NOTHING_MEASURED, Verdict
 
 Part = Literal["robot", "base", "workpiece"]
 Description = NewType("Description", str)  # the text of a URDF; who types settings names the file

@@ -11,29 +11,29 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.geometry import Pose
-from calibration.points.tool_point import ToolAxes, ToolPoint, tool_pose
-from calibration.points.touch_design import foreseen_u_m, planned_attitudes
-from drivers.interfaces import Instruction
-from procedures.canonical import sha256_of
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
-from procedures.judged_write import (
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.tool_point import ToolAxes, ToolPoint, tool_pose
+from cellcal.calibration.points.touch_design import foreseen_u_m, planned_attitudes
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
+from cellcal.procedures.judged_write import (
     WriteAnyway,
     ask_to_write,
     ordered,
     refuse_failed,
     shift_told,
 )
-from procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen
-from procedures.run import Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.write import read_tool_frame, write_and_read_back
-from procedures.teaching.tcp_methods import Held, Method, Orientation, Way, take_axes
-from procedures.teaching.tcp_refit import refit_touches
-from procedures.teaching.tcp_touches import TouchRules, take_touches
-from procedures.teaching.tcp_verdict import Judging, arm_u, axes_u, verdict_on_tool
-from procedures.verdict import SetAside, Verdict
+from cellcal.procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.write import read_tool_frame, write_and_read_back
+from cellcal.procedures.teaching.tcp_methods import Held, Method, Orientation, Way, take_axes
+from cellcal.procedures.teaching.tcp_refit import refit_touches
+from cellcal.procedures.teaching.tcp_touches import TouchRules, take_touches
+from cellcal.procedures.teaching.tcp_verdict import Judging, arm_u, axes_u, verdict_on_tool
+from cellcal.procedures.verdict import SetAside, Verdict
 
 FOOT_M = 0.3048
 

@@ -9,14 +9,20 @@ from typing import Annotated
 from pydantic import Field
 from pydantic_core import to_jsonable_python
 
-from calibration.geometry import Pose
-from calibration.points.frame_design import FrameGoal, FrameOutlook, FramePoint, FrameRole, frame_outlook
-from calibration.points.frames import TaughtFrame, points_down
-from drivers.interfaces import Instruction
-from procedures.canonical import sha256_of
-from procedures.entry import Entry, Keepsake, Phase
-from procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
-from procedures.judged_write import (
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.frame_design import (
+    FrameGoal,
+    FrameOutlook,
+    FramePoint,
+    FrameRole,
+    frame_outlook,
+)
+from cellcal.calibration.points.frames import TaughtFrame, points_down
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Entry, Keepsake, Phase
+from cellcal.procedures.forecast import ANSWER_S, PERSON_S, Forecast, Knowledge, Prediction
+from cellcal.procedures.judged_write import (
     WriteAnyway,
     ask_to_write,
     frame_changes,
@@ -24,12 +30,12 @@ from procedures.judged_write import (
     refuse_failed,
     shift_told,
 )
-from procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
-from procedures.run import Run
-from procedures.steps.ask import accept, ask
-from procedures.steps.write import read_user_frame, write_user_frame
-from procedures.teaching.frame_refit import refit_frame
-from procedures.teaching.frame_touches import (
+from cellcal.procedures.limits import FRAME, AccuracyClass, FrameLimits, chosen, told
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.ask import accept, ask
+from cellcal.procedures.steps.write import read_user_frame, write_user_frame
+from cellcal.procedures.teaching.frame_refit import refit_frame
+from cellcal.procedures.teaching.frame_touches import (
     ABOVE_STEP,
     ANEW_STEP,
     FrameEffort,
@@ -41,7 +47,7 @@ from procedures.teaching.frame_touches import (
     named_touches,
     touch_points,
 )
-from procedures.verdict import Contribution, SetAside, Verdict, enough, held, known_within
+from cellcal.procedures.verdict import Contribution, SetAside, Verdict, enough, held, known_within
 
 LEAST = 3
 ASSUMED_SIDE_M = 0.3  # of the triangle, in a dry run

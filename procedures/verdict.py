@@ -14,9 +14,9 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from calibration import uncertainty
-from calibration.errors import CalibrationError
-from calibration.uncertainty import coverage_factor, decide
+from cellcal.calibration import uncertainty
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.uncertainty import coverage_factor, decide
 
 PASS, FAIL, UNDECIDED = uncertainty.Verdict.PASS, uncertainty.Verdict.FAIL, uncertainty.Verdict.UNDECIDED
 

@@ -3,7 +3,7 @@
 import asyncio
 from enum import IntEnum
 
-from calibration.errors import CalibrationError, CellError
+from cellcal.calibration.errors import CalibrationError, CellError
 
 
 class ExitCode(IntEnum):

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import Array, Pose, exp_rotation, homogeneous, inverse_transform
-from calibration.orientation import rotation_from, values_from
-from calibration.points.alignment import Alignment, alignment_text
-from drivers.fanuc.programs import BRAND
-from service.parameters.calibrated_models import nominal_sha256, values_of_model
-from service.parameters.parameter_sets import ParameterSet, to_text
-from service.programs.postures import PostureSearch
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import Array, Pose, exp_rotation, homogeneous, inverse_transform
+from cellcal.calibration.orientation import rotation_from, values_from
+from cellcal.calibration.points.alignment import Alignment, alignment_text
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_model
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, to_text
+from cellcal.service.engineering.programs.postures import PostureSearch
 
 FOLDER = Path(__file__).parents[1] / "deploy" / "example_projects" / "door_line"
 MODEL = "fanuc_r2000ic_165f"

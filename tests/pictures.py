@@ -11,10 +11,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from service.cli.story import Teller
-from service.demo.story import Plot, tell_story
-from service.identification.identify import identify_file
-from service.identification.identify_plots import draw_identification
+from cellcal.service.cli.story import Teller
+from cellcal.service.demo.story import Plot, tell_story
+from cellcal.service.engineering.identification.identify import identify_file
+from cellcal.service.engineering.identification.identify_plots import draw_identification
 
 PICTURES = Path(__file__).parents[1] / "deploy" / "pictures"
 MEASURED = Path(__file__).parent / "data" / "ipa_ur10" / "series_b_joint_configurations.csv"

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, chain_frames, cross
-from calibration.geometry import Array
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross
+from cellcal.calibration.geometry import Array
 
 _SHORTEST_LEVER_M = 0.02
+_ASIDE = ("x", "y")  # axes of the flange
+_ASIDE_M = 0.1
 _POSTURES = np.linspace(-1.5, 1.5, 13)
 
 
@@ -25,12 +27,14 @@ class JointTerm:
     order: int = 0  # harmonic: periods per turn of the joint
     phase: str = ""  # harmonic: cos | sin
     source: int = 0  # gear: the joint whose angle it follows
+    aside: str = ""  # gravity: x | y, a weight beside the flange's axis in place of a link's
 
     @property
     def name(self) -> str:
         """A name for people: joints and links count from one."""
         if self.kind == "gravity":
-            return f"J{self.joint + 1} sag under link {self.link + 1}"
+            what = f"payload {self.aside}" if self.aside else f"link {self.link + 1}"
+            return f"J{self.joint + 1} sag under {what}"
         if self.kind == "gear":
             return f"J{self.joint + 1} " + (
                 "gear ratio" if self.source == self.joint else f"coupling to J{self.source + 1}"
@@ -49,6 +53,21 @@ def gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
     candidates = tuple(
         JointTerm("gravity", joint, link) for joint in range(n - 2) for link in range(joint, n - 2)
     )
+    levers = np.abs(term_values(model, _POSTURES[:, None] * np.ones(n), candidates)).max(axis=1)
+    return tuple(term for term, lever in zip(candidates, levers, strict=True) if lever > _SHORTEST_LEVER_M)
+
+
+def wrist_gravity_terms(model: RobotModel) -> tuple[JointTerm, ...]:
+    """Return the sag that `gravity_terms` leaves out: of the wrist's joints, and under its links and the payload.
+
+    A payload's centre of mass along the flange's axis is the last link's weight; beside the axis it is a lever of
+    100 mm along x or y of the flange, so that a coefficient means as much as that of a link.
+    """
+    n = model.axes
+    near = {(term.joint, term.link) for term in gravity_terms(model)}
+    links = [(j, k) for j in range(n) for k in range(j, n) if (j, k) not in near]
+    candidates = tuple(JointTerm("gravity", joint, link) for joint, link in links)
+    candidates += tuple(JointTerm("gravity", j, n, aside=axis) for j in range(n) for axis in _ASIDE)
     levers = np.abs(term_values(model, _POSTURES[:, None] * np.ones(n), candidates)).max(axis=1)
     return tuple(term for term, lever in zip(candidates, levers, strict=True) if lever > _SHORTEST_LEVER_M)
 
@@ -80,25 +99,29 @@ def term_values(
     model: RobotModel,
     joints_rad: Array,
     terms: tuple[JointTerm, ...],
-    gravity_in_base: tuple[float, float, float] = (0.0, 0.0, -1.0),
+    gravity_in_base: tuple[float, float, float] | None = None,
 ) -> Array:
-    """Return ``f`` of every term for every posture, (K, N): metres of lever, 1, or radians."""
+    """Return ``f`` of every term for every posture, (K, N): metres of lever, 1, or radians.
+
+    Gravity pulls as the model is mounted, unless a direction is given.
+    """
     joints = np.asarray(joints_rad, dtype=float)
     values = np.empty((len(terms), len(joints)))
     if any(term.kind == "gravity" for term in terms):
         rotations, origins = chain_frames(model, joints)
         links = np.diff(origins, axis=0)
         axes = rotations[:-1, :, 2]
-        down = np.asarray(gravity_in_base)
+        down = np.asarray(model.gravity_in_base if gravity_in_base is None else gravity_in_base)
         # z . (l x g) = g . (z x l)
+        beside = {axis: _ASIDE_M * rotations[-1][:, i] for i, axis in enumerate(_ASIDE)}
         across = {
-            (t.joint, t.link): down @ cross(axes[t.joint], links[t.link])
+            t: down @ cross(axes[t.joint], beside[t.aside] if t.aside else links[t.link])
             for t in terms
             if t.kind == "gravity"
         }
     for row, term in enumerate(terms):
         if term.kind == "gravity":
-            values[row] = across[term.joint, term.link]
+            values[row] = across[term]
         elif term.kind == "gear":
             values[row] = joints[:, term.source]
         else:

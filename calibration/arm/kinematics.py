@@ -17,9 +17,10 @@ from typing import Self
 
 import numpy as np
 
-from calibration.arm.robot_models import model_fields, model_names
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, exp_twist, is_rigid
+from cellcal.calibration.arm.mounting import MOUNTED, gravity_of
+from cellcal.calibration.arm.robot_models import model_fields, model_names
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, exp_twist, is_rigid
 
 __all__ = [
     "DhTable",
@@ -94,6 +95,7 @@ class RobotModel:
     upper_rad: Array
     max_speed_rad_s: Array
     joint_names: tuple[str, ...]
+    gravity_in_base: tuple[float, float, float] = (0.0, 0.0, -1.0)  # unit vector: where weight pulls
 
     def __post_init__(self) -> None:
         for field in (
@@ -115,6 +117,8 @@ class RobotModel:
             raise CalibrationError(
                 f"{self.name}: joint zeros must be finite and lower limits below upper ones"
             )
+        if not abs(float(np.linalg.norm(self.gravity_in_base)) - 1.0) < 1e-6:
+            raise CalibrationError(f"{self.name}: the direction of gravity must be a unit vector")
         if not abs(np.linalg.det(self.joint_coupling)) > 1e-9:
             raise CalibrationError(f"{self.name}: the joint coupling is singular: some axis would not move")
 
@@ -351,8 +355,15 @@ def cross(a: Array, b: Array, *, out: Array | None = None) -> Array:
 
 
 def load_model(name: str) -> RobotModel:
-    """Return a nominal model that ships; `model_names` lists them."""
-    fields = model_fields(name)
+    """Return a nominal model that ships; `model_names` lists them.
+
+    Behind ``@`` stands how the robot is mounted, where it is not as its file says: ``ur10@ceiling``, and whatever
+    else `gravity_of` reads. The mounting stays in the model's name, so that all that is kept under it is kept apart.
+    """
+    base, _, mounting = name.partition(MOUNTED)
+    fields = model_fields(base)
+    if mounting:
+        fields["gravity_in_base"] = gravity_of(mounting)
     return RobotModel.from_dh(DhTable.from_rows(fields.pop("rows")), name=name, **fields)
 
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import DhTable, RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, homogeneous, inverse_transform
-from calibration.orientation import elementary
+from cellcal.calibration.arm.kinematics import DhTable, RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, homogeneous, inverse_transform
+from cellcal.calibration.orientation import elementary
 
 _PARALLEL = 1e-9  # sine of the angle between two axes, below which they have no common normal of their own
 _NEARLY = 0.1

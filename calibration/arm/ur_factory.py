@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import DhTable, RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, inverse_transform
+from cellcal.calibration.arm.kinematics import DhTable, RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, inverse_transform
 
 Six = tuple[float, float, float, float, float, float]
 _MASK = (1 << 64) - 1
@@ -96,6 +96,7 @@ def factory_model(nominal: RobotModel, absolute: DhTable, *, name: str | None = 
         upper_rad=nominal.upper_rad,
         max_speed_rad_s=nominal.max_speed_rad_s,
         joint_names=nominal.joint_names,
+        gravity_in_base=nominal.gravity_in_base,
     )
 
 

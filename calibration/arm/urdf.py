@@ -15,10 +15,10 @@ import numpy as np
 from defusedxml import DefusedXmlException  # ships no types
 from defusedxml.ElementTree import fromstring  # ships no types
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, CellError
-from calibration.geometry import Array, homogeneous, inverse_transform
-from calibration.orientation import elementary, rotation_from, values_from
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.geometry import Array, homogeneous, inverse_transform
+from cellcal.calibration.orientation import elementary, rotation_from, values_from
 
 
 @dataclass(frozen=True, eq=False)

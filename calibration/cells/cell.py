@@ -10,13 +10,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.cells.contact_observations import BarLengths, CellObservations
-from calibration.cells.places import Place
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.observations import PoseObservations, Rows
-from calibration.identification.parameters import ArmState
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.cells.contact_observations import BarLengths, CellObservations
+from cellcal.calibration.cells.places import Place
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import PoseObservations, Rows
+from cellcal.calibration.identification.parameters import ArmState
 
 _SYMMETRIC = 1e-9
 

@@ -10,9 +10,9 @@ from typing import ClassVar, Self, TypeAlias
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.observations import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import (
     Device,
     LengthObservations,
     MeasuredRows,

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.cells.state import CellLayout, CellState
-from calibration.cells.system import CellProblem, SeriesRows, chains, system
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.estimator import inverse_information, settled
-from calibration.identification.leverage import channel_groups
+from cellcal.calibration.cells.state import CellLayout, CellState
+from cellcal.calibration.cells.system import CellProblem, SeriesRows, chains, system
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import inverse_information, settled
+from cellcal.calibration.identification.leverage import channel_groups
 
 _MAX_ITERATIONS = 60
 _MAX_DAMPING = 1e8

@@ -5,21 +5,27 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.cells.cell import Series
-from calibration.cells.contact_observations import PinTouches, PlaneContacts, SphereContacts
-from calibration.cells.state import NOWHERE, Frames, Route
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, homogeneous, inverse_transform, mean_rotation, nearest_rotation
-from calibration.identification.estimator import Problem, estimate
-from calibration.identification.first_guess import anchors, base_and_tool, first_guess
-from calibration.identification.observations import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.cells.cell import Series
+from cellcal.calibration.cells.contact_observations import PinTouches, PlaneContacts, SphereContacts
+from cellcal.calibration.cells.state import NOWHERE, Frames, Route
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import (
+    Array,
+    homogeneous,
+    inverse_transform,
+    mean_rotation,
+    nearest_rotation,
+)
+from cellcal.calibration.identification.estimator import Problem, estimate
+from cellcal.calibration.identification.first_guess import anchors, base_and_tool, first_guess
+from cellcal.calibration.identification.observations import (
     LengthObservations,
     PointObservations,
     PoseObservations,
     Rows,
 )
-from calibration.identification.parameters import FRAMES, make_layout
+from cellcal.calibration.identification.parameters import FRAMES, make_layout
 
 _MOST_ROWS = 100
 _STEPS = 12

@@ -4,20 +4,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.cells.cell import Cell
-from calibration.cells.first_guess import first_places
-from calibration.cells.levels import CellOptions, CellTrial, choose_level, grouped, refuse_unknown_words
-from calibration.cells.robust import RobustCellFit, widened_cell
-from calibration.cells.state import CellState, Frames
-from calibration.cells.system import errors_m
-from calibration.cells.unknowns import not_identified_in
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array
-from calibration.identification.cross_validation import Errors
-from calibration.identification.identifiability import CorrelatedPair, NotIdentified, correlated_pairs
-from calibration.identification.observations import Rows
-from calibration.identification.parameters import FRAMES, OFFSETS
-from calibration.identification.selection import LEVELS
+from cellcal.calibration.cells.cell import Cell
+from cellcal.calibration.cells.first_guess import first_places
+from cellcal.calibration.cells.levels import (
+    CellOptions,
+    CellTrial,
+    choose_level,
+    grouped,
+    refuse_unknown_words,
+)
+from cellcal.calibration.cells.robust import RobustCellFit, widened_cell
+from cellcal.calibration.cells.state import CellState, Frames
+from cellcal.calibration.cells.system import errors_m
+from cellcal.calibration.cells.unknowns import not_identified_in
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Errors
+from cellcal.calibration.identification.identifiability import CorrelatedPair, NotIdentified, correlated_pairs
+from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.identification.parameters import FRAMES, OFFSETS
+from cellcal.calibration.identification.selection import LEVELS
 
 _FOLDS = 5
 _INNER_FOLDS = 5

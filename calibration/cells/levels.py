@@ -7,16 +7,22 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.cells.robust import RobustCellFit, fit_cell_robustly
-from calibration.cells.state import CellLayout, Frames, cell_layout
-from calibration.cells.system import CellProblem, errors_m
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.cross_validation import Grouping, deal_folds, group_rows
-from calibration.identification.free_parameters import GROUPS, PLACE_ROLES, every_term
-from calibration.identification.observations import Rows
-from calibration.identification.parameters import LEVEL_NAMES, Parameter, Priors
-from calibration.identification.selection import LEVELS, best_level, evenly, possible_levels, terms_of_level
+from cellcal.calibration.cells.robust import RobustCellFit, fit_cell_robustly
+from cellcal.calibration.cells.state import CellLayout, Frames, cell_layout
+from cellcal.calibration.cells.system import CellProblem, errors_m
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Grouping, deal_folds, group_rows
+from cellcal.calibration.identification.free_parameters import GROUPS, PLACE_ROLES, every_term
+from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.identification.parameters import LEVEL_NAMES, Parameter, Priors
+from cellcal.calibration.identification.selection import (
+    LEVELS,
+    best_level,
+    evenly,
+    possible_levels,
+    terms_of_level,
+)
 
 _FEWEST_VOTING = 12  # rows of a series: fewer are needed to place its device, and are always fitted
 _MOST_ROWS = 4000

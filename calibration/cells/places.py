@@ -6,8 +6,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, exp_twist, homogeneous, is_rigid, log_rotation, skew
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, exp_twist, homogeneous, is_rigid, log_rotation, skew
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 _FREE = (np.inf,) * 3

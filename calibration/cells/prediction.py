@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.cells.estimate import CellFit
-from calibration.cells.state import NOWHERE, CellLayout, CellState, Route
-from calibration.cells.system import Chain, Postures
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, adjoint, inverse_transform
+from cellcal.calibration.cells.estimate import CellFit
+from cellcal.calibration.cells.state import NOWHERE, CellLayout, CellState, Route
+from cellcal.calibration.cells.system import Chain, Postures
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, adjoint, inverse_transform
 
 WORLD = ""
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from calibration.cells.estimate import CellFit
-from calibration.errors import CalibrationError
-from calibration.identification.estimator import Fit
-from calibration.identification.free_parameters import PLACE_ROLES, PartLayout
-from calibration.identification.observations import Device
-from calibration.identification.parameters import GEOMETRY, ArmState, make_layout
+from cellcal.calibration.cells.estimate import CellFit
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.free_parameters import PLACE_ROLES, PartLayout
+from cellcal.calibration.identification.observations import Device
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, make_layout
 
 
 def fit_of_robot(fit: CellFit, robot: str) -> Fit:

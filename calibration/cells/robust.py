@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from calibration.cells.estimate import CellFit, estimate_cell
-from calibration.cells.state import CellLayout, CellState
-from calibration.cells.system import CellProblem, SeriesRows, residuals, whole_columns
-from calibration.geometry import Array
-from calibration.identification.group_effect import GroupEffect, expected_of, group_effect
-from calibration.identification.leverage import CROWDED, channel_groups, in_own_deviations
-from calibration.identification.observations import PoseObservations, Rows
-from calibration.identification.robust import rejection_limit, standing_out
+from cellcal.calibration.cells.estimate import CellFit, estimate_cell
+from cellcal.calibration.cells.state import CellLayout, CellState
+from cellcal.calibration.cells.system import CellProblem, SeriesRows, residuals, whole_columns
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.group_effect import GroupEffect, expected_of, group_effect
+from cellcal.calibration.identification.leverage import CROWDED, channel_groups, in_own_deviations
+from cellcal.calibration.identification.observations import PoseObservations, Rows
+from cellcal.calibration.identification.robust import rejection_limit, standing_out
 
 _CAUCHY = 2.5  # deviations at which a row's weight is one half
 _MAX_ROUNDS = 12

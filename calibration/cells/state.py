@@ -6,13 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.arm.joint_terms import JointTerm
-from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTool, Scalar
-from calibration.cells.places import AXES, Place, moved
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, adjoint, inverse_transform
-from calibration.identification.observations import Device, Rows
-from calibration.identification.parameters import (
+from cellcal.calibration.arm.joint_terms import JointTerm
+from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTool, Scalar
+from cellcal.calibration.cells.places import AXES, Place, moved
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, adjoint, inverse_transform
+from cellcal.calibration.identification.observations import Device, Rows
+from cellcal.calibration.identification.parameters import (
     FRAMES,
     ArmState,
     Parameter,

@@ -5,14 +5,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.arm.joint_terms import term_values
-from calibration.arm.kinematics import along_next, independent_columns, turned_frames
-from calibration.cells.cell import Series
-from calibration.cells.contact_observations import BarLengths, CellObservations, scaled_sigma
-from calibration.cells.state import Along, CellLayout, CellState, Frames, Route
-from calibration.geometry import Array
-from calibration.identification.observations import PoseObservations, Rows, TipFrames
-from calibration.identification.parameters import ArmState
+from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.arm.kinematics import along_next, independent_columns, turned_frames
+from cellcal.calibration.cells.cell import Series
+from cellcal.calibration.cells.contact_observations import BarLengths, CellObservations, scaled_sigma
+from cellcal.calibration.cells.state import Along, CellLayout, CellState, Frames, Route
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import PoseObservations, Rows, TipFrames
+from cellcal.calibration.identification.parameters import ArmState
 
 _BLOCK = 2048  # postures at once
 

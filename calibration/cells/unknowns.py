@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from calibration.cells.estimate import CellFit
-from calibration.cells.state import CellState, Frames, Route, Slot
-from calibration.geometry import Array, adjoint, inverse_transform
-from calibration.identification.identifiability import NotIdentified, partners
-from calibration.identification.parameters import Parameter
+from cellcal.calibration.cells.estimate import CellFit
+from cellcal.calibration.cells.state import CellState, Frames, Route, Slot
+from cellcal.calibration.geometry import Array, adjoint, inverse_transform
+from cellcal.calibration.identification.identifiability import NotIdentified, partners
+from cellcal.calibration.identification.parameters import Parameter
 
 _LEARNED = 0.5  # of the prior deviation: above, the prior speaks rather than the data
 _FOUND_M, _FOUND_RAD = 0.05, 0.05  # an unknown place that stays vaguer than this has not been found

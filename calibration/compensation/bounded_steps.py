@@ -6,9 +6,9 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.compensation.damped_solve import damped_step
-from calibration.compensation.pose_gap import Arm, Flags, Gap, Target, gap_between
-from calibration.geometry import Array
+from cellcal.calibration.compensation.damped_solve import damped_step
+from cellcal.calibration.compensation.pose_gap import Arm, Flags, Gap, Target, gap_between
+from cellcal.calibration.geometry import Array
 
 _FIRST_DAMPING = 1e-4
 _FLOOR = 1e-12  # keeps Cholesky real where the arm is singular

@@ -15,12 +15,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.kinematics import RobotModel
-from calibration.compensation.bounded_steps import Search
-from calibration.compensation.damped_solve import damped_step
-from calibration.compensation.pose_gap import Arm, Flags, Gap, Target, gap_between
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, is_rigid
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.compensation.bounded_steps import Search
+from cellcal.calibration.compensation.damped_solve import damped_step
+from cellcal.calibration.compensation.pose_gap import Arm, Flags, Gap, Target, gap_between
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, is_rigid
 
 Rows: TypeAlias = slice | NDArray[np.intp]
 

@@ -7,7 +7,7 @@ called once per pose, and than LU with pivots.
 
 import numpy as np
 
-from calibration.geometry import Array
+from cellcal.calibration.geometry import Array
 
 
 def damped_step(columns: Array, error: Array, damping: Array) -> Array:

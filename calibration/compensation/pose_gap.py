@@ -8,11 +8,11 @@ from typing import Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.joint_terms import term_values
-from calibration.arm.kinematics import RobotModel, chain_frames, cross
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, is_rigid
-from calibration.identification.parameters import ArmState
+from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, is_rigid
+from cellcal.calibration.identification.parameters import ArmState
 
 JointExtra: TypeAlias = Callable[[Array], Array]
 Flags: TypeAlias = NDArray[np.bool_]

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.compensation.bounded_steps import Search
-from calibration.compensation.compensate import CompensationLimits
-from calibration.compensation.pose_gap import LEVER_M, Arm, Target
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, is_rigid
+from cellcal.calibration.compensation.bounded_steps import Search
+from cellcal.calibration.compensation.compensate import CompensationLimits
+from cellcal.calibration.compensation.pose_gap import LEVER_M, Arm, Target
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, is_rigid
 
 EXACTLY = CompensationLimits()
 _STARTS = 4  # known postures that are tried, nearest first

@@ -10,11 +10,11 @@ from itertools import combinations
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.poses.arm_fit import ArmTask
-from calibration.registration import best_fit_transform
-from calibration.uncertainty import chi_square_limit
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.poses.arm_fit import ArmTask
+from cellcal.calibration.registration import best_fit_transform
+from cellcal.calibration.uncertainty import chi_square_limit
 
 NOTHING, WARMTH, TOOL, DEVICE, OTHER = "nothing", "warmth", "tool", "device", "other"
 _GRIDS: dict[

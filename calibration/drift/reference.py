@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
 
 Rows = tuple[tuple[float, ...], ...]
 

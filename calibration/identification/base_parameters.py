@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.geometry import Array
-from calibration.identification.estimator import Problem, place_columns
-from calibration.identification.observations import Observations
-from calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Problem, place_columns
+from cellcal.calibration.identification.observations import Observations
+from cellcal.calibration.identification.parameters import ArmState, Layout
 
 _INDEPENDENT = 1e-6  # of a column's length, in prior deviations: the gap is ten orders wide
 

@@ -7,9 +7,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import stdtrit
 
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.identification.observations import Rows
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Rows
 
 _SAME_RAD = 1e-3  # of a wrist that nobody moved
 _FEWEST_RUNS = 8

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr
 
-from calibration.geometry import Array
-from calibration.identification.lints import Lint
-from calibration.identification.observations import Rows
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.observations import Rows
 
 _BY_CHANCE = 0.01
 _FEWEST_ROWS = 30

@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import fdtrc
 
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit, estimate
-from calibration.identification.free_parameters import PartLayout
-from calibration.identification.parameters import ArmState, Layout
-from calibration.identification.robust import RobustFit
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit, estimate
+from cellcal.calibration.identification.free_parameters import PartLayout
+from cellcal.calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.identification.robust import RobustFit
 
 _BY_CHANCE = 1e-3
 _JITTER = 1e-12  # of a variance: stored numbers are rounded

@@ -8,12 +8,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calibration.arm.joint_terms import JointTerm, term_values
-from calibration.arm.kinematics import RobotModel, along_next, independent_columns, turned_frames
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.observations import Observations, Rows
-from calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.arm.joint_terms import JointTerm, term_values
+from cellcal.calibration.arm.kinematics import RobotModel, along_next, independent_columns, turned_frames
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.parameters import ArmState, Layout
 
 _BLOCK = 2048  # postures at once: large enough for BLAS, small enough for the cache
 _MOST_HELD = 10_000_000  # values of joint terms: 80 MB

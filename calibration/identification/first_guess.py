@@ -2,11 +2,16 @@
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, homogeneous, mean_rotation, nearest_rotation
-from calibration.identification.observations import Device, LengthObservations, Observations, PoseObservations
-from calibration.identification.parameters import ArmState, nominal_state
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, homogeneous, mean_rotation, nearest_rotation
+from cellcal.calibration.identification.observations import (
+    Device,
+    LengthObservations,
+    Observations,
+    PoseObservations,
+)
+from cellcal.calibration.identification.parameters import ArmState, nominal_state
 
 _MOST_ROWS = 100  # more make a guess no better
 _NEAR_M = 1e-3  # a nominal arm is off by as much

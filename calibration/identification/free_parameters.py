@@ -9,12 +9,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.arm.joint_terms import JointTerm, gear_terms, gravity_terms, harmonic_terms
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.observations import Device, Rows
-from calibration.identification.parameters import (
+from cellcal.calibration.arm.joint_terms import (
+    JointTerm,
+    gear_terms,
+    gravity_terms,
+    harmonic_terms,
+    wrist_gravity_terms,
+)
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Device, Rows
+from cellcal.calibration.identification.parameters import (
     FRAMES,
     GEAR,
     GEOMETRY,
@@ -129,7 +135,8 @@ def level_of(start: StartingPoint, parameters: Sequence[Parameter]) -> int:
 
 def every_term(model: RobotModel) -> tuple[JointTerm, ...]:
     """Return every joint term that an identification of this arm may hold."""
-    return (*gravity_terms(model), *harmonic_terms(model, RIPPLE_ORDERS), *gear_terms(model))
+    sag = (*gravity_terms(model), *wrist_gravity_terms(model))
+    return (*sag, *harmonic_terms(model, RIPPLE_ORDERS), *gear_terms(model))
 
 
 def state_of(

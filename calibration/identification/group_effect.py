@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import fdtrc
 
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit, estimate, place_columns, whitened_residuals
-from calibration.identification.observations import Rows, with_sigma
-from calibration.identification.robust import RobustFit
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit, estimate, place_columns, whitened_residuals
+from cellcal.calibration.identification.observations import Rows, with_sigma
+from cellcal.calibration.identification.robust import RobustFit
 
 _BY_CHANCE = 0.01
 _WORTH_SAYING = 1.05  # of a standard deviation

@@ -6,9 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit
-from calibration.identification.parameters import Parameter
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.parameters import Parameter
 
 _LEARNED = 0.5  # of the prior deviation
 _PARTNER = 0.5  # of the variance

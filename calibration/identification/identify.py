@@ -1,26 +1,32 @@
 """Identification of an arm: which model the measurements support, how good it is, what stays unknown."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array
-from calibration.identification.cross_validation import Errors, Grouping, compare, group_rows
-from calibration.identification.earlier_posterior import Contradiction, EarlierPosterior, contradicted, told
-from calibration.identification.estimator import errors_m
-from calibration.identification.free_parameters import StartingPoint, every_term, spelled
-from calibration.identification.group_effect import GroupEffect, widened
-from calibration.identification.identifiability import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Errors, Grouping, compare, group_rows
+from cellcal.calibration.identification.earlier_posterior import (
+    Contradiction,
+    EarlierPosterior,
+    contradicted,
+    told,
+)
+from cellcal.calibration.identification.effect_mixture import Misfit, average_over_misfits
+from cellcal.calibration.identification.estimator import errors_m
+from cellcal.calibration.identification.free_parameters import StartingPoint, every_term, spelled
+from cellcal.calibration.identification.group_effect import GroupEffect, widened
+from cellcal.calibration.identification.identifiability import (
     CorrelatedPair,
     NotIdentified,
     correlated_pairs,
     not_identified,
 )
-from calibration.identification.judgement import Judgement, judge
-from calibration.identification.observations import Observations, Rows
-from calibration.identification.parameters import (
+from cellcal.calibration.identification.judgement import Judgement, judge
+from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.parameters import (
     FRAMES,
     GEAR,
     LEVEL_NAMES,
@@ -29,12 +35,20 @@ from calibration.identification.parameters import (
     Parameter,
     make_layout,
 )
-from calibration.identification.residual_model import ResidualModel, residual_of
-from calibration.identification.robust import RobustFit
-from calibration.identification.selection import LEVELS, Options, fit_level, select
-from calibration.identification.series_breaks import SeriesBreak
+from cellcal.calibration.identification.residual_model import ResidualModel, residual_of
+from cellcal.calibration.identification.robust import RobustFit
+from cellcal.calibration.identification.selection import (
+    FEW_ROWS,
+    LEVELS,
+    Options,
+    Selection,
+    fit_level,
+    select,
+)
+from cellcal.calibration.identification.series_breaks import SeriesBreak
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
+_ENDLESS = 1e9  # degrees of freedom
 _FEWEST_TO_PLACE = {"length": 9, "point": 5, "pose": 4}
 
 
@@ -68,6 +82,8 @@ class Identification:
     correlated: tuple[CorrelatedPair, ...]
     residual: ResidualFinding | None = None
     contradicted: tuple[Contradiction, ...] = ()  # offsets that an earlier fit has elsewhere
+    options: Options = field(default_factory=Options)  # with which it was made
+    misfit: Misfit | None = None  # what few rows say about what the model lacks
 
     @property
     def before(self) -> Errors:
@@ -132,7 +148,7 @@ def identify(
     moved: tuple[Contradiction, ...] = ()
     if options.start.covariance is not None:
         moved = contradicted(robust, EarlierPosterior(options.start.names, options.start.covariance))
-    robust, effect = widened(robust, grouping.groups)
+    robust, effect, misfit = _stated(robust, choice, grouping, options)
     robust, weak = replace(robust, fit=told(robust.fit)), told(weighed.fit)
     return Identification(
         robust.fit.state,
@@ -151,7 +167,27 @@ def identify(
         correlated_pairs(weak),
         _residual(robust, choice.seen, judgement, grouping, options) if options.residual_model else None,
         moved,
+        options,
+        misfit,
     )
+
+
+def _stated(
+    robust: RobustFit, choice: Selection, grouping: Grouping, options: Options
+) -> tuple[RobustFit, GroupEffect, Misfit | None]:
+    """Return a fit with the deviations that may be stated: for rows that go together, and for few rows."""
+    wide, effect = widened(robust, grouping.groups)
+    kept = len(robust.problem.observations) - len(robust.rejected)
+    nothing_free = not len(robust.fit.layout)
+    if kept > FEW_ROWS or nothing_free or options.start.covariance is not None:
+        return wide, effect, None
+    misfit = average_over_misfits(robust, choice.seen)
+    averaged = replace(robust.fit, covariance=misfit.covariance)
+    sizes = [float((np.diag(fit.covariance) / fit.layout.prior**2).sum()) for fit in (averaged, wide.fit)]
+    if effect.widening > 1.0 and sizes[1] > sizes[0]:
+        return wide, effect, misfit
+    # What the size of the residuals leaves open is in the average already.
+    return replace(robust, fit=averaged, degrees_of_freedom=_ENDLESS), effect, misfit
 
 
 def _checked(model: RobotModel, observations: Observations, options: Options) -> Options:

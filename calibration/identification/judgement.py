@@ -8,15 +8,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.identification.cross_validation import Grouping, deal_folds
-from calibration.identification.estimator import Problem, errors_m
-from calibration.identification.observations import Observations, Rows, with_mounting
-from calibration.identification.parameters import FRAMES
-from calibration.identification.residual_model import errors_with, residual_of
-from calibration.identification.selection import Options, Selection, errors_in_both, evenly, fit_level, select
-from calibration.identification.series_breaks import change_between, mounting_of
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Grouping, deal_folds
+from cellcal.calibration.identification.estimator import Fit, Problem, errors_m, place_columns
+from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
+from cellcal.calibration.identification.parameters import FRAMES
+from cellcal.calibration.identification.residual_model import errors_with, residual_of
+from cellcal.calibration.identification.selection import (
+    Options,
+    Selection,
+    errors_in_both,
+    evenly,
+    fit_level,
+    select,
+)
+from cellcal.calibration.identification.series_breaks import change_between, mounting_of
 
 _FOLDS = 5
 _MANY_FOLDS = 10
@@ -35,11 +42,17 @@ class Judgement:
     breaks: tuple[tuple[int, ...], ...]  # found without each fold, as rows of the series
     placed: Rows  # rows next to a break, whose order does not tell their mounting
     with_residual_m: Array  # (N,) with a residual model; empty if none was asked for
+    variances_m2: (
+        Array  # (N,) of the parameters, summed over places' coordinates, as each row's fit states them
+    )
+    own_m2: Array  # (N,) of the residual model, likewise
 
     @classmethod
     def none(cls) -> "Judgement":
         """Return the judgement of no rows."""
-        return cls(np.zeros(0), np.zeros(0), (), (), np.zeros(0, dtype=np.intp), np.zeros(0))
+        return cls(
+            np.zeros(0), np.zeros(0), (), (), np.zeros(0, dtype=np.intp), *(np.zeros(0) for _ in range(3))
+        )
 
     def said(self, grouping: Grouping) -> str:
         """Return how the rows were judged, for people."""
@@ -60,6 +73,7 @@ def judge(model: RobotModel, observations: Observations, grouping: Grouping, opt
     count = len(observations)
     folds = deal_folds(grouping, _number_of_folds(count), options.seed)
     before, after = np.zeros(count), np.zeros(count)
+    variances, own = np.zeros(count), np.zeros(count)
     smooth = np.zeros(count if options.residual_model else 0)
     levels: list[int] = []
     breaks: list[tuple[int, ...]] = []
@@ -75,12 +89,24 @@ def judge(model: RobotModel, observations: Observations, grouping: Grouping, opt
             fit = fit_level(model, choice.seen, choice.places, level, options.priors, options.start)
             state = fit.fit.state
             errors[held] = errors_m(state, Problem.of(state, seen))
+        variances[held] = place_variances(fit.fit, seen)
         if options.residual_model:
-            smooth[held] = errors_with(residual_of(fit, choice.seen, options.seed), state, seen)
+            residual = residual_of(fit, choice.seen, options.seed)
+            smooth[held] = errors_with(residual, state, seen)
+            own[held] = 3.0 * residual.predict(seen.joints_rad)[1] ** 2
         levels.append(choice.level)
         breaks.append(tuple(int(training[found.row]) for found in choice.breaks))
         placed.append(unsure)
-    return Judgement(before, after, tuple(levels), tuple(breaks), np.sort(np.concatenate(placed)), smooth)
+    unsure_rows = np.sort(np.concatenate(placed))
+    return Judgement(before, after, tuple(levels), tuple(breaks), unsure_rows, smooth, variances, own)
+
+
+def place_variances(fit: Fit, observations: Observations) -> Array:
+    """Return the variance (N,) [m^2] that a fit expects of rows by its parameters alone, summed over coordinates."""
+    columns = place_columns(fit.layout, fit.state, Problem.of(fit.state, observations))[0][:, :3]
+    spread = np.tensordot(fit.covariance, columns, axes=1)
+    variances: Array = np.einsum("pcn,pcn->n", columns, spread) * observations.sigma_m**2
+    return variances
 
 
 def _number_of_folds(rows: int) -> int:

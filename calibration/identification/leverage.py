@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit, Problem, place_columns, whitened_residuals
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit, Problem, place_columns, whitened_residuals
 
 CROWDED = 0.05  # unknowns a reading: with fewer, what single rows do to the fit is not worth the work
 _SHOWING = 200  # rows

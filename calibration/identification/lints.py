@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.identification.observations import Rows
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Rows
 
 _FAR_FROM_ZERO_RAD = float(np.deg2rad(10.0))
 _NEAR_RAD = float(np.deg2rad(2.0))

@@ -9,21 +9,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model, model_names
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.estimator import Problem, errors_m, estimate
-from calibration.identification.first_guess import first_guess
-from calibration.identification.misfit_hypotheses import FileNames, JointReading, home_reading, with_zeros
-from calibration.identification.misfit_ranking import Candidate, coarse_candidates
-from calibration.identification.observations import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Problem, errors_m, estimate
+from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.misfit_hypotheses import (
+    FileNames,
+    JointReading,
+    home_reading,
+    with_zeros,
+)
+from cellcal.calibration.identification.misfit_ranking import Candidate, coarse_candidates
+from cellcal.calibration.identification.observations import (
     LengthObservations,
     MeasuredRows,
     Observations,
     PointObservations,
 )
-from calibration.identification.parameters import OFFSETS, ArmState, make_layout
-from calibration.identification.quick_fit import kept_rms, some_rows
+from cellcal.calibration.identification.parameters import OFFSETS, ArmState, make_layout
+from cellcal.calibration.identification.quick_fit import kept_rms, some_rows
 
 _FEWEST = {"point": 8, "pose": 8, "length": 14}
 _MOST_ROWS = 80

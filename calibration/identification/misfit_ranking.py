@@ -6,9 +6,9 @@ from math import log
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.identification.misfit_hypotheses import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.misfit_hypotheses import (
     LENGTH_UNITS,
     FileNames,
     JointReading,
@@ -16,8 +16,13 @@ from calibration.identification.misfit_hypotheses import (
     joint_readings,
     model_readings,
 )
-from calibration.identification.observations import LengthObservations, Observations, PointObservations, Rows
-from calibration.identification.quick_fit import enough_lengths, length_scores, point_scores
+from cellcal.calibration.identification.observations import (
+    LengthObservations,
+    Observations,
+    PointObservations,
+    Rows,
+)
+from cellcal.calibration.identification.quick_fit import enough_lengths, length_scores, point_scores
 
 _PLAUSIBLE = log(4.0)  # how much wider or narrower than the flange a target may move
 _WORTH = 24  # candidates for a real fit

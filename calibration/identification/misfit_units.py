@@ -5,11 +5,11 @@ from math import log
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.identification.misfit import fit_quickly
-from calibration.identification.observations import LengthObservations
-from calibration.identification.quick_fit import some_rows, trimmed_point_scores
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.misfit import fit_quickly
+from cellcal.calibration.identification.observations import LengthObservations
+from cellcal.calibration.identification.quick_fit import some_rows, trimmed_point_scores
 
 _MOST_ROWS = 60
 _FEWEST_POINTS, _FEWEST_LENGTHS = 8, 14

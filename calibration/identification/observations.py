@@ -12,8 +12,8 @@ from typing import ClassVar, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, log_rotation
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, log_rotation
 
 Rows: TypeAlias = NDArray[np.intp]
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit
-from calibration.identification.identifiability import NotIdentified, not_identified
-from calibration.identification.robust import RobustFit
-from calibration.identification.tip_uncertainty import offset_slopes
-from calibration.uncertainty import Verdict
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.identifiability import NotIdentified, not_identified
+from cellcal.calibration.identification.robust import RobustFit
+from cellcal.calibration.identification.tip_uncertainty import offset_slopes
+from cellcal.calibration.uncertainty import Verdict
 
 _ENDLESS = 1e6  # times the rows that were measured
 _PROBABILITY = 0.95

@@ -10,11 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.arm.joint_terms import JointTerm
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, adjoint, exp_twist, inverse_transform
-from calibration.identification.observations import Device, Rows
+from cellcal.calibration.arm.joint_terms import JointTerm
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, adjoint, exp_twist, inverse_transform
+from cellcal.calibration.identification.observations import Device, Rows
 
 FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR = range(6)
 LEVEL_NAMES = (
@@ -26,6 +26,8 @@ LEVEL_NAMES = (
     "geometry, sag, ripple and gear ratios",
 )
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
+# Gears that are mounted off centre, springs and counterbalances: one and two waves a turn are larger than the others.
+_LONG_WAVES = {1: 3.0, 2: 2.0}  # times the prior of ripple, by order
 _DH_NAMES = ("offset", "d", "a", "alpha", "beta")
 _DH_UNITS = ("rad", "m", "m", "rad", "rad")
 
@@ -38,7 +40,7 @@ class Priors:
     length_m: float = 1e-3
     angle_rad: float = float(np.deg2rad(0.2))
     sag_rad_per_m: float = float(np.deg2rad(0.1))
-    # Tight: looser ripple predicts other rows of a series slightly better and another series far worse.
+    # Tight: looser short ripple predicts other rows of a series slightly better and another series far worse.
     ripple_rad: float = float(np.deg2rad(0.003))
     gear_ratio: float = 1e-4  # of ratios and couplings: tooth counts are exact, belts and linkages nearly
     wire_zero_m: float = 1e-3
@@ -296,7 +298,12 @@ def term_parameters(terms: tuple[JointTerm, ...], priors: Priors) -> list[Parame
         "harmonic": ("rad", priors.ripple_rad),
         "gear": ("1", priors.gear_ratio),
     }
-    return [Parameter(term.name, *sizes[term.kind], term.kind, term.joint) for term in terms]
+    parameters = []
+    for term in terms:
+        unit, prior = sizes[term.kind]
+        longer = _LONG_WAVES.get(term.order, 1.0) if term.kind == "harmonic" else 1.0
+        parameters.append(Parameter(term.name, unit, longer * prior, term.kind, term.joint))
+    return parameters
 
 
 def geometry_twists(arm: RobotModel, flange_tool: Array) -> Array:

@@ -6,8 +6,8 @@ have the reading first and the row second.
 
 import numpy as np
 
-from calibration.geometry import Array
-from calibration.identification.observations import Rows
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Rows
 
 _KEPT = 0.75  # of the rows: the others may be outliers
 _UNTURNED = 1e-10

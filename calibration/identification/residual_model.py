@@ -10,12 +10,12 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.optimize import minimize
 
-from calibration.arm.joint_terms import term_values
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.observations import LengthObservations, Observations
-from calibration.identification.parameters import ArmState
-from calibration.identification.robust import RobustFit
+from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import LengthObservations, Observations
+from cellcal.calibration.identification.parameters import ArmState
+from cellcal.calibration.identification.robust import RobustFit
 
 _MOST_ROWS = 1200  # are remembered: the cost grows with their cube
 _ROWS_TO_TUNE = 200

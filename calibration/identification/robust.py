@@ -7,16 +7,16 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.special import chdtri, fdtri
 
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit, Problem, estimate, whitened_residuals
-from calibration.identification.leverage import (
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit, Problem, estimate, whitened_residuals
+from cellcal.calibration.identification.leverage import (
     channel_groups,
     effective_unknowns,
     redundant_shares,
     standardised_residuals,
 )
-from calibration.identification.observations import PoseObservations, Rows, with_sigma
-from calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.identification.observations import PoseObservations, Rows, with_sigma
+from cellcal.calibration.identification.parameters import ArmState, Layout
 
 _CAUCHY = 2.5  # deviations at which a row's weight is one half
 _MAX_ROUNDS = 12

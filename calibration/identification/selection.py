@@ -2,18 +2,25 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.joint_terms import JointTerm, gear_terms, gravity_terms, harmonic_terms
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.identification.cross_validation import Grouping, compare, deal_folds, held_out_errors
-from calibration.identification.earlier_posterior import EarlierPosterior, turned
-from calibration.identification.estimator import Problem, errors_m, estimate
-from calibration.identification.free_parameters import (
+from cellcal.calibration.arm.joint_terms import (
+    JointTerm,
+    gear_terms,
+    gravity_terms,
+    harmonic_terms,
+    wrist_gravity_terms,
+)
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Grouping, compare, deal_folds, held_out_errors
+from cellcal.calibration.identification.earlier_posterior import EarlierPosterior, turned
+from cellcal.calibration.identification.estimator import Problem, errors_m, estimate
+from cellcal.calibration.identification.free_parameters import (
     RIPPLE_ORDERS,
     PartLayout,
     StartingPoint,
@@ -21,8 +28,8 @@ from calibration.identification.free_parameters import (
     level_of,
     prepared,
 )
-from calibration.identification.observations import Observations, Rows, with_mounting
-from calibration.identification.parameters import (
+from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
+from cellcal.calibration.identification.parameters import (
     FRAMES,
     GEAR,
     GEOMETRY,
@@ -36,8 +43,8 @@ from calibration.identification.parameters import (
     nominal_state,
     with_further,
 )
-from calibration.identification.robust import RobustFit, fit_robustly
-from calibration.identification.series_breaks import (
+from cellcal.calibration.identification.robust import RobustFit, fit_robustly
+from cellcal.calibration.identification.series_breaks import (
     SeriesBreak,
     candidate_breaks,
     change_between,
@@ -48,12 +55,16 @@ from calibration.identification.series_breaks import (
 LEVELS = (FRAMES, OFFSETS, GEOMETRY, GRAVITY, RIPPLE, GEAR)
 _DISTINCT_ANGLES = 20  # of a joint, before its ripple or gear ratio may be asked for
 _ANGLES_PER_PERIOD = 5  # distinct ones, or a wave is read into gaps
+_ROWS_FOR_SHORT_WAVES = 150
+_QUICK_UNKNOWNS = 100
 _ANGLE_STEP_RAD = 2e-3
 _FOLDS = 10
 _FOLDS_FOR_BREAKS = 5
 _BREAK_GAIN = 0.1  # of the held-out RMSE: a mounting costs more trust than a parameter
 _PATIENCE = 2
 _BELIEVABLE = 8.0  # times the median error
+FEW_ROWS = 60  # up to here priors speak beside the rows
+_FEW_GAIN = 0.75
 _MOST_ROWS = 4000  # are looked at to choose; the fit takes all
 
 
@@ -84,19 +95,23 @@ class Selection:
 
 
 def terms_of_level(model: RobotModel, joints_rad: Array, level: int) -> tuple[JointTerm, ...]:
-    """Return the joint terms that a level has; a joint's ripple and gear ratio need twenty distinct angles."""
+    """Return the joint terms that a level has; a joint's ripple and gear ratio need twenty distinct angles.
+
+    Fewer rows than 150 carry one and two waves a turn of each joint, no shorter ones.
+    """
     if level < GRAVITY:
         return ()
     sag = gravity_terms(model)
     if level < RIPPLE:
         return sag
+    orders = RIPPLE_ORDERS if len(joints_rad) >= _ROWS_FOR_SHORT_WAVES else RIPPLE_ORDERS[:2]
     distinct = [len(np.unique(np.round(angle / _ANGLE_STEP_RAD))) for angle in joints_rad.T]
     ripple = (
         term
-        for term in harmonic_terms(model, RIPPLE_ORDERS)
+        for term in harmonic_terms(model, orders)
         if distinct[term.joint] >= max(_DISTINCT_ANGLES, _ANGLES_PER_PERIOD * term.order)
     )
-    terms = (*sag, *ripple)
+    terms = (*sag, *wrist_gravity_terms(model), *ripple)
     if level < GEAR:
         return terms
     # After ripple: without it a ratio passes for the long waves of a gear, and is believed wrongly.
@@ -203,18 +218,48 @@ def _choose_level(trial: _Trial, wanted: int | None) -> tuple[int, tuple[str, ..
     if trial.options.start.free:
         return trial.level_of_free()
     sizes = {level: trial.unknowns(level) for level in LEVELS}
-    possible, said = possible_levels(sizes, trial.observations.channels * len(trial.observations))
+    few = len(trial.observations) <= FEW_ROWS and trial.options.start.is_nominal
+    possible, said = possible_levels(sizes, trial.observations.channels * len(trial.observations), few=few)
     voting = np.ones(len(trial.observations), dtype=bool)
-    level, reasons = best_level(possible, trial.held_out, trial.grouping.groups, voting)
+    held_out = cache(trial.held_out)
+    level, reasons = best_level(possible, held_out, trial.grouping.groups, voting)
+    if few and level < GEOMETRY in possible:
+        raised, why = _level_of_few(level, {each: held_out(each) for each in (level, GEOMETRY)})
+        return raised, (*said, *reasons, why)
     return level, (*said, *reasons)
 
 
-def possible_levels(sizes: Mapping[int, int], readings: int) -> tuple[list[int], list[str]]:
+def _level_of_few(narrow: int, errors: Mapping[int, Array]) -> tuple[int, str]:
+    """Return the geometry for few rows if it predicts them better by a quarter, sure or not, and why.
+
+    Of few rows hardly any gain is sure. Priors keep what the rows do not show where it is expected, and deviations as
+    wide as that; a narrower level would state its few parameters as if all others were nominal.
+    """
+    before, after = (
+        np.array([np.median(errors[level]), np.sqrt(np.mean(errors[level] ** 2))])
+        for level in (narrow, GEOMETRY)
+    )
+    name = f"level {GEOMETRY}, {LEVEL_NAMES[GEOMETRY]}"
+    figures = f"{after[1] * 1e3:.3f} mm (level {narrow}: {before[1] * 1e3:.3f})"
+    if (after < _FEW_GAIN * before).all():
+        return GEOMETRY, f"{name}: {figures}: better, and its priors state what few rows leave open"
+    return narrow, f"{name}: {figures}: not better by a quarter, in the median and in the mean square"
+
+
+def possible_levels(
+    sizes: Mapping[int, int], readings: int, *, few: bool = False
+) -> tuple[list[int], list[str]]:
     """Return the levels that so many readings can carry, given their numbers of unknowns, and why not the others.
 
-    Ripple needs two readings an unknown: with fewer, its priors speak, and cost the more time the less they say.
+    More than a hundred unknowns with ripple need two readings each: with fewer, priors speak, and cost the more time
+    the less they say. The geometry of few rows is carried by its priors, however many unknowns it has.
     """
-    most = {level: readings // 2 if level >= RIPPLE else readings for level in sizes}
+    most = {
+        level: readings // 2 if level >= RIPPLE and size > _QUICK_UNKNOWNS else readings
+        for level, size in sizes.items()
+    }
+    if few and GEOMETRY in most:
+        most[GEOMETRY] = max(readings, sizes[GEOMETRY])
     possible = [level for level in sizes if level == FRAMES or sizes[level - 1] < sizes[level] <= most[level]]
     said = [
         f"level {level}, {LEVEL_NAMES[level]}: {size} unknowns are too many for {readings} readings: not tried"

@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit, Problem, estimate, place_columns
-from calibration.identification.first_guess import first_guess
-from calibration.identification.observations import Observations, Rows, with_mounting
-from calibration.identification.parameters import FRAMES, make_layout
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit, Problem, estimate, place_columns
+from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.observations import Observations, Rows, with_mounting
+from cellcal.calibration.identification.parameters import FRAMES, make_layout
 
 _SHORTEST = 12  # rows of one mounting
 _MOST_BREAKS = 8

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
-from calibration.geometry import Array
-from calibration.identification.group_effect import group_effect
-from calibration.identification.lints import Lint
-from calibration.identification.observations import Rows
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.group_effect import group_effect
+from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.observations import Rows
 
 _BINS = 12
 _FEWEST_PER_BIN = 8

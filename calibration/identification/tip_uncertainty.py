@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.joint_terms import term_values
-from calibration.arm.kinematics import RobotModel
-from calibration.arm.standard_dh import hayati_dh, parallel_rows
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit
-from calibration.identification.parameters import ArmState
+from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, cross, placement_columns
+from cellcal.calibration.arm.standard_dh import hayati_dh, parallel_rows
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.parameters import ArmState, Layout
 
 _SHARE = 1e-3  # of a prior deviation: small enough to be linear, large enough to be seen
 _LARGEST = 1e-4  # metres or radians
@@ -29,14 +29,27 @@ class TipPrediction:
 def predict_tips(fit: Fit, joints_rad: Array, *, mounting: int = -1) -> TipPrediction:
     """Return where the target is at postures (N, n), with the covariance that the parameters leave."""
     state = fit.state
+    chain = state.seen_from(mounting % state.mountings)
+    moved = state.moved_joints(joints_rad, term_values(state.nominal, joints_rad, state.terms))
+    slopes = tip_slopes(fit.layout, state, joints_rad, mounting=mounting)
+    return TipPrediction(
+        chain.base_flange(moved)[:, :3, 3],
+        np.einsum("pin,pq,qjn->nij", slopes, fit.covariance, slopes, optimize=True),
+    )
+
+
+def tip_slopes(layout: Layout, state: ArmState, joints_rad: Array, *, mounting: int = -1) -> Array:
+    """Return how the target's place follows every free parameter (p, 3, N) [m]."""
+    at = mounting % state.mountings
     values = term_values(state.nominal, joints_rad, state.terms)
-
-    def places(there: ArmState) -> Array:
-        chain = there.seen_from(mounting % len(there.devices))
-        return chain.base_flange(there.moved_joints(joints_rad, values))[:, :3, 3]
-
-    slopes = _slopes(fit, places)
-    return TipPrediction(places(state), np.einsum("pni,pq,qnj->nij", slopes, fit.covariance, slopes))
+    rotations, origins = chain_frames(state.seen_from(at), state.moved_joints(joints_rad, values))
+    placed = placement_columns(rotations, origins, origins[-1])
+    turned = cross(rotations[:-1, :, 2], origins[-1] - origins[:-1])
+    joints = np.array([term.joint for term in state.terms], dtype=np.intp)
+    columns = np.concatenate([placed.reshape(-1, *origins.shape[1:]), turned[joints] * values[:, None]])
+    tangent = layout.tangent(state, at)[:, : len(columns)]  # behind them stand columns of a wire's own
+    slopes: Array = np.tensordot(tangent, columns, axes=1)
+    return slopes
 
 
 def offset_slopes(fit: Fit) -> dict[str, Array]:

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit, Problem, errors_m, estimate
-from calibration.identification.first_guess import first_guess
-from calibration.identification.observations import PointObservations
-from calibration.identification.parameters import FRAMES, make_layout
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit, Problem, errors_m, estimate
+from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.observations import PointObservations
+from cellcal.calibration.identification.parameters import FRAMES, make_layout
 
 _STEPS = 4
 _DISAGREES = 6.0  # deviations between printed position and joints, beyond which the row is left alone

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
-from calibration.wires.model import WirePrior
-from calibration.wires.reference import WireReference
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
+from cellcal.calibration.wires.model import WirePrior
+from cellcal.calibration.wires.reference import WireReference
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord
-from calibration.mastering.pose_design import candidate_joints, predict, turn_covariances
-from calibration.motion.motion_check import MotionLimits
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.pose_design import candidate_joints, predict, turn_covariances
+from cellcal.calibration.motion.motion_check import MotionLimits
+from cellcal.calibration.wires.reference import WirePredictor
 
 _POOL, _DRAWS = 60, 5
 

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord, WireCapture
-from calibration.mastering.turn_results import TurnRecovery
-from calibration.wires.arm import flank_values
-from calibration.wires.model import WireSeen, WireTerms
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
+from cellcal.calibration.mastering.turn_results import TurnRecovery
+from cellcal.calibration.wires.arm import flank_values
+from cellcal.calibration.wires.model import WireSeen, WireTerms
+from cellcal.calibration.wires.reference import WirePredictor
 
 SAME_POSTURE_RAD = 0.01  # two captures nearer than that are of one posture
 SIGMAS = 3.29  # 99.9 %

@@ -6,8 +6,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy.special import ndtr
 
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
 
 _LOVASZ = 0.99  # how nearly a swap must shorten the basis; below 1 so that the reduction ends
 _MAX_NODES = 20_000  # a reduced basis of six needs about fifty

@@ -9,16 +9,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array
-from calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
-from calibration.mastering.integer_search import success_probability
-from calibration.mastering.place_choice import PlaceChoice
-from calibration.mastering.place_evidence import PlaceProblem
-from calibration.mastering.place_recovery import FITTED, place_covariance, places_to_fit_of
-from calibration.mastering.turn_recovery import SPARE_CAPTURES, SUCCESS_PROBABILITY
-from calibration.mastering.turn_verification import detection
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
+from cellcal.calibration.mastering.integer_search import success_probability
+from cellcal.calibration.mastering.place_choice import PlaceChoice
+from cellcal.calibration.mastering.place_evidence import PlaceProblem
+from cellcal.calibration.mastering.place_recovery import FITTED, place_covariance, places_to_fit_of
+from cellcal.calibration.mastering.turn_gate import SUCCESS_PROBABILITY
+from cellcal.calibration.mastering.turn_recovery import SPARE_CAPTURES
+from cellcal.calibration.mastering.turn_verification import detection
 
 CHECKS = 3  # places of a kit of points or targets that are never fitted
 _ASSUMED_NESTS_M = ((1.6, 0.9, -0.4), (1.4, -1.0, 0.5), (-0.6, 1.2, 0.2), (0.3, -1.3, 0.9))

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.mastering.counts import DriveTrain, RecoveryKit
-from calibration.mastering.place_evidence import PlaceProblem
-from calibration.mastering.pose_design import TURN_DOUBT
-from calibration.mastering.turn_verification import detection
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import DriveTrain, RecoveryKit
+from cellcal.calibration.mastering.place_evidence import PlaceProblem
+from cellcal.calibration.mastering.pose_design import TURN_DOUBT
+from cellcal.calibration.mastering.turn_verification import detection
 
 _AMPLE_SIGMAS = 20.0
 

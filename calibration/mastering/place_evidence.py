@@ -11,19 +11,21 @@ from itertools import pairwise
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, log_rotation
-from calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
-from calibration.mastering.turn_hypotheses import Local, bent_links
-from calibration.registration import best_fit_transform
-from calibration.wires.model import with_geometry
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, log_rotation
+from cellcal.calibration.mastering.counts import DriveTrain, PlaceCapture, RecoveryKit
+from cellcal.calibration.mastering.turn_hypotheses import Equipment, Local, bent_links
+from cellcal.calibration.registration import best_fit_transform
+from cellcal.calibration.wires.model import with_geometry
 
 _NEAR_M, _NEAR_RAD = (
     0.02,
     0.02,
 )  # how far the nominal arm may be wrong about a place, or about an instrument's
 _KNOCKED_M = 0.005  # how far a knock may have moved a tip
+_TIP_CHANGED_M = 0.0015  # … and how far it may be from where it was without one
+_TIP = "the tip"
 _MOVED_SIGMAS = 6.0  # between fixed targets, then and now
 _STEP = 1e-6  # of the differences; errors of second order stay below 1e-9
 _FLEX_RANGE_RAD = 0.6
@@ -95,8 +97,9 @@ class PlaceProblem:
             residuals=-(misfit[first:] - gain @ misfit[:first]),
             by_turn=_stack(every[len(self._known) :], by_joint[len(self._known) :]) @ self._per_turn,
             scatter=(conditioned + conditioned.T) / 2.0,
-            parts={"the tip": columns[first:, :3] * _KNOCKED_M, **bent_links(geometry, self._model.axes)},
+            parts={_TIP: columns[first:, :3] * _KNOCKED_M, **bent_links(geometry, self._model.axes)},
             rows=rows,
+            equipment=Equipment(_TIP, (_TIP,), columns[first:, :3] * _TIP_CHANGED_M, ()),
         )
 
     def _joints_now(self, turns: Array) -> Array:

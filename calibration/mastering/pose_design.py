@@ -4,14 +4,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.mastering.counts import DriveTrain, MasteringRecord
-from calibration.mastering.integer_search import success_probability
-from calibration.motion.motion_check import MotionLimits, allowed_postures
-from calibration.wires.model import WirePrior, WireSeen, disturbance_covariance, wire_terms
-from calibration.wires.reference import WirePredictor, parameter_sigmas
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
+from cellcal.calibration.mastering.integer_search import success_probability
+from cellcal.calibration.motion.motion_check import MotionLimits, allowed_postures
+from cellcal.calibration.wires.model import WirePrior, WireSeen, disturbance_covariance, wire_terms
+from cellcal.calibration.wires.reference import WirePredictor, parameter_sigmas
 
 TURN_DOUBT = 10.0  # deviation of a lost motor's turns before measuring, per motor
 _EXCHANGE_ROUNDS = 2

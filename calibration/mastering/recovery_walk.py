@@ -11,12 +11,12 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord
-from calibration.mastering.pose_design import TURN_DOUBT
-from calibration.wires.model import WireSeen
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.pose_design import TURN_DOUBT
+from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.reference import WirePredictor
 
 AllowedPostures = Callable[[Array], Array]  # (M, n): booleans, True where all limits are kept
 

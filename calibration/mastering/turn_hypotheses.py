@@ -5,19 +5,19 @@ the lengths whitened by their covariance, one small matrix of inner products is 
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Protocol
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord, WireCapture
-from calibration.mastering.integer_search import IntegerFix, search_integers
-from calibration.wires.model import FRAME_PARAMETERS, WireSeen, WireTerms
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
+from cellcal.calibration.mastering.integer_search import IntegerFix, search_integers
+from cellcal.calibration.wires.model import FRAME_PARAMETERS, WireSeen, WireTerms
+from cellcal.calibration.wires.reference import WirePredictor
 
 _MAX_ITERATIONS = 20
 _SETTLED_TURNS = 1e-5
@@ -25,14 +25,29 @@ _LONGEST_STEP_TURNS = 3.0
 # How far a crash or a knock may have moved things (one deviation).
 _CRASH_LENGTH_M, _CRASH_ANGLE_RAD, _ANCHOR_MOVED_M, _HOOK_MOVED_M = 0.005, 0.0087266, 0.020, 0.005
 _OUTLIER_M = 0.050
+# By how much a wire may differ from its record without a knock (one deviation): anchor and hook [m], zero [m], scale.
+_WIRE_CHANGED = np.array([0.0025] * 3 + [0.001] * 3 + [0.0025, 0.001])
 # Log of how much rarer it is that one more motor is exchanged, or that everything is lost.
 _RARER = -4.0
+
+
+_WIRE_GROUPS = (
+    slice(0, 3),
+    slice(3, 6),
+    slice(6, 8),
+    slice(6, 7),
+    slice(7, 8),
+)  # anchor, hook, zero and scale
+_ANCHOR, _HOOK = "the anchor of the wire", "the hook"
 
 
 class Evidence(Protocol):
     """Captures of a robot that lost counts: what they say if the motors had lost these or those turns."""
 
-    captures: int
+    @property
+    def captures(self) -> int:
+        """How many captures there are."""
+        ...
 
     def values(self, turns: Array) -> Array:
         """Return what is modelled to be seen (m,), if the motors had lost these turns (n,)."""
@@ -79,14 +94,20 @@ class LossProblem:
             scatter=scatter,
             parts=_changed_parts(terms.by_parameter, self._read_joints.shape[1]),
             rows=tuple(slice(k, k + 1) for k in range(self.captures)),
+            equipment=Equipment(
+                "the wire",
+                (_ANCHOR, _HOOK),
+                terms.by_parameter[:, :FRAME_PARAMETERS] * _WIRE_CHANGED,
+                _WIRE_GROUPS,
+            ),
         )
 
 
 def _changed_parts(by_x: Array, axes: int) -> dict[str, Array]:
     """Return the columns of the wire's ends and the links, each of the size of a knock or a crash."""
     ends = {
-        "the anchor of the wire": by_x[:, :3] * _ANCHOR_MOVED_M,
-        "the hook": by_x[:, 3:6] * _HOOK_MOVED_M,
+        _ANCHOR: by_x[:, :3] * _ANCHOR_MOVED_M,
+        _HOOK: by_x[:, 3:6] * _HOOK_MOVED_M,
     }
     return ends | bent_links(by_x[:, FRAME_PARAMETERS:], axes)
 
@@ -101,6 +122,30 @@ def bent_links(by_geometry: Array, axes: int) -> dict[str, Array]:
         * sizes
         for index in range(by_geometry.shape[1] // len(sizes))
     }
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Equipment:
+    """What measures, and how the residuals change where it is no longer as recorded.
+
+    ``columns`` (m, k) are derivatives by its parameters, each of the size of one deviation; ``parts`` are the names
+    of the parts of ``Local`` that belong to it; ``groups`` are columns that often change without the others.
+    """
+
+    name: str
+    parts: tuple[str, ...]
+    columns: Array
+    groups: tuple[slice, ...]
+
+    def estimate_change(self, residuals: Array, scatter: Array) -> tuple[Array, Array]:
+        """Return the change (k,) that explains residuals (m,) best, and its covariance, in units of the deviations.
+
+        The prior is one deviation for each parameter, so that what the poses cannot tell stays as recorded.
+        """
+        weighted = np.linalg.solve(scatter, np.column_stack([self.columns, residuals]))
+        information = np.eye(self.columns.shape[1]) + self.columns.T @ weighted[:, :-1]
+        covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        return covariance @ (self.columns.T @ weighted[:, -1]), covariance
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -119,6 +164,12 @@ class Local:
     scatter: Array
     parts: Mapping[str, Array]
     rows: tuple[slice, ...]
+    equipment: Equipment
+
+    def with_any_equipment(self) -> "Local":
+        """Return the same with the equipment's changes as part of the scatter: it is measured anew."""
+        columns = self.equipment.columns
+        return replace(self, scatter=self.scatter + columns @ columns.T)
 
     def chi_square(self) -> float:
         """Return the residuals' squared length in the metric of their covariance."""
@@ -134,6 +185,26 @@ class Local:
         step = np.zeros(len(self.turns))
         step[rows] = np.linalg.solve(information, gradient)
         return step / max(1.0, float(np.abs(step).max()) / _LONGEST_STEP_TURNS)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class AnyEquipment:
+    """The same evidence where the equipment that measures need not be as recorded."""
+
+    evidence: Evidence
+
+    @property
+    def captures(self) -> int:
+        """How many captures there are."""
+        return self.evidence.captures
+
+    def values(self, turns: Array) -> Array:
+        """Return what is modelled to be seen (m,), as recorded."""
+        return self.evidence.values(turns)
+
+    def at(self, turns: Array) -> Local:
+        """Look at the captures with the equipment's changes as part of their scatter."""
+        return self.evidence.at(turns).with_any_equipment()
 
 
 def solve_real(
@@ -153,7 +224,7 @@ def solve_real(
 class Story:
     """One explanation: which motors are off by real amounts, and what else is wrong.
 
-    ``kind`` is turns, motor, all, geometry or outlier; ``subject`` names the part or capture that is wrong.
+    ``kind`` is turns, motor, all, equipment, geometry, outlier; ``subject`` names the part or capture that is wrong.
     """
 
     kind: str
@@ -173,13 +244,14 @@ class Storyteller:
     """Evaluates stories around the real-valued solution."""
 
     def __init__(self, local: Local, doubt_turns: float, replaced_axes: Sequence[int] = ()) -> None:
-        self._local, self._replaced = local, tuple(sorted(set(replaced_axes)))
+        self._local, self.replaced = local, tuple(sorted(set(replaced_axes)))
         self._loose = np.eye(len(local.turns)) / doubt_turns**2
         factor = np.linalg.cholesky(local.scatter)
         stacked = np.column_stack(
             [local.by_turn, local.residuals, *local.parts.values(), np.eye(len(factor))]
         )
         self._white = np.linalg.solve(factor, stacked)
+        self._equipment = np.linalg.solve(factor, local.equipment.columns)
         names, position = {}, len(local.turns) + 1
         for name, columns in local.parts.items():
             names[name] = slice(position, position + columns.shape[1])
@@ -192,31 +264,50 @@ class Storyteller:
 
     def turns(self) -> "Story":
         """Only whole turns were lost, except by the motors that are known to be replaced."""
-        return self._tell("motor" if self._replaced else "turns", self._replaced)
+        return self._tell("motor" if self.replaced else "turns", self.replaced)
 
     def motors(self, together: int) -> "Iterator[Story]":
         """So many more motors were exchanged or slipped; the others lost whole turns."""
-        others = [j for j in range(len(self._local.turns)) if j not in self._replaced]
+        others = [j for j in range(len(self._local.turns)) if j not in self.replaced]
         for axes in combinations(others, together):
-            yield self._tell("motor", tuple(sorted((*self._replaced, *axes))))
+            yield self._tell("motor", tuple(sorted((*self.replaced, *axes))))
+
+    def equipment(self) -> "Story":
+        """Whole turns were lost, and the equipment that measures is not as recorded.
+
+        Turns and gate are judged with all its parameters free; the evidence is that of the group that explains most.
+        """
+        equipment, columns = self._local.equipment, self._equipment
+        groups = [columns, *(columns[:, group] for group in equipment.groups)]
+        stories = [self._tell("equipment", self.replaced, equipment.name, extra=group) for group in groups]
+        best = max(story.log_evidence for story in stories)
+        return replace(stories[0], log_evidence=best - float(np.log(len(groups))))
+
+    def motors_and_equipment(self) -> "Iterator[Story]":
+        """One more motor was exchanged, and the equipment is not as recorded either."""
+        for axis in (j for j in range(len(self._local.turns)) if j not in self.replaced):
+            real = tuple(sorted((*self.replaced, axis)))
+            yield self._tell("motor", real, self._local.equipment.name, extra=self._equipment)
 
     def changes(self) -> "Iterator[Story]":
         """Whole turns were lost, and a link, the anchor or the hook is not where it was."""
         for name, columns in self._columns.items():
-            yield self._tell("geometry", self._replaced, name, extra=self._white[:, columns])
+            yield self._tell("geometry", self.replaced, name, extra=self._white[:, columns])
 
     def outliers(self, real_axes: tuple[int, ...] = ()) -> "Iterator[Story]":
         """One length is wrong; besides, motors may be replaced."""
-        real_axes = real_axes or self._replaced
+        real_axes = real_axes or self.replaced
         for capture, rows in enumerate(self._local.rows):
             impulse = _OUTLIER_M * self._white[:, self._impulses + rows.start : self._impulses + rows.stop]
             yield self._tell("outlier", real_axes, str(capture), extra=impulse)
 
-    def detectable_m(self, real_axes: Sequence[int], power: float) -> float:
+    def detectable_m(self, real_axes: Sequence[int], power: float, *, any_equipment: bool = False) -> float:
         """Return the outlier [m] that shows at ``power`` deviations in the capture that hides it best."""
         white = self._white[:, : len(self._local.turns)][:, list(real_axes)]
+        if any_equipment:
+            white = np.column_stack([white, self._equipment])
         impulses = self._white[:, self._impulses :]
-        if real_axes:
+        if white.shape[1]:
             basis = np.linalg.qr(white)[0]
             impulses = impulses - basis @ (basis.T @ impulses)
         seen = [np.linalg.svd(impulses[:, rows], compute_uv=False)[-1] for rows in self._local.rows]
@@ -255,7 +346,7 @@ class Storyteller:
             - len(real)
             - (extra.shape[1] if kind == "outlier" and extra is not None else 0),
             log_evidence=-0.5 * (chi_square + penalty)
-            + _RARER * min(max(len(real) - max(len(self._replaced), 1), 0), 2),
+            + _RARER * min(max(len(real) - max(len(self.replaced), 1), 0), 2),
             covariance=spread,
         )
 

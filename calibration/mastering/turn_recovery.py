@@ -7,17 +7,31 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
-from calibration.mastering.integer_search import success_probability
-from calibration.mastering.pose_design import next_poses, predict, turn_covariances
-from calibration.mastering.turn_hypotheses import Evidence, Local, LossProblem, Story, Storyteller, solve_real
-from calibration.mastering.turn_results import GateCheck, TurnRecovery
-from calibration.mastering.turn_verification import verification_power, verify_recovery
-from calibration.uncertainty import chi_square_limit
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
+from cellcal.calibration.mastering.further_poses import further_lengths
+from cellcal.calibration.mastering.pose_design import next_poses, predict
+from cellcal.calibration.mastering.turn_gate import (
+    SUCCESS_PROBABILITY,
+    blocks_whole_turns,
+    chi_limit,
+    consequence,
+    explains,
+    integer_checks,
+)
+from cellcal.calibration.mastering.turn_hypotheses import (
+    AnyEquipment,
+    Evidence,
+    Local,
+    LossProblem,
+    Story,
+    Storyteller,
+    solve_real,
+)
+from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
+from cellcal.calibration.mastering.turn_verification import verification_power, verify_recovery
 
 __all__ = [
     "GateCheck",
@@ -31,20 +45,19 @@ __all__ = [
     "verify_recovery",
 ]
 
-SUCCESS_PROBABILITY = 0.9999
-RATIO = 3.0
 SPARE_CAPTURES = 6  # captures beyond the unknown turns, so that the residuals can object
 HIDDEN_OUTLIER_M = 0.006  # a wrong length of this size must show in every capture …
 HIDDEN_POWER = 6.0  # … at so many deviations
 REAL_LIMIT_RAD = 0.0087266  # 0.5 deg: coarser offsets are not worth writing back
 BLIND_SIGMAS = 3.0
-_CHANGE_LIKELIER = 3.0  # log of the evidence ratio at which a change of geometry blocks whole turns
 _DECISIVE = 4.6  # log of the evidence ratio (100 to 1) needed to name what happened
 # Log of how much rarer an exchange that nobody told of is than turns lost alone; any of six motors may look like one,
 # and every further capture is one more look.
 _UNTOLD_EXCHANGE = 6.0
 _SPARE_FOR_CHANGE = 8  # captures beyond the turns before a change of geometry may be stated
-_MOST_FURTHER = 12
+_NEAR_WHOLE_TURNS = 0.05  # an untold new reference nearer to a whole turn needs another witness
+_CREDIBLE_CHANGE = 3.0  # deviations by which equipment may differ from its record and still be believed
+_SPARE_FOR_EQUIPMENT = 12  # captures beyond the turns before equipment may be measured anew along with them
 
 FurtherPoses = Callable[[Array, int], tuple[tuple[float, ...], ...]]
 
@@ -120,7 +133,7 @@ def recover_turns(
         provisional_turns=provisional_turns,
         max_turns=max_turns,
         replaced_axes=replaced_axes,
-        further=partial(_further_lengths, model, record),
+        further=partial(further_lengths, model, record),
     )
 
 
@@ -174,23 +187,26 @@ class _Case:
             return self._undecided(whole, real, self._weak_words(real))
         rivals = [*teller.motors(1), real, *teller.changes()]
         gate = self._gate(whole, real)
-        if all(check.passed for check in gate) and not any(_blocks(rival, whole) for rival in rivals):
+        if all(check.passed for check in gate) and not any(
+            blocks_whole_turns(rival, whole) for rival in rivals
+        ):
             return self._result(whole, real, (whole.kind, True, self._words(whole)), gate=gate)
         return self._diagnose([whole, *rivals], real)
 
     def _diagnose(self, stories: list[Story], real: Story) -> TurnRecovery:
         teller = self.teller
-        stories += [*teller.outliers(), *teller.motors(2)]
-        possible = [s for s in stories if _explains(s)]
+        stories += [*teller.outliers(), *teller.motors(2), *teller.motors_and_equipment()]
+        possible = [s for s in stories if explains(s)]
+        possible = self._with_equipment(possible)
         if not possible:
             motor = max(teller.motors(1), key=lambda s: s.log_evidence)
-            possible = [s for s in teller.outliers(motor.real_axes) if _explains(s)]
+            possible = [s for s in teller.outliers(motor.real_axes) if explains(s)]
         if not possible:
             nearest = max(teller.changes(), key=lambda s: s.log_evidence)
             return self._changed(nearest, real)
         best = max(possible, key=lambda s: s.log_evidence)
-        rivals = [s for s in possible if _consequence(s) != _consequence(best)]
-        close = [s for s in rivals if best.log_evidence - s.log_evidence < _lead_needed(best, s)]
+        rivals = [s for s in possible if consequence(s) != consequence(best)]
+        close = [s for s in rivals if best.log_evidence - s.log_evidence < self._lead_needed(best, s)]
         rival = max(close, key=lambda s: s.log_evidence, default=None)
         # A change of geometry is refused either way; it need not be told from an exchanged motor for that.
         if rival is not None and best.kind != "geometry":
@@ -198,11 +214,34 @@ class _Case:
             return self._undecided(best, real, words)
         return self._conclude(best, real)
 
+    def _with_equipment(self, possible: list[Story]) -> list[Story]:
+        """Let equipment that changed within belief stand for its parts, which would be refused as a crash."""
+        equipment = self.teller.equipment()
+        if not (explains(equipment) and self._change_of(equipment)[0] <= _CREDIBLE_CHANGE):
+            return possible
+        parts = self.local.equipment.parts
+        return [equipment, *(s for s in possible if not (s.kind == "geometry" and s.subject in parts))]
+
+    def _change_of(self, story: Story) -> tuple[float, Array, Array]:
+        """Return by how many deviations the equipment changed at most, its change, and the covariance."""
+        local = self.problem.at(story.turns)
+        change, covariance = local.equipment.estimate_change(local.residuals, local.scatter)
+        return float(np.abs(change).max(initial=0.0)), change, covariance
+
     def _conclude(self, story: Story, real: Story) -> TurnRecovery:
         if story.kind == "geometry":
             return self._changed(story, real)
         if story.kind == "outlier":
             return self._undecided(story, real, self._words(story))
+        near = [
+            j for j in self._untold(story) if abs(story.turns[j] - round(story.turns[j])) < _NEAR_WHOLE_TURNS
+        ]
+        if near and story.kind == "motor":
+            names = " and ".join(self.model.joint_names[j] for j in near)
+            words = f"{names} would be less than {_NEAR_WHOLE_TURNS} turn from a whole one: not decidable yet"
+            return self._undecided(story, real, words)
+        if story.kind == "equipment" and self._count - self.model.axes < _SPARE_FOR_EQUIPMENT:
+            return self._undecided(story, real, f"{self._words(story)}: not decidable yet")
         story = self._refined(story)
         gate = self._gate(story, real)
         failed = "; ".join(check.sentence for check in gate if not check.passed)
@@ -214,23 +253,36 @@ class _Case:
     def _count(self) -> int:
         return len(self.local.residuals)
 
+    def _untold(self, story: Story) -> list[int]:
+        """Return the motors whose reference a story takes as new although no exchange was reported."""
+        return [axis for axis in story.real_axes if axis not in self.teller.replaced]
+
+    def _lead_needed(self, best: Story, rival: Story) -> float:
+        """Return by how much a story must beat a rival before it is named, as the log of their evidence."""
+        rarer = rival.kind in ("turns", "equipment") and bool(self._untold(best))
+        return _DECISIVE + (_UNTOLD_EXCHANGE if rarer else 0.0)
+
     def _refined(self, story: Story) -> Story:
         """Judge a story again at its own turns, where nothing is linearised."""
+        problem: Evidence = AnyEquipment(self.problem) if story.kind == "equipment" else self.problem
         if not story.real_axes:
-            return replace(story, chi_square=self.problem.at(story.turns).chi_square())
+            return replace(story, chi_square=problem.at(story.turns).chi_square())
         local = solve_real(
-            self.problem, story.turns, free=story.real_axes, towards=self.guess, doubt_turns=self.doubt_turns
+            problem, story.turns, free=story.real_axes, towards=self.guess, doubt_turns=self.doubt_turns
         )
         return replace(story, turns=local.turns, chi_square=local.chi_square())
 
     def _gate(self, story: Story, real: Story) -> tuple[GateCheck, ...]:
-        limit, real_limit = _limit(story), _limit(real)
-        fits = story.chi_square <= limit and real.chi_square <= real_limit
-        checks = [] if story.kind == "all" else _integer_checks(story)
+        limit, real_limit = chi_limit(story), chi_limit(real)
+        changed = story.kind == "equipment"  # then what the motors alone explain says nothing
+        fits = story.chi_square <= limit and (changed or real.chi_square <= real_limit)
+        checks = [] if story.kind == "all" else integer_checks(story)
         words = f"the lengths fit: {story.chi_square:.1f} of at most {limit:.1f}"
         words += f" (all motors free: {real.chi_square:.1f} of at most {real_limit:.1f})"
         words = words if fits else words.replace("fit:", "do not fit:")
         checks.append(GateCheck("chi square", fits, story.chi_square, limit, words))
+        if changed:
+            checks += self._equipment_checks(story)
         if story.real_axes:
             largest = max(self._u_rad(story))
             words = f"the real offset is known to {np.rad2deg(largest):.4f} deg (k = 2)"
@@ -241,6 +293,18 @@ class _Case:
                 GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, words)
             )
         return tuple(checks)
+
+    def _equipment_checks(self, story: Story) -> list[GateCheck]:
+        moved = self._change_of(story)[0]
+        words = (
+            f"{story.subject} is off its record by at most {moved:.1f} of the deviations that are believed"
+        )
+        hidden = self.teller.detectable_m((), HIDDEN_POWER, any_equipment=True)
+        seen = f"a length wrong by {1e3 * hidden:.1f} mm would show in any capture"
+        return [
+            GateCheck("equipment", moved <= _CREDIBLE_CHANGE, moved, _CREDIBLE_CHANGE, words),
+            GateCheck("redundancy", hidden <= HIDDEN_OUTLIER_M, hidden, HIDDEN_OUTLIER_M, seen),
+        ]
 
     def _u_rad(self, story: Story) -> tuple[float, ...]:
         """Return the expanded uncertainty of the joints (k = 2), widened where the lengths scatter more."""
@@ -287,6 +351,9 @@ class _Case:
             return "every reference is lost: all offsets are real"
         if story.kind == "outlier":
             return f"capture {story.capture + 1} does not fit the others: measure it again"
+        if story.kind == "equipment":
+            moved = [f"{names[j]} {round(t):+d}" for j, t in enumerate(story.turns) if round(t)]
+            return f"whole turns only: {', '.join(moved) or 'none lost'}; {story.subject} is not as recorded"
         return f"{story.subject} is not where it was"
 
     def _result(
@@ -300,6 +367,14 @@ class _Case:
         part: str = "",
     ) -> TurnRecovery:
         mode, accepted, reason = outcome
+        change: dict[str, Any] = {}
+        if mode == "equipment":
+            mode, part = "motor" if story.real_axes else "turns", story.subject
+            _, moved, covariance = self._change_of(story)
+            change = {
+                "equipment_change": tuple(float(v) for v in moved),
+                "equipment_covariance": tuple(tuple(float(v) for v in row) for row in covariance),
+            }
         offsets = tuple(float(t) for t in story.turns)
         return TurnRecovery(
             mode=mode,
@@ -321,12 +396,14 @@ class _Case:
             degrees_of_freedom=story.degrees_of_freedom,
             captures=self.problem.captures,
             offset_covariance=tuple(tuple(float(v) for v in row) for row in story.covariance),
-            **(self._sharpness() if mode == "turns" else {}),
+            **(self._sharpness(story) if mode == "turns" else {}),
+            **change,
         )
 
-    def _sharpness(self) -> dict[str, Any]:
+    def _sharpness(self, story: Story) -> dict[str, Any]:
         """Say how far the captures put each motor from a whole turn, and what would pass for one."""
-        alone = list(self.teller.motors(1))
+        changed = story.kind == "equipment"
+        alone = list(self.teller.motors_and_equipment() if changed else self.teller.motors(1))
         sigmas = [float(np.sqrt(story.covariance[story.real_axes[0], story.real_axes[0]])) for story in alone]
         found = [float(story.turns[story.real_axes[0]]) for story in alone]
         doubts = [abs(turns - round(turns)) / sigma for turns, sigma in zip(found, sigmas, strict=True)]
@@ -334,63 +411,3 @@ class _Case:
             "doubt_sigmas": max(doubts),
             "blind_turns": tuple(BLIND_SIGMAS * sigma for sigma in sigmas),
         }
-
-
-def _further_lengths(
-    model: RobotModel, record: MasteringRecord, measured: Array, at_least: int
-) -> tuple[tuple[float, ...], ...]:
-    """Return the poses of the record that are still needed, best first; at least one."""
-    kit = record.capture_joints_rad()
-    order = next_poses(model, record, measured, kit, _MOST_FURTHER)
-    joints = np.vstack([measured, kit[list(order)]])
-    covariance_of = turn_covariances(record, WirePredictor(model, *record.lengths()), joints)
-    needed, count = max(1, at_least), len(measured)
-    while needed < len(order) and success_probability(covariance_of(count + needed)) <= SUCCESS_PROBABILITY:
-        needed += 1
-    return tuple(tuple(float(v) for v in row) for row in kit[list(order[:needed])])
-
-
-def _integer_checks(story: Story) -> list[GateCheck]:
-    fix = story.fix
-    ratio = min(fix.ratio, 1e6)
-    chance = f"the chance that all whole turns are right is {fix.success_probability:.6f}"
-    further = f"{ratio:.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
-    rounding = "search and rounding agree" if story.rounded_same else "search and rounding disagree"
-    return [
-        GateCheck(
-            "success probability",
-            fix.success_probability > SUCCESS_PROBABILITY,
-            fix.success_probability,
-            SUCCESS_PROBABILITY,
-            chance,
-        ),
-        GateCheck(
-            "ratio", ratio > RATIO, ratio, RATIO, f"the next best turns are {further} times further away"
-        ),
-        GateCheck("rounding", story.rounded_same, float(story.rounded_same), 1.0, rounding),
-    ]
-
-
-def _limit(story: Story) -> float:
-    return chi_square_limit(max(story.degrees_of_freedom, 1))
-
-
-def _blocks(rival: Story, whole: Story) -> bool:
-    """Tell whether a rival forbids to accept whole turns: a fraction of a turn does once it is likelier."""
-    margin = _CHANGE_LIKELIER if rival.kind == "geometry" else 0.0
-    return rival.log_evidence > whole.log_evidence + margin
-
-
-def _lead_needed(best: Story, rival: Story) -> float:
-    """Return by how much a story must beat a rival before it is named, as the log of their evidence."""
-    untold = rival.kind == "turns" and bool(best.real_axes)
-    return _DECISIVE + (_UNTOLD_EXCHANGE if untold else 0.0)
-
-
-def _explains(story: Story) -> bool:
-    return story.chi_square <= _limit(story)
-
-
-def _consequence(story: Story) -> tuple[str, tuple[int, ...]]:
-    """Return what a story leads to: stories with the same consequence do not compete."""
-    return story.kind, story.real_axes if story.kind == "motor" else ()

@@ -44,4 +44,7 @@ class TurnRecovery:
     captures: int
     offset_covariance: tuple[tuple[float, ...], ...]  # turns^2
     doubt_sigmas: float = 0.0  # how far the motor that fits whole turns worst is from one, the others held
+    # Where the equipment is not as recorded: its change in the deviations of `Equipment`, and the covariance.
+    equipment_change: tuple[float, ...] = ()
+    equipment_covariance: tuple[tuple[float, ...], ...] = ()
     blind_turns: tuple[float, ...] = ()  # a new motor this near a whole turn would look like lost turns

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord, WireCapture
-from calibration.mastering.turn_hypotheses import Evidence, Local, LossProblem
-from calibration.mastering.turn_results import GateCheck, TurnRecovery
-from calibration.uncertainty import chi_square_limit
-from calibration.wires.model import WireSeen
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
+from cellcal.calibration.mastering.turn_hypotheses import Evidence, Local, LossProblem
+from cellcal.calibration.mastering.turn_results import GateCheck, TurnRecovery
+from cellcal.calibration.uncertainty import chi_square_limit
+from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.reference import WirePredictor
 
 VERIFICATION_POWER = 6.0
 
@@ -58,6 +58,13 @@ def verify_evidence(problem: Evidence, recovery: TurnRecovery) -> TurnRecovery:
     local = problem.at(np.array(recovery.offset_turns))
     spread = local.by_turn @ np.array(recovery.offset_covariance) @ local.by_turn.T
     local = replace(local, scatter=local.scatter + spread)
+    if recovery.equipment_change:
+        columns = local.equipment.columns
+        local = replace(
+            local,
+            residuals=local.residuals - columns @ np.array(recovery.equipment_change),
+            scatter=local.scatter + columns @ np.array(recovery.equipment_covariance) @ columns.T,
+        )
     found, limit = local.chi_square(), chi_square_limit(len(local.residuals))
     power = float(detection(problem, local).max(axis=0).min())
     largest_mm = 1e3 * float(np.abs(local.residuals).max())

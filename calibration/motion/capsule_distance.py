@@ -5,7 +5,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry import Array
+from cellcal.calibration.geometry import Array
 
 # Both ends of a segment in the base, (3, N) each or (3, 1).
 Segment: TypeAlias = tuple[Array, Array]

@@ -12,13 +12,18 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.kinematics import RobotModel, chain_frames
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, inverse_transform, is_rigid
-from calibration.motion.capsule_distance import Segment, box_distance, plane_distance, segment_distance
-from calibration.motion.doubt import JointDoubt, PostureDoubt
-from calibration.motion.motion_check import WirePath
-from calibration.motion.motion_quantities import Excess
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, inverse_transform, is_rigid
+from cellcal.calibration.motion.capsule_distance import (
+    Segment,
+    box_distance,
+    plane_distance,
+    segment_distance,
+)
+from cellcal.calibration.motion.doubt import JointDoubt, PostureDoubt
+from cellcal.calibration.motion.motion_check import WirePath
+from cellcal.calibration.motion.motion_quantities import Excess
 
 Place = tuple[float, float, float]
 

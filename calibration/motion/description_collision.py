@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.urdf import UrdfArm
-from calibration.errors import CalibrationError, CellError
-from calibration.geometry import Array
-from calibration.motion.collision import Box, Obstacle, Plane, Sphere
+from cellcal.calibration.arm.urdf import UrdfArm
+from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.motion.collision import Box, Obstacle, Plane, Sphere
 
 _ALWAYS = 0.9  # of random postures: a pair that touches so often is touching by construction
 _TRIALS = 200

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, chain_frames
-from calibration.geometry import Array
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.geometry import Array
 
 
 @dataclass(frozen=True, slots=True)

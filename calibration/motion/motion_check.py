@@ -10,11 +10,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.motion.doubt import PostureDoubt
-from calibration.motion.motion_quantities import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.motion.doubt import PostureDoubt
+from cellcal.calibration.motion.motion_quantities import (
     Excess,
     joint_limit_excess,
     singularity_excess,

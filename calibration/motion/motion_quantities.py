@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.kinematics import RobotModel, chain_frames
-from calibration.geometry import Array
-from calibration.motion.doubt import JointDoubt, PostureDoubt
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.motion.doubt import JointDoubt, PostureDoubt
 
 Triple = tuple[float, float, float]
 

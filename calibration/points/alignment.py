@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose
-from calibration.points.fixture import Covariance6, Triple, u_of
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.fixture import Covariance6, Triple, u_of
 
 FORMAT = "alignment 1"
 

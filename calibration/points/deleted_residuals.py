@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtrc
 
-from calibration.geometry import Array
+from cellcal.calibration.geometry import Array
 
 _ROUNDING_M2 = 1e-18  # points that agree to a nanometre are all alike
 _SPARE = 1e-6  # of a point's own residual: below, the fit cannot do without it

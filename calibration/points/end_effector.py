@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, Pose
-from calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
-from calibration.points.fixture import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
+from cellcal.calibration.points.fixture import (
     PlacedPoints,
     Triple,
     place_points,

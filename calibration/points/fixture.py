@@ -11,11 +11,11 @@ from itertools import combinations
 
 import numpy as np
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, Pose, adjoint, exp_twist, skew
-from calibration.metres import refuse_not_metres
-from calibration.registration import best_fit_transform
-from calibration.uncertainty import chi_square_limit, coverage_in_space
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, Pose, adjoint, exp_twist, skew
+from cellcal.calibration.metres import refuse_not_metres
+from cellcal.calibration.registration import best_fit_transform
+from cellcal.calibration.uncertainty import chi_square_limit, coverage_in_space
 
 Triple = tuple[float, float, float]
 Covariance6 = tuple[tuple[float, ...], ...]

@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.geometry import Array, Pose
-from calibration.points.frames import miss_rows
-from calibration.points.most_telling import most_telling
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.points.frames import miss_rows
+from cellcal.calibration.points.most_telling import most_telling
 
 Triple = tuple[float, float, float]
 FrameRole = Literal["origin", "on_x", "in_plane"]

@@ -11,11 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, Pose, exp_twist, homogeneous, inverse_transform, log_transform, skew
-from calibration.metres import refuse_not_metres
-from calibration.registration import RigidFit, best_fit_transform
-from calibration.uncertainty import chi_square_limit
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import (
+    Array,
+    Pose,
+    exp_twist,
+    homogeneous,
+    inverse_transform,
+    log_transform,
+    skew,
+)
+from cellcal.calibration.metres import refuse_not_metres
+from cellcal.calibration.registration import RigidFit, best_fit_transform
+from cellcal.calibration.uncertainty import chi_square_limit
 
 Triple = tuple[float, float, float]
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, Pose, adjoint, exp_twist, skew
-from calibration.points.alignment import Alignment, WirePoints
-from calibration.points.fixture import BaseToBase, base_through_fixture
-from calibration.uncertainty import chi_square_limit
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, Pose, adjoint, exp_twist, skew
+from cellcal.calibration.points.alignment import Alignment, WirePoints
+from cellcal.calibration.points.fixture import BaseToBase, base_through_fixture
+from cellcal.calibration.uncertainty import chi_square_limit
 
 _MAX_ITERATIONS, _SETTLED = 20, 1e-13
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.geometry import Array
+from cellcal.calibration.geometry import Array
 
 _POWER = 8  # a sum of powers stands for the worst: it falls with every touch, where a maximum may stand still
 

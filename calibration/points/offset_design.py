@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.geometry import Array, Pose
-from calibration.points.fixture import placing_covariance, u_of
-from calibration.points.frame_design import FrameOutlook
-from calibration.points.most_telling import most_telling
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.points.fixture import placing_covariance, u_of
+from cellcal.calibration.points.frame_design import FrameOutlook
+from cellcal.calibration.points.most_telling import most_telling
 
 Triple = tuple[float, float, float]
 _MOST_ROUNDS = 100

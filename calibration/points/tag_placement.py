@@ -10,13 +10,21 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, Pose, exp_twist, inverse_transform, log_rotation, log_transform, skew
-from calibration.points.deleted_residuals import deleted_residuals
-from calibration.points.frames import frame_from_six_points, frame_from_three_points
-from calibration.points.tag_points import Pairs, Triple, refuse_other_size
-from calibration.registration import best_fit_transform
-from calibration.uncertainty import chi_square_limit, coverage_in_space
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import (
+    Array,
+    Pose,
+    exp_twist,
+    inverse_transform,
+    log_rotation,
+    log_transform,
+    skew,
+)
+from cellcal.calibration.points.deleted_residuals import deleted_residuals
+from cellcal.calibration.points.frames import frame_from_six_points, frame_from_three_points
+from cellcal.calibration.points.tag_points import Pairs, Triple, refuse_other_size
+from cellcal.calibration.registration import best_fit_transform
+from cellcal.calibration.uncertainty import chi_square_limit, coverage_in_space
 
 Method = Literal["three_points", "six_points", "least_squares"]
 Covariance6 = tuple[tuple[float, ...], ...]

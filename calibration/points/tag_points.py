@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, rotation_from_quaternion
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, rotation_from_quaternion
 
 Triple = tuple[float, float, float]
 Quadruple = tuple[float, float, float, float]

@@ -9,18 +9,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, Pose, homogeneous
-from calibration.identification.cross_validation import Errors
-from calibration.identification.identify import Identification, identify
-from calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
-from calibration.identification.observations import PointObservations
-from calibration.identification.parameters import OFFSETS
-from calibration.identification.selection import Options
-from calibration.points.tag_placement import Known, known
-from calibration.points.tag_points import Pairs, refuse_other_size
-from calibration.uncertainty import coverage_factor
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, Pose, homogeneous
+from cellcal.calibration.identification.cross_validation import Errors
+from cellcal.calibration.identification.identify import Identification, identify
+from cellcal.calibration.identification.misfit import refuse_gross_misfit, refuse_misfit
+from cellcal.calibration.identification.observations import PointObservations
+from cellcal.calibration.identification.parameters import OFFSETS
+from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.points.tag_placement import Known, known
+from cellcal.calibration.points.tag_points import Pairs, refuse_other_size
+from cellcal.calibration.uncertainty import coverage_factor
 
 LEAST_TAGS = 12
 _SIGMA_M = 3e-4  # weighs the rows alike; the residuals tell the rest

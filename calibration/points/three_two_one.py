@@ -19,10 +19,10 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, Pose, homogeneous
-from calibration.points.frames import MIN_DISTANCE_M, PointsDisagreeError
-from calibration.uncertainty import chi_square_limit
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, Pose, homogeneous
+from cellcal.calibration.points.frames import MIN_DISTANCE_M, PointsDisagreeError
+from cellcal.calibration.uncertainty import chi_square_limit
 
 Triple = tuple[float, float, float]
 FaceName = Literal["z", "y", "x"]

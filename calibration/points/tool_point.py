@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtrit
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import (
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import (
     Array,
     Pose,
     homogeneous,
@@ -17,9 +17,9 @@ from calibration.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
-from calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
-from calibration.points.deleted_residuals import deleted_residuals
-from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
+from cellcal.calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
+from cellcal.calibration.points.deleted_residuals import deleted_residuals
+from cellcal.calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
 
 Triple = tuple[float, float, float]
 MIN_OPENING_RAD = math.radians(15.0)  # between the moves of the two-point method

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.geometry import Array, Pose, exp_rotation, log_rotation
-from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
+from cellcal.calibration.geometry import Array, Pose, exp_rotation, log_rotation
+from cellcal.calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
 
 _D = math.sqrt(0.5)
 AXES = {

@@ -6,24 +6,24 @@ from functools import cache
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, homogeneous
-from calibration.identification.estimator import Fit, Problem, whitened_residuals
-from calibration.identification.free_parameters import StartingPoint, values_of
-from calibration.identification.identifiability import correlations
-from calibration.identification.observations import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, homogeneous
+from cellcal.calibration.identification.estimator import Fit, Problem, whitened_residuals
+from cellcal.calibration.identification.free_parameters import StartingPoint, values_of
+from cellcal.calibration.identification.identifiability import correlations
+from cellcal.calibration.identification.observations import (
     Device,
     LengthObservations,
     Observations,
     PointObservations,
     Rows,
 )
-from calibration.identification.parameters import GRAVITY, OFFSETS, ArmState, Priors, nominal_state
-from calibration.identification.robust import RobustFit
-from calibration.identification.selection import fit_level
-from calibration.poses.calibrated_arm import FoundParameter
-from calibration.poses.measurement_poses import (
+from cellcal.calibration.identification.parameters import GRAVITY, OFFSETS, ArmState, Priors, nominal_state
+from cellcal.calibration.identification.robust import RobustFit
+from cellcal.calibration.identification.selection import fit_level
+from cellcal.calibration.poses.calibrated_arm import FoundParameter
+from cellcal.calibration.poses.measurement_poses import (
     Instrument,
     Outlook,
     TestPoses,
@@ -32,7 +32,7 @@ from calibration.poses.measurement_poses import (
     predict,
     with_targets,
 )
-from calibration.registration import best_fit_transform
+from cellcal.calibration.registration import best_fit_transform
 
 Triple = tuple[float, float, float]
 

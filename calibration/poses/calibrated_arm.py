@@ -3,7 +3,7 @@
 import hashlib
 from dataclasses import dataclass, field
 
-from calibration.identification.identifiability import is_learnt
+from cellcal.calibration.identification.identifiability import is_learnt
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.identification.identifiability import correlations
-from calibration.poses.measurement_poses import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.identifiability import correlations
+from cellcal.calibration.poses.measurement_poses import (
     Criterion,
     Outlook,
     PosePlan,

@@ -12,22 +12,22 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.joint_terms import gravity_terms, term_values
-from calibration.arm.kinematics import RobotModel, chain_frames, placement_columns
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, homogeneous
-from calibration.identification.base_parameters import base_subset
-from calibration.identification.estimator import Fit, Problem, place_columns
-from calibration.identification.identifiability import NotIdentified, not_identified
-from calibration.identification.observations import (
+from cellcal.calibration.arm.joint_terms import gravity_terms, term_values
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames, placement_columns
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, homogeneous
+from cellcal.calibration.identification.base_parameters import base_subset
+from cellcal.calibration.identification.estimator import Fit, Problem, place_columns
+from cellcal.calibration.identification.identifiability import NotIdentified, not_identified
+from cellcal.calibration.identification.observations import (
     Device,
     LengthObservations,
     Observations,
     PointObservations,
     with_mounting,
 )
-from calibration.identification.observations import pose_from_points as with_attitudes
-from calibration.identification.parameters import (
+from cellcal.calibration.identification.observations import pose_from_points as with_attitudes
+from cellcal.calibration.identification.parameters import (
     GEOMETRY,
     GRAVITY,
     ArmState,
@@ -37,9 +37,9 @@ from calibration.identification.parameters import (
     nominal_state,
     with_further,
 )
-from calibration.mastering.pose_design import candidate_joints
-from calibration.motion.motion_check import MotionLimits
-from calibration.poses.optimal_design import Choice, DesignTask, choose_blocks, efficiency
+from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.motion.motion_check import MotionLimits
+from cellcal.calibration.poses.optimal_design import Choice, DesignTask, choose_blocks, efficiency
 
 _LARGEST_LENGTH_M = 1e-2  # design scale of a place that is not known beforehand
 _LARGEST_ANGLE_RAD = float(np.deg2rad(0.5))

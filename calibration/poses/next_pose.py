@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.geometry import Array
-from calibration.identification.observations import Rows
-from calibration.poses.measurement_poses import Criterion, Outlook, TestPoses, design_task
-from calibration.poses.optimal_design import DesignTask
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.poses.measurement_poses import Criterion, Outlook, TestPoses, design_task
+from cellcal.calibration.poses.optimal_design import DesignTask
 
 _LARGEST_TURN_RAD = np.pi  # the scale on which turns of joints are compared with ways of the target
 

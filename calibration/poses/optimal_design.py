@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array
 
 _MOST_ROUNDS = 30
 _WORTHWHILE = 1e-9  # relative gain of an exchange; below, rounding speaks

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.geometry import Array
-from calibration.poses.enough_poses import Acceptance, Gap, gaps
-from calibration.poses.measurement_poses import Outlook, TestPoses, predict
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.poses.enough_poses import Acceptance, Gap, gaps
+from cellcal.calibration.poses.measurement_poses import Outlook, TestPoses, predict
 
 _ENDLESS = 1e6  # repetitions of every candidate
 _CURES = {

@@ -18,9 +18,9 @@ from typing import Self
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, turned_frames
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, inverse_transform
+from cellcal.calibration.arm.kinematics import RobotModel, turned_frames
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, inverse_transform
 
 BRANCHES = 8
 _PARALLEL = 1e-6  # of unit vectors' products

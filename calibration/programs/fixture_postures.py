@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.compensation.compensate import CompensationLimits
-from calibration.compensation.pose_gap import Arm
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, inverse_transform
-from calibration.programs.branches import AxesAtZero, all_branches
-from calibration.programs.transfer import joints_near, nearest_turns, tips
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.compensation.compensate import CompensationLimits
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, inverse_transform
+from cellcal.calibration.programs.branches import AxesAtZero, all_branches
+from cellcal.calibration.programs.transfer import joints_near, nearest_turns, tips
 
 _ATTITUDES = 6
 _FAR_RAD = 2.5

@@ -12,13 +12,13 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.arm.joint_terms import term_values
-from calibration.arm.kinematics import cross, placement_columns
-from calibration.compensation.pose_gap import Arm
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, adjoint, inverse_transform, skew
-from calibration.identification.observations import Device
-from calibration.identification.parameters import ArmState, Layout
+from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.arm.kinematics import cross, placement_columns
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, adjoint, inverse_transform, skew
+from cellcal.calibration.identification.observations import Device
+from cellcal.calibration.identification.parameters import ArmState, Layout
 
 _BLOCK = 4096
 _KNOWN = 1e-14  # of the largest variance in scaled parameters

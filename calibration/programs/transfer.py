@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.compensation.compensate import Compensation, CompensationLimits, reach_poses
-from calibration.compensation.pose_gap import Arm, Flags
-from calibration.geometry import Array, inverse_transform
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.compensation.compensate import Compensation, CompensationLimits, reach_poses
+from cellcal.calibration.compensation.pose_gap import Arm, Flags
+from cellcal.calibration.geometry import Array, inverse_transform
 
 EXACTLY = CompensationLimits()
 _ANY_TURN_RAD = (

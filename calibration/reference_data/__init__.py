@@ -4,7 +4,7 @@ import json
 from importlib.resources import files
 from typing import Any
 
-from calibration.errors import CalibrationError
+from cellcal.calibration.errors import CalibrationError
 
 
 def reference_names() -> tuple[str, ...]:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from calibration.arm.joint_terms import JointTerm, gravity_terms, term_values
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
+from cellcal.calibration.arm.joint_terms import JointTerm, gravity_terms, term_values
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
 
 _PARALLEL = 1e-3  # sine of the twist below which consecutive axes count as parallel
 _FLANK_LEVER_M = 0.02  # of a joint's load: well above, gravity holds it on one tooth flank

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.wires.network import Mounting, Network, WireBelief
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.wires.network import Mounting, Network, WireBelief
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -5,7 +5,7 @@ from typing import Self
 
 import numpy as np
 
-from calibration.geometry import Array
+from cellcal.calibration.geometry import Array
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.metres import MOST_OF_TOOL_M, refuse_not_metres
 
 FRAME_PARAMETERS = 8  # anchor x y z, hook x y z, zero, scale; geometry errors follow
 

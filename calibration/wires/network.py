@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.joint_terms import gravity_terms, term_values
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError
-from calibration.geometry import Array
-from calibration.wires.arm import flank_values, free_geometry
-from calibration.wires.lip import Leaving
-from calibration.wires.model import WirePrior, WireSeen, WireTerms, disturbance_covariance, wire_terms
+from cellcal.calibration.arm.joint_terms import gravity_terms, term_values
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.wires.arm import flank_values, free_geometry
+from cellcal.calibration.wires.lip import Leaving
+from cellcal.calibration.wires.model import WirePrior, WireSeen, WireTerms, disturbance_covariance, wire_terms
 
 Triple = tuple[float, float, float]
 Joints = tuple[float, ...]

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array
-from calibration.uncertainty import chi_square_limit
-from calibration.wires.model import WireTerms
-from calibration.wires.network import WIRE_PARAMETERS, Mounting, Network, Triple, WireBelief
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.uncertainty import chi_square_limit
+from cellcal.calibration.wires.model import WireTerms
+from cellcal.calibration.wires.network import WIRE_PARAMETERS, Mounting, Network, Triple, WireBelief
 
 _MAX_ITERATIONS = 15
 _SETTLED = 1e-4  # of a parameter's deviation

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array
-from calibration.uncertainty import chi_square_limit
-from calibration.wires.model import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.uncertainty import chi_square_limit
+from cellcal.calibration.wires.model import (
     WirePrior,
     WireSeen,
     WireTerms,

@@ -18,13 +18,13 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import Array
-from drivers.operator.scripted import ScriptedOperator
-from service.cli.run_end import tell
-from service.configuration.cell_file import read_cell_file
-from service.demo.door import Door
-from service.runs.execute import Where, start
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import Array
+from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.service.cli.run_end import tell
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.runs.launch import Where, start
 
 TIP_M = (0.03, -0.02, 0.15)
 START_RAD = (0.1, 0.0, -0.6, -1.0, -0.8, 0.8)  # the whole lesson is in reach from here

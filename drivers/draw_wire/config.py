@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 if TYPE_CHECKING:
-    from drivers.draw_wire.gauge import DrawWire
-    from drivers.draw_wire.modbus_gauge import ModbusDrawWire
+    from cellcal.drivers.draw_wire.gauge import DrawWire
+    from cellcal.drivers.draw_wire.modbus_gauge import ModbusDrawWire
 
 _TELEGRAM_SHARE = 0.5  # of the deadline: connecting takes two telegrams
 
@@ -38,9 +38,9 @@ class ModbusDrawWireConfig(_AnyBus):
     @asynccontextmanager
     async def open(self) -> AsyncIterator["ModbusDrawWire"]:
         """Connect, check the serial number, and hang up at the end."""
-        from drivers.draw_wire.modbus_gauge import EncoderOptions, ModbusDrawWire  # noqa: PLC0415  a cell file is read without the library
-        from drivers.draw_wire.modbus_registers import load_encoder_map  # noqa: PLC0415  as above
-        from drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
+        from cellcal.drivers.draw_wire.modbus_gauge import EncoderOptions, ModbusDrawWire  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.draw_wire.modbus_registers import load_encoder_map  # noqa: PLC0415  as above
+        from cellcal.drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
 
         options = EncoderOptions(
             self.serial, self.step_um * 1e-6, self.range_m, self.sigma_m, self.end_margin_m, self.deadline_s
@@ -73,10 +73,10 @@ class DrawWireConfig(_AnyBus):
     @asynccontextmanager
     async def open(self) -> AsyncIterator["DrawWire"]:
         """Connect, check the serial number, and leave the bus at the end."""
-        from drivers.draw_wire.gauge import DrawWire, GaugeOptions  # noqa: PLC0415  a cell file is read without the library
-        from drivers.draw_wire.objects import load_objects  # noqa: PLC0415  as above
-        from drivers.wire.can_session import BusOptions  # noqa: PLC0415  as above
-        from drivers.wire.canopen import CanopenLink  # noqa: PLC0415  as above
+        from cellcal.drivers.draw_wire.gauge import DrawWire, GaugeOptions  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.draw_wire.objects import load_objects  # noqa: PLC0415  as above
+        from cellcal.drivers.wire.can_session import BusOptions  # noqa: PLC0415  as above
+        from cellcal.drivers.wire.canopen import CanopenLink  # noqa: PLC0415  as above
 
         on_network = self.interface == "socketcand"
         bus = BusOptions(self.interface, self.channel, self.host if on_network else "", self.port)

@@ -1,6 +1,6 @@
 """A wire that is all in or all out measures nothing, whatever bus it is on."""
 
-from drivers.errors import RefusedError
+from cellcal.drivers.errors import RefusedError
 
 
 def refuse_ends(device: str, value_m: float, range_m: float, margin_m: float) -> None:

@@ -5,14 +5,14 @@ import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
-from drivers.draw_wire.ends import moved_zero, refuse_ends
-from drivers.draw_wire.objects import ObjectTable, decode
-from drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
-from drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, Readiness, Reading
-from drivers.wire.can_session import Emergency
-from drivers.wire.canopen import CanopenLink
-from drivers.wire.deadline import deadline
-from drivers.wire.tables import CodeEntry, code_table
+from cellcal.drivers.draw_wire.ends import moved_zero, refuse_ends
+from cellcal.drivers.draw_wire.objects import ObjectTable, decode
+from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
+from cellcal.drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, Readiness, Reading
+from cellcal.drivers.wire.can_session import Emergency
+from cellcal.drivers.wire.canopen import CanopenLink
+from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.wire.tables import CodeEntry, code_table
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # vendor:product:revision this driver has run on; none yet, see README.md
@@ -170,7 +170,7 @@ class DrawWire:
 
 def _meaning(emergency: Emergency) -> CodeEntry:
     """Return the most exact entry of the table for this code."""
-    table = code_table("drivers.draw_wire", "emergencies.tsv")
+    table = code_table("cellcal.drivers.draw_wire", "emergencies.tsv")
     code = emergency.code
     for key in (code, code & 0xFF00, code & 0xF000):
         if key in table:

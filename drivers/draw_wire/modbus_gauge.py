@@ -7,12 +7,12 @@ import logging
 import time
 from dataclasses import dataclass
 
-from drivers.draw_wire.ends import moved_zero, refuse_ends
-from drivers.draw_wire.modbus_registers import EncoderMap
-from drivers.errors import DeviceError, RefusedError, WrongDeviceError
-from drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, Readiness, Reading
-from drivers.wire.deadline import deadline
-from drivers.wire.modbus import ModbusLink, Words
+from cellcal.drivers.draw_wire.ends import moved_zero, refuse_ends
+from cellcal.drivers.draw_wire.modbus_registers import EncoderMap
+from cellcal.drivers.errors import DeviceError, RefusedError, WrongDeviceError
+from cellcal.drivers.interfaces import Alarm, Condition, GaugeCapabilities, Identity, Readiness, Reading
+from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.wire.modbus import ModbusLink, Words
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # "vendor firmware" this driver has run on; none yet, see README.md

@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.wire.modbus import Words
+from cellcal.drivers.wire.modbus import Words
 
 _FORMS = {"u32": ">I", "i32": ">i"}
 
@@ -53,5 +53,5 @@ class EncoderMap(_Table):
 @cache
 def load_encoder_map() -> EncoderMap:
     """Read ``modbus_registers.toml``."""
-    text = files("drivers.draw_wire").joinpath("modbus_registers.toml").read_text(encoding="utf-8")
+    text = files("cellcal.drivers.draw_wire").joinpath("modbus_registers.toml").read_text(encoding="utf-8")
     return EncoderMap.model_validate(tomllib.loads(text))

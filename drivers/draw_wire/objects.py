@@ -43,5 +43,5 @@ def decode(entry: ObjectEntry, data: bytes) -> int:
 @cache
 def load_objects() -> ObjectTable:
     """Read ``objects.toml``."""
-    text = files("drivers.draw_wire").joinpath("objects.toml").read_text(encoding="utf-8")
+    text = files("cellcal.drivers.draw_wire").joinpath("objects.toml").read_text(encoding="utf-8")
     return ObjectTable.model_validate(tomllib.loads(text))

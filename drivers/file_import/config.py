@@ -8,11 +8,11 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from calibration.orientation import CONVENTIONS
-from drivers.file_import.devices import FileGauge, FileTracker, FrameOptions, InstrumentOptions
-from drivers.file_import.rows import FileOptions, GrowingFile, Rows, TypedRows, WholeFile
-from drivers.file_import.text import Layout
-from drivers.interfaces import Identity, Operator, TrackerCapabilities
+from cellcal.calibration.orientation import CONVENTIONS
+from cellcal.drivers.file_import.devices import FileGauge, FileTracker, FrameOptions, InstrumentOptions
+from cellcal.drivers.file_import.rows import FileOptions, GrowingFile, Rows, TypedRows, WholeFile
+from cellcal.drivers.file_import.text import Layout
+from cellcal.drivers.interfaces import Identity, Operator, TrackerCapabilities
 
 _SEPARATORS = {"": "", ";": ";", ",": ",", "tab": "\t", "blank": " "}
 

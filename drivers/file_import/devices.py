@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Array, Pose, homogeneous
-from calibration.orientation import CONVENTIONS, rotation_from
-from drivers.errors import BusyError, DeviceError, RefusedError
-from drivers.file_import.rows import Rows
-from drivers.file_import.text import Row, metres_per
-from drivers.interfaces import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, Pose, homogeneous
+from cellcal.calibration.orientation import CONVENTIONS, rotation_from
+from cellcal.drivers.errors import BusyError, DeviceError, RefusedError
+from cellcal.drivers.file_import.rows import Rows
+from cellcal.drivers.file_import.text import Row, metres_per
+from cellcal.drivers.interfaces import (
     Condition,
     GaugeCapabilities,
     Identity,
@@ -46,7 +46,7 @@ class FrameOptions:
     """What it says of one that measures places."""
 
     station: int
-    orientation: str  # a name of calibration.orientation; empty for points only
+    orientation: str  # a name of cellcal.calibration.orientation; empty for points only
     radians_per_angle: float
     sigma_rad: float
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError
-from drivers.file_import.text import Layout, Row, TextError, rows_of, typed
-from drivers.interfaces import Operator, Question
-from drivers.wire.deadline import deadline
-from drivers.wire.worker import Worker
+from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError
+from cellcal.drivers.file_import.text import Layout, Row, TextError, rows_of, typed
+from cellcal.drivers.interfaces import Operator, Question
+from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.wire.worker import Worker
 
 MOST_BYTES = 20_000_000
 _POLL_S = 0.1

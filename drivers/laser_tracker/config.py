@@ -6,10 +6,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from drivers.interfaces import TrackerCapabilities
-from drivers.laser_tracker.link import EmsconLink
-from drivers.laser_tracker.readings import Limits
-from drivers.laser_tracker.tracker import LaserTracker, TrackerOptions
+from cellcal.drivers.interfaces import TrackerCapabilities
+from cellcal.drivers.laser_tracker.link import EmsconLink
+from cellcal.drivers.laser_tracker.readings import Limits
+from cellcal.drivers.laser_tracker.tracker import LaserTracker, TrackerOptions
 
 
 class LaserTrackerConfig(BaseModel):

@@ -14,8 +14,8 @@ import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
-from drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
-from drivers.laser_tracker.packets import (
+from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.laser_tracker.packets import (
     ANSWER,
     HEADER,
     MOST_BYTES,
@@ -29,10 +29,10 @@ from drivers.laser_tracker.packets import (
     command,
     result,
 )
-from drivers.wire.backoff import Backoff
-from drivers.wire.deadline import deadline
-from drivers.wire.tables import CodeEntry, code_table
-from drivers.wire.trace import FrameTrace
+from cellcal.drivers.wire.backoff import Backoff
+from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.wire.tables import CodeEntry, code_table
+from cellcal.drivers.wire.trace import FrameTrace
 
 BUSY = 1  # ES_RS_ServerBusy: an earlier command, of ours or of another program, is under way
 _POLL_S = 0.1
@@ -43,7 +43,7 @@ _BYTES = "The reading was not used. Try again; if it comes back, report it with 
 def meaning(status: int) -> CodeEntry:
     """Return what a status of the tracker means, in its maker's name for it."""
     unknown = CodeEntry(status, "fault", f"status {status}", "Look at the tracker's own display.")
-    return code_table("drivers.laser_tracker", "statuses.tsv").get(status, unknown)
+    return code_table("cellcal.drivers.laser_tracker", "statuses.tsv").get(status, unknown)
 
 
 class EmsconLink:

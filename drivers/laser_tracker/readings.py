@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.geometry import Pose
-from drivers.errors import RefusedError, WireProtocolError
-from drivers.interfaces import Air, PointReading, PoseReading
-from drivers.laser_tracker.link import meaning
-from drivers.laser_tracker.packets import Kind, Mode, Result, Triple
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.errors import RefusedError, WireProtocolError
+from cellcal.drivers.interfaces import Air, PointReading, PoseReading
+from cellcal.drivers.laser_tracker.link import meaning
+from cellcal.drivers.laser_tracker.packets import Kind, Mode, Result, Triple
 
 _AIR = ((-20.0, 60.0), (500.0, 1200.0), (0.0, 100.0))  # degree Celsius, millibar, per cent
 _PA_PER_MILLIBAR = 100.0

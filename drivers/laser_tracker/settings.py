@@ -6,9 +6,9 @@ Set by us, read back, and read again after every measurement, because other prog
 import struct
 from dataclasses import dataclass
 
-from drivers.errors import RefusedError
-from drivers.laser_tracker.link import EmsconLink
-from drivers.laser_tracker.packets import Command, Mode
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.laser_tracker.link import EmsconLink
+from cellcal.drivers.laser_tracker.packets import Command, Mode
 
 _UNITS = (0, 0, 0, 0, 0)  # metre, radian, degree Celsius, millibar, per cent
 _RIGHT_HANDED = (0,)  # x, y, z, right-handed

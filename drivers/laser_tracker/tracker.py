@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from drivers.errors import BusyError, DeviceError, RefusedError, WrongDeviceError
-from drivers.interfaces import (
+from cellcal.drivers.errors import BusyError, DeviceError, RefusedError, WrongDeviceError
+from cellcal.drivers.interfaces import (
     Condition,
     Identity,
     PointReading,
@@ -17,11 +17,11 @@ from drivers.interfaces import (
     Readiness,
     TrackerCapabilities,
 )
-from drivers.laser_tracker.link import EmsconLink, meaning
-from drivers.laser_tracker.packets import Change, Command, Mode, Result
-from drivers.laser_tracker.readings import Judge, Limits
-from drivers.laser_tracker.settings import Settings
-from drivers.wire.deadline import deadline
+from cellcal.drivers.laser_tracker.link import EmsconLink, meaning
+from cellcal.drivers.laser_tracker.packets import Change, Command, Mode, Result
+from cellcal.drivers.laser_tracker.readings import Judge, Limits
+from cellcal.drivers.laser_tracker.settings import Settings
+from cellcal.drivers.wire.deadline import deadline
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # model:firmware this driver has run on; none yet, see README.md

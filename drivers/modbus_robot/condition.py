@@ -2,10 +2,10 @@
 
 import re
 
-from drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
-from drivers.modbus_robot.panel import Block, Panel
-from drivers.modbus_robot.program import Mode, ProgramState
-from drivers.wire.tables import CodeEntry, code_table
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.modbus_robot.panel import Block, Panel
+from cellcal.drivers.modbus_robot.program import Mode, ProgramState
+from cellcal.drivers.wire.tables import CodeEntry, code_table
 
 Findings = tuple[tuple[Alarm, CodeEntry], ...]
 
@@ -35,7 +35,7 @@ async def read_alarms(panel: Panel) -> Findings:
         text = block.text("alarm_text")
         axis = _AXIS.search(text)
         unknown = CodeEntry(index, "unknown", text, "Read the alarm on the pendant and reset it.")
-        meaning = code_table("drivers.modbus_robot", "alarms.tsv").get(family * 1000 + index, unknown)
+        meaning = code_table("cellcal.drivers.modbus_robot", "alarms.tsv").get(family * 1000 + index, unknown)
         alarm = Alarm(code, text, int(axis[1]) - 1 if axis else None, _BY_KIND[meaning.kind][1])
         found.append((alarm, meaning))
     return tuple(found)

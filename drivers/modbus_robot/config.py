@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from drivers.interfaces import RobotCapabilities
-from drivers.modbus_robot.profile import load_profile, profile_names
+from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.modbus_robot.profile import load_profile, profile_names
 
 if TYPE_CHECKING:
-    from drivers.modbus_robot.robot import ModbusRobot
+    from cellcal.drivers.modbus_robot.robot import ModbusRobot
 
 _TELEGRAM_SHARE = 0.3  # of the deadline: a failed telegram leaves time for a stop and for saying so
 
@@ -42,17 +42,17 @@ class ModbusRobotConfig(BaseModel):
     @property
     def capabilities(self) -> RobotCapabilities:
         """What this robot can do, known before it is reached."""
-        from drivers.modbus_robot.robot import capabilities_of  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.modbus_robot.robot import capabilities_of  # noqa: PLC0415  a cell file is read without the library
 
         return capabilities_of(load_profile(self.profile))
 
     @asynccontextmanager
     async def open(self) -> AsyncIterator["ModbusRobot"]:
         """Connect, check the serial number, and hang up at the end."""
-        from drivers.modbus_robot.panel import Panel, SerialCheck  # noqa: PLC0415  a cell file is read without the library
-        from drivers.modbus_robot.program import CellProgram  # noqa: PLC0415  as above
-        from drivers.modbus_robot.robot import ModbusRobot, MotionOptions  # noqa: PLC0415  as above
-        from drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
+        from cellcal.drivers.modbus_robot.panel import Panel, SerialCheck  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.modbus_robot.program import CellProgram  # noqa: PLC0415  as above
+        from cellcal.drivers.modbus_robot.robot import ModbusRobot, MotionOptions  # noqa: PLC0415  as above
+        from cellcal.drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
 
         profile = load_profile(self.profile)
         link = ModbusLink(

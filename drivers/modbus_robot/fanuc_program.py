@@ -7,7 +7,7 @@ the option ASCII Upload, or conversion by the maker's tool. Not run on a robot b
 
 import math
 
-from drivers.wire.program_file import Header, ProgramWriter, Way, lines_of
+from cellcal.drivers.wire.program_file import Header, ProgramWriter, Way, lines_of
 
 _REMARK = 32
 _FASTEST_AXIS_RAD_S = (

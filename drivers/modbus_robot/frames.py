@@ -4,11 +4,11 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.geometry import Pose, homogeneous
-from calibration.orientation import rotation_from, values_from
-from drivers.errors import RefusedError
-from drivers.interfaces import ActiveFrames
-from drivers.modbus_robot.panel import Block, Panel
+from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.orientation import rotation_from, values_from
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import ActiveFrames
+from cellcal.drivers.modbus_robot.panel import Block, Panel
 
 Kind = Literal["tool", "user"]
 _CONVENTION = "fanuc_wpr"

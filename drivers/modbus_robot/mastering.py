@@ -3,11 +3,11 @@
 import math
 from collections.abc import Sequence
 
-from calibration.mastering.counts import DriveTrain
-from drivers.errors import CellError, DeviceError, RefusedError, WireProtocolError
-from drivers.interfaces import Counts, MasteringData
-from drivers.modbus_robot.panel import Panel
-from drivers.modbus_robot.program import CellProgram, Request
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.drivers.errors import CellError, DeviceError, RefusedError, WireProtocolError
+from cellcal.drivers.interfaces import Counts, MasteringData
+from cellcal.drivers.modbus_robot.panel import Panel
+from cellcal.drivers.modbus_robot.program import CellProgram, Request
 
 _ROUNDING_COUNTS = 0.3  # three float32 factors of a count near 2^19
 _RELATIVE = 1e-4

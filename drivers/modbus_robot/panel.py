@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
-from drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
-from drivers.modbus_robot.profile import Profile
-from drivers.modbus_robot.registers import Access, Register, Words, decode, decode_text, encode
-from drivers.wire.modbus import ModbusLink
+from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
+from cellcal.drivers.modbus_robot.profile import Profile
+from cellcal.drivers.modbus_robot.registers import Access, Register, Words, decode, decode_text, encode
+from cellcal.drivers.wire.modbus import ModbusLink
 
 _PROFILE = "Compare the controller's assignments with the profile's document."
 

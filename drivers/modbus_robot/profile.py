@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from drivers.modbus_robot.registers import Register
+from cellcal.drivers.modbus_robot.registers import Register
 
 Operation = Literal["move", "jog", "calibrate", "reset_alarms"]
 LONGEST_READ = 125  # registers in one telegram, Modbus Application Protocol 6.3
@@ -61,11 +61,13 @@ class Profile(_Table):
 @cache
 def load_profile(name: str) -> Profile:
     """Read a profile that ships; FileNotFoundError for an unknown name."""
-    text = files("drivers.modbus_robot").joinpath("profiles", f"{name}.toml").read_text(encoding="utf-8")
+    text = (
+        files("cellcal.drivers.modbus_robot").joinpath("profiles", f"{name}.toml").read_text(encoding="utf-8")
+    )
     return Profile.model_validate(tomllib.loads(text))
 
 
 def profile_names() -> tuple[str, ...]:
     """Return the names of the profiles that ship."""
-    folder = files("drivers.modbus_robot").joinpath("profiles")
+    folder = files("cellcal.drivers.modbus_robot").joinpath("profiles")
     return tuple(sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".toml")))

@@ -10,17 +10,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-from drivers.errors import (
+from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
     MotionStoppedError,
     RefusedError,
     UnreachableError,
 )
-from drivers.modbus_robot.panel import Panel
-from drivers.modbus_robot.profile import Operation
-from drivers.wire.patience import Patience
-from drivers.wire.tables import CodeEntry, code_table
+from cellcal.drivers.modbus_robot.panel import Panel
+from cellcal.drivers.modbus_robot.profile import Operation
+from cellcal.drivers.wire.patience import Patience
+from cellcal.drivers.wire.tables import CodeEntry, code_table
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.01
@@ -228,7 +228,7 @@ class CellProgram:
         )
 
     def _error(self, reason: int, *, stopped: bool) -> DeviceError:
-        entry = code_table("drivers.modbus_robot", "reasons.tsv").get(reason, _unknown(reason))
+        entry = code_table("cellcal.drivers.modbus_robot", "reasons.tsv").get(reason, _unknown(reason))
         if stopped or entry.kind == "stopped":
             return MotionStoppedError(self._device, f"the robot stopped: {entry.text}.", remedy=entry.remedy)
         return RefusedError(

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.geometry import Pose
-from calibration.mastering.counts import DriveTrain
-from drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError
-from drivers.interfaces import (
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError
+from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
     Counts,
@@ -24,18 +24,18 @@ from drivers.interfaces import (
     Readiness,
     RobotCapabilities,
 )
-from drivers.modbus_robot.condition import judge, read_alarms
-from drivers.modbus_robot.frames import active_frames, flange_pose, read_frame, write_frame
-from drivers.modbus_robot.mastering import (
+from cellcal.drivers.modbus_robot.condition import judge, read_alarms
+from cellcal.drivers.modbus_robot.frames import active_frames, flange_pose, read_frame, write_frame
+from cellcal.drivers.modbus_robot.mastering import (
     read_drive_train,
     read_mastering,
     restore_mastering,
     write_mastering,
 )
-from drivers.modbus_robot.panel import Block, Panel
-from drivers.modbus_robot.profile import Operation, Profile
-from drivers.modbus_robot.program import CellProgram, ProgramState, Request
-from drivers.wire.deadline import deadline
+from cellcal.drivers.modbus_robot.panel import Block, Panel
+from cellcal.drivers.modbus_robot.profile import Operation, Profile
+from cellcal.drivers.modbus_robot.program import CellProgram, ProgramState, Request
+from cellcal.drivers.wire.deadline import deadline
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # controller software this driver has run on; none yet, see README.md

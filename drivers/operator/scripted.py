@@ -2,8 +2,8 @@
 
 from collections.abc import Awaitable, Callable, Mapping
 
-from drivers.errors import NobodyThereError, RefusedError
-from drivers.interfaces import Answer, Instruction, Question
+from cellcal.drivers.errors import NobodyThereError, RefusedError
+from cellcal.drivers.interfaces import Answer, Instruction, Question
 
 Hook = Callable[[], Awaitable[None]]
 

@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.panel import Panel
 from rich.text import Text
 
-from drivers.errors import BusyError, NobodyThereError, RefusedError
-from drivers.interfaces import Answer, Instruction, Question
-from drivers.operator.lines import LineSource
+from cellcal.drivers.errors import BusyError, NobodyThereError, RefusedError
+from cellcal.drivers.interfaces import Answer, Instruction, Question
+from cellcal.drivers.operator.lines import LineSource
 
 _YES, _NO = frozenset({"y", "yes"}), frozenset({"n", "no"})
 

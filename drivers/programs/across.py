@@ -11,9 +11,9 @@ from functools import cached_property
 from pathlib import PurePath
 from typing import NamedTuple, Protocol, TypeAlias
 
-from drivers.programs.call_graph import Marks, reached
-from drivers.programs.declared_poses import DeclaredPoses, Poses
-from drivers.programs.positions import CARTESIAN, Positions, Remark
+from cellcal.drivers.programs.call_graph import Marks, reached
+from cellcal.drivers.programs.declared_poses import DeclaredPoses, Poses
+from cellcal.drivers.programs.positions import CARTESIAN, Positions, Remark
 
 Routine: TypeAlias = tuple[str, str]  # its file and name
 # By its name here: the module that declares a position, and its name there.

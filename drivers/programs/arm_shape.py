@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.kinematics import RobotModel, chain_frames
-from calibration.geometry import Array
-from drivers.programs.errors import ProgramFileError
+from cellcal.calibration.arm.kinematics import RobotModel, chain_frames
+from cellcal.calibration.geometry import Array
+from cellcal.drivers.programs.errors import ProgramFileError
 
 
 @dataclass(frozen=True, eq=False)

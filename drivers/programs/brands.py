@@ -7,11 +7,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from drivers.programs.across import Abroad, Said
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change, ProgramFile
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.drivers.programs.across import Abroad, Said
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import Change, ProgramFile
 
 
 class ConfigurationRule(Protocol):

@@ -6,9 +6,9 @@ from itertools import repeat
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry import Array
-from drivers.programs.positions import Change, Positions
-from drivers.programs.spans import Edit
+from cellcal.calibration.geometry import Array
+from cellcal.drivers.programs.positions import Change, Positions
+from cellcal.drivers.programs.spans import Edit
 
 BEYOND = 1e7  # mm; no robot goes there
 

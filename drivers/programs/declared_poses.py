@@ -7,8 +7,8 @@ from itertools import takewhile
 from pathlib import PurePath
 from typing import TypeAlias
 
-from calibration.geometry import Pose
-from drivers.programs.positions import Frames, Positions
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.programs.positions import Frames, Positions
 
 Poses: TypeAlias = Mapping[str, Pose | None]  # by name, in the language's one case; None: no fixed pose
 

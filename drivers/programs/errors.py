@@ -1,6 +1,6 @@
 """What can be wrong with a program file: which file, where, what, and the cure."""
 
-from calibration.errors import CellError
+from cellcal.calibration.errors import CellError
 
 
 class ProgramFileError(CellError):

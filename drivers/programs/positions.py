@@ -11,9 +11,9 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array, Pose
-from drivers.programs.shifts import Shift
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.drivers.programs.shifts import Shift
 
 Kind = str
 CARTESIAN, JOINTS, UNTAUGHT = "cartesian", "joints", "untaught"

@@ -12,7 +12,7 @@ from math import nan
 
 import numpy as np
 
-from calibration.geometry import Array, homogeneous, rotation_from_quaternion
+from cellcal.calibration.geometry import Array, homogeneous, rotation_from_quaternion
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]  # w first

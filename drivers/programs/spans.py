@@ -11,9 +11,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.numbers import NumberFormat
-from drivers.programs.positions import Change, Positions
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.numbers import NumberFormat
+from cellcal.drivers.programs.positions import Change, Positions
 
 Edit = tuple[int, int, str]  # from, to, what stands there from now on
 

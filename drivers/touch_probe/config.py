@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from drivers.interfaces import ProbeCapabilities
+from cellcal.drivers.interfaces import ProbeCapabilities
 
 if TYPE_CHECKING:
-    from drivers.touch_probe.coupler import Coupler
-    from drivers.touch_probe.dial import DialGauge
-    from drivers.touch_probe.probe import TouchProbe
+    from cellcal.drivers.touch_probe.coupler import Coupler
+    from cellcal.drivers.touch_probe.dial import DialGauge
+    from cellcal.drivers.touch_probe.probe import TouchProbe
 
 _FEWEST_CLOSED = 6  # images; a contact open half of the time looks closed in all of them once in 64
 _TELEGRAM_SHARE = 0.3  # of the deadline: a failed telegram leaves time for saying so
@@ -49,9 +49,9 @@ class _OnCoupler(BaseModel):
         return self
 
     def _coupler(self, *, digital_input: int = 0, analogue_input: int = 0) -> "Coupler":
-        from drivers.touch_probe.coupler import Coupler, Wiring  # noqa: PLC0415  a cell file is read without the library
-        from drivers.touch_probe.registers import load_map  # noqa: PLC0415  as above
-        from drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
+        from cellcal.drivers.touch_probe.coupler import Coupler, Wiring  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.touch_probe.registers import load_map  # noqa: PLC0415  as above
+        from cellcal.drivers.wire.modbus import ModbusLink  # noqa: PLC0415  as above
 
         echo = (
             None
@@ -91,7 +91,7 @@ class TouchProbeConfig(_OnCoupler):
     @asynccontextmanager
     async def open(self) -> AsyncIterator["TouchProbe"]:
         """Connect, check the MAC-ID, and hang up at the end."""
-        from drivers.touch_probe.probe import ProbeOptions, TouchProbe  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.touch_probe.probe import ProbeOptions, TouchProbe  # noqa: PLC0415  a cell file is read without the library
 
         options = ProbeOptions(
             self.deadline_s,
@@ -136,7 +136,7 @@ class DialGaugeConfig(_OnCoupler):
     @asynccontextmanager
     async def open(self) -> AsyncIterator["DialGauge"]:
         """Connect, check the MAC-ID, and hang up at the end."""
-        from drivers.touch_probe.dial import DialGauge, DialOptions  # noqa: PLC0415  a cell file is read without the library
+        from cellcal.drivers.touch_probe.dial import DialGauge, DialOptions  # noqa: PLC0415  a cell file is read without the library
 
         options = DialOptions(
             self.range_mm * 1e-3, self.sigma_mm * 1e-3, self.end_margin_mm * 1e-3, self.deadline_s

@@ -9,11 +9,11 @@ import logging
 import time
 from dataclasses import dataclass
 
-from drivers.errors import DeviceError, RefusedError, UnreachableError, WrongDeviceError
-from drivers.interfaces import Condition, Identity, Readiness
-from drivers.touch_probe.registers import CouplerMap
-from drivers.wire.modbus import ModbusLink, Words
-from drivers.wire.tables import CodeEntry, code_table
+from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WrongDeviceError
+from cellcal.drivers.interfaces import Condition, Identity, Readiness
+from cellcal.drivers.touch_probe.registers import CouplerMap
+from cellcal.drivers.wire.modbus import ModbusLink, Words
+from cellcal.drivers.wire.tables import CodeEntry, code_table
 
 _LOG = logging.getLogger(__name__)
 VERIFIED_ON: tuple[str, ...] = ()  # "750-352 …" of couplers this has run on; none yet, see README.md
@@ -194,7 +194,7 @@ class Coupler:
         """Return what the coupler says of itself, if anything."""
         code, argument = await self._register("led_error")
         if code:
-            entry = code_table("drivers.touch_probe", "led_errors.tsv").get(code, _unknown(code))
+            entry = code_table("cellcal.drivers.touch_probe", "led_errors.tsv").get(code, _unknown(code))
             text = entry.text.format(argument=argument)
             return RefusedError(
                 self.name,

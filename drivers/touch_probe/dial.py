@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from drivers.errors import RefusedError
-from drivers.interfaces import Condition, GaugeCapabilities, Identity, Reading
-from drivers.touch_probe.coupler import Coupler
-from drivers.wire.deadline import deadline
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import Condition, GaugeCapabilities, Identity, Reading
+from cellcal.drivers.touch_probe.coupler import Coupler
+from cellcal.drivers.wire.deadline import deadline
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,10 +5,10 @@ import math
 import time
 from dataclasses import dataclass, field
 
-from drivers.errors import BusyError, RefusedError
-from drivers.interfaces import Condition, ContactEdge, ContactReading, Identity, ProbeCapabilities
-from drivers.touch_probe.coupler import Coupler, Image
-from drivers.wire.deadline import deadline
+from cellcal.drivers.errors import BusyError, RefusedError
+from cellcal.drivers.interfaces import Condition, ContactEdge, ContactReading, Identity, ProbeCapabilities
+from cellcal.drivers.touch_probe.coupler import Coupler, Image
+from cellcal.drivers.wire.deadline import deadline
 
 _ECHO_EVERY_S = 0.05
 _WORDS_KEPT = 64

@@ -56,5 +56,5 @@ class CouplerMap(_Table):
 @cache
 def load_map() -> CouplerMap:
     """Read ``registers.toml``."""
-    text = files("drivers.touch_probe").joinpath("registers.toml").read_text(encoding="utf-8")
+    text = files("cellcal.drivers.touch_probe").joinpath("registers.toml").read_text(encoding="utf-8")
     return CouplerMap.model_validate(tomllib.loads(text))

@@ -9,7 +9,7 @@ import time
 
 from rtde_control import RTDEControlInterface
 
-from drivers.wire.child import serve
+from cellcal.drivers.wire.child import serve
 
 _CYCLE_HZ = 125.0  # enough for commands, and the client spins while it waits
 _READY_S = 0.5

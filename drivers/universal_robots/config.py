@@ -6,11 +6,12 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from drivers.interfaces import RobotCapabilities
-from drivers.universal_robots.contact import Contact, Timing
-from drivers.universal_robots.motion import Tolerances
-from drivers.universal_robots.robot import CAPABILITIES, MotionOptions, UniversalRobot
-from drivers.universal_robots.session import SessionOptions
+from cellcal.calibration.arm.mounting import MOUNTED
+from cellcal.drivers.interfaces import RobotCapabilities
+from cellcal.drivers.universal_robots.contact import Contact, Timing
+from cellcal.drivers.universal_robots.motion import Tolerances
+from cellcal.drivers.universal_robots.robot import CAPABILITIES, MotionOptions, UniversalRobot
+from cellcal.drivers.universal_robots.session import SessionOptions
 
 _MODELS = ("ur3e", "ur5e", "ur10e", "ur16e")  # e-Series: CB3 runs another software
 _STALE_SHARE = 0.25  # of the deadline
@@ -41,7 +42,7 @@ class UniversalRobotConfig(BaseModel):
     @field_validator("model")
     @classmethod
     def _known(cls, name: str) -> str:
-        if name not in _MODELS:
+        if name.partition(MOUNTED)[0] not in _MODELS:
             raise ValueError(f"this driver does not know a {name!r}; it knows {', '.join(_MODELS)}")
         return name
 
@@ -64,7 +65,7 @@ class UniversalRobotConfig(BaseModel):
         return Contact(
             self.name,
             self.address,
-            (self.model, self.serial),
+            (self.model.partition(MOUNTED)[0], self.serial),  # a controller does not tell its mounting
             Timing(self.state_rate_hz, _STALE_SHARE * self.deadline_s, self.deadline_s),
         )
 

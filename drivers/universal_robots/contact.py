@@ -9,10 +9,10 @@ import logging
 import time
 from dataclasses import dataclass
 
-from drivers.errors import RefusedError, UnreachableError, WrongDeviceError
-from drivers.interfaces import Identity
-from drivers.universal_robots.dashboard import Dashboard
-from drivers.universal_robots.state import ControllerVersion, Sample, StateClient
+from cellcal.drivers.errors import RefusedError, UnreachableError, WrongDeviceError
+from cellcal.drivers.interfaces import Identity
+from cellcal.drivers.universal_robots.dashboard import Dashboard
+from cellcal.drivers.universal_robots.state import ControllerVersion, Sample, StateClient
 
 _log = logging.getLogger(__name__)
 

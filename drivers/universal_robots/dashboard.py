@@ -11,8 +11,8 @@ import contextlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from drivers.errors import RefusedError, UnreachableError, WireProtocolError
-from drivers.universal_robots.state import CABLE
+from cellcal.drivers.errors import RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.universal_robots.state import CABLE
 
 PORT = 29999
 _LONGEST_LINE = 4096

@@ -3,7 +3,7 @@
 Source: the maker's description of the primary client interface (port 30001): packets of i32 length and u8
 type; type 16 holds sub-packages of u32 length and u8 type; sub-package 5 holds checksums, theta, a, d, alpha.
 The numbers are absolute, not differences to the nominal arm. d of the parallel joints may be hundreds of
-metres that cancel: see calibration.arm.ur_factory before using them as they are.
+metres that cancel: see cellcal.calibration.arm.ur_factory before using them as they are.
 """
 
 import asyncio
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import DhTable
-from drivers.errors import UnreachableError, WireProtocolError
-from drivers.universal_robots.state import CABLE, Six
+from cellcal.calibration.arm.kinematics import DhTable
+from cellcal.drivers.errors import UnreachableError, WireProtocolError
+from cellcal.drivers.universal_robots.state import CABLE, Six
 
 PORT = 30001
 _PACKET = struct.Struct(">iB")
@@ -41,7 +41,7 @@ class FactoryKinematics:
     status: int  # 0 not initialised, 1 not linearised, 2 linearised
 
     def table(self) -> DhTable:
-        """Return the table for calibration.arm.ur_factory.factory_model."""
+        """Return the table for cellcal.calibration.arm.ur_factory.factory_model."""
         return DhTable.from_rows(np.array([self.theta_rad, self.d_m, self.a_m, self.alpha_rad]).T)
 
 

@@ -4,13 +4,13 @@ Rests on the safety bits and the program's state. The robot mode only explains w
 cannot move.
 """
 
-from drivers.errors import DeviceError, MotionStoppedError, RefusedError
-from drivers.interfaces import Condition, Readiness
-from drivers.universal_robots.rtde import MODE_RUNNING, RuntimeState
-from drivers.universal_robots.state import Sample
-from drivers.wire.tables import CodeEntry, code_table
+from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError
+from cellcal.drivers.interfaces import Condition, Readiness
+from cellcal.drivers.universal_robots.rtde import MODE_RUNNING, RuntimeState
+from cellcal.drivers.universal_robots.state import Sample
+from cellcal.drivers.wire.tables import CodeEntry, code_table
 
-_PACKAGE = "drivers.universal_robots"
+_PACKAGE = "cellcal.drivers.universal_robots"
 _LOWEST_SLIDER = 0.01
 
 LOCAL = Condition(

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drivers.universal_robots.state import Sample, Six
+from cellcal.drivers.universal_robots.state import Sample, Six
 
 _FEWEST = 3  # samples that must agree, however short the span
 

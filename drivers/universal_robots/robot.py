@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.geometry import Pose, homogeneous
-from calibration.orientation import rotation_from
-from drivers.errors import (
+from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.errors import (
     BusyError,
     DeviceError,
     DeviceTimeoutError,
@@ -21,7 +21,7 @@ from drivers.errors import (
     RefusedError,
     UnreachableError,
 )
-from drivers.interfaces import (
+from cellcal.drivers.interfaces import (
     ActiveFrames,
     Condition,
     Identity,
@@ -30,10 +30,10 @@ from drivers.interfaces import (
     Readiness,
     RobotCapabilities,
 )
-from drivers.universal_robots.contact import Contact
-from drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
-from drivers.universal_robots.health import LOCAL, condition_of, error_of, stop_of
-from drivers.universal_robots.motion import (
+from cellcal.drivers.universal_robots.contact import Contact
+from cellcal.drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
+from cellcal.drivers.universal_robots.health import LOCAL, condition_of, error_of, stop_of
+from cellcal.drivers.universal_robots.motion import (
     Tolerances,
     arrived,
     expected_s,
@@ -42,11 +42,11 @@ from drivers.universal_robots.motion import (
     off_path_rad,
     stands,
 )
-from drivers.universal_robots.rtde import RuntimeState
-from drivers.universal_robots.session import MotionSession, SessionOptions
-from drivers.universal_robots.state import Sample, Six, StateClient
-from drivers.wire.deadline import deadline, too_long
-from drivers.wire.patience import Patience
+from cellcal.drivers.universal_robots.rtde import RuntimeState
+from cellcal.drivers.universal_robots.session import MotionSession, SessionOptions
+from cellcal.drivers.universal_robots.state import Sample, Six, StateClient
+from cellcal.drivers.wire.deadline import deadline, too_long
+from cellcal.drivers.wire.patience import Patience
 
 _log = logging.getLogger(__name__)
 

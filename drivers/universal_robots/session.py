@@ -10,12 +10,12 @@ import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.errors import DeviceError, MotionStoppedError, RefusedError, UnreachableError
-from drivers.universal_robots.health import refusal_of
-from drivers.universal_robots.state import CABLE, Six
-from drivers.wire.process import ChildProcess
+from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, UnreachableError
+from cellcal.drivers.universal_robots.health import refusal_of
+from cellcal.drivers.universal_robots.state import CABLE, Six
+from cellcal.drivers.wire.process import ChildProcess
 
-_MODULE = "drivers.universal_robots.child"
+_MODULE = "cellcal.drivers.universal_robots.child"
 _TITLE = "the process that commands the arm"
 _START_S = 10.0  # of a Python process on a busy machine; the robot has no part in it
 _FEEDS_PER_PERIOD = 4.0

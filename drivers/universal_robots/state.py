@@ -13,9 +13,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
-from drivers.universal_robots.rtde import PORT, Link, Message, pack
-from drivers.wire.trace import FrameTrace
+from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.universal_robots.rtde import PORT, Link, Message, pack
+from cellcal.drivers.wire.trace import FrameTrace
 
 CABLE = "Check that the controller is switched on and the network cable is plugged in."
 

@@ -9,9 +9,15 @@ from typing import Any
 import can
 import canopen
 
-from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
-from drivers.wire.socketcand import GuardedSocketcandBus
-from drivers.wire.trace import FrameTrace
+from cellcal.drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    RefusedError,
+    UnreachableError,
+    WireProtocolError,
+)
+from cellcal.drivers.wire.socketcand import GuardedSocketcandBus
+from cellcal.drivers.wire.trace import FrameTrace
 
 _POLL_S = 0.05
 _HEARTBEATS_MISSED = 2.5

@@ -19,11 +19,17 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
-from drivers.errors import DeviceError, DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
-from drivers.wire.backoff import Backoff
-from drivers.wire.can_session import FOREIGN_S, BusOptions, CanSession, Emergency
-from drivers.wire.trace import FrameTrace
-from drivers.wire.worker import Worker
+from cellcal.drivers.errors import (
+    DeviceError,
+    DeviceTimeoutError,
+    RefusedError,
+    UnreachableError,
+    WireProtocolError,
+)
+from cellcal.drivers.wire.backoff import Backoff
+from cellcal.drivers.wire.can_session import FOREIGN_S, BusOptions, CanSession, Emergency
+from cellcal.drivers.wire.trace import FrameTrace
+from cellcal.drivers.wire.worker import Worker
 
 T = TypeVar("T")
 Greeting = Callable[["CanopenLink"], Awaitable[None]]

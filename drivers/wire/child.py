@@ -1,4 +1,4 @@
-"""The child's half of drivers.wire.process: answer requests until the parent goes away.
+"""The child's half of cellcal.drivers.wire.process: answer requests until the parent goes away.
 
 Imports as little as it can: it must start fast and must not touch what a vendor library brings.
 

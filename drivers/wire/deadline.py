@@ -6,7 +6,7 @@ from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Self
 
-from drivers.errors import DeviceTimeoutError
+from cellcal.drivers.errors import DeviceTimeoutError
 
 _REMEDY = "Check the device and its cable, then try again."
 _LATE_S = 0.02  # a timer that comes later than that: this process stood still

@@ -20,17 +20,17 @@ from pymodbus.client import AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from drivers.errors import (
+from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
     RefusedError,
     UnreachableError,
     WireProtocolError,
 )
-from drivers.wire.backoff import Backoff
-from drivers.wire.deadline import Limit
-from drivers.wire.tables import CodeEntry, code_table
-from drivers.wire.trace import FrameTrace
+from cellcal.drivers.wire.backoff import Backoff
+from cellcal.drivers.wire.deadline import Limit
+from cellcal.drivers.wire.tables import CodeEntry, code_table
+from cellcal.drivers.wire.trace import FrameTrace
 
 Words = tuple[int, ...]
 Greeting = Callable[["ModbusLink"], Awaitable[None]]
@@ -193,7 +193,7 @@ class ModbusLink:
             return
         if answer.function_code != function | 0x80:
             raise self._foreign(f"answered function {answer.function_code} instead of {function}")
-        entry = code_table("drivers.wire", "modbus_exceptions.tsv").get(answer.exception_code)
+        entry = code_table("cellcal.drivers.wire", "modbus_exceptions.tsv").get(answer.exception_code)
         if entry is None:
             raise self._foreign(f"sent the unknown exception {answer.exception_code}")
         if entry.kind == "busy":

@@ -18,12 +18,15 @@ import sys
 from pathlib import Path
 from typing import Any, Self
 
-from drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
-from drivers.wire.child import HEADER, LONGEST_FRAME, pack
+import cellcal
+from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.wire.child import HEADER, LONGEST_FRAME, pack
 
 _log = logging.getLogger(__name__)
 
-_ROOT = str(Path(__file__).resolve().parents[2])  # the child must find the same packages, wherever we run
+_ROOT = str(
+    Path(cellcal.__file__).resolve().parents[1]
+)  # the child must find the same packages, wherever we run
 _KEPT_BYTES = 4096
 _LEAVE_S = 0.5
 _REAP_S = 5.0
@@ -32,7 +35,7 @@ _REAP_S = 5.0
 class ChildProcess:
     """One running child. Not restarted in place: a dead one is replaced by a new object.
 
-    ``module`` is run as ``python -m module``; it calls drivers.wire.child.serve with its handlers.
+    ``module`` is run as ``python -m module``; it calls cellcal.drivers.wire.child.serve with its handlers.
     ``title`` names its job in a sentence: "the process that talks to the controller".
     """
 

@@ -15,15 +15,15 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from fake_devices.device import FaultRefusedError, JsonObject
-from fake_devices.draw_wire.modbus_device import ModbusDrawWire
-from fake_devices.draw_wire.node import KINDS, DrawWireNode
-from fake_devices.draw_wire.socketcand import SocketCanDaemon
-from fake_devices.draw_wire.wire_happenings import wire_happenings
-from fake_devices.kinematics import Array
-from fake_devices.link_faults import LinkFaults
-from fake_devices.wire_gauge import WireGauge
-from fake_devices.world import World
+from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.draw_wire.modbus_device import ModbusDrawWire
+from cellcal.fake_devices.draw_wire.node import KINDS, DrawWireNode
+from cellcal.fake_devices.draw_wire.socketcand import SocketCanDaemon
+from cellcal.fake_devices.draw_wire.wire_happenings import wire_happenings
+from cellcal.fake_devices.kinematics import Array
+from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.wire_gauge import WireGauge
+from cellcal.fake_devices.world import World
 
 _DAEMON_KINDS: dict[str, dict[str, Any]] = {"daemon_stop": {}, "daemon_hang": {}}
 _LONGEST_NAP_S = 0.1

@@ -15,13 +15,13 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-from fake_devices.device import FaultRefusedError, JsonObject
-from fake_devices.draw_wire.modbus_encoder import KINDS, ModbusEncoder
-from fake_devices.draw_wire.wire_happenings import wire_happenings
-from fake_devices.modbus_robot.server import ModbusServer, link_faults
-from fake_devices.modbus_tables import answer
-from fake_devices.wire_gauge import WireGauge
-from fake_devices.world import World
+from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.draw_wire.modbus_encoder import KINDS, ModbusEncoder
+from cellcal.fake_devices.draw_wire.wire_happenings import wire_happenings
+from cellcal.fake_devices.modbus_robot.server import ModbusServer, link_faults
+from cellcal.fake_devices.modbus_tables import answer
+from cellcal.fake_devices.wire_gauge import WireGauge
+from cellcal.fake_devices.world import World
 
 _LOOK_S = 0.05
 

@@ -16,8 +16,8 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-from fake_devices.modbus_robot.server import ModbusError
-from fake_devices.wire_gauge import WireGauge
+from cellcal.fake_devices.modbus_robot.server import ModbusError
+from cellcal.fake_devices.wire_gauge import WireGauge
 
 KINDS: dict[str, dict[str, Any]] = {
     "encoder_alarm": {"bits": 1},  # bit 0 machine data, bit 1 flash memory

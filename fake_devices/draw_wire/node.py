@@ -19,7 +19,7 @@ import struct
 from collections.abc import Callable
 from functools import partial
 
-from fake_devices.draw_wire.objects import (
+from cellcal.fake_devices.draw_wire.objects import (
     CANNOT_STORE,
     OUT_OF_RANGE,
     AbortError,
@@ -27,9 +27,9 @@ from fake_devices.draw_wire.objects import (
     Entry,
     Settings,
 )
-from fake_devices.draw_wire.sdo import SdoServer
-from fake_devices.link_faults import LinkFaults
-from fake_devices.wire_gauge import WireGauge
+from cellcal.fake_devices.draw_wire.sdo import SdoServer
+from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.wire_gauge import WireGauge
 
 Send = Callable[[int, bytes], None]
 

@@ -12,7 +12,7 @@ Not modelled
 
 import struct
 
-from fake_devices.draw_wire.objects import BAD_COMMAND, BAD_LENGTH, BAD_TOGGLE, AbortError, Dictionary
+from cellcal.fake_devices.draw_wire.objects import BAD_COMMAND, BAD_LENGTH, BAD_TOGGLE, AbortError, Dictionary
 
 
 class SdoServer:

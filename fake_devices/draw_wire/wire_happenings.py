@@ -13,7 +13,7 @@ Not modelled
 from collections.abc import Callable
 from typing import Any
 
-from fake_devices.wire_gauge import WireGauge
+from cellcal.fake_devices.wire_gauge import WireGauge
 
 Happening = Callable[[dict[str, Any]], None]
 

@@ -19,10 +19,10 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fake_devices.clock import Clock
-from fake_devices.laser_tracker import layout as at
-from fake_devices.laser_tracker.results import Setup, result
-from fake_devices.laser_tracker.sensor import Sensor
+from cellcal.fake_devices.clock import Clock
+from cellcal.fake_devices.laser_tracker import layout as at
+from cellcal.fake_devices.laser_tracker.results import Setup, result
+from cellcal.fake_devices.laser_tracker.sensor import Sensor
 
 _NOT_INITIALISED, _INITIALISED = 4, 5
 _STATUS_NOT_READY, _STATUS_BUSY, _STATUS_READY = 0, 1, 2

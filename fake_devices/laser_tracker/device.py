@@ -14,13 +14,13 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from fake_devices.device import FaultRefusedError, JsonObject
-from fake_devices.laser_tracker import layout as at
-from fake_devices.laser_tracker.controller import Controller
-from fake_devices.laser_tracker.sensor import Sensor
-from fake_devices.laser_tracker.server import KINDS, Server
-from fake_devices.link_faults import LinkFaults
-from fake_devices.world import World
+from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.laser_tracker import layout as at
+from cellcal.fake_devices.laser_tracker.controller import Controller
+from cellcal.fake_devices.laser_tracker.sensor import Sensor
+from cellcal.fake_devices.laser_tracker.server import KINDS, Server
+from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.world import World
 
 Given = dict[str, Any]
 

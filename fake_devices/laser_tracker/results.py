@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr
-from fake_devices.laser_tracker import layout
-from fake_devices.laser_tracker.sensor import TURN_RAD, Seen
+from cellcal.fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr
+from cellcal.fake_devices.laser_tracker import layout
+from cellcal.fake_devices.laser_tracker.sensor import TURN_RAD, Seen
 
 _LENGTHS = (1.0, 1e3, 1e6, 1.0 / 0.3048, 1.0 / 0.9144, 1.0 / 0.0254)  # per metre
 _ANGLES = (1.0, 180.0 / math.pi, 200.0 / math.pi)

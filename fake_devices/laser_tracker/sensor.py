@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from fake_devices.arm import Arm
-from fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr, transform
-from fake_devices.world import World
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr, transform
+from cellcal.fake_devices.world import World
 
 ALONG_M, ACROSS_M, ACROSS_PER_M, TURN_RAD = 15e-6, 15e-6, 6e-6, 4e-5
 INDEX_PER_K = 0.95e-6

@@ -16,8 +16,8 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
-from fake_devices.laser_tracker import layout as at
-from fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.laser_tracker import layout as at
+from cellcal.fake_devices.link_faults import LinkFaults
 
 KINDS: dict[str, dict[str, Any]] = {
     "silent": {},

@@ -13,7 +13,7 @@ Not modelled
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
-from fake_devices.modbus_robot.words import text_words
+from cellcal.fake_devices.modbus_robot.words import text_words
 
 ALARM_WORDS = 100
 _FACILITY = {"SRVO": 11, "MOTN": 15, "SYST": 24}

@@ -17,12 +17,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fake_devices.arm import Arm
-from fake_devices.device import FaultRefusedError
-from fake_devices.encoders import PulseCoders
-from fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr, wpr_from_matrix
-from fake_devices.modbus_robot.alarms import CODES, ActiveAlarm
-from fake_devices.modbus_robot.program import Program, Reason, RefusedError
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.device import FaultRefusedError
+from cellcal.fake_devices.encoders import PulseCoders
+from cellcal.fake_devices.kinematics import Array, inverse, matrix_from_xyzwpr, wpr_from_matrix
+from cellcal.fake_devices.modbus_robot.alarms import CODES, ActiveAlarm
+from cellcal.fake_devices.modbus_robot.program import Program, Reason, RefusedError
 
 AUTO, T1, T2 = 1, 2, 3
 _UNTIL_POWER_CYCLE = frozenset(f"SRVO-0{n}" for n in (38, 62, 64, 68, 69, 70, 71, 72, 73, 74))

@@ -18,15 +18,15 @@ from typing import Any
 
 import numpy as np
 
-from fake_devices.device import FaultRefusedError, JsonObject
-from fake_devices.encoders import PulseCoders
-from fake_devices.kinematics import matrix_from_xyzwpr
-from fake_devices.modbus_robot.controller import Controller
-from fake_devices.modbus_robot.registers import POSITION, Block, IllegalValueError, RegisterMap, Words
-from fake_devices.modbus_robot.server import ModbusError, ModbusServer, link_faults
-from fake_devices.modbus_robot.words import float_words, words_float
-from fake_devices.modbus_robot.world_faults import WorldFaults
-from fake_devices.world import World
+from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.encoders import PulseCoders
+from cellcal.fake_devices.kinematics import matrix_from_xyzwpr
+from cellcal.fake_devices.modbus_robot.controller import Controller
+from cellcal.fake_devices.modbus_robot.registers import POSITION, Block, IllegalValueError, RegisterMap, Words
+from cellcal.fake_devices.modbus_robot.server import ModbusError, ModbusServer, link_faults
+from cellcal.fake_devices.modbus_robot.words import float_words, words_float
+from cellcal.fake_devices.modbus_robot.world_faults import WorldFaults
+from cellcal.fake_devices.world import World
 
 _TICK_REAL_S = 0.05
 _REGISTER_FAULTS: dict[str, dict[str, Any]] = {

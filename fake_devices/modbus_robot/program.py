@@ -17,9 +17,9 @@ from typing import Protocol
 
 import numpy as np
 
-from fake_devices.arm import Arm
-from fake_devices.kinematics import Array
-from fake_devices.modbus_robot.words import int32_words, words_float, words_int32
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.kinematics import Array
+from cellcal.fake_devices.modbus_robot.words import int32_words, words_float, words_int32
 
 HEARTBEAT_S = 0.5
 CYCLE_S = 0.01

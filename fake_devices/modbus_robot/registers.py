@@ -17,10 +17,10 @@ from functools import partial
 
 import numpy as np
 
-from fake_devices.arm_models import COUNTS_PER_TURN
-from fake_devices.modbus_robot.alarms import alarm_block
-from fake_devices.modbus_robot.controller import FRAMES, TOOLS, Controller
-from fake_devices.modbus_robot.words import (
+from cellcal.fake_devices.arm_models import COUNTS_PER_TURN
+from cellcal.fake_devices.modbus_robot.alarms import alarm_block
+from cellcal.fake_devices.modbus_robot.controller import FRAMES, TOOLS, Controller
+from cellcal.fake_devices.modbus_robot.words import (
     float_words,
     int32_words,
     text_words,

@@ -22,7 +22,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol
 
-from fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.link_faults import LinkFaults
 
 log = logging.getLogger(__name__)
 

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from fake_devices.arm_models import COUNTS_PER_TURN
-from fake_devices.device import FaultRefusedError, JsonObject
-from fake_devices.modbus_robot.controller import AUTO, T1, T2, TOOLS, Controller
-from fake_devices.modbus_robot.program import RefusedError
-from fake_devices.world import World
+from cellcal.fake_devices.arm_models import COUNTS_PER_TURN
+from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.modbus_robot.controller import AUTO, T1, T2, TOOLS, Controller
+from cellcal.fake_devices.modbus_robot.program import RefusedError
+from cellcal.fake_devices.world import World
 
 OFF_S = 5.0
 _EVERY_AXIS = "all"

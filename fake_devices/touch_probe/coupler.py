@@ -18,9 +18,9 @@ Not modelled
 from collections.abc import Callable
 from typing import Any
 
-from fake_devices.link_faults import LinkFaults
-from fake_devices.modbus_robot.server import ModbusError, ModbusServer, link_faults
-from fake_devices.modbus_tables import answer
+from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.modbus_robot.server import ModbusError, ModbusServer, link_faults
+from cellcal.fake_devices.modbus_tables import answer
 
 KINDS: dict[str, dict[str, Any]] = {
     "image_frozen": {},  # the inputs stand still and nothing says so

@@ -16,11 +16,11 @@ from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
-from fake_devices.device import JsonObject
-from fake_devices.link_faults import LinkFaults
-from fake_devices.touch_probe.coupler import Coupler
-from fake_devices.touch_probe.tip import ContactProbe, Plunger
-from fake_devices.world import World
+from cellcal.fake_devices.device import JsonObject
+from cellcal.fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.touch_probe.coupler import Coupler
+from cellcal.fake_devices.touch_probe.tip import ContactProbe, Plunger
+from cellcal.fake_devices.world import World
 
 _TICK_REAL_S, _REST_REAL_S, _PORT_REAL_S = 0.008, 0.04, 0.05
 _PROBE_KINDS: dict[str, dict[str, Any]] = {

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from fake_devices.arm import Arm
-from fake_devices.kinematics import Array, transform
-from fake_devices.world import World
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.kinematics import Array, transform
+from cellcal.fake_devices.world import World
 
 _LOBES = 3
 _FAR_M, _NEAR_M = 1e3, 1e-3

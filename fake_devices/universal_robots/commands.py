@@ -10,8 +10,8 @@ Not modelled
     Force mode, zeroing and damping change nothing; joint torques and dynamics are zero.
 """
 
-from fake_devices.universal_robots.control_script import Act, ControlScript, PathMove
-from fake_devices.universal_robots.frames import (
+from cellcal.fake_devices.universal_robots.control_script import Act, ControlScript, PathMove
+from cellcal.fake_devices.universal_robots.frames import (
     IDENTITY,
     Vector,
     frame_of,
@@ -20,7 +20,7 @@ from fake_devices.universal_robots.frames import (
     rotation_matrix,
     translation,
 )
-from fake_devices.universal_robots.motion import (
+from cellcal.fake_devices.universal_robots.motion import (
     Brake,
     JointSpeed,
     Motion,

@@ -14,15 +14,15 @@ Not modelled
 
 from collections.abc import Callable
 
-from fake_devices.universal_robots.controller import Controller
-from fake_devices.universal_robots.frames import Vector, frame_of, pose_of, product
-from fake_devices.universal_robots.motion import (
+from cellcal.fake_devices.universal_robots.controller import Controller
+from cellcal.fake_devices.universal_robots.frames import Vector, frame_of, pose_of, product
+from cellcal.fake_devices.universal_robots.motion import (
     Brake,
     JointMove,
     LinearMove,
     Motion,
 )
-from fake_devices.universal_robots.programs import Program, Waypoint
+from cellcal.fake_devices.universal_robots.programs import Program, Waypoint
 
 READY, DONE = 1, 2
 CLEAR, STOP_SCRIPT = 0, 255

@@ -20,12 +20,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fake_devices.universal_robots.frames import IDENTITY, Frame, Vector, frame_of, inverse
-from fake_devices.universal_robots.identity import Identity
-from fake_devices.universal_robots.kinematics import Kinematics, factory_calibration
-from fake_devices.universal_robots.motion import Brake, Motion, NoSolutionError, SetPoint
-from fake_devices.universal_robots.registers import Registers
-from fake_devices.universal_robots.states import RobotMode, RuntimeState, SafetyMode
+from cellcal.fake_devices.universal_robots.frames import IDENTITY, Frame, Vector, frame_of, inverse
+from cellcal.fake_devices.universal_robots.identity import Identity
+from cellcal.fake_devices.universal_robots.kinematics import Kinematics, factory_calibration
+from cellcal.fake_devices.universal_robots.motion import Brake, Motion, NoSolutionError, SetPoint
+from cellcal.fake_devices.universal_robots.registers import Registers
+from cellcal.fake_devices.universal_robots.states import RobotMode, RuntimeState, SafetyMode
 
 _HISTORY_STEPS = 200
 

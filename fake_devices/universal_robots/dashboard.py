@@ -12,9 +12,9 @@ Not modelled
 
 from collections.abc import Callable
 
-from fake_devices.universal_robots.controller import Controller
-from fake_devices.universal_robots.ports import Connection, Port
-from fake_devices.universal_robots.states import RuntimeState, SafetyMode
+from cellcal.fake_devices.universal_robots.controller import Controller
+from cellcal.fake_devices.universal_robots.ports import Connection, Port
+from cellcal.fake_devices.universal_robots.states import RuntimeState, SafetyMode
 
 _GREETING = "Connected: Universal Robots Dashboard Server"
 _FIXED = {

@@ -13,11 +13,11 @@ Not modelled
 from collections.abc import Mapping
 from typing import Any
 
-from fake_devices.device import FaultRefusedError, JsonObject
-from fake_devices.universal_robots.faults import FAULTS, Faults
-from fake_devices.universal_robots.identity import Identity
-from fake_devices.universal_robots.server import UniversalRobotServer
-from fake_devices.world import World
+from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.universal_robots.faults import FAULTS, Faults
+from cellcal.fake_devices.universal_robots.identity import Identity
+from cellcal.fake_devices.universal_robots.server import UniversalRobotServer
+from cellcal.fake_devices.world import World
 
 
 class UniversalRobot:

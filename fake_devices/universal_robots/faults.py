@@ -13,11 +13,11 @@ Not modelled
 from collections.abc import Awaitable, Callable, Mapping
 from typing import Any
 
-from fake_devices.device import FaultRefusedError, JsonObject
-from fake_devices.universal_robots.controller import Controller
-from fake_devices.universal_robots.frames import Vector
-from fake_devices.universal_robots.motion import JointMove
-from fake_devices.universal_robots.server import RTDE, UniversalRobotServer
+from cellcal.fake_devices.device import FaultRefusedError, JsonObject
+from cellcal.fake_devices.universal_robots.controller import Controller
+from cellcal.fake_devices.universal_robots.frames import Vector
+from cellcal.fake_devices.universal_robots.motion import JointMove
+from cellcal.fake_devices.universal_robots.server import RTDE, UniversalRobotServer
 
 FAULTS: dict[str, dict[str, Any]] = {
     "protective_stop": {"unlock_after_s": 0.0},

@@ -19,7 +19,7 @@ from math import acos, atan2, cos, hypot, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from fake_devices.universal_robots.frames import (
+from cellcal.fake_devices.universal_robots.frames import (
     IDENTITY,
     Frame,
     Vector,

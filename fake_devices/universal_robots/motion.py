@@ -17,8 +17,15 @@ from typing import Protocol
 
 import numpy as np
 
-from fake_devices.universal_robots.frames import Frame, Vector, difference, moved, product, translation
-from fake_devices.universal_robots.kinematics import Kinematics
+from cellcal.fake_devices.universal_robots.frames import (
+    Frame,
+    Vector,
+    difference,
+    moved,
+    product,
+    translation,
+)
+from cellcal.fake_devices.universal_robots.kinematics import Kinematics
 
 _STILL = (0.0,) * 6
 _STRIDE_M = 0.02  # a straight line is followed in steps of at most this, also when time runs fast

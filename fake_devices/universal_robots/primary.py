@@ -13,11 +13,11 @@ Not modelled
 
 import struct
 
-from fake_devices.universal_robots.controller import Controller
-from fake_devices.universal_robots.ports import Port
-from fake_devices.universal_robots.readings import Readings
-from fake_devices.universal_robots.script_port import Loader, ScriptConnection
-from fake_devices.universal_robots.states import RuntimeState, SafetyMode, joint_mode
+from cellcal.fake_devices.universal_robots.controller import Controller
+from cellcal.fake_devices.universal_robots.ports import Port
+from cellcal.fake_devices.universal_robots.readings import Readings
+from cellcal.fake_devices.universal_robots.script_port import Loader, ScriptConnection
+from cellcal.fake_devices.universal_robots.states import RuntimeState, SafetyMode, joint_mode
 
 _ROBOT_STATE, _ROBOT_MESSAGE = 16, 20
 _ZERO_SUB_PACKAGES = {9: 53, 8: 9, 10: 43, 11: 26, 12: 8}

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from fake_devices.universal_robots.controller import Controller
-from fake_devices.universal_robots.frames import Vector, pose_of, product, translation
-from fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES, known, zero
-from fake_devices.universal_robots.states import joint_mode, safety_bits, status_bits
+from cellcal.fake_devices.universal_robots.controller import Controller
+from cellcal.fake_devices.universal_robots.frames import Vector, pose_of, product, translation
+from cellcal.fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES, known, zero
+from cellcal.fake_devices.universal_robots.states import joint_mode, safety_bits, status_bits
 
 _STILL = (0.0,) * 6
 _CONSTANTS: dict[str, object] = {

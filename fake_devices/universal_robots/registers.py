@@ -13,7 +13,7 @@ Not modelled
 from collections.abc import Mapping
 from typing import Any
 
-from fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES, zero
+from cellcal.fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES, zero
 
 
 class Registers:

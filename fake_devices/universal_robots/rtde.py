@@ -16,7 +16,7 @@ from enum import IntEnum
 from struct import Struct
 from typing import Any
 
-from fake_devices.universal_robots.rtde_fields import packed, width
+from cellcal.fake_devices.universal_robots.rtde_fields import packed, width
 
 _HEADER = Struct(">HB")
 MAX_NAME_BYTES = 2048

@@ -15,10 +15,10 @@ import logging
 import struct
 from typing import Any
 
-from fake_devices.universal_robots.controller import Controller
-from fake_devices.universal_robots.ports import Connection, Port
-from fake_devices.universal_robots.readings import Readings
-from fake_devices.universal_robots.rtde import (
+from cellcal.fake_devices.universal_robots.controller import Controller
+from cellcal.fake_devices.universal_robots.ports import Connection, Port
+from cellcal.fake_devices.universal_robots.readings import Readings
+from cellcal.fake_devices.universal_robots.rtde import (
     MAX_NAME_BYTES,
     InputRecipe,
     Kind,
@@ -29,7 +29,7 @@ from fake_devices.universal_robots.rtde import (
     names_in,
     telegram,
 )
-from fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES
+from cellcal.fake_devices.universal_robots.rtde_fields import INPUT_TYPES, OUTPUT_TYPES
 
 _log = logging.getLogger(__name__)
 _PROTOCOL_1_HZ = 125.0

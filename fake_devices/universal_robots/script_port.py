@@ -13,11 +13,11 @@ Not modelled
 
 import logging
 
-from fake_devices.universal_robots.commands import ACTS
-from fake_devices.universal_robots.control_script import ControlScript, ForeignProgram
-from fake_devices.universal_robots.controller import Controller, RunningProgram
-from fake_devices.universal_robots.ports import Connection, Port
-from fake_devices.universal_robots.programs import Programs, understand
+from cellcal.fake_devices.universal_robots.commands import ACTS
+from cellcal.fake_devices.universal_robots.control_script import ControlScript, ForeignProgram
+from cellcal.fake_devices.universal_robots.controller import Controller, RunningProgram
+from cellcal.fake_devices.universal_robots.ports import Connection, Port
+from cellcal.fake_devices.universal_robots.programs import Programs, understand
 
 _log = logging.getLogger(__name__)
 

@@ -15,13 +15,13 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 
-from fake_devices.universal_robots.controller import ArmPort, Controller
-from fake_devices.universal_robots.dashboard import DashboardConnection
-from fake_devices.universal_robots.identity import Identity
-from fake_devices.universal_robots.ports import Port
-from fake_devices.universal_robots.primary import PrimaryConnection, RobotState
-from fake_devices.universal_robots.rtde_port import RtdeConnection, RtdeServer
-from fake_devices.universal_robots.script_port import Loader, ScriptConnection
+from cellcal.fake_devices.universal_robots.controller import ArmPort, Controller
+from cellcal.fake_devices.universal_robots.dashboard import DashboardConnection
+from cellcal.fake_devices.universal_robots.identity import Identity
+from cellcal.fake_devices.universal_robots.ports import Port
+from cellcal.fake_devices.universal_robots.primary import PrimaryConnection, RobotState
+from cellcal.fake_devices.universal_robots.rtde_port import RtdeConnection, RtdeServer
+from cellcal.fake_devices.universal_robots.script_port import Loader, ScriptConnection
 
 PRIMARY, SECONDARY, SCRIPT, RTDE, DASHBOARD = 30001, 30002, 30003, 30004, 29999
 _SLOW_HZ = 125

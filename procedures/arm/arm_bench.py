@@ -10,21 +10,21 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import Array
-from calibration.identification.observations import Observations
-from calibration.identification.parameters import GRAVITY, Priors
-from calibration.mastering.counts import DriveTrain
-from calibration.poses.arm_fit import ArmTask
-from drivers.interfaces import Counts, Instruction, Joints, Readiness
-from procedures.cell import Cell, MotionLimits
-from procedures.entry import NEEDS
-from procedures.forecast import Knowledge
-from procedures.run import NeedsUnmetError, RefusalError
-from procedures.steps.capture import SPREAD_SIGMAS
-from procedures.steps.length import LengthCapture, capture_length
-from procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
-from procedures.steps.measure_point import PointCapture, measure_point, tracker
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Observations
+from cellcal.calibration.identification.parameters import GRAVITY, Priors
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.poses.arm_fit import ArmTask
+from cellcal.drivers.interfaces import Counts, Instruction, Joints, Readiness
+from cellcal.procedures.cell import Cell, MotionLimits
+from cellcal.procedures.entry import NEEDS
+from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.run import NeedsUnmetError, RefusalError
+from cellcal.procedures.steps.capture import SPREAD_SIGMAS
+from cellcal.procedures.steps.length import LengthCapture, capture_length
+from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
+from cellcal.procedures.steps.measure_point import PointCapture, measure_point, tracker
 
 Method = Literal["wire", "tracker"]
 Triple = tuple[float, float, float]

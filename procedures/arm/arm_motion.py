@@ -9,20 +9,20 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.mastering.pose_design import candidate_joints
-from calibration.motion.collision import CollisionCheck
-from calibration.motion.motion_check import WirePath, check_moves
-from calibration.motion.motion_quantities import wire_winding
-from drivers.interfaces import Joints
-from procedures.arm.arm_bench import Bench, Triple
-from procedures.motion.approach import from_below
-from procedures.motion.pace import Pace
-from procedures.motion.plans import Room
-from procedures.motion.surroundings import clearances
-from procedures.survey import survey_motion
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.motion.collision import CollisionCheck
+from cellcal.calibration.motion.motion_check import WirePath, check_moves
+from cellcal.calibration.motion.motion_quantities import wire_winding
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.arm.arm_bench import Bench, Triple
+from cellcal.procedures.motion.approach import from_below
+from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.surroundings import clearances
+from cellcal.procedures.survey import survey_motion
 
 FEWEST_POSES = 8
 _CORNERS = 80

@@ -1,15 +1,15 @@
 """What a screen draws of procedures on a whole arm: their plans, and what new joint zeros change."""
 
-from drivers.interfaces import Joints
-from procedures.arm.arm_bench import Bench
-from procedures.arm.calibration_plan import CalibrationPlan
-from procedures.arm.calibration_result import Identified
-from procedures.arm.series_rules import SeriesRules
-from procedures.arm.tool_plan import ToolPlan
-from procedures.forecast import Prediction
-from procedures.limits import TOOL
-from procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, joint_displacement
-from procedures.verdict import Change
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.arm.arm_bench import Bench
+from cellcal.procedures.arm.calibration_plan import CalibrationPlan
+from cellcal.procedures.arm.calibration_result import Identified
+from cellcal.procedures.arm.series_rules import SeriesRules
+from cellcal.procedures.arm.tool_plan import ToolPlan
+from cellcal.procedures.forecast import Prediction
+from cellcal.procedures.limits import TOOL
+from cellcal.procedures.steps.pages import ARM_CHECKS, WIRE_CHECKS, Moves, joint_displacement
+from cellcal.procedures.verdict import Change
 
 _POSTURES = 40  # of those that stand for the whole work
 

@@ -5,17 +5,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import Array
-from drivers.interfaces import Joints
-from procedures.arm.arm_bench import ArmCapture, Bench, agree, apart_m, capture_arm, noise_m
-from procedures.cell import Cell
-from procedures.motion.pace import Pace
-from procedures.refit import LEFT_OUT, MEASURED_AGAIN
-from procedures.run import Run
-from procedures.steps.measure_point import SAME_SIGMAS, PointCapture, StationMovedError, hold_station
-from procedures.steps.motion import follow
-from procedures.verdict import SetAside
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import Array
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.arm.arm_bench import ArmCapture, Bench, agree, apart_m, capture_arm, noise_m
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.measure_point import SAME_SIGMAS, PointCapture, StationMovedError, hold_station
+from cellcal.procedures.steps.motion import follow
+from cellcal.procedures.verdict import SetAside
 
 RETURN_SIGMA_M = 1.5e-4  # of an arm that comes back to a pose after a long series, its own warmth included
 ON_THE_WAY_RAD = 0.02  # an approach from below leaves the way by one degree

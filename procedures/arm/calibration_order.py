@@ -5,19 +5,19 @@ from typing import Annotated
 
 from pydantic import Field
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose
-from calibration.poses.calibrated_arm import CalibratedArm
-from drivers.interfaces import MasteringData
-from procedures.arm.arm_bench import Bench, Method, Triple
-from procedures.arm.calibration_plan import Goal, ModelName
-from procedures.arm.calibration_result import Identified
-from procedures.arm.series_rules import SeriesRules
-from procedures.arm.tool_plan import ToolGoal
-from procedures.arm.tool_write import WrittenTool
-from procedures.judged_write import WriteAnyway
-from procedures.limits import TOOL, AccuracyClass, CheckLimits, ToolLimits, chosen
-from procedures.verdict import SetAside
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.poses.calibrated_arm import CalibratedArm
+from cellcal.drivers.interfaces import MasteringData
+from cellcal.procedures.arm.arm_bench import Bench, Method, Triple
+from cellcal.procedures.arm.calibration_plan import Goal, ModelName
+from cellcal.procedures.arm.calibration_result import Identified
+from cellcal.procedures.arm.series_rules import SeriesRules
+from cellcal.procedures.arm.tool_plan import ToolGoal
+from cellcal.procedures.arm.tool_write import WrittenTool
+from cellcal.procedures.judged_write import WriteAnyway
+from cellcal.procedures.limits import TOOL, AccuracyClass, CheckLimits, ToolLimits, chosen
+from cellcal.procedures.verdict import SetAside
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,17 +8,24 @@ from typing import Literal
 
 import numpy as np
 
-from calibration.geometry import Array
-from calibration.identification.parameters import GEOMETRY, GRAVITY, OFFSETS
-from calibration.identification.robust import RobustFit
-from calibration.poses.arm_fit import ArmTask, fit_arm, outlook_from, outlook_of, target_u, with_readings
-from calibration.poses.enough_poses import Acceptance, gaps
-from calibration.poses.measurement_poses import Criterion, Outlook, TestPoses, predict
-from calibration.poses.next_pose import best_in_turn, drawn_need, spread_order
-from calibration.poses.shortfall import shortfall
-from drivers.interfaces import Joints
-from procedures.arm.arm_bench import ArmCapture, Bench, observed, of_target
-from procedures.arm.arm_motion import (
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.parameters import GEOMETRY, GRAVITY, OFFSETS
+from cellcal.calibration.identification.robust import RobustFit
+from cellcal.calibration.poses.arm_fit import (
+    ArmTask,
+    fit_arm,
+    outlook_from,
+    outlook_of,
+    target_u,
+    with_readings,
+)
+from cellcal.calibration.poses.enough_poses import Acceptance, gaps
+from cellcal.calibration.poses.measurement_poses import Criterion, Outlook, TestPoses, predict
+from cellcal.calibration.poses.next_pose import best_in_turn, drawn_need, spread_order
+from cellcal.calibration.poses.shortfall import shortfall
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.arm.arm_bench import ArmCapture, Bench, observed, of_target
+from cellcal.procedures.arm.arm_motion import (
     Reach,
     Roadmap,
     Spots,
@@ -28,9 +35,9 @@ from procedures.arm.arm_motion import (
     way_to_rest,
     ways_through,
 )
-from procedures.arm.series_rules import SeriesRules
-from procedures.arm.tool_plan import ToolGoal, ToolPlan, draw_points, plan_points, unseen
-from procedures.motion.pace import Pace, Paced
+from cellcal.procedures.arm.series_rules import SeriesRules
+from cellcal.procedures.arm.tool_plan import ToolGoal, ToolPlan, draw_points, plan_points, unseen
+from cellcal.procedures.motion.pace import Pace, Paced
 
 ModelName = Literal["offsets", "geometry", "sag"]
 LEVEL: dict[str, int] = {"offsets": OFFSETS, "geometry": GEOMETRY, "sag": GRAVITY}

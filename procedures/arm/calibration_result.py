@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import Array
-from calibration.identification.estimator import Fit
-from calibration.identification.identifiability import not_identified
-from calibration.identification.offset_acceptance import accept_offsets
-from calibration.identification.parameters import OFFSETS
-from calibration.identification.tip_uncertainty import offset_slopes
-from calibration.mastering.counts import DriveTrain
-from calibration.poses.arm_fit import (
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Fit
+from cellcal.calibration.identification.identifiability import not_identified
+from cellcal.calibration.identification.offset_acceptance import accept_offsets
+from cellcal.calibration.identification.parameters import OFFSETS
+from cellcal.calibration.identification.tip_uncertainty import offset_slopes
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     believed_sigma,
     errors_at,
@@ -24,12 +24,12 @@ from calibration.poses.arm_fit import (
     predicted_sigma,
     target_u,
 )
-from calibration.poses.calibrated_arm import CalibratedArm
-from calibration.uncertainty import chi_square_limit
-from drivers.interfaces import Counts
-from procedures.arm.arm_bench import ArmCapture, joints_of, observed, of_target, values_of
-from procedures.arm.calibration_plan import Series, fitted, fixed_plan_captures
-from procedures.arm.tool_result import FoundTool, find_tool
+from cellcal.calibration.poses.calibrated_arm import CalibratedArm
+from cellcal.calibration.uncertainty import chi_square_limit
+from cellcal.drivers.interfaces import Counts
+from cellcal.procedures.arm.arm_bench import ArmCapture, joints_of, observed, of_target, values_of
+from cellcal.procedures.arm.calibration_plan import Series, fitted, fixed_plan_captures
+from cellcal.procedures.arm.tool_result import FoundTool, find_tool
 
 OFFSETS_EXPLAIN = (
     1.15  # of the whole model's RMS at the check poses: above, zeros alone are not the whole story

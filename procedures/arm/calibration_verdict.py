@@ -2,12 +2,21 @@
 
 import math
 
-from procedures.arm.calibration_order import CalibrationResult, RobotCalibration
-from procedures.arm.calibration_result import Identified
-from procedures.arm.tool_write import UNTOLD_AXES, tool_figures
-from procedures.judged_write import frame_changes
-from procedures.limits import CHECK, chosen, told
-from procedures.verdict import Change, Characteristic, Verdict, enough, held, judged, known_within, stated
+from cellcal.procedures.arm.calibration_order import CalibrationResult, RobotCalibration
+from cellcal.procedures.arm.calibration_result import Identified
+from cellcal.procedures.arm.tool_write import UNTOLD_AXES, tool_figures
+from cellcal.procedures.judged_write import frame_changes
+from cellcal.procedures.limits import CHECK, chosen, told
+from cellcal.procedures.verdict import (
+    Change,
+    Characteristic,
+    Verdict,
+    enough,
+    held,
+    judged,
+    known_within,
+    stated,
+)
 
 
 def verdict_on_calibration(spec: RobotCalibration, result: CalibrationResult) -> Verdict:

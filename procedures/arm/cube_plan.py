@@ -6,14 +6,14 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.accuracy import FULL_POSES, cube_positions
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.motion.motion_check import allowed_postures
-from calibration.poses.next_pose import spread_order
-from drivers.interfaces import Joints
-from procedures.arm.arm_bench import Bench, Triple
-from procedures.arm.arm_motion import (
+from cellcal.calibration.accuracy import FULL_POSES, cube_positions
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.motion.motion_check import allowed_postures
+from cellcal.calibration.poses.next_pose import spread_order
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.arm.arm_bench import Bench, Triple
+from cellcal.procedures.arm.arm_motion import (
     Reach,
     Roadmap,
     draw_poses,
@@ -24,9 +24,9 @@ from procedures.arm.arm_motion import (
     ways_through,
     wound_on_way,
 )
-from procedures.motion.pace import Pace, Paced
-from procedures.motion.plans import Room
-from procedures.survey.survey_motion import survey_limits
+from cellcal.procedures.motion.pace import Pace, Paced
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.survey.survey_motion import survey_limits
 
 SHRINK, SMALLEST_SHARE = 0.8, 0.3
 _TRIED, _STEPS, _REACHED_M = 12, 12, 1e-6

@@ -7,15 +7,22 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from calibration.drift.causes import telling_order
-from calibration.drift.reference import DriftReference
-from drivers.interfaces import Joints
-from procedures.arm.arm_bench import Bench, Method
-from procedures.arm.arm_motion import Reach, draw_poses, map_roads, way_is_free, way_to_one, way_to_rest
-from procedures.forecast import Knowledge
-from procedures.motion.pace import Pace, Paced
-from procedures.motion.plans import Room
-from procedures.run import RefusalError
+from cellcal.calibration.drift.causes import telling_order
+from cellcal.calibration.drift.reference import DriftReference
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.arm.arm_bench import Bench, Method
+from cellcal.procedures.arm.arm_motion import (
+    Reach,
+    draw_poses,
+    map_roads,
+    way_is_free,
+    way_to_one,
+    way_to_rest,
+)
+from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.motion.pace import Pace, Paced
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.run import RefusalError
 
 REPEAT_M = 3e-5  # how well an arm of this class comes back to a pose from the same side, one coordinate
 ASSUMED_DISTANCE_M = 3.0  # of a target from its tracker, in a dry run

@@ -6,8 +6,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from procedures.arm.arm_bench import ARM_SIGMA_M, Triple
-from procedures.motion.plans import Room
+from cellcal.procedures.arm.arm_bench import ARM_SIGMA_M, Triple
+from cellcal.procedures.motion.plans import Room
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.geometry import Array, Pose
-from calibration.identification.observations import Rows
-from calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_u
-from calibration.points.fixture import Triple
-from calibration.poses.arm_fit import point_covariance, point_rows
-from calibration.poses.measurement_poses import Outlook
-from calibration.poses.next_pose import best_for, spread_order
-from drivers.interfaces import Joints
-from procedures.arm.arm_bench import ArmCapture
-from procedures.arm.arm_motion import (
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_u
+from cellcal.calibration.points.fixture import Triple
+from cellcal.calibration.poses.arm_fit import point_covariance, point_rows
+from cellcal.calibration.poses.measurement_poses import Outlook
+from cellcal.calibration.poses.next_pose import best_for, spread_order
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.arm.arm_bench import ArmCapture
+from cellcal.procedures.arm.arm_motion import (
     Reach,
     Roadmap,
     Spots,
@@ -26,8 +26,8 @@ from procedures.arm.arm_motion import (
     ordered_ways,
     way_between,
 )
-from procedures.arm.series_rules import SeriesRules
-from procedures.motion.pace import Pace, Paced
+from cellcal.procedures.arm.series_rules import SeriesRules
+from cellcal.procedures.motion.pace import Pace, Paced
 
 # Of a limit: what a point promises before the arm is known as well as it will be.
 _PROMISE = 0.78

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.geometry import Pose
-from calibration.identification.robust import RobustFit
-from calibration.points.end_effector import tool_through
-from calibration.points.fixture import PlacedPoints, Triple
-from calibration.poses.arm_fit import (
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.identification.robust import RobustFit
+from cellcal.calibration.points.end_effector import tool_through
+from cellcal.calibration.points.fixture import PlacedPoints, Triple
+from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     believed_sigma,
     errors_at,
@@ -17,9 +17,9 @@ from calibration.poses.arm_fit import (
     points_found,
     predicted_sigma,
 )
-from calibration.uncertainty import chi_square_limit
-from procedures.arm.arm_bench import ArmCapture, observed, of_target
-from procedures.arm.tool_plan import ToolGoal
+from cellcal.calibration.uncertainty import chi_square_limit
+from cellcal.procedures.arm.arm_bench import ArmCapture, observed, of_target
+from cellcal.procedures.arm.tool_plan import ToolGoal
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,18 +8,18 @@ from itertools import count
 
 import numpy as np
 
-from calibration.poses.arm_fit import with_readings
-from calibration.poses.measurement_poses import Outlook
-from calibration.poses.next_pose import best_for
-from drivers.interfaces import Instruction, Joints
-from procedures.arm.arm_bench import ArmCapture, of_target
-from procedures.arm.arm_motion import ordered_ways, way_between
-from procedures.arm.arm_series import Visits
-from procedures.arm.calibration_plan import Series, Standing, known_so_far
-from procedures.arm.tool_plan import ToolGoal, ToolPlan, place_rows, unseen
-from procedures.run import Run
-from procedures.steps.ask import ask
-from procedures.steps.end_effector import BACK, to_point
+from cellcal.calibration.poses.arm_fit import with_readings
+from cellcal.calibration.poses.measurement_poses import Outlook
+from cellcal.calibration.poses.next_pose import best_for
+from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.arm.arm_bench import ArmCapture, of_target
+from cellcal.procedures.arm.arm_motion import ordered_ways, way_between
+from cellcal.procedures.arm.arm_series import Visits
+from cellcal.procedures.arm.calibration_plan import Series, Standing, known_so_far
+from cellcal.procedures.arm.tool_plan import ToolGoal, ToolPlan, place_rows, unseen
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.ask import ask
+from cellcal.procedures.steps.end_effector import BACK, to_point
 
 Way = tuple[Joints, ...]
 

@@ -7,18 +7,18 @@ from typing import Protocol
 
 from pydantic_core import to_jsonable_python
 
-from calibration.geometry import Pose
-from calibration.points.fixture import PlacedPoints
-from drivers.interfaces import Instruction
-from procedures.arm.tool_result import FoundTool
-from procedures.canonical import sha256_of
-from procedures.judged_write import ask_to_write, shift_told
-from procedures.limits import ToolLimits
-from procedures.run import Run
-from procedures.steps.ask import accept
-from procedures.steps.end_effector import bad_shape
-from procedures.steps.write import write_and_read_back
-from procedures.verdict import FAIL, PASS, Characteristic, Verdict, held, known_within, stated
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.fixture import PlacedPoints
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.arm.tool_result import FoundTool
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.judged_write import ask_to_write, shift_told
+from cellcal.procedures.limits import ToolLimits
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.ask import accept
+from cellcal.procedures.steps.end_effector import bad_shape
+from cellcal.procedures.steps.write import write_and_read_back
+from cellcal.procedures.verdict import FAIL, PASS, Characteristic, Verdict, held, known_within, stated
 
 UNTOLD_AXES = "the orientation: one point tells x, y, z only"
 

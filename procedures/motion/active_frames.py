@@ -6,11 +6,11 @@ hangs at the flange, or is working at this robot: points from before and after d
 
 from collections.abc import Iterable
 
-from calibration.geometry import Pose
-from drivers.interfaces import ActiveFrames
-from procedures.cell import Cell
-from procedures.run import ProcedureError
-from procedures.steps.write import same_pose
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.interfaces import ActiveFrames
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.run import ProcedureError
+from cellcal.procedures.steps.write import same_pose
 
 PAYLOAD_KG = 1e-3  # what a pendant shows
 _UNTOLD = "Whether {what} was changed on the controller during the run: this robot does not tell it."

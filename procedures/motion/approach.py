@@ -6,8 +6,8 @@ captures come from the other side on purpose: what differs then is the gears' pl
 
 import numpy as np
 
-from calibration.geometry import Array
-from drivers.interfaces import Joints
+from cellcal.calibration.geometry import Array
+from cellcal.drivers.interfaces import Joints
 
 OVERSHOOT_RAD = 0.0174533  # 1 deg
 

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drivers.interfaces import Instruction, Joints
-from procedures.cell import Cell, MotionLevel
-from procedures.run import ProcedureError
-from procedures.steps.ask import ask
-from procedures.steps.mastering import motor_store
-from procedures.steps.pages import asked_by_hand
+from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.cell import Cell, MotionLevel
+from cellcal.procedures.run import ProcedureError
+from cellcal.procedures.steps.ask import ask
+from cellcal.procedures.steps.mastering import motor_store
+from cellcal.procedures.steps.pages import asked_by_hand
 
 TRIES = 4
 STILL_RAD = 1e-3

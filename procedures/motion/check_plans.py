@@ -5,18 +5,18 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord
-from calibration.mastering.recovery_walk import NEEDED_POWER, nearby_joints
-from calibration.mastering.turn_recovery import verification_power
-from calibration.motion.motion_check import MotionLimits
-from drivers.interfaces import Joints
-from procedures.motion.lost_plans import candidates, unmeasured, unreachable, walk_planner
-from procedures.motion.plan_ways import travel_order
-from procedures.motion.plans import MotionPlan, Room, timed
-from procedures.motion.turn_doubt import Turns, lost_limits, sure_to
-from procedures.steps.mastering import MotorState
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.recovery_walk import NEEDED_POWER, nearby_joints
+from cellcal.calibration.mastering.turn_recovery import verification_power
+from cellcal.calibration.motion.motion_check import MotionLimits
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.motion.lost_plans import candidates, unmeasured, unreachable, walk_planner
+from cellcal.procedures.motion.plan_ways import travel_order
+from cellcal.procedures.motion.plans import MotionPlan, Room, timed
+from cellcal.procedures.motion.turn_doubt import Turns, lost_limits, sure_to
+from cellcal.procedures.steps.mastering import MotorState
 
 VERIFICATION_SIGMAS = 6.0
 DRAWS = 3  # of poses to choose from: the soonest checks of them are taken

@@ -6,8 +6,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from calibration.geometry import Array
-from drivers.interfaces import Joints
+from cellcal.calibration.geometry import Array
+from cellcal.drivers.interfaces import Joints
 
 K = TypeVar("K", int, Joints)
 _NEAREST = 6  # places that a way to one pose is tried from at a time

@@ -5,11 +5,11 @@ from collections.abc import Coroutine, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from drivers.interfaces import ContactEdge, Joints, Robot, TouchProbe
-from procedures.cell import Cell
-from procedures.motion import motion_gate
-from procedures.motion.latch import TimedJoints
-from procedures.motion.motion_gate import Care
+from cellcal.drivers.interfaces import ContactEdge, Joints, Robot, TouchProbe
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion import motion_gate
+from cellcal.procedures.motion.latch import TimedJoints
+from cellcal.procedures.motion.motion_gate import Care
 
 READ_PAUSE_S = 0.005
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from drivers.interfaces import Joints
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.drivers.interfaces import Joints
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.mastering.counts import MasteringRecord
-from calibration.mastering.drawn_walk import DrawnWalk, drawn_walk
-from calibration.mastering.pose_design import candidate_joints, next_poses
-from calibration.mastering.recovery_walk import Pace, WalkPlanner, nearby_joints
-from calibration.motion.motion_check import MotionLimits, allowed_postures, check_moves
-from drivers.interfaces import Joints
-from procedures.cell import MotionLimits as SpeedLimits
-from procedures.motion.approach import OVERSHOOT_RAD, from_above
-from procedures.motion.pace import Pace as JogPace
-from procedures.motion.plan_ways import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.drawn_walk import DrawnWalk, drawn_walk
+from cellcal.calibration.mastering.pose_design import candidate_joints, next_poses
+from cellcal.calibration.mastering.recovery_walk import Pace, WalkPlanner, nearby_joints
+from cellcal.calibration.motion.motion_check import MotionLimits, allowed_postures, check_moves
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.cell import MotionLimits as SpeedLimits
+from cellcal.procedures.motion.approach import OVERSHOOT_RAD, from_above
+from cellcal.procedures.motion.pace import Pace as JogPace
+from cellcal.procedures.motion.plan_ways import (
     as_joints,
     corners_allowed,
     corners_of,
@@ -25,10 +25,10 @@ from procedures.motion.plan_ways import (
     walk_allowed,
     way_allowed,
 )
-from procedures.motion.plans import MotionPlan, Room, checked, motion_limits, timed
-from procedures.motion.surroundings import clearances
-from procedures.motion.turn_doubt import Turns, lost_limits, posture_doubt
-from procedures.steps.mastering import MotorState
+from cellcal.procedures.motion.plans import MotionPlan, Room, checked, motion_limits, timed
+from cellcal.procedures.motion.surroundings import clearances
+from cellcal.procedures.motion.turn_doubt import Turns, lost_limits, posture_doubt
+from cellcal.procedures.steps.mastering import MotorState
 
 SAME_POSE_RAD = 0.02
 SPARE_CANDIDATES = 60

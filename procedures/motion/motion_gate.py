@@ -14,20 +14,20 @@ from enum import Enum
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.motion.doubt import PostureDoubt
-from calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
-from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
-from drivers.interfaces import Counts, Instruction, JointReading, Joints, Readiness
-from procedures.cell import Cell, MotionLevel, MotionMemory
-from procedures.motion.active_frames import same_frames
-from procedures.motion.by_hand import jog_by_hand, move_by_hand
-from procedures.motion.pace import Pace
-from procedures.motion.surroundings import clearances
-from procedures.run import NeedsUnmetError, ProcedureError
-from procedures.steps.ask import ask
-from procedures.steps.mastering import PositionLostAgainError, axis_jog
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.motion.doubt import PostureDoubt
+from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, WirePath, check_moves
+from cellcal.drivers.errors import MotionStoppedError, RefusedError, UnreachableError
+from cellcal.drivers.interfaces import Counts, Instruction, JointReading, Joints, Readiness
+from cellcal.procedures.cell import Cell, MotionLevel, MotionMemory
+from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.motion.by_hand import jog_by_hand, move_by_hand
+from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.motion.surroundings import clearances
+from cellcal.procedures.run import NeedsUnmetError, ProcedureError
+from cellcal.procedures.steps.ask import ask
+from cellcal.procedures.steps.mastering import PositionLostAgainError, axis_jog
 
 MARGIN_RAD = 0.034907  # 2 deg from a joint's limit: plans keep 3, and stops from below overshoot by 1
 HAND_TOLERANCE_RAD = 0.0087266  # 0.5 deg: what a person sets on a pendant

@@ -6,10 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.motion.motion_check import MotionLimits, check_moves
-from drivers.interfaces import Joints
-from procedures.motion.approach import axis_by_axis, from_below
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.motion.motion_check import MotionLimits, check_moves
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.motion.approach import axis_by_axis, from_below
 
 _MARGIN = 1.02  # a way is looked at in samples, and gone from where the arm really stands
 

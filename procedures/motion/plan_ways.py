@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves, sampled
-from calibration.motion.motion_quantities import wire_side, wire_winding
-from drivers.interfaces import Joints
-from procedures.motion.approach import axis_by_axis, from_below
-from procedures.motion.detours import SAME_WINDING_RAD
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.motion.motion_check import MotionLimits, MotionVerdict, check_moves, sampled
+from cellcal.calibration.motion.motion_quantities import wire_side, wire_winding
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.motion.approach import axis_by_axis, from_below
+from cellcal.procedures.motion.detours import SAME_WINDING_RAD
 
 _SPARE_WINDING_RAD = 0.2  # between places a detour goes straight, not from below
 

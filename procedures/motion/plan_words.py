@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from procedures.motion.pace import Paced
+from cellcal.procedures.motion.pace import Paced
 
 PER_POSE_S = 4.0  # to come to rest and measure
 

@@ -7,19 +7,19 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.mastering.counts import DriveTrain
-from calibration.mastering.pose_design import kit_poses
-from calibration.motion.doubt import PostureDoubt
-from calibration.motion.motion_check import MotionLimits, WirePath, check_moves, seem_free
-from calibration.wires.model import WirePrior
-from drivers.interfaces import Joints
-from procedures.motion.detours import ways_through
-from procedures.motion.plan_ways import arrive, as_way, corners_of, refuse_broken, wire_has_side
-from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings, clearances
-from procedures.steps.mastering import MotorState
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.mastering.pose_design import kit_poses
+from cellcal.calibration.motion.doubt import PostureDoubt
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves, seem_free
+from cellcal.calibration.wires.model import WirePrior
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.motion.detours import ways_through
+from cellcal.procedures.motion.plan_ways import arrive, as_way, corners_of, refuse_broken, wire_has_side
+from cellcal.procedures.motion.surroundings import NOTHING_KNOWN, Surroundings, clearances
+from cellcal.procedures.steps.mastering import MotorState
 
 Triple = tuple[float, float, float]
 

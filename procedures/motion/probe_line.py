@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array, log_rotation
-from drivers.interfaces import Joints
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array, log_rotation
+from cellcal.drivers.interfaces import Joints
 
 Place = tuple[float, float, float]
 _PIECES = 40

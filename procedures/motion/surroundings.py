@@ -6,9 +6,9 @@ Plans carry them, the journal keeps them, and `clearances` makes the check of th
 from dataclasses import dataclass
 from functools import lru_cache
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import Pose
-from calibration.motion.collision import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.motion.collision import (
     Box,
     Capsule,
     CellShape,
@@ -19,7 +19,7 @@ from calibration.motion.collision import (
     arm_shape,
     assumed_shape,
 )
-from calibration.motion.motion_check import WirePath
+from cellcal.calibration.motion.motion_check import WirePath
 
 Triple = tuple[float, float, float]
 

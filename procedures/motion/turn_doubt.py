@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.mastering.counts import DriveTrain, MasteringRecord
-from calibration.mastering.turn_recovery import TurnRecovery
-from calibration.motion.doubt import PostureDoubt
-from calibration.motion.motion_check import MotionLimits
-from calibration.uncertainty import chi_square_limit
-from procedures.motion.plans import Room, motion_limits
-from procedures.steps.mastering import MotorState
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
+from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.calibration.motion.doubt import PostureDoubt
+from cellcal.calibration.motion.motion_check import MotionLimits
+from cellcal.calibration.uncertainty import chi_square_limit
+from cellcal.procedures.motion.plans import Room, motion_limits
+from cellcal.procedures.steps.mastering import MotorState
 
 Turns = tuple[float, ...]
 HALF_TURN = (

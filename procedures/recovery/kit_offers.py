@@ -5,17 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.errors import DegenerateDataError
-from calibration.mastering.counts import DriveTrain, RecoveryKit
-from calibration.mastering.kit_design import KitOutlook, KitPlan, design_kit, outlook
-from drivers.interfaces import Counts, Joints
-from procedures.arm.arm_motion import Reach, draw_poses
-from procedures.forecast import PERSON_S
-from procedures.instruments import Instruments
-from procedures.motion.plans import Room
-from procedures.recovery.recovery_kit import KitSpec, is_strong, kit_places
-from procedures.steps.kit_bench import KitBench
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.mastering.counts import DriveTrain, RecoveryKit
+from cellcal.calibration.mastering.kit_design import KitOutlook, KitPlan, design_kit, outlook
+from cellcal.drivers.interfaces import Counts, Joints
+from cellcal.procedures.arm.arm_motion import Reach, draw_poses
+from cellcal.procedures.forecast import PERSON_S
+from cellcal.procedures.instruments import Instruments
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.recovery.recovery_kit import KitSpec, is_strong, kit_places
+from cellcal.procedures.steps.kit_bench import KitBench
 
 Triple = tuple[float, float, float]
 CANDIDATES = 60

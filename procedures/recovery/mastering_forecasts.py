@@ -5,14 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.mastering.counts import DriveTrain, MasteringRecord, RecoveryKit, WireCapture
-from calibration.mastering.kit_design import KitOutlook, outlook
-from calibration.mastering.place_recovery import places_to_fit
-from calibration.mastering.pose_design import predict
-from calibration.wires.reference import fit_wire_reference
-from drivers.interfaces import Condition, Counts, Identity, Joints, MasteringData, Readiness
-from procedures.forecast import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, RecoveryKit, WireCapture
+from cellcal.calibration.mastering.kit_design import KitOutlook, outlook
+from cellcal.calibration.mastering.place_recovery import places_to_fit
+from cellcal.calibration.mastering.pose_design import predict
+from cellcal.calibration.wires.reference import fit_wire_reference
+from cellcal.drivers.interfaces import Condition, Counts, Identity, Joints, MasteringData, Readiness
+from cellcal.procedures.forecast import (
     ANSWER_S,
     PERSON_S,
     SAMPLE_S,
@@ -22,15 +22,15 @@ from procedures.forecast import (
     Prediction,
     wire_lacking,
 )
-from procedures.limits import MASTERING
-from procedures.motion.approach import OVERSHOOT_RAD
-from procedures.motion.lost_plans import index_travel, plan_first
-from procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
-from procedures.motion.turn_doubt import first_doubt
-from procedures.recovery.kit_offers import KitOffer, KitOffers, design_offers
-from procedures.recovery.recovery_kit import KitSpec
-from procedures.recovery.waking import INDEX_TURNS
-from procedures.steps.mastering import MotorState
+from cellcal.procedures.limits import MASTERING
+from cellcal.procedures.motion.approach import OVERSHOOT_RAD
+from cellcal.procedures.motion.lost_plans import index_travel, plan_first
+from cellcal.procedures.motion.plans import MotionPlan, Room, plan_kit, wire_prior
+from cellcal.procedures.motion.turn_doubt import first_doubt
+from cellcal.procedures.recovery.kit_offers import KitOffer, KitOffers, design_offers
+from cellcal.procedures.recovery.recovery_kit import KitSpec
+from cellcal.procedures.recovery.waking import INDEX_TURNS
+from cellcal.procedures.steps.mastering import MotorState
 
 ASSUMED_RATIO, ASSUMED_COUNTS = 100.0, 2**19  # where no record tells the gears
 ASSUMED_TIP_M = (0.045, 0.02, 0.15)  # of a tool whose frame nobody has read yet

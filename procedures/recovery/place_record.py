@@ -8,13 +8,19 @@ from dataclasses import dataclass, replace
 
 from pydantic_core import to_jsonable_python
 
-from calibration.mastering.counts import MasteringRecord, RecoveryKit
-from drivers.interfaces import Instruction, Joints
-from procedures.canonical import sha256_of
-from procedures.entry import Phase
-from procedures.motion.plans import Room
-from procedures.recovery.kit_offers import KitOffer, KitOffers, offers_at, one_more_posture, told_offers
-from procedures.recovery.recovery_kit import (
+from cellcal.calibration.mastering.counts import MasteringRecord, RecoveryKit
+from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.entry import Phase
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.recovery.kit_offers import (
+    KitOffer,
+    KitOffers,
+    offers_at,
+    one_more_posture,
+    told_offers,
+)
+from cellcal.procedures.recovery.recovery_kit import (
     KitProspect,
     KitSpec,
     kit_places,
@@ -22,10 +28,10 @@ from procedures.recovery.recovery_kit import (
     refuse_weak,
     visited,
 )
-from procedures.run import RefusalError, Run
-from procedures.steps.ask import accept
-from procedures.steps.kit_bench import KitBench, choose_kit
-from procedures.steps.place import PlaceKind
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.ask import accept
+from cellcal.procedures.steps.kit_bench import KitBench, choose_kit
+from cellcal.procedures.steps.place import PlaceKind
 
 MOST_FURTHER = 4
 HOPELESS_TURNS = 1.0

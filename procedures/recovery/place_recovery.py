@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.errors import CalibrationError
-from calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit, provisional_turns
-from calibration.mastering.place_recovery import places_to_fit, recover_from_places, verify_at_places
-from calibration.mastering.turn_recovery import TurnRecovery
-from drivers.interfaces import Counts, Instruction
-from procedures.canonical import sha256_of
-from procedures.recovery.recovery_result import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit, provisional_turns
+from cellcal.calibration.mastering.place_recovery import places_to_fit, recover_from_places, verify_at_places
+from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.drivers.interfaces import Counts, Instruction
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.recovery.recovery_result import (
     Effort,
     RecoveryResult,
     controller_was_right,
@@ -22,12 +22,16 @@ from procedures.recovery.recovery_result import (
     restored,
     told_correction,
 )
-from procedures.recovery.recovery_spec import MasteringRecoverySpec, refuse_other_gears, refuse_unknown_axes
-from procedures.run import RefusalError, Run
-from procedures.steps.ask import accept
-from procedures.steps.mastering import Motors, read_motors_alone, same_epoch
-from procedures.steps.place import PlaceKind, visit_place
-from procedures.steps.write import restore_mastering, still_in_force, write_mastering
+from cellcal.procedures.recovery.recovery_spec import (
+    MasteringRecoverySpec,
+    refuse_other_gears,
+    refuse_unknown_axes,
+)
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.ask import accept
+from cellcal.procedures.steps.mastering import Motors, read_motors_alone, same_epoch
+from cellcal.procedures.steps.place import PlaceKind, visit_place
+from cellcal.procedures.steps.write import restore_mastering, still_in_force, write_mastering
 
 SAME_JOINT_RAD = 1e-4
 OLD_RECORD = (

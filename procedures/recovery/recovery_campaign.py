@@ -4,18 +4,24 @@ from dataclasses import dataclass, field, replace
 
 from pydantic_core import to_jsonable_python
 
-from calibration.mastering.counts import MasteringRecord, WireCapture
-from calibration.mastering.drawn_walk import DrawnWalk
-from calibration.mastering.turn_recovery import TurnRecovery
-from drivers.interfaces import Joints
-from procedures.canonical import sha256_of
-from procedures.mastering_record import shown
-from procedures.motion.check_plans import Known, plan_checks
-from procedures.motion.lost_plans import compare_drawn, jogging_pace, plan_finer, plan_first, plan_next
-from procedures.motion.pace import Pace
-from procedures.motion.plans import MotionPlan
-from procedures.motion.turn_doubt import Turns, doubt_after
-from procedures.recovery.recovery_result import (
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
+from cellcal.calibration.mastering.drawn_walk import DrawnWalk
+from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.canonical import sha256_of
+from cellcal.procedures.mastering_record import shown
+from cellcal.procedures.motion.check_plans import Known, plan_checks
+from cellcal.procedures.motion.lost_plans import (
+    compare_drawn,
+    jogging_pace,
+    plan_finer,
+    plan_first,
+    plan_next,
+)
+from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.motion.plans import MotionPlan
+from cellcal.procedures.motion.turn_doubt import Turns, doubt_after
+from cellcal.procedures.recovery.recovery_result import (
     MEMORY_POWER,
     Effort,
     confirmed,
@@ -26,12 +32,12 @@ from procedures.recovery.recovery_result import (
     refused,
     widest_u_rad,
 )
-from procedures.recovery.recovery_spec import MasteringRecoverySpec
-from procedures.run import RefusalError, Run
-from procedures.steps.ask import accept
-from procedures.steps.capture import StillCapture, capture
-from procedures.steps.mastering import MotorState
-from procedures.steps.motion import CountsToJoints, jog_to
+from cellcal.procedures.recovery.recovery_spec import MasteringRecoverySpec
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.ask import accept
+from cellcal.procedures.steps.capture import StillCapture, capture
+from cellcal.procedures.steps.mastering import MotorState
+from cellcal.procedures.steps.motion import CountsToJoints, jog_to
 
 FULL_CALIBRATION = "Have the robot inspected; a full calibration is advised before it works again."
 DOUBT_SIGMAS = 2.0  # a motor this far from a whole turn may be a new one: worth a finer look

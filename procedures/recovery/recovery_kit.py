@@ -6,13 +6,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from calibration.arm.kinematics import load_model
-from calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit
-from calibration.mastering.kit_design import KitOutlook, outlook
-from drivers.interfaces import Joints
-from procedures.entry import Phase
-from procedures.run import RefusalError, Run
-from procedures.steps.place import PlaceKind, visit_place
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.mastering.counts import MasteringRecord, PlaceCapture, RecoveryKit
+from cellcal.calibration.mastering.kit_design import KitOutlook, outlook
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.entry import Phase
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.place import PlaceKind, visit_place
 
 GOOD_PROBABILITY = 0.9999
 GOOD_SIGMAS = 6.0  # at which the places kept for checking must show any wrong turn

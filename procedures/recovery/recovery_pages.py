@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.mastering.counts import MasteringRecord
-from calibration.mastering.turn_recovery import TurnRecovery
-from drivers.interfaces import Instruction
-from procedures.shown import Shown, on_page
-from procedures.steps.pages import axis_levers, joint_displacement
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.mastering.turn_recovery import TurnRecovery
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.shown import Shown, on_page
+from cellcal.procedures.steps.pages import axis_levers, joint_displacement
 
 
 def levers_page(asked: Instruction, record: MasteringRecord) -> Shown:

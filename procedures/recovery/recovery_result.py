@@ -4,21 +4,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.mastering.counts import MasteringRecord, WireCapture
-from calibration.mastering.drawn_walk import DrawnWalk
-from calibration.mastering.flank_check import FlankCheck, compare_flanks
-from calibration.mastering.turn_hypotheses import LossProblem
-from calibration.mastering.turn_recovery import (
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
+from cellcal.calibration.mastering.drawn_walk import DrawnWalk
+from cellcal.calibration.mastering.flank_check import FlankCheck, compare_flanks
+from cellcal.calibration.mastering.turn_hypotheses import LossProblem
+from cellcal.calibration.mastering.turn_recovery import (
     GateCheck,
     TurnRecovery,
     recover_turns,
     verify_recovery,
 )
-from calibration.mastering.turn_verification import motors_alone
-from drivers.interfaces import Counts, Instruction, MasteringData
-from procedures.mastering_record import seal
-from procedures.recovery.recovery_pages import correction_page
+from cellcal.calibration.mastering.turn_verification import motors_alone
+from cellcal.drivers.interfaces import Counts, Instruction, MasteringData
+from cellcal.procedures.mastering_record import seal
+from cellcal.procedures.recovery.recovery_pages import correction_page
 
 POWER_CHECK = "verification power"
 SHARP_CHECK = "sharpness"

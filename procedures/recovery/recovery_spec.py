@@ -5,12 +5,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from calibration.mastering.counts import DriveTrain, MasteringRecord
-from drivers.interfaces import Counts
-from procedures.limits import AccuracyClass, MasteringLimits
-from procedures.motion.plans import Room
-from procedures.recovery.waking import AlarmCodes
-from procedures.run import RefusalError
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
+from cellcal.drivers.interfaces import Counts
+from cellcal.procedures.limits import AccuracyClass, MasteringLimits
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.recovery.waking import AlarmCodes
+from cellcal.procedures.run import RefusalError
 
 
 @dataclass(frozen=True, slots=True)

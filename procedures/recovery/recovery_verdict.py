@@ -1,10 +1,19 @@
 """What a mastering recovery may claim, joint by joint, and what it leaves to people."""
 
-from calibration.mastering.flank_check import FlankCheck
-from procedures.limits import MASTERING, AccuracyClass, MasteringLimits, chosen, told
-from procedures.recovery.recovery_result import JointRecovery, RecoveryResult
-from procedures.recovery.recovery_spec import MasteringRecoverySpec
-from procedures.verdict import Change, Characteristic, SetAside, Verdict, enough, held, known_within, stated
+from cellcal.calibration.mastering.flank_check import FlankCheck
+from cellcal.procedures.limits import MASTERING, AccuracyClass, MasteringLimits, chosen, told
+from cellcal.procedures.recovery.recovery_result import JointRecovery, RecoveryResult
+from cellcal.procedures.recovery.recovery_spec import MasteringRecoverySpec
+from cellcal.procedures.verdict import (
+    Change,
+    Characteristic,
+    SetAside,
+    Verdict,
+    enough,
+    held,
+    known_within,
+    stated,
+)
 
 # what motion_safety 3.6 leaves to a person after a mastering was written
 AFTER_MASTERING = (

@@ -4,13 +4,13 @@ Older counts lead to a zero that was right once. The measurements find most of t
 newer record or backup knows it now.
 """
 
-from calibration.mastering.counts import MasteringRecord
-from drivers.errors import RefusedError
-from drivers.interfaces import Answer, Counts, Instruction
-from procedures.cell import Cell
-from procedures.recovery.recovery_pages import levers_page
-from procedures.run import DeclinedError
-from procedures.shown import Shown
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import Answer, Counts, Instruction
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.recovery.recovery_pages import levers_page
+from cellcal.procedures.run import DeclinedError
+from cellcal.procedures.shown import Shown
 
 NEWEST = (
     "The recovery starts from the counts that were saved while the robot was healthy. Is no newer record or backup "

@@ -4,16 +4,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.mastering.counts import MasteringRecord
-from drivers.interfaces import Condition, Counts, Instruction
-from procedures.cell import Cell
-from procedures.motion.lost_plans import index_travel
-from procedures.motion.plans import Room
-from procedures.motion.turn_doubt import Turns, posture_doubt
-from procedures.run import ProcedureError, Run
-from procedures.steps.ask import ask, let_move
-from procedures.steps.mastering import look_at_alarms, read_counts, reset_alarms, wait_for_the_robot
-from procedures.steps.motion import CountsToJoints, IndexTurn, pass_index
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.drivers.interfaces import Condition, Counts, Instruction
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.lost_plans import index_travel
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.turn_doubt import Turns, posture_doubt
+from cellcal.procedures.run import ProcedureError, Run
+from cellcal.procedures.steps.ask import ask, let_move
+from cellcal.procedures.steps.mastering import look_at_alarms, read_counts, reset_alarms, wait_for_the_robot
+from cellcal.procedures.steps.motion import CountsToJoints, IndexTurn, pass_index
 
 NEW_BATTERY = Instruction("new_battery", "Exchange the encoder batteries. Leave the brakes closed.")
 POWER_CYCLE = Instruction("power_cycle", "Switch the controller off, wait ten seconds, switch it on again.")

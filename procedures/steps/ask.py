@@ -2,11 +2,11 @@
 
 import asyncio
 
-from drivers.errors import RefusedError
-from drivers.interfaces import Answer, Instruction, Question
-from procedures.cell import Cell
-from procedures.run import DeclinedError
-from procedures.steps.pages import seen_from_here
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import Answer, Instruction, Question
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.run import DeclinedError
+from cellcal.procedures.steps.pages import seen_from_here
 
 
 async def ask(cell: Cell, instruction: Instruction) -> Answer:

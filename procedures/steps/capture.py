@@ -5,12 +5,12 @@ import math
 import statistics
 from dataclasses import dataclass
 
-from calibration.mastering.counts import WireCapture
-from drivers.interfaces import Counts, Joints
-from procedures.cell import Cell
-from procedures.motion.active_frames import same_frames
-from procedures.run import ProcedureError
-from procedures.steps.mastering import length_gauge, motor_store
+from cellcal.calibration.mastering.counts import WireCapture
+from cellcal.drivers.interfaces import Counts, Joints
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.run import ProcedureError
+from cellcal.procedures.steps.mastering import length_gauge, motor_store
 
 TRIES = 3
 SPREAD_SIGMAS = 6.0

@@ -1,8 +1,8 @@
 """Points of the end-effector: how hook or target gets to them, and what shape they must have."""
 
-from calibration.points.fixture import PlacedPoints, Triple
-from drivers.interfaces import Instruction
-from procedures.run import RefusalError
+from cellcal.calibration.points.fixture import PlacedPoints, Triple
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.run import RefusalError
 
 BACK = {
     "wire": Instruction(

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from drivers.interfaces import Question
-from procedures.cell import Cell, MotionLimits
-from procedures.instruments import Instruments, instruments_of
-from procedures.run import ProcedureError
-from procedures.steps.ask import enter
-from procedures.steps.mastering import Motors, nominal_model, read_motors_alone
+from cellcal.drivers.interfaces import Question
+from cellcal.procedures.cell import Cell, MotionLimits
+from cellcal.procedures.instruments import Instruments, instruments_of
+from cellcal.procedures.run import ProcedureError
+from cellcal.procedures.steps.ask import enter
+from cellcal.procedures.steps.mastering import Motors, nominal_model, read_motors_alone
 
 ASKED_AGAIN = 3
 _SHORTEST_TOOL_M = 0.02  # a shorter tool frame is none: nobody typed it in

@@ -5,12 +5,12 @@ import math
 import statistics
 from dataclasses import dataclass
 
-from drivers.interfaces import Joints
-from procedures.cell import Cell
-from procedures.motion.active_frames import same_frames
-from procedures.steps.capture import SPREAD_SIGMAS, TRIES, NotAtRestError
-from procedures.steps.mastering import length_gauge
-from procedures.steps.teach import still
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.steps.capture import SPREAD_SIGMAS, TRIES, NotAtRestError
+from cellcal.procedures.steps.mastering import length_gauge
+from cellcal.procedures.steps.teach import still
 
 
 @dataclass(frozen=True, slots=True)

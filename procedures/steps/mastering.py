@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Pose
-from calibration.mastering.counts import DriveTrain, MasteringRecord
-from drivers.errors import UnreachableError
-from drivers.interfaces import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
+from cellcal.drivers.errors import UnreachableError
+from cellcal.drivers.interfaces import (
     Condition,
     Counts,
     DistanceGauge,
@@ -20,8 +20,8 @@ from drivers.interfaces import (
     MasteringStore,
     Readiness,
 )
-from procedures.cell import Cell, GaugeSetup, MotionLimits
-from procedures.run import NeedsUnmetError, ProcedureError, RefusalError
+from cellcal.procedures.cell import Cell, GaugeSetup, MotionLimits
+from cellcal.procedures.run import NeedsUnmetError, ProcedureError, RefusalError
 
 MODEL_TOLERANCE_M = 0.05  # no robot leaves its maker with so much; the arm of another model is further off
 BOOT_DEADLINE_S = 300.0

@@ -8,13 +8,21 @@ from typing import cast
 
 import numpy as np
 
-from calibration.geometry import Array, Pose
-from drivers.interfaces import Air, JointReading, Joints, MeasuresPoses, PointReading, PoseReading, Tracker
-from procedures.cell import Cell
-from procedures.entry import NEEDS
-from procedures.motion.active_frames import same_frames
-from procedures.run import NeedsUnmetError, ProcedureError
-from procedures.steps.capture import SPREAD_SIGMAS, TRIES, NotAtRestError
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.drivers.interfaces import (
+    Air,
+    JointReading,
+    Joints,
+    MeasuresPoses,
+    PointReading,
+    PoseReading,
+    Tracker,
+)
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.entry import NEEDS
+from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.run import NeedsUnmetError, ProcedureError
+from cellcal.procedures.steps.capture import SPREAD_SIGMAS, TRIES, NotAtRestError
 
 STILL_RAD = (
     1e-4  # how far a standing robot's joints may differ before and after: the resolution of what they show

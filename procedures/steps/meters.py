@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Pose, log_rotation
-from calibration.points.frames import MIN_DISTANCE_M, frame_from_more_points, frame_from_three_points
-from calibration.points.tool_point import AxesLimits
-from calibration.points.touch_design import alike_touch, foreseen_u_m
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Pose, log_rotation
+from cellcal.calibration.points.frames import MIN_DISTANCE_M, frame_from_more_points, frame_from_three_points
+from cellcal.calibration.points.tool_point import AxesLimits
+from cellcal.calibration.points.touch_design import alike_touch, foreseen_u_m
 
 _POSE: TypeAdapter[Pose] = TypeAdapter(Pose)
 SHORT_BASE_M = 0.15  # the axes turn by point error over distance: below this a person is warned

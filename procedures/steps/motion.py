@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.mastering.counts import DriveTrain
-from calibration.motion.doubt import PostureDoubt
-from drivers.interfaces import Counts, Joints
-from procedures.cell import Cell
-from procedures.motion import motion_gate
-from procedures.motion.approach import OVERSHOOT_RAD, from_above, from_below
-from procedures.motion.motion_gate import Care, Jog, refuse_off_target
-from procedures.motion.pace import Pace
-from procedures.steps.mastering import motor_store
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.motion.doubt import PostureDoubt
+from cellcal.drivers.interfaces import Counts, Joints
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion import motion_gate
+from cellcal.procedures.motion.approach import OVERSHOOT_RAD, from_above, from_below
+from cellcal.procedures.motion.motion_gate import Care, Jog, refuse_off_target
+from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.steps.mastering import motor_store
 
 AXIS_TOLERANCE_RAD = 2e-3
 ALREADY_TURNED = 0.5  # of a motor's way past its index

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Pose, log_rotation
-from drivers.interfaces import Instruction, Joints
-from procedures.cell import Cell
-from procedures.forecast import Prediction
-from procedures.motion.plan_words import Tour
-from procedures.shown import Shown, on_page, page_of
-from procedures.verdict import Change, Verdict
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Pose, log_rotation
+from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.forecast import Prediction
+from cellcal.procedures.motion.plan_words import Tour
+from cellcal.procedures.shown import Shown, on_page, page_of
+from cellcal.procedures.verdict import Change, Verdict
 
 Way = Sequence[Joints]
 LEVER_M = 0.5  # from a frame's origin: where its change is told as a length

@@ -3,15 +3,15 @@
 import math
 from typing import Literal
 
-from calibration.mastering.counts import PlaceCapture
-from drivers.interfaces import Instruction, Joints
-from procedures.cell import Cell
-from procedures.motion.active_frames import same_frames
-from procedures.run import ProcedureError
-from procedures.steps.ask import ask
-from procedures.steps.capture import NotAtRestError
-from procedures.steps.mastering import motor_store
-from procedures.steps.measure_point import measure_point
+from cellcal.calibration.mastering.counts import PlaceCapture
+from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.run import ProcedureError
+from cellcal.procedures.steps.ask import ask
+from cellcal.procedures.steps.capture import NotAtRestError
+from cellcal.procedures.steps.mastering import motor_store
+from cellcal.procedures.steps.measure_point import measure_point
 
 PlaceKind = Literal["point", "seat", "target", "nest"]
 _WORDS = {

@@ -3,13 +3,13 @@
 import asyncio
 from dataclasses import dataclass
 
-from calibration.geometry import Pose
-from drivers.interfaces import Instruction, JointReading, Joints
-from procedures.cell import Cell
-from procedures.motion.active_frames import same_frames
-from procedures.run import ProcedureError
-from procedures.shown import Shown, on_page
-from procedures.steps.ask import ask
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.interfaces import Instruction, JointReading, Joints
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.active_frames import same_frames
+from cellcal.procedures.run import ProcedureError
+from cellcal.procedures.shown import Shown, on_page
+from cellcal.procedures.steps.ask import ask
 
 STILL_RAD = 1e-4
 STILL_TRIES = 20

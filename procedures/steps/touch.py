@@ -12,16 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.interfaces import ContactEdge, Joints, TouchProbe
-from procedures.cell import Cell, ProbeSetup
-from procedures.entry import NEEDS
-from procedures.motion import motion_gate
-from procedures.motion.guarded_move import Travel, move_until_contact
-from procedures.motion.latch import Latched, latch
-from procedures.motion.motion_gate import Care
-from procedures.motion.probe_line import Place, ProbeLine, probe_line
-from procedures.run import NeedsUnmetError, ProcedureError
-from procedures.steps.teach import still
+from cellcal.drivers.interfaces import ContactEdge, Joints, TouchProbe
+from cellcal.procedures.cell import Cell, ProbeSetup
+from cellcal.procedures.entry import NEEDS
+from cellcal.procedures.motion import motion_gate
+from cellcal.procedures.motion.guarded_move import Travel, move_until_contact
+from cellcal.procedures.motion.latch import Latched, latch
+from cellcal.procedures.motion.motion_gate import Care
+from cellcal.procedures.motion.probe_line import Place, ProbeLine, probe_line
+from cellcal.procedures.run import NeedsUnmetError, ProcedureError
+from cellcal.procedures.steps.teach import still
 
 PROBING_CAP_M_S = 0.002
 STOP_S = 0.2  # a controller's own reaction and its braking at probing speed

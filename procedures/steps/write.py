@@ -3,11 +3,11 @@
 import math
 from dataclasses import replace
 
-from calibration.geometry import Pose
-from drivers.interfaces import Counts, MasteringData
-from procedures.cell import Cell
-from procedures.run import NeedsUnmetError, ProcedureError
-from procedures.steps.mastering import motor_store
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.interfaces import Counts, MasteringData
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.run import NeedsUnmetError, ProcedureError
+from cellcal.procedures.steps.mastering import motor_store
 
 WRITTEN_M = 5e-6  # controllers keep frames as float32 millimetres and degrees
 WRITTEN_RAD = 5e-6

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.points.alignment import Alignment, WirePoints
-from calibration.points.fixture import Covariance6, Triple, base_through_fixture
-from calibration.points.joint_bases import bases_together
-from calibration.wires.network_fit import WireNetwork
-from procedures.cell import Cell
-from procedures.steps.mastering import length_gauge
-from procedures.survey.survey import Survey
+from cellcal.calibration.points.alignment import Alignment, WirePoints
+from cellcal.calibration.points.fixture import Covariance6, Triple, base_through_fixture
+from cellcal.calibration.points.joint_bases import bases_together
+from cellcal.calibration.wires.network_fit import WireNetwork
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.steps.mastering import length_gauge
+from cellcal.procedures.survey.survey import Survey
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,21 +8,21 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import Array, Pose, adjoint
-from calibration.mastering.counts import MasteringRecord
-from calibration.points.fixture import Triple, placing_covariance, u_of
-from calibration.wires.design import with_poses
-from calibration.wires.model import WirePrior
-from calibration.wires.network import Mounting, Place, WireBelief
-from calibration.wires.network_fit import WireNetwork, fit_network
-from drivers.interfaces import Instruction, Joints
-from procedures.cell import GaugeSetup, MotionLimits
-from procedures.motion.pace import Pace, Paced
-from procedures.motion.plans import Room
-from procedures.steps.length import LengthCapture
-from procedures.steps.pages import WIRE_CHECKS, Moves, straight
-from procedures.survey.survey_motion import Wire
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import Array, Pose, adjoint
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.points.fixture import Triple, placing_covariance, u_of
+from cellcal.calibration.wires.design import with_poses
+from cellcal.calibration.wires.model import WirePrior
+from cellcal.calibration.wires.network import Mounting, Place, WireBelief
+from cellcal.calibration.wires.network_fit import WireNetwork, fit_network
+from cellcal.drivers.interfaces import Instruction, Joints
+from cellcal.procedures.cell import GaugeSetup, MotionLimits
+from cellcal.procedures.motion.pace import Pace, Paced
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.steps.length import LengthCapture
+from cellcal.procedures.steps.pages import WIRE_CHECKS, Moves, straight
+from cellcal.procedures.survey.survey_motion import Wire
 
 Captures = tuple[tuple[LengthCapture, ...], ...]  # of every spot
 EACH_CAPTURE = "choose a pose", "go to pose", "capture"  # the phases that come with each

@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.geometry import Array
-from calibration.points.fixture import Mirror, mirror_image, telling_gaps
-from calibration.wires.design import best_order, expected_covariance, look_ahead
-from calibration.wires.network import Mounting
-from drivers.interfaces import Joints
-from procedures.steps.length import LengthCapture
-from procedures.survey.survey import Captures, Survey, SurveyPlan, uncertainties
-from procedures.survey.survey_motion import way_between
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.points.fixture import Mirror, mirror_image, telling_gaps
+from cellcal.calibration.wires.design import best_order, expected_covariance, look_ahead
+from cellcal.calibration.wires.network import Mounting
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.steps.length import LengthCapture
+from cellcal.procedures.survey.survey import Captures, Survey, SurveyPlan, uncertainties
+from cellcal.procedures.survey.survey_motion import way_between
 
 SAME_POSE_RAD = 0.02
 LENGTH_SIGMA_M = 3e-4  # of one length with all that blurs it, where two places are told apart

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from procedures.forecast import (
+from cellcal.procedures.forecast import (
     PERSON_S,
     SAMPLE_S,
     Forecast,
@@ -12,9 +12,9 @@ from procedures.forecast import (
     Prediction,
     wire_lacking,
 )
-from procedures.limits import FRAME
-from procedures.survey.survey import EACH_CAPTURE, Survey, SurveyState, recorded_wire
-from procedures.survey.survey_choice import expected_at_least
+from cellcal.procedures.limits import FRAME
+from cellcal.procedures.survey.survey import EACH_CAPTURE, Survey, SurveyState, recorded_wire
+from cellcal.procedures.survey.survey_choice import expected_at_least
 
 _CAREFUL = 4  # times the readings, or a fourth of the scale's uncertainty: what more care is taken to be
 

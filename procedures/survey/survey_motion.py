@@ -5,16 +5,16 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array
-from calibration.mastering.pose_design import candidate_joints
-from calibration.motion.collision import CollisionCheck
-from calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
-from drivers.interfaces import Joints
-from procedures.motion.approach import from_below
-from procedures.motion.plans import Room
-from procedures.motion.surroundings import Surroundings, clearances
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.motion.collision import CollisionCheck
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures, check_moves
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.motion.approach import from_below
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.surroundings import Surroundings, clearances
 
 Triple = tuple[float, float, float]
 Wire = tuple[Triple, Triple, float]  # exit in the base, hook in the flange, range [m]

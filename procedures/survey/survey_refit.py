@@ -6,9 +6,9 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from calibration.wires.network_fit import WireNetwork, misses
-from procedures.past import Finding
-from procedures.refit import (
+from cellcal.calibration.wires.network_fit import WireNetwork, misses
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import (
     LEFT_OUT,
     MEASURED_AGAIN,
     FitPoint,
@@ -19,8 +19,8 @@ from procedures.refit import (
     Use,
     misses_of_lengths,
 )
-from procedures.steps.length import LengthCapture
-from procedures.survey.survey import Captures, Survey, SurveyPlan, SurveyRules, SurveyState
+from cellcal.procedures.steps.length import LengthCapture
+from cellcal.procedures.survey.survey import Captures, Survey, SurveyPlan, SurveyRules, SurveyState
 
 LEAST_AT_A_SPOT = 3
 _NO_WEIGHT_M = 1.0  # a deviation with which a length tells nothing

@@ -6,17 +6,17 @@ capture the survey knows how well the frame sought would be known; it goes on wh
 
 from dataclasses import dataclass
 
-from calibration.wires.network_fit import WireNetwork
-from drivers.interfaces import Joints, Readiness
-from procedures.cell import Cell
-from procedures.motion.pace import Pace
-from procedures.refit import LEFT_OUT, MEASURED_AGAIN
-from procedures.run import NeedsUnmetError, RefusalError, Run
-from procedures.steps.ask import ask
-from procedures.steps.length import LengthCapture, capture_length
-from procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
-from procedures.steps.motion import follow
-from procedures.survey.survey import (
+from cellcal.calibration.wires.network_fit import WireNetwork
+from cellcal.drivers.interfaces import Joints, Readiness
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.pace import Pace
+from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
+from cellcal.procedures.run import NeedsUnmetError, RefusalError, Run
+from cellcal.procedures.steps.ask import ask
+from cellcal.procedures.steps.length import LengthCapture, capture_length
+from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, length_gauge, model_error_m, nominal_model
+from cellcal.procedures.steps.motion import follow
+from cellcal.procedures.survey.survey import (
     Captures,
     RecordedWire,
     Survey,
@@ -25,8 +25,8 @@ from procedures.survey.survey import (
     fit_survey,
     recorded_wire,
 )
-from procedures.survey.survey_choice import Choice, Standing, choose_pose
-from procedures.verdict import SetAside
+from cellcal.procedures.survey.survey_choice import Choice, Standing, choose_pose
+from cellcal.procedures.verdict import SetAside
 
 LEAST_LEFT = 4  # lengths at a spot: three fix a point and show no wrong one
 

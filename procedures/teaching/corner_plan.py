@@ -14,11 +14,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Array, Pose
-from calibration.motion.motion_check import MotionLimits, check_moves
-from calibration.points.three_two_one import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.motion.motion_check import MotionLimits, check_moves
+from cellcal.calibration.points.three_two_one import (
     FACES,
     LEAST,
     Corner,
@@ -27,14 +27,14 @@ from calibration.points.three_two_one import (
     outward_in_frame,
     three_two_one,
 )
-from drivers.interfaces import Joints
-from procedures.cell import MotionLimits as Caps
-from procedures.motion.plan_ways import as_joints, refuse_broken
-from procedures.motion.plans import MotionPlan, Room, checked
-from procedures.motion.probe_line import joints_for_tip
-from procedures.motion.surroundings import clearances
-from procedures.steps.touch import PROBING_CAP_M_S, Approach, TouchedPoint
-from procedures.survey.survey_motion import survey_limits
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.cell import MotionLimits as Caps
+from cellcal.procedures.motion.plan_ways import as_joints, refuse_broken
+from cellcal.procedures.motion.plans import MotionPlan, Room, checked
+from cellcal.procedures.motion.probe_line import joints_for_tip
+from cellcal.procedures.motion.surroundings import clearances
+from cellcal.procedures.steps.touch import PROBING_CAP_M_S, Approach, TouchedPoint
+from cellcal.procedures.survey.survey_motion import survey_limits
 
 Triple = tuple[float, float, float]
 Length = Annotated[float, Field(ge=0.002, le=1.0)]

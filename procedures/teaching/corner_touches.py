@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.geometry import Array, Pose
-from calibration.points.most_telling import most_telling
-from calibration.points.three_two_one import (
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.points.most_telling import most_telling
+from cellcal.calibration.points.three_two_one import (
     FACES,
     LEAST,
     CornerFrame,
@@ -22,13 +22,13 @@ from calibration.points.three_two_one import (
     outward_in_frame,
     three_two_one,
 )
-from drivers.interfaces import Joints
-from procedures.arm.arm_bench import ARM_SIGMA_M, healthy_arm
-from procedures.cell import Cell
-from procedures.motion.motion_gate import Care
-from procedures.run import Run
-from procedures.steps.mastering import nominal_model
-from procedures.steps.touch import (
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.arm.arm_bench import ARM_SIGMA_M, healthy_arm
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.motion_gate import Care
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.mastering import nominal_model
+from cellcal.procedures.steps.touch import (
     Approach,
     TouchedPoint,
     go_untouched,
@@ -36,7 +36,7 @@ from procedures.steps.touch import (
     probe_of,
     touch,
 )
-from procedures.teaching.corner_plan import (
+from cellcal.procedures.teaching.corner_plan import (
     CornerRules,
     FacePlan,
     Felt,

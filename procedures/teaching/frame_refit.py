@@ -6,11 +6,11 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from calibration.geometry import Pose
-from calibration.points.frame_design import FIRST_FIXED
-from calibration.points.frames import TaughtFrame
-from procedures.past import Finding
-from procedures.refit import (
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.frame_design import FIRST_FIXED
+from cellcal.calibration.points.frames import TaughtFrame
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import (
     MEASURED_AGAIN,
     STANDS_OUT,
     FitPoint,
@@ -24,9 +24,9 @@ from procedures.refit import (
     pose_values,
     values_of,
 )
-from procedures.steps.meters import tip_in_base
-from procedures.steps.teach import TaughtPose
-from procedures.teaching.frame_touches import (
+from cellcal.procedures.steps.meters import tip_in_base
+from cellcal.procedures.steps.teach import TaughtPose
+from cellcal.procedures.teaching.frame_touches import (
     ABOVE_STEP,
     ANEW_STEP,
     ORIGIN_STEP,

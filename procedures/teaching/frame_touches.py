@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose
-from calibration.points.frame_design import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.frame_design import (
     FIRST_FIXED,
     FrameGoal,
     FrameOutlook,
@@ -20,19 +20,19 @@ from calibration.points.frame_design import (
     frame_outlook,
     in_turn_touches,
 )
-from calibration.points.frames import (
+from cellcal.calibration.points.frames import (
     PointsDisagreeError,
     TaughtFrame,
     frame_from_more_points,
     frame_from_three_points,
 )
-from drivers.interfaces import Instruction
-from procedures.refit import MEASURED_AGAIN
-from procedures.run import Run
-from procedures.steps.meters import frame_meter, tip_in_base
-from procedures.steps.pages import point_states, points_page
-from procedures.steps.teach import teach
-from procedures.verdict import SetAside
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.refit import MEASURED_AGAIN
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.meters import frame_meter, tip_in_base
+from cellcal.procedures.steps.pages import point_states, points_page
+from cellcal.procedures.steps.teach import teach
+from cellcal.procedures.verdict import SetAside
 
 Triple = tuple[float, float, float]
 Role = Literal[FrameRole, "above"]

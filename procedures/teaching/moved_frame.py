@@ -7,19 +7,19 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose, log_rotation
-from calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
-from calibration.points.frame_design import FrameOutlook
-from calibration.points.frames import frame_offset as offset_between
-from calibration.points.offset_design import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose, log_rotation
+from cellcal.calibration.points.fixture import PlacedPoints, Triple, place_points, refuse_bad_points
+from cellcal.calibration.points.frame_design import FrameOutlook
+from cellcal.calibration.points.frames import frame_offset as offset_between
+from cellcal.calibration.points.offset_design import (
     OffsetGoal,
     offset_outlook,
     point_covariance,
     rounds_touches,
 )
-from procedures.judged_write import WriteAnyway
-from procedures.steps.meters import tip_in_base
+from cellcal.procedures.judged_write import WriteAnyway
+from cellcal.procedures.steps.meters import tip_in_base
 
 
 @dataclass(frozen=True, slots=True)

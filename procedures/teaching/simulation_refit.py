@@ -5,12 +5,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.points.tag_placement import PlacedTags
-from calibration.points.tag_points import Pairs
-from calibration.points.tag_robot import LEAST_TAGS, SimulatedRobot
-from procedures.refit import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.points.tag_placement import PlacedTags
+from cellcal.calibration.points.tag_points import Pairs
+from cellcal.calibration.points.tag_robot import LEAST_TAGS, SimulatedRobot
+from cellcal.procedures.refit import (
     STANDS_OUT,
     FitPoint,
     Refit,

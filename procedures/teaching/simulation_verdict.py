@@ -2,10 +2,10 @@
 
 import math
 
-from calibration.points.tag_placement import Known, PlacedTags
-from calibration.points.tag_robot import SimulatedRobot
-from procedures.limits import CheckLimits, FrameLimits, ToolLimits
-from procedures.verdict import (
+from cellcal.calibration.points.tag_placement import Known, PlacedTags
+from cellcal.calibration.points.tag_robot import SimulatedRobot
+from cellcal.procedures.limits import CheckLimits, FrameLimits, ToolLimits
+from cellcal.procedures.verdict import (
     PASS,
     UNDECIDED,
     Change,

@@ -9,13 +9,19 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from calibration.geometry import Pose
-from calibration.points.tool_point import AxesLimits, ToolAxes, axes_from_attitude, axes_from_plane, tool_axes
-from drivers.interfaces import Instruction
-from procedures.run import Run
-from procedures.steps.meters import move_meter
-from procedures.steps.pages import point_states, points_page
-from procedures.steps.teach import teach
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.tool_point import (
+    AxesLimits,
+    ToolAxes,
+    axes_from_attitude,
+    axes_from_plane,
+    tool_axes,
+)
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.meters import move_meter
+from cellcal.procedures.steps.pages import point_states, points_page
+from cellcal.procedures.steps.teach import teach
 
 Method = Literal["textbook", "four_point", "three_plus_orientation", "six_point_xz", "six_point_xy"]
 Orientation = Literal["world", "two_points"]

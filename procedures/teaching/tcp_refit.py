@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from calibration.geometry import Array, Pose
-from calibration.points.tool_point import ToolPoint, locate_tool_point
-from procedures.past import Finding
-from procedures.refit import FitPoint, Miss, Refit, Refitted, Use, Value, kept, values_of
-from procedures.steps.teach import TaughtPose
-from procedures.teaching.tcp_touches import STRAY, STRAY_SIGMAS, Judged
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.points.tool_point import ToolPoint, locate_tool_point
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import FitPoint, Miss, Refit, Refitted, Use, Value, kept, values_of
+from cellcal.procedures.steps.teach import TaughtPose
+from cellcal.procedures.teaching.tcp_touches import STRAY, STRAY_SIGMAS, Judged
 
 LEAST_TOUCHES = 3
 _TAUGHT: TypeAdapter[TaughtPose] = TypeAdapter(TaughtPose)

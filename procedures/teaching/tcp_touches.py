@@ -8,15 +8,21 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from calibration.geometry import Pose
-from calibration.points.tool_point import ToolPoint, locate_tool_point
-from calibration.points.touch_design import Alike, alike_touch, fixed_plan_touches, foreseen_u_m, next_turn
-from drivers.interfaces import Instruction
-from procedures.run import OutOfToleranceError, RefusalError, Run
-from procedures.steps.meters import tip_meter
-from procedures.steps.pages import points_page
-from procedures.steps.teach import teach
-from procedures.verdict import SetAside
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.tool_point import ToolPoint, locate_tool_point
+from cellcal.calibration.points.touch_design import (
+    Alike,
+    alike_touch,
+    fixed_plan_touches,
+    foreseen_u_m,
+    next_turn,
+)
+from cellcal.drivers.interfaces import Instruction
+from cellcal.procedures.run import OutOfToleranceError, RefusalError, Run
+from cellcal.procedures.steps.meters import tip_meter
+from cellcal.procedures.steps.pages import points_page
+from cellcal.procedures.steps.teach import teach
+from cellcal.procedures.verdict import SetAside
 
 WORST_GAIN = 4.0  # of the tip over a touch, in the worst direction, from three touches: about 20 degrees
 AGAIN_RAD = math.radians(2.0)  # a further touch may be like others, but must be a new one

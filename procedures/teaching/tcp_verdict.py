@@ -6,13 +6,13 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.geometry import Array, Pose
-from calibration.points.tool_point import ToolAxes, ToolPoint
-from calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
-from procedures.judged_write import frame_changes
-from procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen, told
-from procedures.teaching.tcp_methods import Way
-from procedures.verdict import (
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.points.tool_point import ToolAxes, ToolPoint
+from cellcal.calibration.uncertainty import coverage_in_space, effective_degrees_of_freedom
+from cellcal.procedures.judged_write import frame_changes
+from cellcal.procedures.limits import TOOL, AccuracyClass, ToolLimits, chosen, told
+from cellcal.procedures.teaching.tcp_methods import Way
+from cellcal.procedures.verdict import (
     PASS,
     UNDECIDED,
     Characteristic,

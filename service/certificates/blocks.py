@@ -6,7 +6,7 @@ Every figure in a block is text already, so that no two pages can round it diffe
 from dataclasses import dataclass
 from typing import Literal
 
-from service.sayings import Locale
+from cellcal.service.translation import Locale
 
 Tone = Literal["plain", "quiet", "strong"]
 

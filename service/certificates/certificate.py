@@ -12,22 +12,22 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from calibration.errors import CellError
-from procedures.catalogue import entry_named
-from procedures.entry import Entry
-from procedures.past import Kind
-from service.certificates.points import airs, answers, raw_data_sha256, readings
-from service.certificates.sign_offs import sign_offs
-from service.certificates.signing import Finding, StationKey, check, station_key
-from service.certificates.text import as_text
-from service.configuration.cell_file import CellConfig, InstrumentCertificate
-from service.files import replace_file
-from service.runs.cell import open_journal
-from service.runs.instruments import instruments_behind
-from service.runs.journal import Event, Journal
-from service.runs.outcome import Verdict
-from service.runs.pictures import told_pictures
-from service.runs.store import RunView, Store
+from cellcal.calibration.errors import CellError
+from cellcal.procedures.catalogue import entry_named
+from cellcal.procedures.entry import Entry
+from cellcal.procedures.past import Kind
+from cellcal.service.certificates.points import airs, answers, raw_data_sha256, readings
+from cellcal.service.certificates.sign_offs import sign_offs
+from cellcal.service.certificates.signing import Finding, StationKey, check, station_key
+from cellcal.service.certificates.text import as_text
+from cellcal.service.configuration.cell_file import CellConfig, InstrumentCertificate
+from cellcal.service.files import replace_file
+from cellcal.service.record.journal import Event, Journal
+from cellcal.service.record.run_outcome import Verdict
+from cellcal.service.record.run_store import RunView, Store
+from cellcal.service.runs.instruments import instruments_behind
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.runs.photos import told_pictures
 
 FORMAT, REFUSAL_FORMAT = "cellcal certificate 1", "cellcal refusal record 1"
 NO_TRACEABILITY = "No metrological traceability is claimed."

@@ -5,7 +5,7 @@ import hashlib
 from collections.abc import Iterable
 from html import escape
 
-from service.certificates.blocks import (
+from cellcal.service.certificates.blocks import (
     Block,
     Bullets,
     Cell,

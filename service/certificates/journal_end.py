@@ -5,9 +5,9 @@ A chain of hashes shows what was changed; that its end was cut off, or the whole
 
 import json
 
-from service.certificates.certificate import certificates_folder
-from service.configuration.cell_file import CellConfig
-from service.runs.journal import Journal
+from cellcal.service.certificates.certificate import certificates_folder
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.journal import Journal
 
 
 def missing_end(config: CellConfig, journal: Journal) -> str:

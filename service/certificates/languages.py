@@ -9,7 +9,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from service.sayings import Locale, Sayings, sayings
+from cellcal.service.translation import Locale, Sayings, sayings
 
 _COMMA = re.compile(r"(?<=\d),(?=\d)")  # in a number
 _OWN = Path(__file__).with_name("translations")

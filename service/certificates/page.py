@@ -3,11 +3,21 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from service.certificates.blocks import Block, Bullets, Cell, Facts, Fields, Page, Paragraph, Section, Table
-from service.certificates.pictures import pictures_of
-from service.certificates.qr import code_of
-from service.certificates.sign_offs import unsigned
-from service.certificates.words import (
+from cellcal.service.certificates.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Facts,
+    Fields,
+    Page,
+    Paragraph,
+    Section,
+    Table,
+)
+from cellcal.service.certificates.pictures import pictures_of
+from cellcal.service.certificates.qr import code_of
+from cellcal.service.certificates.sign_offs import unsigned
+from cellcal.service.certificates.words import (
     ENGLISH,
     NO_TEMPERATURE,
     WHOLE_RESULT,
@@ -27,8 +37,8 @@ from service.certificates.words import (
     short_facts,
     sign_off_rows,
 )
-from service.quantities import quantity
-from service.sayings import Sayings
+from cellcal.service.quantities import quantity
+from cellcal.service.translation import Sayings
 
 MOST_READINGS = 1000  # rows on paper; the JSON file has all
 _RULES = {

@@ -13,8 +13,8 @@ from typing import Any, Literal
 import orjson
 import typst
 
-from calibration.errors import CellError
-from service.certificates.blocks import Page
+from cellcal.calibration.errors import CellError
+from cellcal.service.certificates.blocks import Page
 
 _TEMPLATE = Path(__file__).with_name("certificate.typ")
 _LETTERS = "Libertinus Serif"

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from html import escape
 from typing import Any
 
-from service.certificates.blocks import Picture
-from service.certificates.words import ENGLISH
-from service.quantities import quantity
-from service.sayings import Sayings
+from cellcal.service.certificates.blocks import Picture
+from cellcal.service.certificates.words import ENGLISH
+from cellcal.service.quantities import quantity
+from cellcal.service.translation import Sayings
 
 # After M. Okabe, K. Ito, Color Universal Design, 2008.
 _AFTER, _BEFORE, _LIMIT, _INK, _GRID = "#0072b2", "#6b6b6b", "#c04a00", "#222222", "#d9d9d9"

@@ -5,10 +5,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from procedures.canonical import canonical_json, sha256_of
-from procedures.past import Effect, Kind
-from procedures.run import DeclinedError
-from service.runs.journal import Event
+from cellcal.procedures.canonical import canonical_json, sha256_of
+from cellcal.procedures.past import Effect, Kind
+from cellcal.procedures.run import DeclinedError
+from cellcal.service.record.journal import Event
 
 _LARGEST_VALUE = 20_000  # characters; what is longer, such as a stored record, is named by its hash
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibration.errors import CellError
-from service.certificates.signing import check, read_document
-from service.files import replace_file
-from service.sayings import Locale
+from cellcal.calibration.errors import CellError
+from cellcal.service.certificates.signing import check, read_document
+from cellcal.service.files import replace_file
+from cellcal.service.translation import Locale
 
 if TYPE_CHECKING:
-    from service.certificates.blocks import Page
+    from cellcal.service.certificates.blocks import Page
 
 _IN_ENGLISH = (
     "Set in English: this computer has no font for the language that was asked for "
@@ -43,8 +43,8 @@ def page_from(json_path: Path, locale: Locale = "en") -> "Page":
     PrintingError
         The file cannot be read, or is not what was signed: nothing is printed from it.
     """
-    from service.certificates.languages import words_in  # noqa: PLC0415  tables only where they are wanted
-    from service.certificates.page import page_of  # noqa: PLC0415  as above, with drawings and codes
+    from cellcal.service.certificates.languages import words_in  # noqa: PLC0415  tables only where they are wanted
+    from cellcal.service.certificates.page import page_of  # noqa: PLC0415  as above, with drawings and codes
 
     raw = read_document(json_path)
     checked = check(raw) if isinstance(raw, bytes) else raw
@@ -58,7 +58,7 @@ def page_from(json_path: Path, locale: Locale = "en") -> "Page":
 
 def html_from(json_path: Path, locale: Locale = "en") -> str:
     """Return a signed certificate as one HTML page."""
-    from service.certificates.html import as_html  # noqa: PLC0415
+    from cellcal.service.certificates.html import as_html  # noqa: PLC0415
 
     return as_html(page_from(json_path, locale))
 
@@ -73,7 +73,7 @@ def pdf_from(json_path: Path, locale: Locale = "en") -> bytes:
     PdfError
         No font of this computer has some of its characters.
     """
-    from service.certificates.pdf import LettersError, as_pdf  # noqa: PLC0415  typst is a large library
+    from cellcal.service.certificates.pdf import LettersError, as_pdf  # noqa: PLC0415  typst is a large library
 
     try:
         return as_pdf(page_from(json_path, locale))

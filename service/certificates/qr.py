@@ -4,7 +4,7 @@ import io
 
 import segno
 
-from service.certificates.blocks import Picture
+from cellcal.service.certificates.blocks import Picture
 
 _QUIET_ZONE = 4  # modules of white around it, after ISO/IEC 18004
 

@@ -4,8 +4,8 @@ import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from procedures.past import Kind
-from service.runs.journal import Event
+from cellcal.procedures.past import Kind
+from cellcal.service.record.journal import Event
 
 _APPROVED = ("approve", "may_")  # how the keys of questions begin that let a robot move
 

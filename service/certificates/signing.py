@@ -25,8 +25,8 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
-from calibration.errors import CellError
-from procedures.canonical import canonical_json, sha256_of
+from cellcal.calibration.errors import CellError
+from cellcal.procedures.canonical import canonical_json, sha256_of
 
 KEY_NAME = "signing_key.pem"
 _ALGORITHM = "ed25519"

@@ -4,8 +4,8 @@ import textwrap
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from service.certificates.sign_offs import unsigned
-from service.certificates.words import (
+from cellcal.service.certificates.sign_offs import unsigned
+from cellcal.service.certificates.words import (
     NO_TEMPERATURE,
     WHOLE_RESULT,
     WORDS,

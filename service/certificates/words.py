@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from service.quantities import quantity
-from service.sayings import Sayings
+from cellcal.service.quantities import quantity
+from cellcal.service.translation import Sayings
 
 ENGLISH = Sayings("en", {})  # as it is signed
 WORDS = {

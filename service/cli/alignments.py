@@ -14,10 +14,10 @@ CellFile = Annotated[Path, Parameter(name="--cell", help="The cell file (TOML)."
 @alignments.command
 def show(*, cell: CellFile) -> int:
     """Print every alignment of the cell's journal, oldest first."""
-    from service.cli.printing import EN_ROUTE
-    from service.configuration.cell_file import read_cell_file
-    from service.runs.cell import open_journal
-    from service.runs.store import Store
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.record.run_store import Store
+    from cellcal.service.runs.open_cell import open_journal
 
     with open_journal(read_cell_file(cell)) as journal:
         for one in Store(journal).alignments():
@@ -40,12 +40,12 @@ def export(*, cell: CellFile, out: Path) -> int:
     out
         The file to write (.aln).
     """
-    from calibration.points.alignment import alignment_text
-    from service.cli.printing import EN_ROUTE
-    from service.configuration.cell_file import read_cell_file
-    from service.files import replace_file
-    from service.runs.cell import open_journal
-    from service.runs.store import Store
+    from cellcal.calibration.points.alignment import alignment_text
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.files import replace_file
+    from cellcal.service.record.run_store import Store
+    from cellcal.service.runs.open_cell import open_journal
 
     with open_journal(read_cell_file(cell)) as journal:
         stored = Store(journal).alignments()

@@ -12,30 +12,30 @@ from cyclopts import App, CycloptsError
 from rich.console import Console
 from rich.markup import escape
 
-from calibration.errors import CellError
-from service.cli.alignments import alignments
-from service.cli.backup import backup, restore
-from service.cli.bench import bench
-from service.cli.cells import check, fakes
-from service.cli.certificate import certificate, verify
-from service.cli.demo import demo
-from service.cli.export import export
-from service.cli.identify import identify
-from service.cli.mastering import mastering
-from service.cli.models import models
-from service.cli.monitor import monitor
-from service.cli.outlook import procedures
-from service.cli.parameters import parameters
-from service.cli.people import people
-from service.cli.poses import poses
-from service.cli.program import program
-from service.cli.runs import resume, run, runs, show
-from service.cli.serve import serve
-from service.cli.simulate_cell import simulate_cell
-from service.cli.site import site
-from service.cli.watch import watch
-from service.cli.webhooks import webhooks
-from service.exit_codes import ExitCode, exit_code_of
+from cellcal.calibration.errors import CellError
+from cellcal.service.cli.alignments import alignments
+from cellcal.service.cli.backup import backup, restore
+from cellcal.service.cli.bench import bench
+from cellcal.service.cli.cells import check, fakes
+from cellcal.service.cli.certificate import certificate, verify
+from cellcal.service.cli.demo import demo
+from cellcal.service.cli.export import export
+from cellcal.service.cli.identify import identify
+from cellcal.service.cli.mastering import mastering
+from cellcal.service.cli.models import models
+from cellcal.service.cli.monitor import monitor
+from cellcal.service.cli.outlook import procedures
+from cellcal.service.cli.parameters import parameters
+from cellcal.service.cli.people import people
+from cellcal.service.cli.poses import poses
+from cellcal.service.cli.program import program
+from cellcal.service.cli.runs import resume, run, runs, show
+from cellcal.service.cli.serve import serve
+from cellcal.service.cli.simulate_cell import simulate_cell
+from cellcal.service.cli.site import site
+from cellcal.service.cli.watch import watch
+from cellcal.service.cli.webhooks import webhooks
+from cellcal.service.exit_codes import ExitCode, exit_code_of
 
 app = App(
     name="cellcal",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from service.export.restore import Proved
+    from cellcal.service.export.restore import Proved
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 Flag = Annotated[bool, Parameter(negative=())]
@@ -38,10 +38,10 @@ def backup(  # a command's options are its arguments
     keep
         Remove all but so many of this cell's backups in the folder.
     """
-    from calibration.errors import CellError
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.export.backup import back_up, forget_older
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.export.backup import back_up, forget_older
 
     if keep is not None and (keep < 1 or not to.is_dir()):
         raise CellError(
@@ -105,10 +105,10 @@ def restore(
     check
         Only prove it: a drill that needs no cell file and changes nothing.
     """
-    from calibration.errors import CellError
-    from service.cli.printing import print_json
-    from service.export.restore import prove
-    from service.export.restore import restore as put_back
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.export.restore import prove
+    from cellcal.service.export.restore import restore as put_back
 
     if (cell is None) != check:
         raise CellError(
@@ -127,7 +127,7 @@ def restore(
 
 
 def _tell(found: "Proved") -> None:
-    from service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import EN_ROUTE
 
     EN_ROUTE.print(
         f"Whole: {found.cell}, {found.made_utc}, {found.events} events in one chain, {found.certificates} "
@@ -155,7 +155,7 @@ def _tell(found: "Proved") -> None:
 def _passphrase(file: Path | None, *, twice: bool) -> str:
     from getpass import getpass
 
-    from calibration.errors import CellError
+    from cellcal.calibration.errors import CellError
 
     if file is not None:
         handed = str(file.parent) == os.environ.get("CREDENTIALS_DIRECTORY")  # systemd keeps it from others

@@ -9,8 +9,8 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from service.bench.reference import Comparison
-    from service.bench.results import Topic
+    from cellcal.service.engineering.bench.reference import Comparison
+    from cellcal.service.engineering.bench.results import Topic
 
 _FILE_WIDTH = 170
 
@@ -57,17 +57,17 @@ def bench(  # noqa: PLR0913  # a command's options are its arguments
     """
     if reference:
         return _reference(out, as_json=as_json)
-    from service.bench.contestants import parse_interpreters
-    from service.bench.results import as_document
-    from service.bench.topics import choose_topics
-    from service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.engineering.bench.contestants import parse_interpreters
+    from cellcal.service.engineering.bench.results import as_document
+    from cellcal.service.engineering.bench.topics import choose_topics
 
     interpreters = parse_interpreters(peer_python)
     chosen = choose_topics(only)
     if data is not None:
         from functools import partial
 
-        from service.bench.real import read, run_real
+        from cellcal.service.engineering.bench.real import read, run_real
 
         chosen["real"] = partial(run_real, series=(read(data, robot),))
     topics = []
@@ -76,7 +76,7 @@ def bench(  # noqa: PLR0913  # a command's options are its arguments
         topics.append(topic(seed, max(1, rounds), interpreters))
     document = as_document(tuple(topics), seed, rounds)
     if out is not None:
-        from service.bench.plots import write_results
+        from cellcal.service.engineering.bench.plots import write_results
 
         for path in write_results(document, tuple(topics), out):
             EN_ROUTE.print(f"wrote {path}")
@@ -90,9 +90,9 @@ def bench(  # noqa: PLR0913  # a command's options are its arguments
 def _reference(out: Path | None, *, as_json: bool) -> int:
     from rich.console import Console
 
-    from service.bench.reference import as_document, check_all
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.exit_codes import ExitCode
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.engineering.bench.reference import as_document, check_all
+    from cellcal.service.exit_codes import ExitCode
 
     found = check_all()
     document = as_document(found)
@@ -119,7 +119,7 @@ def _wide_console() -> "Console":
 def _print_reference(console: "Console", found: "tuple[Comparison, ...]") -> None:
     from rich.table import Table
 
-    from calibration.reference_data import load_reference
+    from cellcal.calibration.reference_data import load_reference
 
     for problem in dict.fromkeys(each.problem for each in found):
         document = load_reference(problem)

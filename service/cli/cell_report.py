@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from service.cli.identify_report import (
+from cellcal.service.cli.identify_report import (
     COLOURS,
     HEADING,
     LEARNT,
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from service.identification.cell_identify import CellReport
+    from cellcal.service.engineering.identification.cell_identify import CellReport
 
 _MM, _DEG = 1e3, 57.29577951308232
 
@@ -64,7 +64,7 @@ def print_tables(console: "Console", report: "CellReport") -> None:
 def _print_series(console: "Console", report: "CellReport") -> None:
     from rich.table import Table
 
-    from calibration.identification.parameters import LEVEL_NAMES
+    from cellcal.calibration.identification.parameters import LEVEL_NAMES
 
     title = f"level {report.level}, {LEVEL_NAMES[report.level]}; RMSE in mm"
     table = Table("series", "kind", "rows", "before", "held out", "fit", "sigma x", title=title)

@@ -21,10 +21,10 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
     from rich.markup import escape
     from rich.table import Table
 
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.exit_codes import ExitCode
-    from service.runs.check import check_cell
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.exit_codes import ExitCode
+    from cellcal.service.runs.cell_check import check_cell
 
     report = asyncio.run(check_cell(read_cell_file(cell)))
     if as_json:
@@ -58,9 +58,9 @@ def fakes(cell: Path, /) -> int:
     """
     import asyncio
 
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.demo.fake_cell import running_fakes
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.demo.fake_cell import running_fakes
 
     read_cell_file(cell)  # a fault in the file is said in our words, before anything starts
 

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
-from service.sayings import Locale
+from cellcal.service.translation import Locale
 
 if TYPE_CHECKING:
-    from service.certificates.certificate import Issued
-    from service.certificates.signing import StationKey
+    from cellcal.service.certificates.certificate import Issued
+    from cellcal.service.certificates.signing import StationKey
 
 certificate = App(name="certificate", help="Write the signed certificate of a finished run, or show the key.")
 
@@ -50,10 +50,10 @@ def write(  # noqa: PLR0913  a command's options are its arguments
     """
     import sys
 
-    from service.certificates.certificate import issue
-    from service.certificates.printing import html_from, pdf_from, write_sheet
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.configuration.cell_file import read_cell_file
+    from cellcal.service.certificates.certificate import issue
+    from cellcal.service.certificates.printing import html_from, pdf_from, write_sheet
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
 
     issued = issue(read_cell_file(cell), run_id, out)
     if as_json:
@@ -79,9 +79,9 @@ def key(*, cell: CellFile, out: Path | None = None, as_json: Json = False) -> in
     """
     import sys
 
-    from service.certificates.signing import station_key
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.configuration.cell_file import read_cell_file
+    from cellcal.service.certificates.signing import station_key
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
 
     config = read_cell_file(cell)
     found = station_key(config.cell.data_dir)
@@ -117,8 +117,8 @@ def verify(file: Path, /, *, key: str | None = None, as_json: Json = False) -> i
     key
         The public key that must have signed it, from `cellcal certificate key`, or a file that holds it.
     """
-    from service.certificates.signing import Checked, check, read_document, read_public_key
-    from service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.certificates.signing import Checked, check, read_document, read_public_key
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
 
     expected = None if key is None else read_public_key(key)
     raw = read_document(file)
@@ -138,10 +138,10 @@ _EXITS = {"intact": 0, "tampered": 8, "unknown_key": 4, "unreadable": 2}  # of s
 
 def issue_after_run(config: Any, run_id: str, *, quiet: bool = False) -> "Issued | None":
     """Write the certificate at the end of a run; that it could not be written changes nothing about the run."""
-    from calibration.errors import CellError
-    from service.certificates.certificate import issue
-    from service.certificates.printing import print_beside
-    from service.cli.printing import EN_ROUTE
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.certificates.certificate import issue
+    from cellcal.service.certificates.printing import print_beside
+    from cellcal.service.cli.printing import EN_ROUTE
 
     try:
         issued = issue(config, run_id)
@@ -161,7 +161,7 @@ def issue_after_run(config: Any, run_id: str, *, quiet: bool = False) -> "Issued
 
 def tell_issued(issued: "Issued") -> None:
     """Say where a certificate is, and where the key that signed it was made."""
-    from service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import EN_ROUTE
 
     _tell_key(issued.key)
     name = "refusal record:" if issued.word == "refused" else "certificate:"
@@ -170,7 +170,7 @@ def tell_issued(issued: "Issued") -> None:
 
 
 def _tell_key(found: "StationKey") -> None:
-    from service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import EN_ROUTE
 
     if found.created:
         EN_ROUTE.print(

@@ -53,15 +53,17 @@ def demo(  # noqa: PLR0913  a command's options are its arguments
     import logging
     import tempfile
 
-    from service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import EN_ROUTE
 
-    logging.getLogger("drivers").setLevel(logging.ERROR)  # that a fake's firmware is unverified is no news
+    logging.getLogger("cellcal.drivers").setLevel(
+        logging.ERROR
+    )  # that a fake's firmware is unverified is no news
     _refuse_impossible(seed, time_factor, keep)
     with tempfile.TemporaryDirectory(prefix="cellcal-demo-") as scratch:
         folder = keep or Path(scratch)
         if not (headless or as_json or loss is not None) and is_for_pages(port, sys.stderr):
-            from service.demo.built_pages import see_to_pages
-            from service.demo.wizard import Staging, show_wizard
+            from cellcal.service.demo.built_pages import see_to_pages
+            from cellcal.service.demo.wizard import Staging, show_wizard
 
             def say(line: str) -> None:
                 EN_ROUTE.print(line, markup=False, soft_wrap=True)
@@ -84,10 +86,10 @@ def is_for_pages(port: int | None, stream: TextIO) -> bool:
 def _tell(folder: Path, loss: str, seed: int, time_factor: float, *, as_json: bool) -> int:
     import asyncio
 
-    from service.cli.printing import print_json
-    from service.cli.story import Teller
-    from service.demo.story import Plot, fault_of, tell_story
-    from service.exit_codes import ExitCode
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.story import Teller
+    from cellcal.service.demo.story import Plot, fault_of, tell_story
+    from cellcal.service.exit_codes import ExitCode
 
     fault_of(loss)  # a misspelt loss is said before anything starts
     with Teller() as teller:
@@ -101,9 +103,9 @@ def _tell(folder: Path, loss: str, seed: int, time_factor: float, *, as_json: bo
 
 def _certify(folder: Path) -> None:
     """Write the certificate of the recovery, or the record of its refusal, and say how to check it."""
-    from service.cli.certificate import issue_after_run
-    from service.cli.printing import EN_ROUTE
-    from service.configuration.cell_file import read_cell_file
+    from cellcal.service.cli.certificate import issue_after_run
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.configuration.cell_file import read_cell_file
 
     issued = issue_after_run(read_cell_file(folder / "cell.toml"), "last")
     if issued is not None:
@@ -112,7 +114,7 @@ def _certify(folder: Path) -> None:
 
 
 def _refuse_impossible(seed: int, time_factor: float | None, keep: Path | None) -> None:
-    from calibration.errors import CellError
+    from cellcal.calibration.errors import CellError
 
     if seed < 0:
         raise CellError(f"--seed {seed} is negative.", remedy="Give 0 or more.", code="usage")

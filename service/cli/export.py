@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from service.export.tables import Table
+    from cellcal.service.export.tables import Table
 
 export = App(
     name="export", help="Tables for spreadsheets and other programs: CSV or XLSX, SI units, every digit kept."
@@ -27,8 +27,8 @@ def runs(cell: Path, /, *, out: Out = None, delimiter: str = ",") -> int:
     delimiter
         Of a CSV file: a comma, a semicolon, or a tab.
     """
-    from service.configuration.cell_file import read_cell_file
-    from service.export.cell_tables import runs_table
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.export.cell_tables import runs_table
 
     return _write(runs_table(read_cell_file(cell)), out, delimiter)
 
@@ -46,8 +46,8 @@ def history(cell: Path, /, *, out: Out = None, delimiter: str = ",") -> int:
     delimiter
         Of a CSV file: a comma, a semicolon, or a tab.
     """
-    from service.configuration.cell_file import read_cell_file
-    from service.export.cell_tables import history_table
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.export.cell_tables import history_table
 
     return _write(history_table(read_cell_file(cell)), out, delimiter)
 
@@ -67,8 +67,8 @@ def points(cell: Path, run_id: str = "last", /, *, out: Out = None, delimiter: s
     delimiter
         Of a CSV file: a comma, a semicolon, or a tab.
     """
-    from service.configuration.cell_file import read_cell_file
-    from service.export.cell_tables import points_table
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.export.cell_tables import points_table
 
     return _write(points_table(read_cell_file(cell), run_id), out, delimiter)
 
@@ -98,8 +98,8 @@ def parameters(
     delimiter
         Of a CSV file: a comma, a semicolon, or a tab.
     """
-    from service.configuration.cell_file import read_cell_file
-    from service.export.cell_tables import parameters_table
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.export.cell_tables import parameters_table
 
     return _write(parameters_table(read_cell_file(cell), robot_serial, number), out, delimiter)
 
@@ -119,9 +119,9 @@ def mcap(
     out
         The file to write.
     """
-    from service.cli.printing import EN_ROUTE
-    from service.configuration.cell_file import read_cell_file
-    from service.export.mcap_file import write_mcap
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.export.mcap_file import write_mcap
 
     count = write_mcap(read_cell_file(cell), run_id, out)
     EN_ROUTE.print(f"{out}: {count} messages.", markup=False, soft_wrap=True)
@@ -131,10 +131,10 @@ def mcap(
 def _write(table: "Table", out: Path | None, delimiter: str) -> int:
     import sys
 
-    from service.cli.printing import EN_ROUTE
-    from service.export.table_files import as_csv, as_csv_file, as_xlsx_file
-    from service.export.tables import ExportError
-    from service.files import replace_file
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.export.table_files import as_csv, as_csv_file, as_xlsx_file
+    from cellcal.service.export.tables import ExportError
+    from cellcal.service.files import replace_file
 
     if out is None:
         sys.stdout.write(as_csv(table, delimiter).replace("\r\n", "\n"))

@@ -8,7 +8,7 @@ def settings_of(pairs: tuple[str, ...]) -> dict[str, Any]:
     """Return KEY=VALUE pairs as a spec's settings; CellError for what is none, twice there or no finite number."""
     import json
 
-    from calibration.errors import CellError
+    from cellcal.calibration.errors import CellError
 
     settings: dict[str, Any] = {}
     for pair in pairs:
@@ -27,7 +27,7 @@ def settings_of(pairs: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _refuse_constant(constant: str) -> Any:
-    from calibration.errors import CellError
+    from cellcal.calibration.errors import CellError
 
     raise CellError(
         f"{constant} is not a number that a robot can use", remedy="Give a finite number.", code="usage"
@@ -37,10 +37,10 @@ def _refuse_constant(constant: str) -> Any:
 def operator_of(answers: Path | None) -> Any:
     """Return who answers: a person in the terminal, or the file that is given."""
     if answers is None:
-        from drivers.operator.terminal import TerminalOperator
+        from cellcal.drivers.operator.terminal import TerminalOperator
 
         return TerminalOperator()
-    from drivers.operator.scripted import ScriptedOperator
+    from cellcal.drivers.operator.scripted import ScriptedOperator
 
     return ScriptedOperator(_read_answers(answers))
 
@@ -51,7 +51,7 @@ _MOST_ANSWERS = 1 << 20  # bytes
 def _read_answers(path: Path) -> dict[str, str]:
     import json
 
-    from calibration.errors import CellError
+    from cellcal.calibration.errors import CellError
 
     try:
         with path.open("rb") as file:

@@ -9,9 +9,9 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 if TYPE_CHECKING:
-    from service.identification.at_points import AtOptions
-    from service.identification.identify import IdentifyReport
-    from service.measured.measurements import ReadOptions
+    from cellcal.service.engineering.identification.at_points import AtOptions
+    from cellcal.service.engineering.identification.identify import IdentifyReport
+    from cellcal.service.engineering.measured.measurements import ReadOptions
 
 _MM = {"mm": 1e-3, "um": 1e-6, "m": 1.0}
 _DEG = {"deg": 0.017453292519943295, "mrad": 1e-3, "rad": 1.0}
@@ -22,6 +22,7 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     /,
     *,
     robot: str,
+    mounting: str = "",
     level: int | None = None,
     check: Path | None = None,
     train_rows: int | None = None,
@@ -60,6 +61,10 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
         CSV or Excel file as the instrument wrote it: joints, and a length, position or pose per row.
     robot
         Nominal model; `cellcal models` lists them.
+    mounting
+        Where weight pulls, if the robot does not stand upright: wall (the base's x points up), ceiling, tilt:x=30,
+        tilt:y=-15 (degrees), or the direction of gravity in its base such as 0,-1,0. The same as `--robot ur10@wall`,
+        which is the name under which everything is kept.
     level
         0 base and tool only, 1 mastering offsets, 2 geometry, 3 and sag, 4 and gear ripple, 5 and gear ratios.
         Chosen by cross-validation if not given.
@@ -132,23 +137,24 @@ def identify(  # noqa: PLR0913  # a command's options are its arguments
     """
     # Before numpy is imported: on matrices of this size a second BLAS thread only waits for the first.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from calibration.cells.levels import CellOptions
-    from service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
-    from service.identification.at_points import AtOptions
-    from service.identification.identify import IdentifyOptions, identify_file
-    from service.identification.identify_start import StartOptions
-    from service.identification.identify_verdicts import Limits
-    from service.measured.cells import describes_a_cell
-    from service.measured.layouts import overlaid, read_layout
-    from service.measured.measurements import ReadOptions
+    from cellcal.calibration.cells.levels import CellOptions
+    from cellcal.service.cli.identify_cell import CellCommand, identify_cell, refuse_for_a_cell
+    from cellcal.service.engineering.identification.at_points import AtOptions
+    from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+    from cellcal.service.engineering.identification.identify_start import StartOptions
+    from cellcal.service.engineering.identification.identify_verdicts import Limits
+    from cellcal.service.engineering.measured.cells import describes_a_cell
+    from cellcal.service.engineering.measured.layouts import overlaid, read_layout
+    from cellcal.service.engineering.measured.measurements import ReadOptions
 
+    robot = _mounted(robot, mounting)
     limits = Limits(
         _quantity(limit, "--limit", _MM),
         _quantity(accept_offset_sd, "--accept-offset-sd", _DEG),
         accept_offsets,
     )
     outputs = _Outputs(save, serial, by, urdf, geometric_joints)
-    outputs.check()
+    outputs.check(residual_model=residual_model)
     asked = None if at is None else AtOptions(at, at_convention, at_identified)
     if layout is not None and describes_a_cell(layout):
         refuse_for_a_cell({
@@ -191,9 +197,9 @@ def _show(report: "IdentifyReport", views: _Views, *, as_json: bool) -> None:
 
     from rich.console import Console
 
-    from service.cli.identify_report import print_dh, print_report, print_tips
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.identification.identify_at import tips_at, write_tips
+    from cellcal.service.cli.identify_report import print_dh, print_report, print_tips
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.engineering.identification.identify_at import tips_at, write_tips
 
     tips = None if views.at is None else tips_at(views.at, report)
     if tips is not None and views.at_csv is not None:
@@ -215,17 +221,23 @@ def _show(report: "IdentifyReport", views: _Views, *, as_json: bool) -> None:
 
 
 def _draw(report: "IdentifyReport", folder: Path) -> None:
-    from service.cli.printing import EN_ROUTE
-    from service.identification.identify_plots import draw_identification
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.engineering.identification.identify_plots import draw_identification
 
     for path in draw_identification(report, folder):
         EN_ROUTE.print(f"wrote {path}")
 
 
 def _exit_code(report: "IdentifyReport") -> int:
-    from service.exit_codes import ExitCode
+    from cellcal.service.exit_codes import ExitCode
 
     return ExitCode.PASS if report.verdicts.proved else ExitCode.OUT_OF_TOLERANCE
+
+
+def _mounted(robot: str, mounting: str) -> str:
+    from cellcal.calibration.arm.mounting import mounted
+
+    return mounted(robot, mounting)
 
 
 def _quantity(text: str, option: str, units: dict[str, float]) -> float | None:
@@ -233,7 +245,7 @@ def _quantity(text: str, option: str, units: dict[str, float]) -> float | None:
     import math
     import re
 
-    from service.measured.table import MeasurementError
+    from cellcal.service.engineering.measured.table import MeasurementError
 
     if not text:
         return None
@@ -253,10 +265,10 @@ def _quantity(text: str, option: str, units: dict[str, float]) -> float | None:
 def _show_layout(measurements: Path, robot: str, read: "ReadOptions", *, as_json: bool) -> int:
     from rich.console import Console
 
-    from calibration.arm.kinematics import load_model
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.measured.layouts import layout_document, layout_text
-    from service.measured.measurements import read_measurements
+    from cellcal.calibration.arm.kinematics import load_model
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.engineering.measured.layouts import layout_document, layout_text
+    from cellcal.service.engineering.measured.measurements import read_measurements
 
     found = read_measurements(measurements, load_model(robot), read)
     document = layout_document(found, read)
@@ -281,10 +293,13 @@ class _Outputs:
     urdf: Path | None
     geometric_joints: bool
 
-    def check(self) -> None:
+    def check(self, *, residual_model: bool) -> None:
         """Refuse before the work rather than after it."""
-        from service.measured.table import MeasurementError
+        from cellcal.service.engineering.identification.identify_outputs import refuse_to_keep
+        from cellcal.service.engineering.measured.table import MeasurementError
 
+        if residual_model:
+            refuse_to_keep(self.save, self.urdf)
         if self.save is not None and not (self.serial and self.by):
             raise MeasurementError(
                 "a parameter set belongs to one robot and to the person who measured it.",
@@ -295,9 +310,12 @@ class _Outputs:
         """Write them."""
         import datetime
 
-        from service.cli.printing import EN_ROUTE
-        from service.identification.identify_outputs import save_identification, write_identified_urdf
-        from service.parameters.parameter_files import Who
+        from cellcal.service.cli.printing import EN_ROUTE
+        from cellcal.service.engineering.identification.identify_outputs import (
+            save_identification,
+            write_identified_urdf,
+        )
+        from cellcal.service.engineering.parameters.parameter_files import Who
 
         if self.save is not None:
             now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
@@ -310,7 +328,7 @@ class _Outputs:
 
 
 def _pairs(words: tuple[str, ...], option: str) -> dict[str, str]:
-    from service.measured.table import MeasurementError
+    from cellcal.service.engineering.measured.table import MeasurementError
 
     wrong = [word for word in words if "=" not in word]
     if wrong:

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from calibration.cells.levels import CellOptions
-    from service.identification.at_points import AtOptions
-    from service.identification.cell_identify import CellReport
-    from service.identification.identify_at import TipsAt
-    from service.identification.identify_verdicts import Limits
+    from cellcal.calibration.cells.levels import CellOptions
+    from cellcal.service.engineering.identification.at_points import AtOptions
+    from cellcal.service.engineering.identification.cell_identify import CellReport
+    from cellcal.service.engineering.identification.identify_at import TipsAt
+    from cellcal.service.engineering.identification.identify_verdicts import Limits
 
 _WHY_NOT = {
     "check": "a second file would need its own layout: hold rows out instead, as is done by itself",
@@ -48,7 +48,7 @@ class CellCommand:
 
 def refuse_for_a_cell(options: Mapping[str, object]) -> None:
     """Refuse options that say nothing about a cell of several devices, each with its reason."""
-    from service.measured.table import MeasurementError
+    from cellcal.service.engineering.measured.table import MeasurementError
 
     for name, why in _WHY_NOT.items():
         if options.get(name):
@@ -62,12 +62,12 @@ def identify_cell(command: CellCommand, options: "CellOptions") -> int:
     """Fit, write what was asked for, and show the report."""
     from rich.console import Console
 
-    from service.cli.cell_report import print_cell_report, print_tables
-    from service.cli.identify_report import print_tips
-    from service.cli.printing import print_json
-    from service.exit_codes import ExitCode
-    from service.identification.cell_identify import identify_cell_file
-    from service.identification.cell_outputs import cell_tips
+    from cellcal.service.cli.cell_report import print_cell_report, print_tables
+    from cellcal.service.cli.identify_report import print_tips
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.engineering.identification.cell_identify import identify_cell_file
+    from cellcal.service.engineering.identification.cell_outputs import cell_tips
+    from cellcal.service.exit_codes import ExitCode
 
     report = identify_cell_file(command.measurements, command.layout, command.robot, options, command.limits)
     _write(command, report)
@@ -90,9 +90,13 @@ def identify_cell(command: CellCommand, options: "CellOptions") -> int:
 def _write(command: CellCommand, report: "CellReport") -> None:
     import datetime
 
-    from service.cli.printing import EN_ROUTE
-    from service.identification.cell_outputs import save_cell, serials_of, write_cell_urdfs
-    from service.parameters.parameter_files import Who
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.engineering.identification.cell_outputs import (
+        save_cell,
+        serials_of,
+        write_cell_urdfs,
+    )
+    from cellcal.service.engineering.parameters.parameter_files import Who
 
     if command.save is not None:
         now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
@@ -105,15 +109,15 @@ def _write(command: CellCommand, report: "CellReport") -> None:
             lost = f", without {' and '.join(one.missing)}, which a description cannot hold"
             EN_ROUTE.print(f"wrote {one.path}{lost if one.missing else ''}", markup=False)
     if command.plot is not None:
-        from service.identification.cell_plots import draw_cell
+        from cellcal.service.engineering.identification.cell_plots import draw_cell
 
         for path in draw_cell(report, command.plot):
             EN_ROUTE.print(f"wrote {path}", markup=False)
 
 
 def _write_tips(tips: "Mapping[str, TipsAt]", path: Path) -> None:
-    from service.cli.printing import EN_ROUTE
-    from service.identification.identify_at import write_tips
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.engineering.identification.identify_at import write_tips
 
     for name, found in tips.items():
         one = path if len(tips) == 1 else path.with_stem(f"{path.stem}_{name.replace(' ', '_')}")

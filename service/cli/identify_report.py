@@ -8,13 +8,13 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from calibration.identification.cross_validation import Errors
-    from calibration.identification.identifiability import NotIdentified
-    from calibration.identification.offset_acceptance import OffsetAcceptance
-    from calibration.identification.tip_uncertainty import HayatiTable
-    from service.identification.identify import IdentifyReport
-    from service.identification.identify_at import TipsAt
-    from service.measured.measurements import RejectedRow
+    from cellcal.calibration.identification.cross_validation import Errors
+    from cellcal.calibration.identification.identifiability import NotIdentified
+    from cellcal.calibration.identification.offset_acceptance import OffsetAcceptance
+    from cellcal.calibration.identification.tip_uncertainty import HayatiTable
+    from cellcal.service.engineering.identification.identify import IdentifyReport
+    from cellcal.service.engineering.identification.identify_at import TipsAt
+    from cellcal.service.engineering.measured.measurements import RejectedRow
 
 MOST_ROWS_SHOWN = 12
 _WIDER = "these postures hardly show them: measure over a wider range of these joints"
@@ -48,7 +48,7 @@ def print_report(console: "Console", report: "IdentifyReport") -> None:
 def _print_errors(console: "Console", report: "IdentifyReport") -> None:
     from rich.table import Table
 
-    from calibration.identification.parameters import LEVEL_NAMES
+    from cellcal.calibration.identification.parameters import LEVEL_NAMES
 
     table = Table(
         "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {_rows_said(report)}"
@@ -92,6 +92,9 @@ def _print_reasons(console: "Console", report: "IdentifyReport") -> None:
     if found.residual is not None:
         chosen = "used" if found.residual.chosen else "not used"
         console.print(f"Residual model {chosen}: {escape(found.residual.reason)}")
+        console.print(
+            "It serves the figures here and `--at`: sets and `program compensate` hold the arm's parameters alone."
+        )
 
 
 def _add(table: "Table", title: str, errors: "Errors") -> None:
@@ -100,7 +103,7 @@ def _add(table: "Table", title: str, errors: "Errors") -> None:
 
 
 def _print_rejected(console: "Console", report: "IdentifyReport") -> None:
-    from service.measured.measurements import OUTLIER, UNREAD
+    from cellcal.service.engineering.measured.measurements import OUTLIER, UNREAD
 
     unread = [row for row in report.rejected if row.kind == UNREAD]
     outliers = [row for row in report.rejected if row.kind == OUTLIER]
@@ -236,12 +239,12 @@ def print_tips(console: "Console", tips: "TipsAt", target: str = "target") -> No
     title = f"{target} in the frame of the {tips.frame} (mm)"
     table = Table("point", "x", "y", "z", "sigma", "95 %", title=title)
     for i, place in enumerate(tips.positions_m[:MOST_ROWS_SHOWN]):
-        mark = " *" if i in tips.outside else ""
+        mark = " *" if i in tips.far or i in tips.outside else ""
         sizes = (tips.sigma_m[i], tips.expanded_m[i])
         table.add_row(f"{i}{mark}", *(f"{v * 1e3:.3f}" for v in place), *(f"{v * 1e3:.4f}" for v in sizes))
     console.print(table)
-    if tips.outside:
-        console.print("* turns a joint further than any fitted row: extrapolated.")
+    for sentence in tips.statement:
+        console.print(sentence, markup=False)
     if len(tips.positions_m) > MOST_ROWS_SHOWN:
         console.print(f"… and {len(tips.positions_m) - MOST_ROWS_SHOWN} more (`--at-csv` writes all)")
 

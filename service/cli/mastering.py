@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from calibration.mastering.counts import MasteringRecord
+    from cellcal.calibration.mastering.counts import MasteringRecord
 
 mastering = App(name="mastering", help="Show, print, export and import the mastering record of a robot.")
 
@@ -37,10 +37,10 @@ def show(*, cell: CellFile, robot: RobotName = None, as_json: Json = False) -> i
     """Print the sheet for the robot's door: counts, reference pose, wire, hash."""
     import sys
 
-    from service.cli.printing import print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.parameters.mastering_files import in_force
-    from service.parameters.mastering_sheet import as_sheet
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.engineering.parameters.mastering_files import in_force
+    from cellcal.service.engineering.parameters.mastering_sheet import as_sheet
 
     config = read_cell_file(cell)
     kept = in_force(config, robot)
@@ -60,9 +60,9 @@ def export(*, cell: CellFile, robot: RobotName = None, out: Path = Path(), as_js
     out
         Folder to write to; this one when not said.
     """
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.parameters.mastering_files import export as write
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.engineering.parameters.mastering_files import export as write
 
     signed, sheet = write(read_cell_file(cell), robot, out)
     if as_json:
@@ -105,10 +105,10 @@ def take_in(
 def _take_in_file(file: Path, cell: Path, *, key: str | None, replace: bool, as_json: bool) -> int:
     import getpass
 
-    from service.certificates.signing import read_public_key
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.parameters.mastering_files import import_record
+    from cellcal.service.certificates.signing import read_public_key
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.engineering.parameters.mastering_files import import_record
 
     config = read_cell_file(cell)
     expected = None if key is None else read_public_key(key)
@@ -127,9 +127,9 @@ def _take_in_file(file: Path, cell: Path, *, key: str | None, replace: bool, as_
 def _take_in_backup(folder: Path, cell: Path, whose: Whose, *, replace: bool, as_json: bool) -> int:
     import getpass
 
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.parameters.fanuc_backup import import_backup
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.engineering.parameters.fanuc_backup import import_backup
 
     config = read_cell_file(cell)
     done = import_backup(config, folder, who=getpass.getuser(), of=whose, replace=replace)
@@ -168,9 +168,9 @@ def edits(
     """
     import sys
 
-    from service.cli.printing import print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.parameters.fanuc_backup import edits_to
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.engineering.parameters.fanuc_backup import edits_to
 
     lines = edits_to(read_cell_file(cell), backup, whose)
     if as_json:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from calibration.arm.kinematics import DhTable, RobotModel
+    from cellcal.calibration.arm.kinematics import DhTable, RobotModel
 
 
 def models(name: str | None = None, /, *, as_json: Annotated[bool, Parameter(name="--json")] = False) -> int:
@@ -21,8 +21,8 @@ def models(name: str | None = None, /, *, as_json: Annotated[bool, Parameter(nam
     from rich.console import Console
     from rich.table import Table
 
-    from calibration.arm.kinematics import load_model, model_names
-    from service.cli.printing import print_json
+    from cellcal.calibration.arm.kinematics import load_model, model_names
+    from cellcal.service.cli.printing import print_json
 
     names = model_names() if name is None else (name,)
     found = [load_model(each) for each in names]

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from service.site.fleet import CellView
-    from service.site.listener import Listener
+    from cellcal.service.site.fleet import CellView
+    from cellcal.service.site.listener import Listener
 
 _STYLES = {"online": "green", "silent": "yellow", "offline": "red", "never": "dim"}
 _COLUMNS = (
@@ -63,9 +63,9 @@ def monitor(  # a command's options are its arguments
     port
         Serve a page on 127.0.0.1 at this port until interrupted. It shows, and commands nothing.
     """
-    from service.cli.site import interrupted, part_of
-    from service.site.link_files import MONITOR_FILE
-    from service.site.listener import Listener
+    from cellcal.service.cli.site import interrupted, part_of
+    from cellcal.service.site.link_files import MONITOR_FILE
+    from cellcal.service.site.listener import Listener
 
     folder = part_of(site, "monitor", MONITOR_FILE)
     if port is not None:
@@ -87,9 +87,9 @@ def monitor(  # a command's options are its arguments
 def _serve(listener: "Listener", folder: Path, port: int) -> int:
     import uvicorn
 
-    from service.cli.printing import EN_ROUTE
-    from service.settled import settle
-    from service.web.fleet import create_fleet_app
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.settled import settle
+    from cellcal.service.web.fleet import create_fleet_app
 
     address = f"http://127.0.0.1:{port}"
 
@@ -121,7 +121,7 @@ def _follow(listener: "Listener", leave: "threading.Event") -> None:
 def _print_picture(listener: "Listener", *, as_json: bool) -> int:
     from rich.console import Console
 
-    from service.cli.printing import print_json
+    from cellcal.service.cli.printing import print_json
 
     views = listener.fleet.views(time.monotonic())
     if as_json:
@@ -137,9 +137,9 @@ def _print_picture(listener: "Listener", *, as_json: bool) -> int:
 
 
 def _print_certificate(listener: "Listener", named: str) -> int:
-    from service.certificates.signing import Finding
-    from service.cli.printing import EN_ROUTE
-    from service.exit_codes import ExitCode
+    from cellcal.service.certificates.signing import Finding
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.exit_codes import ExitCode
 
     cell, _, run_id = named.partition("/")
     raw, checked = listener.certificate(cell, run_id)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from procedures.entry import Phase
-    from procedures.forecast import Forecast, Prediction
-    from service.configuration.cell_file import CellConfig
-    from service.runs.outline import DryRun
+    from cellcal.procedures.entry import Phase
+    from cellcal.procedures.forecast import Forecast, Prediction
+    from cellcal.service.configuration.cell_file import CellConfig
+    from cellcal.service.runs.outline import DryRun
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -35,10 +35,10 @@ def procedures(
     from rich.markup import escape
     from rich.table import Table
 
-    from service.cli.printing import print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.runs.outline import possible
-    from service.watching.watched import watched
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.runs.outline import possible
+    from cellcal.service.watching.watched import watched
 
     config = None if cell is None else read_cell_file(cell)
     if name is not None:
@@ -70,9 +70,9 @@ def _tell_settings(procedure: str, config: "CellConfig | None", robot: str | Non
     from rich.markup import escape
     from rich.table import Table
 
-    from service.cli.printing import print_json
-    from service.runs.settings_told import settings_of
-    from service.runs.specs import chosen_by_cell
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.runs.settings import chosen_by_cell
+    from cellcal.service.runs.settings_told import settings_of
 
     usual = {} if config is None else chosen_by_cell(config, config.robot(robot).name, procedure)
     settings = settings_of(procedure, usual)
@@ -96,9 +96,9 @@ def tell_dry_run(
     from pydantic_core import to_jsonable_python
     from rich.console import Console
 
-    from service.cli.printing import print_json
-    from service.exit_codes import ExitCode
-    from service.runs.outline import dry_run
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.exit_codes import ExitCode
+    from cellcal.service.runs.outline import dry_run
 
     found = dry_run(config, procedure, settings, robot)
     if as_json:
@@ -156,7 +156,7 @@ def _foretold(forecast: "Forecast") -> list[str]:
 
 
 def _predicted(prediction: "Prediction") -> list[str]:
-    from service.quantities import quantity
+    from cellcal.service.quantities import quantity
 
     lines = [f"  {prediction.name}: U = {quantity(prediction.expanded, prediction.unit)} (95 %)"]
     if prediction.sentence:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from service.parameters.parameter_sets import Change, ParameterSet, ParameterSets
+    from cellcal.service.engineering.parameters.parameter_sets import Change, ParameterSet, ParameterSets
 
 parameters = App(name="parameters", help="Keep, compare, restore and exchange identified robot parameters.")
 
@@ -35,7 +35,7 @@ def list_sets(robot_serial: str | None = None, /, *, folder: Folder = _HERE, as_
     from rich.console import Console
     from rich.table import Table
 
-    from service.cli.printing import print_json
+    from cellcal.service.cli.printing import print_json
 
     sets = _sets(folder)
     found = (
@@ -78,7 +78,7 @@ def show(
     from rich.console import Console
     from rich.table import Table
 
-    from service.cli.printing import print_json
+    from cellcal.service.cli.printing import print_json
 
     item = _sets(folder).load(robot_serial, version)
     if as_json:
@@ -135,8 +135,8 @@ def diff(
     from rich.console import Console
     from rich.table import Table
 
-    from service.cli.printing import print_json
-    from service.parameters.parameter_sets import diff as changes_between
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.engineering.parameters.parameter_sets import diff as changes_between
 
     sets = _sets(folder)
     new = sets.load(robot_serial, after)
@@ -179,8 +179,8 @@ def keep(
     robot
         Which robot of the cell; the first if not said.
     """
-    from service.configuration.cell_file import read_cell_file
-    from service.runs.calibrated_runs import keep_calibration
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.engineering.parameters.calibrated_runs import keep_calibration
 
     saved = keep_calibration(read_cell_file(cell), robot, _sets(folder), by, _now())
     return _report(saved, (), as_json=as_json)
@@ -242,8 +242,8 @@ def import_(  # noqa: PLR0913  # a command's options are its arguments
     note
         Anything worth keeping.
     """
-    from calibration.arm.kinematics import load_model
-    from service.parameters.parameter_files import Who, import_file
+    from cellcal.calibration.arm.kinematics import load_model
+    from cellcal.service.engineering.parameters.parameter_files import Who, import_file
 
     _must_exist(file)
     found = import_file(_sets(folder), file, load_model(robot), Who(serial, by, _now(), note))
@@ -282,10 +282,10 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
     geometric_joints
         Allow a URDF of a robot that couples joints, driven by geometric angles.
     """
-    from calibration.arm.kinematics import load_model
-    from service.cli.printing import EN_ROUTE
-    from service.parameters.parameter_files import FileKind, Template, export_set
-    from service.parameters.parameter_sets import ParameterSetError
+    from cellcal.calibration.arm.kinematics import load_model
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.engineering.parameters.parameter_files import FileKind, Template, export_set
+    from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError
 
     if kind not in list(FileKind):
         raise ParameterSetError(
@@ -314,7 +314,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
 
 
 def _sets(folder: Path) -> "ParameterSets":
-    from service.parameters.parameter_sets import ParameterSets
+    from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 
     return ParameterSets(folder.expanduser())
 
@@ -324,14 +324,14 @@ def _now() -> str:
 
 
 def _must_exist(path: Path) -> None:
-    from service.parameters.parameter_sets import ParameterSetError
+    from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError
 
     if not path.is_file():
         raise ParameterSetError(f"there is no file {path}.", remedy="Check the path.", code="usage")
 
 
 def _report(saved: "ParameterSet", notes: tuple[str, ...], *, as_json: bool) -> int:
-    from service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
 
     if as_json:
         print_json({**_head(saved), "notes": list(notes)})

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from service.people.hashing import Hasher
-    from service.people.register import Register
-    from service.people.roles import Role
+    from cellcal.service.people.accounts import Register
+    from cellcal.service.people.pin_hashing import Hasher
+    from cellcal.service.people.roles import Role
 
 people = App(name="people", help="People, roles, PINs and enrolled devices of a cell's service.")
 
@@ -55,7 +55,7 @@ def reset(
     name
         The person.
     """
-    from service.people.errors import PeopleError
+    from cellcal.service.people.errors import PeopleError
 
     register, hasher = _kept(cell)
     known = register.person(name)
@@ -87,7 +87,7 @@ def list_(*, cell: CellFile, as_json: Json = False) -> int:
     import sys
     from datetime import UTC, datetime
 
-    from service.cli.printing import print_json
+    from cellcal.service.cli.printing import print_json
 
     register = _register(cell)
     who = [{"name": each.name, "role": each.role} for each in register.people()]
@@ -127,8 +127,8 @@ def enrol_device(name: str, /, *, cell: CellFile, url: str = "http://localhost:8
 
     import segno
 
-    from calibration.errors import CellError
-    from service.web.guard import is_loopback
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.web.middleware import is_loopback
 
     parts = urlsplit(url)
     usable = parts.scheme == "https" or (parts.scheme == "http" and is_loopback(parts.hostname or ""))
@@ -162,14 +162,14 @@ def revoke_device(device_id: str, /, *, cell: CellFile) -> int:
 
 
 def _register(cell: Path) -> "Register":
-    from service.configuration.cell_file import read_cell_file
-    from service.people.register import Register
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.people.accounts import Register
 
     return Register(read_cell_file(cell).cell.data_dir)
 
 
 def _kept(cell: Path) -> "tuple[Register, Hasher]":
-    from service.people.hashing import Hasher, pepper_of
+    from cellcal.service.people.pin_hashing import Hasher, pepper_of
 
     register = _register(cell)
     hasher = Hasher(pepper_of(register.path.parent))
@@ -178,7 +178,7 @@ def _kept(cell: Path) -> "tuple[Register, Hasher]":
 
 
 def _role(name: str) -> "Role":
-    from service.people.roles import Role
+    from cellcal.service.people.roles import Role
 
     return Role(name)
 
@@ -188,8 +188,8 @@ def _asked(hasher: "Hasher", role: "Role", from_input: bool) -> str:
     import sys
     from getpass import getpass
 
-    from calibration.errors import CellError
-    from service.people.naming import refuse_weak
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.people.naming import refuse_weak
 
     if from_input:
         secret = sys.stdin.readline().rstrip("\r\n")
@@ -211,6 +211,6 @@ def _administrator() -> str:
 
 
 def _say(text: str) -> None:
-    from service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.printing import EN_ROUTE
 
     EN_ROUTE.print(text, markup=False, soft_wrap=True)

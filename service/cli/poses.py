@@ -8,9 +8,9 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from calibration.poses.enough_poses import Acceptance
-    from calibration.poses.measurement_poses import Criterion
-    from service.identification.pose_planning import PlanReport
+    from cellcal.calibration.poses.enough_poses import Acceptance
+    from cellcal.calibration.poses.measurement_poses import Criterion
+    from cellcal.service.engineering.identification.pose_planning import PlanReport
 
 _DEG = 57.29577951308232
 _MOST_SHOWN = 40
@@ -100,10 +100,15 @@ def poses(  # noqa: PLR0913  # a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
-    from calibration.poses.measurement_poses import Instrument
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.exit_codes import ExitCode
-    from service.identification.pose_planning import Description, PlanRequest, plan_poses, write_plan
+    from cellcal.calibration.poses.measurement_poses import Instrument
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.engineering.identification.pose_planning import (
+        Description,
+        PlanRequest,
+        plan_poses,
+        write_plan,
+    )
+    from cellcal.service.exit_codes import ExitCode
 
     acceptance = _acceptance(accept_tip_mm, accept_worst_tip_mm, accept_offset_deg, offsets)
     instrument = Instrument(kind, sigma_mm / 1e3, sigma_deg / _DEG, _metres(anchor_mm))
@@ -144,8 +149,8 @@ def _metres(millimetres: tuple[float, float, float]) -> tuple[float, float, floa
 
 
 def _criterion(word: str | None) -> "Criterion | None":
-    from calibration.poses.measurement_poses import Criterion
-    from service.identification.pose_planning import PlanError
+    from cellcal.calibration.poses.measurement_poses import Criterion
+    from cellcal.service.engineering.identification.pose_planning import PlanError
 
     if word is None:
         return None
@@ -157,7 +162,7 @@ def _criterion(word: str | None) -> "Criterion | None":
 def _acceptance(
     tip_mm: float | None, worst_mm: float | None, offset_deg: float | None, offsets: tuple[str, ...]
 ) -> "Acceptance | None":
-    from calibration.poses.enough_poses import Acceptance
+    from cellcal.calibration.poses.enough_poses import Acceptance
 
     if tip_mm is None and worst_mm is None and offset_deg is None:
         return None

@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from service.programs.joint_points import JointPoints
-from service.sayings import Locale
+from cellcal.service.engineering.programs.joint_points import JointPoints
+from cellcal.service.translation import Locale
 
 if TYPE_CHECKING:
-    from drivers.programs.brands import ConfigurationRule
-    from drivers.programs.positions import ProgramFile
-    from service.programs.files import Found
-    from service.programs.project import Project as CellProject
-    from service.programs.report import Report
-    from service.programs.report_run import Carry
-    from service.programs.result import ProgramResult
-    from service.programs.versions import Recorder
+    from cellcal.drivers.programs.brands import ConfigurationRule
+    from cellcal.drivers.programs.positions import ProgramFile
+    from cellcal.service.engineering.programs.files import Found
+    from cellcal.service.engineering.programs.project import Project as CellProject
+    from cellcal.service.engineering.programs.report import Report
+    from cellcal.service.engineering.programs.report_run import Carry
+    from cellcal.service.engineering.programs.result import ProgramResult
+    from cellcal.service.engineering.programs.versions import Recorder
 
 program = App(
     name="program",
@@ -97,9 +97,9 @@ def move(  # noqa: PLR0913  a command's options are its arguments
     after
         The fixture's alignment file after the move.
     """
-    from service.cli.program_moves import base_change_of, tell_frame
-    from service.programs.move import moving
-    from service.programs.project import read_project
+    from cellcal.service.cli.program_moves import base_change_of, tell_frame
+    from cellcal.service.engineering.programs.move import moving
+    from cellcal.service.engineering.programs.project import read_project
 
     cell = read_project(project)
     change = base_change_of(cell, offset, frame, (before, after))
@@ -128,9 +128,9 @@ def clone(master: Path, target: Path, /, *files: str, outputs: Out) -> int:
     files
         Files, folders, or patterns in quotes; the master's own programs when none is named.
     """
-    from service.programs.clone import cloning
-    from service.programs.project import read_project
-    from service.programs.versions import Recorder
+    from cellcal.service.engineering.programs.clone import cloning
+    from cellcal.service.engineering.programs.project import read_project
+    from cellcal.service.engineering.programs.versions import Recorder
 
     source, cell = read_project(master), read_project(target)
     recorder = Recorder(source, cell)
@@ -162,9 +162,9 @@ def compensate(
     download
         The other way round: points taught on the real robot, brought to the nominal world of a simulation.
     """
-    from calibration.compensation.compensate import Direction
-    from service.programs.compensate import compensating
-    from service.programs.project import read_project
+    from cellcal.calibration.compensation.compensate import Direction
+    from cellcal.service.engineering.programs.compensate import compensating
+    from cellcal.service.engineering.programs.project import read_project
 
     cell = read_project(project)
     way = Direction.DOWNLOAD if download else Direction.UPLOAD
@@ -200,8 +200,8 @@ def inspect(
     roundtrip
         Write each file as it was read and printed to this folder, under its own name, and compare the bytes.
     """
-    from service.cli.program_screen import InspectionScreen, counting, tell_passed_over
-    from service.programs.inspect import Asked, inspect_programs, sources_of
+    from cellcal.service.cli.program_screen import InspectionScreen, counting, tell_passed_over
+    from cellcal.service.engineering.programs.inspect import Asked, inspect_programs, sources_of
 
     found, cell = sources_of(Asked(files, project, robot, roundtrip))
     screen = InspectionScreen(as_json=as_json, points=points or len(found.sources) == 1)
@@ -226,10 +226,10 @@ def status(*projects: str, as_json: Json = False) -> int:
     projects
         Projects of clones: files, or folders in which every project.toml of a clone is taken.
     """
-    from service.cli.printing import print_json
-    from service.cli.program_screen import status_as_object, tell_status
-    from service.exit_codes import ExitCode
-    from service.programs.versions import find_projects, status_of
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.program_screen import status_as_object, tell_status
+    from cellcal.service.engineering.programs.versions import find_projects, status_of
+    from cellcal.service.exit_codes import ExitCode
 
     found, refused = status_of(find_projects(projects))
     if as_json:
@@ -274,12 +274,12 @@ def registers(
     out
         A new folder for POSREG.VA with the new numbers, of the controller that gets them.
     """
-    from drivers.program_registry import read_program
-    from service.cli.program_registers import carrier_of, tell_registers
-    from service.programs.files import find_programs, read_bytes
-    from service.programs.inspect import named_by
-    from service.programs.project import read_project
-    from service.programs.registers import Registers
+    from cellcal.drivers.program_registry import read_program
+    from cellcal.service.cli.program_registers import carrier_of, tell_registers
+    from cellcal.service.engineering.programs.files import find_programs, read_bytes
+    from cellcal.service.engineering.programs.inspect import named_by
+    from cellcal.service.engineering.programs.project import read_project
+    from cellcal.service.engineering.programs.registers import Registers
 
     cell = read_project(project)
     target = cell if clone is None else read_project(clone)
@@ -290,15 +290,15 @@ def registers(
 
 
 def _found(files: Sequence[str], cell: "CellProject", outputs: Outputs) -> "Found":
-    from service.programs.files import find_programs
-    from service.programs.inspect import named_by
+    from cellcal.service.engineering.programs.files import find_programs
+    from cellcal.service.engineering.programs.inspect import named_by
 
     return find_programs(files or named_by(cell), out=outputs.out)
 
 
 def _of_each_brand(make: Callable[["ConfigurationRule | None"], "Carry"]) -> "Carry":
     """Return what carries programs of any brand: one carrier a brand, made when its first program comes."""
-    from drivers.program_registry import brand_named
+    from cellcal.drivers.program_registry import brand_named
 
     made: dict[str, Carry] = {}
 
@@ -317,9 +317,9 @@ def _change(
 ) -> "Report":
     from rich.console import Console
 
-    from service.cli.printing import EN_ROUTE
-    from service.cli.program_screen import counting, tell_passed_over, tell_report
-    from service.programs.report_run import Wanted, change_programs
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.program_screen import counting, tell_passed_over, tell_report
+    from cellcal.service.engineering.programs.report_run import Wanted, change_programs
 
     wanted = Wanted(
         outputs.out, outputs.replace, outputs.json, outputs.csv, outputs.html, outputs.diff, outputs.language

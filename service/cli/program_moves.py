@@ -3,12 +3,12 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibration.errors import CellError
+from cellcal.calibration.errors import CellError
 
 if TYPE_CHECKING:
-    from calibration.geometry import Array
-    from calibration.points.alignment import Alignment
-    from service.programs.project import Project
+    from cellcal.calibration.geometry import Array
+    from cellcal.calibration.points.alignment import Alignment
+    from cellcal.service.engineering.programs.project import Project
 
 
 class MoveError(CellError):
@@ -27,7 +27,7 @@ def base_change_of(
     CellError
         Neither, both, or numbers and files that are not what they should be.
     """
-    from service.programs.move import change_between, change_of_frame
+    from cellcal.service.engineering.programs.move import change_between, change_of_frame
 
     before, after = alignments
     if (offset is None) == (before is None) or (before is None) != (after is None):
@@ -53,8 +53,8 @@ def offset_of(text: str) -> "Array":
     """
     import numpy as np
 
-    from calibration.geometry import homogeneous
-    from calibration.orientation import rotation_from
+    from cellcal.calibration.geometry import homogeneous
+    from cellcal.calibration.orientation import rotation_from
 
     try:
         numbers = np.array([float(part) for part in text.split(",")])
@@ -71,15 +71,15 @@ def offset_of(text: str) -> "Array":
 
 def tell_frame(cell: "Project", frame: str, base_change: "Array") -> None:
     """Say what could be entered into the controller instead, so that programs stay as they are."""
-    from service.cli.printing import EN_ROUTE
-    from service.programs.move import instead_of_moving
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.engineering.programs.move import instead_of_moving
 
     if told := instead_of_moving(cell, frame, base_change):
         EN_ROUTE.print(told, markup=False)
 
 
 def _alignment(path: Path, cell: "Project") -> "Alignment":
-    from calibration.points.alignment import read_alignments
+    from cellcal.calibration.points.alignment import read_alignments
 
     try:
         found = read_alignments(path.read_text(encoding="utf-8"))

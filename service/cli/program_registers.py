@@ -3,14 +3,14 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from calibration.errors import CellError
-from service.exit_codes import ExitCode
-from service.programs.joint_points import JointPoints
+from cellcal.calibration.errors import CellError
+from cellcal.service.engineering.programs.joint_points import JointPoints
+from cellcal.service.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from service.programs.carry import Carrier
-    from service.programs.project import Project
-    from service.programs.registers import Registers
+    from cellcal.service.engineering.programs.carry import Carrier
+    from cellcal.service.engineering.programs.project import Project
+    from cellcal.service.engineering.programs.registers import Registers
 
 _FILE = "POSREG.VA"
 
@@ -35,10 +35,10 @@ def carrier_of(
     CellError
         Both ways at once, or a project that lacks what the way needs.
     """
-    from drivers.program_registry import brand_named
-    from service.cli.program_moves import base_change_of
-    from service.programs.clone import cloning
-    from service.programs.move import moving
+    from cellcal.drivers.program_registry import brand_named
+    from cellcal.service.cli.program_moves import base_change_of
+    from cellcal.service.engineering.programs.clone import cloning
+    from cellcal.service.engineering.programs.move import moving
 
     if clone is not None and offset is not None:
         raise RegistersError(
@@ -56,8 +56,8 @@ def tell_registers(found: "Registers", carrier: "Carrier | None", target: "Proje
     """Print the registers, what to type, and write the target's POSREG.VA where it is asked for."""
     from rich.console import Console
 
-    from drivers.fanuc.va_edits import instructions
-    from service.programs.files import whole_file
+    from cellcal.drivers.fanuc.program_files.va_edits import instructions
+    from cellcal.service.engineering.programs.files import whole_file
 
     console = Console(highlight=False, soft_wrap=True, markup=False)
     for register in found.all:

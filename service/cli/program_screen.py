@@ -11,14 +11,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from service.cli.printing import EN_ROUTE
+from cellcal.service.cli.printing import EN_ROUTE
 
 if TYPE_CHECKING:
-    from service.programs.files import Found, Refused
-    from service.programs.inspect import Inspected, Totals
-    from service.programs.report import PointLine, Report
-    from service.programs.report_words import Note
-    from service.programs.versions import CellProgram
+    from cellcal.service.engineering.programs.files import Found, Refused
+    from cellcal.service.engineering.programs.inspect import Inspected, Totals
+    from cellcal.service.engineering.programs.report import PointLine, Report
+    from cellcal.service.engineering.programs.report_words import Note
+    from cellcal.service.engineering.programs.versions import CellProgram
 
 Item = TypeVar("Item")
 _MOST_PROGRAMS = 40
@@ -56,7 +56,7 @@ def counting(title: str, total: int) -> Iterator[Callable[[Callable[[Item], None
 def tell_passed_over(found: "Found") -> None:
     """Say which files of a folder look like programs by their suffix only."""
     if found.passed_over:
-        from service.programs.report_words import plural
+        from cellcal.service.engineering.programs.report_words import plural
 
         names = ", ".join(path.name for path in found.passed_over[:5])
         more = ", …" if len(found.passed_over) > 5 else ""
@@ -101,7 +101,7 @@ class InspectionScreen:
             sys.stdout.write(f"], {json.dumps(rest, ensure_ascii=False)[1:]}\n")
             return
         console = Console(highlight=False)
-        from service.programs.report_words import plural, said_once
+        from cellcal.service.engineering.programs.report_words import plural, said_once
 
         told = f"{plural(totals.programs, 'program')}, {plural(totals.points, 'point')}"
         told += f", {totals.out_of_reach} out of reach" if totals.out_of_reach else ""
@@ -121,7 +121,7 @@ class InspectionScreen:
 
 def tell_report(report: "Report", *, most: int, console: Console) -> None:
     """Print what became of programs."""
-    from service.programs.report_words import accuracy, problems, verdict
+    from cellcal.service.engineering.programs.report_words import accuracy, problems, verdict
 
     console.print(report.title, style="bold", markup=False)
     console.print(verdict(report), style="bold red" if report.exit_code else "bold green", markup=False)
@@ -140,7 +140,7 @@ def tell_report(report: "Report", *, most: int, console: Console) -> None:
 
 def tell_status(found: Sequence["CellProgram"], refused: Sequence["Refused"]) -> None:
     """Print which cell runs which version; what is not as it should be comes first."""
-    from service.programs.report_words import plural
+    from cellcal.service.engineering.programs.report_words import plural
 
     console = Console(highlight=False)
     bad = [one for one in found if not one.ok]
@@ -186,8 +186,8 @@ def status_as_object(found: Sequence["CellProgram"], refused: Sequence["Refused"
 
 
 def _programs_table(report: "Report") -> Table:
-    from service.programs.report import largest
-    from service.programs.result import CHANGED, LEFT, UNCHANGED
+    from cellcal.service.engineering.programs.report import largest
+    from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED
 
     entries = report.programs_worst_first()
     table = _table(["program"], ["points", "changed", "same", "left", "shift mm", "error mm"])
@@ -250,7 +250,7 @@ def _inspected_table(rows: Sequence[tuple[str, ...]]) -> Table:
 
 
 def _name_of(inspected: "Inspected") -> str:
-    from service.programs.report import shown_name
+    from cellcal.service.engineering.programs.report import shown_name
 
     return shown_name(inspected.program.name, str(inspected.source.path))
 
@@ -273,7 +273,7 @@ def _points_of(inspected: "Inspected") -> Table:
 
 
 def _notes_of(inspected: "Inspected") -> list["Note"]:
-    from service.programs.report_words import Note
+    from cellcal.service.engineering.programs.report_words import Note
 
     name = _name_of(inspected)
     told = [Note(name, remark.line, remark.text) for remark in inspected.program.remarks]
@@ -285,7 +285,7 @@ def _notes_of(inspected: "Inspected") -> list["Note"]:
 
 
 def _tell_refused(console: Console, refused: Sequence["Refused"]) -> None:
-    from service.programs.report_words import refusal
+    from cellcal.service.engineering.programs.report_words import refusal
 
     for one in refused[:_MOST_REFUSED]:
         console.print(f"refused: {refusal(one)}", style="red", markup=False)
@@ -328,7 +328,7 @@ def _named(known: dict[str | None, bool]) -> str:
 
 
 def _largest(figures: Any) -> float:
-    from service.programs.report import largest
+    from cellcal.service.engineering.programs.report import largest
 
     return largest(figures)
 

@@ -13,8 +13,8 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 
-from procedures.progress import Progress as Event
-from service.cli.printing import EN_ROUTE
+from cellcal.procedures.progress import Progress as Event
+from cellcal.service.cli.printing import EN_ROUTE
 
 
 @contextmanager

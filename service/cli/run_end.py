@@ -3,8 +3,8 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from service.configuration.cell_file import CellConfig
-    from service.runs.outcome import Outcome
+    from cellcal.service.configuration.cell_file import CellConfig
+    from cellcal.service.record.run_outcome import Outcome
 
 _WORDS = {
     "passed": "passed",
@@ -21,10 +21,10 @@ def tell(outcome: "Outcome", config: "CellConfig", *, as_json: bool) -> int:
     from pydantic_core import to_jsonable_python
     from rich.markup import escape
 
-    from service.cli.certificate import issue_after_run
-    from service.cli.printing import EN_ROUTE, print_json
-    from service.exit_codes import exit_code_named, exit_code_of_word
-    from service.runs.outcome import Verdict
+    from cellcal.service.cli.certificate import issue_after_run
+    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.exit_codes import exit_code_named, exit_code_of_word
+    from cellcal.service.record.run_outcome import Verdict
 
     passed = outcome.verdict is Verdict.PASSED
     if not as_json:
@@ -50,8 +50,8 @@ def tell_judgement(judgement: Any) -> None:
     """Print the verdict, what keeps it from being PASS, and its remarks: what was saved among them."""
     from rich.markup import escape
 
-    from service.cli.printing import EN_ROUTE
-    from service.quantities import quantity
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.quantities import quantity
 
     if judgement is None:
         return

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from service.configuration.cell_file import CellConfig
-    from service.runs.outcome import Outcome
+    from cellcal.service.configuration.cell_file import CellConfig
+    from cellcal.service.record.run_outcome import Outcome
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 
@@ -46,11 +46,11 @@ def run(  # noqa: PLR0913  a command's options are its arguments
     as_json
         Print one JSON object on standard output.
     """
-    from service.cli.given import settings_of
-    from service.cli.outlook import tell_dry_run
-    from service.cli.run_end import tell
-    from service.configuration.cell_file import read_cell_file
-    from service.runs.outline import refuse_class_out_of_reach
+    from cellcal.service.cli.given import settings_of
+    from cellcal.service.cli.outlook import tell_dry_run
+    from cellcal.service.cli.run_end import tell
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.runs.outline import refuse_class_out_of_reach
 
     config, settings = read_cell_file(cell), settings_of(setting)
     if dry_run:
@@ -88,8 +88,8 @@ def resume(
     as_json
         Print one JSON object on standard output.
     """
-    from service.cli.run_end import tell
-    from service.configuration.cell_file import read_cell_file
+    from cellcal.service.cli.run_end import tell
+    from cellcal.service.configuration.cell_file import read_cell_file
 
     config = read_cell_file(cell)
     outcome = asyncio.run(_resume(config, run_id, robot, answers, redo_from))
@@ -110,10 +110,10 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
     from rich.markup import escape
     from rich.table import Column, Table
 
-    from service.certificates.journal_end import missing_end
-    from service.cli.printing import print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.runs.check import told_damage
+    from cellcal.service.certificates.journal_end import missing_end
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.runs.cell_check import told_damage
 
     with _journal(cell) as (journal, store):
         views = store.runs()
@@ -154,9 +154,9 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     from rich.markup import escape
     from rich.tree import Tree
 
-    from service.cli.printing import print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.runs.check import told_damage
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.runs.cell_check import told_damage
 
     with _journal(cell) as (journal, store):
         view = store.run(store.newest(run_id))
@@ -195,7 +195,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
 
 
 def _begun_by(view: Any) -> str:
-    from service.watching.answers_to_loss import WATCH
+    from cellcal.service.watching.loss_response import WATCH
 
     if view.begun_by == WATCH:
         return "by itself"
@@ -229,8 +229,8 @@ def _tell_unconfirmed(console: Any, pending: tuple[tuple[str, str], ...]) -> Non
 def _tell_damage(damage: str) -> int:
     from rich.markup import escape
 
-    from service.cli.printing import EN_ROUTE
-    from service.exit_codes import ExitCode
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.exit_codes import ExitCode
 
     if not damage:
         return ExitCode.PASS
@@ -253,13 +253,13 @@ class _Opened:
     """A cell's journal for reading."""
 
     def __init__(self, cell: Path) -> None:
-        from service.configuration.cell_file import read_cell_file
-        from service.runs.cell import open_journal
+        from cellcal.service.configuration.cell_file import read_cell_file
+        from cellcal.service.runs.open_cell import open_journal
 
         self._journal = open_journal(read_cell_file(cell))
 
     def __enter__(self) -> tuple[Any, Any]:
-        from service.runs.store import Store
+        from cellcal.service.record.run_store import Store
 
         return self._journal, Store(self._journal)
 
@@ -274,9 +274,9 @@ async def run_live(
     config: "CellConfig", procedure: str, robot: str | None, settings: dict[str, Any], answers: Path | None
 ) -> "Outcome":
     """Run a procedure with progress on standard error."""
-    from service.cli.given import operator_of
-    from service.cli.progress import live_progress
-    from service.runs.execute import Where, start
+    from cellcal.service.cli.given import operator_of
+    from cellcal.service.cli.progress import live_progress
+    from cellcal.service.runs.launch import Where, start
 
     with live_progress(procedure) as show_event:
         where = Where(config, operator_of(answers), robot, show_event, _who_typed())
@@ -295,9 +295,9 @@ def _who_typed() -> str:
 async def _resume(
     config: "CellConfig", run_id: str, robot: str | None, answers: Path | None, redo_from: str | None
 ) -> "Outcome":
-    from service.cli.given import operator_of
-    from service.cli.progress import live_progress
-    from service.runs.execute import Where, go_on
+    from cellcal.service.cli.given import operator_of
+    from cellcal.service.cli.progress import live_progress
+    from cellcal.service.runs.launch import Where, go_on
 
     with live_progress("resume") as show_event:
         return await go_on(Where(config, operator_of(answers), robot, show_event), run_id, redo_from)

@@ -39,13 +39,13 @@ def serve(
     """
     import uvicorn
 
-    from service.cli.printing import EN_ROUTE
-    from service.cli.serve_checks import Listening, refuse_unguarded
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.serve_checks import Listening, refuse_unguarded
 
     listening = Listening(host, tls_cert, tls_key, tuple(name.lower() for name in allow_host))
     refuse_unguarded(cell, listening)
-    from service.settled import settle
-    from service.web.app import Settings, create_app  # the heavy part last
+    from cellcal.service.settled import settle
+    from cellcal.service.web.app import Settings, create_app  # the heavy part last
 
     address = f"{listening.scheme}://{listening.name}:{port}"
 

@@ -4,11 +4,11 @@ import ssl
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibration.errors import CellError
-from service.configuration.cell_file import read_cell_file
-from service.people.register import Register
-from service.people.roles import Role
-from service.web.guard import is_loopback
+from cellcal.calibration.errors import CellError
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.people.accounts import Register
+from cellcal.service.people.roles import Role
+from cellcal.service.web.middleware import is_loopback
 
 
 @dataclass(frozen=True, slots=True)

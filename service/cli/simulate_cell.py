@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 if TYPE_CHECKING:
-    from procedures.simulation_cell import CalibratedPart, SimulationCell
+    from cellcal.procedures.simulation_cell import CalibratedPart, SimulationCell
 
 simulate_cell = App(
     name="simulate-cell", help="Make a simulated cell like the real one, from tag points of both."
@@ -159,10 +159,10 @@ def export(
     out
         Folder to write to.
     """
-    from service.configuration.cell_file import read_cell_file
-    from service.parameters.simulated_cells import result_of_run
-    from service.runs.cell import open_journal
-    from service.runs.store import Store
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.engineering.parameters.simulated_cells import result_of_run
+    from cellcal.service.record.run_store import Store
+    from cellcal.service.runs.open_cell import open_journal
 
     with open_journal(read_cell_file(cell)) as journal:
         store = Store(journal)
@@ -177,8 +177,8 @@ def _calibrated(
     settings: dict[str, Any],
     options: tuple[tuple[str, ...], tuple[str, ...]],
 ) -> "tuple[CalibratedPart, SimulationCell]":
-    from procedures.simulation_cell import calibrate
-    from service.runs.specs import spec_of
+    from cellcal.procedures.simulation_cell import calibrate
+    from cellcal.service.runs.settings import spec_of
 
     columns, units = (_pairs(given) for given in options)
     paths = {
@@ -190,7 +190,7 @@ def _calibrated(
 
 
 def _pairs(given: tuple[str, ...]) -> dict[str, str]:
-    from calibration.errors import CellError
+    from cellcal.calibration.errors import CellError
 
     wrong = [pair for pair in given if not all(pair.partition("="))]
     if wrong:
@@ -201,10 +201,10 @@ def _pairs(given: tuple[str, ...]) -> dict[str, str]:
 def _save(found: "CalibratedPart", spec: "SimulationCell", folder: Path, who: tuple[str, str]) -> None:
     from datetime import UTC, datetime
 
-    from calibration.errors import CellError
-    from service.cli.printing import EN_ROUTE
-    from service.parameters.parameter_files import Who
-    from service.parameters.simulated_cells import save_robot
+    from cellcal.calibration.errors import CellError
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.engineering.parameters.parameter_files import Who
+    from cellcal.service.engineering.parameters.simulated_cells import save_robot
 
     if not all(who):
         raise CellError(
@@ -216,8 +216,8 @@ def _save(found: "CalibratedPart", spec: "SimulationCell", folder: Path, who: tu
 
 
 def _write(found: "CalibratedPart", folder: Path) -> None:
-    from service.cli.printing import EN_ROUTE
-    from service.parameters.simulated_cells import write_part
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.engineering.parameters.simulated_cells import write_part
 
     for path in write_part(found, folder):
         EN_ROUTE.print(f"wrote {path}", markup=False, soft_wrap=True)
@@ -228,11 +228,11 @@ def _tell(found: "CalibratedPart", spec: "SimulationCell", out: Path | None, *, 
 
     from pydantic_core import to_jsonable_python
 
-    from procedures.simulation_cell import CalibratedRobot, verdict_on_part
-    from service.cli.printing import print_json
-    from service.cli.run_end import tell_judgement
-    from service.exit_codes import exit_code_of_word
-    from service.parameters.simulated_cells import placed_text, robot_text
+    from cellcal.procedures.simulation_cell import CalibratedRobot, verdict_on_part
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.run_end import tell_judgement
+    from cellcal.service.engineering.parameters.simulated_cells import placed_text, robot_text
+    from cellcal.service.exit_codes import exit_code_of_word
 
     if out is not None:
         _write(found, out)

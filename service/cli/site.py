@@ -32,8 +32,8 @@ def enroll(*cell: str, folder: Path = _FOLDER, name: str = "", endpoint: str = "
     listen
         HOST:PORT where the router listens, where that is another one (0.0.0.0:7447).
     """
-    from service.cli.printing import EN_ROUTE
-    from service.site.enrolment import NewSite, applicant, enroll
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.site.enrolment import NewSite, applicant, enroll
 
     new = NewSite(name, endpoint, listen) if name or endpoint or listen else None
     made = enroll(folder, [applicant(word) for word in cell], new)
@@ -58,9 +58,9 @@ def router(*, folder: Path = _FOLDER) -> int:
     folder
         The site's folder, or its router/ alone.
     """
-    from service.cli.printing import EN_ROUTE
-    from service.site.link_files import ROUTER_FILE
-    from service.site.router import host_router
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.site.link_files import ROUTER_FILE
+    from cellcal.service.site.router import host_router
 
     with interrupted() as leave:
         host_router(part_of(folder, "router", ROUTER_FILE), leave, EN_ROUTE.print)
@@ -78,13 +78,13 @@ def publish(cell: Path, /, *, from_desk: Annotated[bool, Parameter(negative=())]
     cell
         The cell file (TOML) with a [site] table.
     from_desk
-        Read what a desk (`python -m service.desk`) writes from standard input, and end with it.
+        Read what a desk (`python -m cellcal.service.cell_process`) writes from standard input, and end with it.
     """
     import sys
 
-    from service.cli.printing import EN_ROUTE
-    from service.configuration.cell_file import read_cell_file
-    from service.site.publisher import publish
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.site.publisher import publish
 
     config = read_cell_file(cell)
     EN_ROUTE.print(f"Telling the site of {config.cell.name}. Ctrl+C ends it.")

@@ -16,9 +16,9 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from procedures.progress import Progress as Event
-from service.cli.printing import EN_ROUTE
-from service.demo.report import DemoReport
+from cellcal.procedures.progress import Progress as Event
+from cellcal.service.cli.printing import EN_ROUTE
+from cellcal.service.demo.report import DemoReport
 
 
 class Teller:

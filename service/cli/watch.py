@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from service.configuration.cell_file import CellConfig
-    from service.watching.watch import PositionLoss
+    from cellcal.service.configuration.cell_file import CellConfig
+    from cellcal.service.watching.watch import PositionLoss
 
 
 def watch(cell: Path, /) -> int:
@@ -20,9 +20,9 @@ def watch(cell: Path, /) -> int:
     """
     import asyncio
 
-    from service.cli.printing import EN_ROUTE
-    from service.configuration.cell_file import read_cell_file
-    from service.watching.follow import Listener, Watches, follow
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.watching.follow import Listener, Watches, follow
 
     config = read_cell_file(cell)
 
@@ -37,9 +37,9 @@ def watch(cell: Path, /) -> int:
 
 
 async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:
-    from service.cli.printing import EN_ROUTE
-    from service.watching.answers_to_loss import answer_to
-    from service.watching.loss_modes import LossMode
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.watching.loss_modes import LossMode
+    from cellcal.service.watching.loss_response import answer_to
 
     answer, entry = answer_to(config, loss)
     kept = f" Journalled as {entry}." if entry else ""
@@ -61,14 +61,14 @@ async def _recover_alone(config: "CellConfig", robot: str, procedure: str, setti
     """Run the recovery; whatever keeps it from ending is said, and the watch goes on."""
     from rich.markup import escape
 
-    from calibration.errors import CellError
-    from drivers.operator.terminal import TerminalOperator
-    from service.cli.printing import EN_ROUTE
-    from service.cli.progress import live_progress
-    from service.cli.run_end import tell
-    from service.runs.execute import Where, start
-    from service.watching.answers_to_loss import WATCH
-    from service.watching.standing_answers import StandingAnswers
+    from cellcal.calibration.errors import CellError
+    from cellcal.drivers.operator.terminal import TerminalOperator
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.cli.progress import live_progress
+    from cellcal.service.cli.run_end import tell
+    from cellcal.service.runs.launch import Where, start
+    from cellcal.service.watching.automatic_operator import StandingAnswers
+    from cellcal.service.watching.loss_response import WATCH
 
     operator = StandingAnswers(config.watch, TerminalOperator())
     try:

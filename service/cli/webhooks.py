@@ -21,8 +21,8 @@ def secret(file: Path, /) -> int:
     """
     import os
 
-    from service.cli.printing import EN_ROUTE
-    from service.export.webhook_sender import new_secret
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.export.webhook_sender import new_secret
 
     descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "w", encoding="utf-8") as written:
@@ -46,11 +46,11 @@ def show(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json", neg
     """
     import sys
 
-    from service.cli.printing import print_json
-    from service.configuration.cell_file import read_cell_file
-    from service.export.webhook_outbox import WebhookOutbox
-    from service.export.webhook_sender import webhook_of
-    from service.export.webhook_target import target_of
+    from cellcal.service.cli.printing import print_json
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.export.webhook_outbox import WebhookOutbox
+    from cellcal.service.export.webhook_sender import webhook_of
+    from cellcal.service.export.webhook_target import target_of
 
     config = read_cell_file(cell)
     target = target_of(webhook_of(config))
@@ -81,12 +81,12 @@ def test(cell: Path, /) -> int:
     import time
     import uuid
 
-    from service.cli.printing import EN_ROUTE
-    from service.configuration.cell_file import read_cell_file
-    from service.exit_codes import ExitCode
-    from service.export.webhook_outbox import event_body
-    from service.export.webhook_sender import read_secret, signed_headers, webhook_of
-    from service.export.webhook_target import deliver, target_of
+    from cellcal.service.cli.printing import EN_ROUTE
+    from cellcal.service.configuration.cell_file import read_cell_file
+    from cellcal.service.exit_codes import ExitCode
+    from cellcal.service.export.webhook_outbox import event_body
+    from cellcal.service.export.webhook_sender import read_secret, signed_headers, webhook_of
+    from cellcal.service.export.webhook_target import deliver, target_of
 
     config = read_cell_file(cell)
     table = webhook_of(config)

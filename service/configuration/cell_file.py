@@ -19,14 +19,15 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
-from calibration.arm.robot_models import model_names
-from calibration.errors import CellError
-from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
-from service.configuration.device_keys import CHOICES, keys_of, nearest, wrong_choice
-from service.configuration.motion_config import MOTION_KEYS, RobotMotion, read_motion
-from service.configuration.report_tables import MetricsTable, Reports, WebhookTable
-from service.configuration.site_config import SiteTable
-from service.configuration.usual_settings import USUAL_KEY, Usual, read_usual
+from cellcal.calibration.arm.mounting import is_mounted_model
+from cellcal.calibration.arm.robot_models import model_names
+from cellcal.calibration.errors import CellError
+from cellcal.drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
+from cellcal.service.configuration.device_keys import CHOICES, keys_of, nearest, wrong_choice
+from cellcal.service.configuration.motion_config import MOTION_KEYS, RobotMotion, read_motion
+from cellcal.service.configuration.report_tables import MetricsTable, Reports, WebhookTable
+from cellcal.service.configuration.site_config import SiteTable
+from cellcal.service.configuration.usual_settings import USUAL_KEY, Usual, read_usual
 
 Triple = tuple[float, float, float]
 
@@ -342,7 +343,7 @@ class _Reader:
 
     def _models(self, robots: list[Any]) -> None:
         for i, robot in enumerate(robots):
-            if robot is not None and robot.model not in model_names():
+            if robot is not None and not is_mounted_model(robot.model, model_names()):
                 sentence = f"there is no robot model {robot.model!r}; {nearest(robot.model, model_names())}"
                 self.faults.append((f"robot[{i}].model", sentence))
 

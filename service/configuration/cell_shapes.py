@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.arm.robot_models import model_names
-from calibration.errors import CalibrationError, CellError
-from calibration.geometry import Pose, homogeneous
-from calibration.motion.collision import Capsule, CellShape, Plane, Sphere
-from calibration.motion.motion_check import WirePath
-from calibration.orientation import rotation_from
-from procedures.motion.surroundings import Block, Surroundings, cell_shape, clearances
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.arm.mounting import is_mounted_model
+from cellcal.calibration.arm.robot_models import model_names
+from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.motion.collision import Capsule, CellShape, Plane, Sphere
+from cellcal.calibration.motion.motion_check import WirePath
+from cellcal.calibration.orientation import rotation_from
+from cellcal.procedures.motion.surroundings import Block, Surroundings, cell_shape, clearances
 
 Place = tuple[float, float, float]
 _TABLES = ("capsule", "box", "sphere", "plane")
@@ -98,7 +99,7 @@ def surroundings_of(data: dict[str, Any], where: str) -> Surroundings:
 
 def check_shapes(model_name: str, surroundings: Surroundings) -> None:
     """Raise CalibrationError where shapes do not fit the arm; an unknown model is somebody else's fault."""
-    if model_name in model_names():
+    if is_mounted_model(model_name, model_names()):
         clearances(model_name, surroundings)
 
 

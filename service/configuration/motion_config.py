@@ -6,11 +6,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from calibration.errors import CellError
-from drivers.interfaces import ActiveFrames
-from procedures.cell import MotionLevel
-from procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
-from service.configuration.cell_shapes import check_shapes, surroundings_of
+from cellcal.calibration.errors import CellError
+from cellcal.drivers.interfaces import ActiveFrames
+from cellcal.procedures.cell import MotionLevel
+from cellcal.procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
+from cellcal.service.configuration.cell_shapes import check_shapes, surroundings_of
 
 MOTION_KEYS = ("motion", "space", "active")  # of [[robot]]; no driver knows them
 

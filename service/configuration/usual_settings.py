@@ -11,7 +11,7 @@ from typing import Any, get_type_hints
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 
-from service.configuration.device_keys import nearest
+from cellcal.service.configuration.device_keys import nearest
 
 USUAL_KEY = "usual"  # of [[robot]]; no driver knows it
 Usual = Mapping[str, Mapping[str, Any]]  # by procedure, by setting
@@ -24,7 +24,7 @@ def read_usual(table: Mapping[str, Any], where: str, faults: list[tuple[str, str
     given = table.get(USUAL_KEY)
     if given is None:
         return {}
-    from procedures.catalogue import CATALOGUE  # noqa: PLC0415  heavy: only for a file that needs it
+    from cellcal.procedures.catalogue import CATALOGUE  # noqa: PLC0415  heavy: only for a file that needs it
 
     if not isinstance(given, dict) or not all(isinstance(part, dict) for part in given.values()):
         faults.append((f"{where}.{USUAL_KEY}", f"is written as [robot.{USUAL_KEY}.PROCEDURE]"))
@@ -42,7 +42,7 @@ def read_usual(table: Mapping[str, Any], where: str, faults: list[tuple[str, str
 def _settings(
     kind: type, given: dict[str, Any], where: str, faults: list[tuple[str, str]]
 ) -> Mapping[str, Any]:
-    from service.parameters.simulated_cells import file_settings  # noqa: PLC0415  as above
+    from cellcal.service.engineering.parameters.simulated_cells import file_settings  # noqa: PLC0415  as above
 
     hints, files, found = get_type_hints(kind, include_extras=True), file_settings(kind), dict[str, Any]()
     for name, value in given.items():

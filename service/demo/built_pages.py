@@ -7,9 +7,9 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from service.web.pages import DIST
+from cellcal.service.web.pages import DIST
 
-_SCRIPT = Path(__file__).parents[2] / "deploy" / "build_pages.sh"
+_SCRIPT = Path(__file__).resolve().parents[2] / "deploy" / "build_pages.sh"
 
 
 def see_to_pages(say: Callable[[str], None]) -> bool:

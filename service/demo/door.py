@@ -4,7 +4,7 @@ import asyncio
 import json
 from typing import Any
 
-from calibration.errors import CellError
+from cellcal.calibration.errors import CellError
 
 
 class Door:

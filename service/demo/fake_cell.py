@@ -10,9 +10,9 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from calibration.errors import CellError
-from service.demo.door import Door
-from service.demo.furniture import FURNITURE, USUAL
+from cellcal.calibration.errors import CellError
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.furniture import FURNITURE, USUAL
 
 # ur-rtde cannot be told other ports, so every fake robot needs a loopback address of its own.
 _PORTS = (29999, 30001, 30002, 30003, 30004, 1502, 29536)
@@ -145,7 +145,7 @@ def write_cell_file(
 async def running_fakes(cell_file: Path) -> AsyncIterator[Door]:
     """Run the devices that the file names in their own process, until the block ends."""
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "fake_devices", str(cell_file), "--watch-stdin",
+        sys.executable, "-m", "cellcal.fake_devices", str(cell_file), "--watch-stdin",
         stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
         start_new_session=True,  # Ctrl+C is for whoever uses the cell: its devices stay until it has left
     )  # fmt: skip

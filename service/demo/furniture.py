@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from calibration.geometry import Array, exp_rotation, homogeneous
+from cellcal.calibration.geometry import Array, exp_rotation, homogeneous
 
 TIP_IN_FLANGE_M = (0.012, -0.034, 0.215)  # of the tool that touches
 DOWN = np.diag([1.0, -1.0, -1.0])  # an attitude of the flange in the base

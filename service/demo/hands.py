@@ -2,7 +2,7 @@
 
 import re
 
-from service.demo.door import Door
+from cellcal.service.demo.door import Door
 
 _MOUNT = re.compile(r"mount_wire_(\d+)")
 _HOOK = re.compile(r"hook_wire_(\d+)")

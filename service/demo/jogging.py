@@ -5,14 +5,14 @@ He sees the real tip, not what the model says of it, and misses by a tenth of a 
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.compensation.pose_gap import Arm
-from calibration.compensation.posture_of_pose import postures_of_poses
-from calibration.errors import CellError
-from calibration.geometry import Array, log_rotation
-from service.demo.door import Door
-from service.demo.furniture import place_for
-from service.demo.mishaps import ROBOT
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.geometry import Array, log_rotation
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.furniture import place_for
+from cellcal.service.demo.mishaps import ROBOT
 
 MODEL = "fanuc_m6ib"  # of the robot that the demo's cell file calls ROBOT
 MISSED_M = 1e-4  # one coordinate (k=1)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from calibration.errors import CellError
-from service.demo.door import Door
+from cellcal.calibration.errors import CellError
+from cellcal.service.demo.door import Door
 
 ROBOT, OTHER_ROBOT, WIRE = "fanuc", "ur", "wire"  # as the demo's cell file calls them
 _WHILE_S = 10.0  # how long a cable is out

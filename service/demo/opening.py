@@ -4,10 +4,10 @@ import asyncio
 import itertools
 from typing import Any
 
-from calibration.errors import CellError
-from service.demo.fake_cell import QUICKLY
-from service.demo.mishaps import ROBOT
-from service.web.demo import DemoLink
+from cellcal.calibration.errors import CellError
+from cellcal.service.demo.fake_cell import QUICKLY
+from cellcal.service.demo.mishaps import ROBOT
+from cellcal.service.demo.web_routes import DemoLink
 
 _WHO = "demo"
 _PATIENCE_S = 120.0

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from service.demo.timing import RobotTime
+from cellcal.service.demo.timing import RobotTime
 
 
 @dataclass(frozen=True, slots=True)

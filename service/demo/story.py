@@ -10,25 +10,25 @@ from typing import Any
 
 import numpy as np
 
-from calibration.errors import CellError
-from calibration.mastering.counts import DriveTrain
-from procedures.cell import Cell
-from procedures.progress import Progress, ignore
-from procedures.recovery.recovery_result import RecoveryResult
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.door import Door
-from service.demo.fake_cell import QUICKLY, free_address, running_fakes, write_cell_file
-from service.demo.report import DemoReport, JointReport, TcpError
-from service.demo.technician import DemoTechnician
-from service.demo.timing import RobotTime, StepClock
-from service.runs.cell import lend_record, open_cell, open_journal
-from service.runs.check import check_cell
-from service.runs.conduct import Conditions, run_procedure
-from service.runs.journal import Journal
-from service.runs.outcome import Outcome, Verdict
-from service.runs.specs import build_spec
-from service.watching.held_mastering import HeldMastering, journalled_mastering
-from service.watching.watch import LastHealthyCounts, PositionLoss, Watch
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.progress import Progress, ignore
+from cellcal.procedures.recovery.recovery_result import RecoveryResult
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell import QUICKLY, free_address, running_fakes, write_cell_file
+from cellcal.service.demo.report import DemoReport, JointReport, TcpError
+from cellcal.service.demo.technician import DemoTechnician
+from cellcal.service.demo.timing import RobotTime, StepClock
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.run_outcome import Outcome, Verdict
+from cellcal.service.runs.cell_check import check_cell
+from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.run_procedure import Conditions, run_procedure
+from cellcal.service.runs.settings import build_spec
+from cellcal.service.watching.mastering_comparison import HeldMastering, journalled_mastering
+from cellcal.service.watching.watch import LastHealthyCounts, PositionLoss, Watch
 
 ROBOT = "fanuc"
 NOTICE_WITHIN_S = 60.0

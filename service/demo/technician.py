@@ -3,10 +3,10 @@
 import asyncio
 from collections.abc import Callable
 
-from drivers.errors import RefusedError
-from drivers.interfaces import Answer, Instruction, Question
-from service.demo.door import Door
-from service.demo.hands import lend_a_hand
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import Answer, Instruction, Question
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.hands import lend_a_hand
 
 
 class DemoTechnician:

@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass, field
 
-from procedures.progress import Progress
+from cellcal.procedures.progress import Progress
 
 TRUE_FACTOR = 4.0  # above it, sockets and computing are counted too often to be called robot time
 _PARTS = (

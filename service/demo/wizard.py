@@ -15,9 +15,9 @@ from types import FrameType
 import uvicorn
 from fastapi import FastAPI
 
-from calibration.errors import CellError
-from service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from service.settled import settle
+from cellcal.calibration.errors import CellError
+from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.settled import settle
 
 HOST = "127.0.0.1"
 PORT = 8471
@@ -110,8 +110,8 @@ async def _serve(folder: Path, staging: Staging, listening: socket.socket) -> No
     loading = asyncio.create_task(asyncio.to_thread(_load))  # while the fakes start
     async with running_fakes(path) as door:
         await loading
-        from service.demo.opening import Opening  # noqa: PLC0415  loaded by now
-        from service.web.app import Settings, create_app  # noqa: PLC0415  as above
+        from cellcal.service.demo.opening import Opening  # noqa: PLC0415  loaded by now
+        from cellcal.service.web.app import Settings, create_app  # noqa: PLC0415  as above
 
         app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
         server = _Server(app)
@@ -128,8 +128,8 @@ async def _serve(folder: Path, staging: Staging, listening: socket.socket) -> No
 
 
 def _load() -> None:
-    import service.demo.opening  # noqa: PLC0415  takes as long as the fakes do
-    import service.web.app  # noqa: PLC0415, F401  as above
+    import cellcal.service.demo.opening  # noqa: PLC0415  takes as long as the fakes do
+    import cellcal.service.web.app  # noqa: PLC0415, F401  as above
 
 
 async def _tell(server: _Server, listening: socket.socket, staging: Staging) -> None:

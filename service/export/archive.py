@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
 
-from calibration.errors import CellError
-from service.certificates.signing import Finding, StationKey, check
+from cellcal.calibration.errors import CellError
+from cellcal.service.certificates.signing import Finding, StationKey, check
 
 FORMAT = "cellcal backup 1"
 MANIFEST = "manifest.json"

@@ -17,16 +17,16 @@ from datetime import UTC, datetime
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
-from service.certificates.certificate import certificates_folder
-from service.certificates.signing import KEY_NAME, Finding, check, read_document, station_key
-from service.configuration.cell_file import CellConfig
-from service.export.archive import BackupError, write_archive
-from service.export.sealed_keys import seal_keys
-from service.people.hashing import PEPPER_NAME
-from service.runs.cell import journal_path
-from service.runs.journal import Journal
-from service.site.keys import chunk
-from service.site.outbox import OUTBOX_NAME
+from cellcal.service.certificates.certificate import certificates_folder
+from cellcal.service.certificates.signing import KEY_NAME, Finding, check, read_document, station_key
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.export.archive import BackupError, write_archive
+from cellcal.service.export.sealed_keys import seal_keys
+from cellcal.service.people.pin_hashing import PEPPER_NAME
+from cellcal.service.record.journal import Journal
+from cellcal.service.runs.open_cell import journal_path
+from cellcal.service.site.keys import chunk
+from cellcal.service.site.outbox import OUTBOX_NAME
 
 SUFFIX = ".cellcal-backup"
 CELL_FILE, KEYS_FILE, DATA, SETS = "cell.toml", "keys.sealed", "data", "parameter_sets"

@@ -4,12 +4,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from service.certificates.points import readings
-from service.configuration.cell_file import CellConfig
-from service.export.tables import Column, ExportError, Table, Value, unit_of
-from service.parameters.parameter_sets import ParameterSets
-from service.runs.cell import open_journal
-from service.runs.store import RunView, Store
+from cellcal.service.certificates.points import readings
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.export.tables import Column, ExportError, Table, Value, unit_of
+from cellcal.service.record.run_store import RunView, Store
+from cellcal.service.runs.open_cell import open_journal
 
 SETS = "parameter_sets"  # beside the cell file
 _MOST_COLUMNS = 4000

@@ -11,13 +11,13 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from calibration.errors import CellError
-from service.certificates.points import readings
-from service.configuration.cell_file import CellConfig
-from service.files import replace_file
-from service.runs.cell import open_journal
-from service.runs.journal import Event
-from service.runs.store import RunView, Store
+from cellcal.calibration.errors import CellError
+from cellcal.service.certificates.points import readings
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.files import replace_file
+from cellcal.service.record.journal import Event
+from cellcal.service.record.run_store import RunView, Store
+from cellcal.service.runs.open_cell import open_journal
 
 _TEXT, _NUMBER, _ANYTHING = {"type": "string"}, {"type": "number"}, dict[str, str]()
 _SCHEMAS: Mapping[str, Mapping[str, Any]] = {

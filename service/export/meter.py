@@ -15,9 +15,9 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
 
-from calibration.errors import CellError
-from service.configuration.cell_file import CellConfig
-from service.export.exposition import Family, rendered
+from cellcal.calibration.errors import CellError
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.export.exposition import Family, rendered
 
 DESK_SILENT_S = 5.0
 _BATCH = 500
@@ -65,7 +65,7 @@ class Meter:
             )
 
     def _standing(self) -> Iterator[Family]:
-        from service.site.alarms import wrong_in  # noqa: PLC0415  not while the service starts
+        from cellcal.service.site.alarms import wrong_in  # noqa: PLC0415  not while the service starts
 
         session, live = self._session, self._live
         told = session is not None and self._clock() - self._heard_at_s <= DESK_SILENT_S
@@ -89,9 +89,9 @@ class Meter:
         yield from _devices((live or {}).get("devices", []))
 
     def _read_on(self) -> bool:
-        from service.runs.cell import journal_path  # noqa: PLC0415  heavy: not while the service starts
-        from service.site.journal_tail import JournalTail  # noqa: PLC0415  as above
-        from service.site.ledger import Ledger  # noqa: PLC0415  as above
+        from cellcal.service.runs.open_cell import journal_path  # noqa: PLC0415  heavy: not while the service starts
+        from cellcal.service.site.journal_tail import JournalTail  # noqa: PLC0415  as above
+        from cellcal.service.site.ledger import Ledger  # noqa: PLC0415  as above
 
         self._ledger = self._ledger or Ledger()
         with closing(JournalTail(journal_path(self._config))) as tail:  # SQLite's are of one thread
@@ -157,7 +157,7 @@ class Meter:
             if gauge.setup.certificate is not None:
                 due.add(_end_of(gauge.setup.certificate.due), {"what": f"calibration of {gauge.device.name}"})
         if self._reminder is None:
-            from service.site.drift_schedule import Reminder  # noqa: PLC0415  not while the service starts
+            from cellcal.service.record.drift_schedule import Reminder  # noqa: PLC0415  not while the service starts
 
             self._reminder = Reminder(self._config)
         for told in self._reminder.due(self._clock()):
@@ -165,7 +165,7 @@ class Meter:
         yield due
 
     def _webhook(self) -> Iterator[Family]:
-        from service.export.webhook_outbox import WebhookOutbox  # noqa: PLC0415  not while the service starts
+        from cellcal.service.export.webhook_outbox import WebhookOutbox  # noqa: PLC0415  not while the service starts
 
         if self._config.reports.webhook is None:
             return

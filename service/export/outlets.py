@@ -4,11 +4,11 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
-from service.configuration.cell_file import CellConfig
-from service.export.meter import Meter
-from service.site.feed import Feed
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.export.meter import Meter
+from cellcal.service.site.feed import Feed
 
-_SITE, _WEBHOOK = "service.site.publisher", "service.export.webhook_sender"
+_SITE, _WEBHOOK = "cellcal.service.site.publisher", "cellcal.service.export.webhook_sender"
 
 
 class Outlets:

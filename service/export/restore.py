@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from service.configuration.cell_file import read_cell_file
-from service.export.archive import BackupError, Manifest, damaged, unpack
-from service.export.backup import (
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.export.archive import BackupError, Manifest, damaged, unpack
+from cellcal.service.export.backup import (
     CELL_FILE,
     DATA,
     KEYS_FILE,
@@ -20,7 +20,7 @@ from service.export.backup import (
     journal_flaw,
     refuse_spoilt_certificates,
 )
-from service.export.sealed_keys import open_keys
+from cellcal.service.export.sealed_keys import open_keys
 
 _JOURNAL, _CERTIFICATES = "journal.db", "certificates"
 

@@ -9,8 +9,8 @@ from argon2.low_level import Type, hash_secret_raw
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
-from service.export.archive import BackupError
-from service.people.hashing import LANES, MEMORY_KIB, PASSES
+from cellcal.service.export.archive import BackupError
+from cellcal.service.people.pin_hashing import LANES, MEMORY_KIB, PASSES
 
 FORMAT = "cellcal sealed keys 1"
 SHORTEST = 12  # characters

@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from service.export.tables import ExportError, Table, Value
+from cellcal.service.export.tables import ExportError, Table, Value
 
 BOM = "\ufeff"
 CSV_TYPE = "text/csv; charset=utf-8"

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from calibration.errors import CellError
+from cellcal.calibration.errors import CellError
 
 Value = str | float | int | bool | None
 

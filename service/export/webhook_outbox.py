@@ -14,8 +14,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
-from service.export.webhook_target import WebhookError
-from service.site.alarms import Alarm
+from cellcal.service.export.webhook_target import WebhookError
+from cellcal.service.site.alarms import Alarm
 
 OUTBOX_NAME = "webhook_outbox.sqlite"
 KEPT_ROWS = 10_000

@@ -24,14 +24,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from calibration.errors import CellError
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.configuration.report_tables import WebhookTable
-from service.export.webhook_outbox import OUTBOX_NAME, WebhookOutbox
-from service.export.webhook_target import Target, WebhookError, deliver, target_of
-from service.site.desk_tap import DeskTap
-from service.site.standing import DueDates
-from service.site.troubles import Troubles
+from cellcal.calibration.errors import CellError
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.configuration.report_tables import WebhookTable
+from cellcal.service.export.webhook_outbox import OUTBOX_NAME, WebhookOutbox
+from cellcal.service.export.webhook_target import Target, WebhookError, deliver, target_of
+from cellcal.service.site.desk_tap import DeskTap
+from cellcal.service.site.standing import DueDates
+from cellcal.service.site.troubles import Troubles
 
 _LOG = logging.getLogger(__name__)
 PERIOD_S = 0.1

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
 
-from calibration.errors import CellError
-from service.configuration.report_tables import WebhookTable
+from cellcal.calibration.errors import CellError
+from cellcal.service.configuration.report_tables import WebhookTable
 
 TIMEOUT_S = 10.0
 WHOLE_S = 30.0  # a receiver that answers a byte at a time

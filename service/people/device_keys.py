@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.utils import encode_dss_signature
 
-from service.people.errors import WrongSecretError
+from cellcal.service.people.errors import WrongSecretError
 
 CHALLENGE_S = 60.0
 _MOST = 1000

@@ -2,7 +2,7 @@
 
 import math
 
-from calibration.errors import CellError
+from cellcal.calibration.errors import CellError
 
 
 class PeopleError(CellError):

@@ -2,8 +2,8 @@
 
 import unicodedata
 
-from service.people.errors import PeopleError
-from service.people.roles import Role
+from cellcal.service.people.errors import PeopleError
+from cellcal.service.people.roles import Role
 
 LONGEST_NAME = 60
 LOCAL = "local technician"

@@ -6,7 +6,7 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Any
 
-from service.desk.messages import AnswerIt, Hold, Order, SignOff, Start, Stop
+from cellcal.service.cell_process.messages import AnswerIt, Hold, Order, SignOff, Start, Stop
 
 
 class Role(StrEnum):

@@ -6,9 +6,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, TypeVar, cast
 
-from procedures.cell import Cell
-from procedures.entry import Entry
-from procedures.past import Past
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.entry import Entry
+from cellcal.procedures.past import Past
 
 T = TypeVar("T")
 Tell = Callable[[str, Any], None]  # a role and its reading; None: a run asks for one just now

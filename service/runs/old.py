@@ -2,12 +2,12 @@
 
 from datetime import UTC, datetime
 
-from drivers.errors import RefusedError
-from drivers.interfaces import Instruction, Operator
-from procedures.run import DeclinedError
-from service.runs.journal import Journal
-from service.runs.outcome import Verdict
-from service.runs.store import Store
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import Instruction, Operator
+from cellcal.procedures.run import DeclinedError
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.run_outcome import Verdict
+from cellcal.service.record.run_store import Store
 
 MOST_H = 8.0  # a shift
 _QUESTION = (

@@ -6,21 +6,21 @@ from typing import Any
 
 from pydantic_core import to_jsonable_python
 
-from calibration.errors import CalibrationError, CellError
-from drivers.interfaces import Counts
-from procedures.catalogue import ENTRIES, entry_named
-from procedures.cell import Cell
-from procedures.entry import Entry, Phase, as_planned, lacking
-from procedures.forecast import Forecast, Knowledge
-from procedures.instruments import instruments_of
-from procedures.run import RefusalError
-from service.configuration.cell_file import CellConfig
-from service.quantities import quantity
-from service.runs.cell import journal_path, on_paper, open_journal
-from service.runs.specs import build_spec, chosen_by_cell
-from service.runs.store import Store
-from service.site.drift_schedule import PROCEDURE, next_drift_checks
-from service.watching.watch import LastHealthyCounts
+from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.drivers.interfaces import Counts
+from cellcal.procedures.catalogue import ENTRIES, entry_named
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.entry import Entry, Phase, as_planned, lacking
+from cellcal.procedures.forecast import Forecast, Knowledge
+from cellcal.procedures.instruments import instruments_of
+from cellcal.procedures.run import RefusalError
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.quantities import quantity
+from cellcal.service.record.drift_schedule import PROCEDURE, next_drift_checks
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import journal_path, on_paper, open_journal
+from cellcal.service.runs.settings import build_spec, chosen_by_cell
+from cellcal.service.watching.watch import LastHealthyCounts
 
 
 class ClassOutOfReachError(CellError):

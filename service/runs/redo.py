@@ -3,14 +3,14 @@
 import json
 from difflib import get_close_matches
 
-from drivers.errors import RefusedError
-from drivers.interfaces import Instruction, Operator
-from procedures.past import Effect, Kind
-from procedures.run import DeclinedError
-from service.runs.conduct import forget_from
-from service.runs.journal import Journal, StoreError
-from service.runs.outcome import Verdict
-from service.runs.store import Store
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import Instruction, Operator
+from cellcal.procedures.past import Effect, Kind
+from cellcal.procedures.run import DeclinedError
+from cellcal.service.record.journal import Journal, StoreError
+from cellcal.service.record.run_outcome import Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.run_procedure import forget_from
 
 DISCARD = "discard_findings"
 _MOST_NAMED = 6

@@ -6,13 +6,13 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import to_jsonable_python
 
-from drivers.interfaces import ActiveFrames
-from procedures.canonical import alike
-from procedures.cell import Fingerprint
-from procedures.entry import Entry
-from procedures.motion.active_frames import changes, cure, told
-from procedures.run import ReplayMismatchError
-from service.runs.store import RunView
+from cellcal.drivers.interfaces import ActiveFrames
+from cellcal.procedures.canonical import alike
+from cellcal.procedures.cell import Fingerprint
+from cellcal.procedures.entry import Entry
+from cellcal.procedures.motion.active_frames import changes, cure, told
+from cellcal.procedures.run import ReplayMismatchError
+from cellcal.service.record.run_store import RunView
 
 
 def spec_of(view: RunView, entry: Entry) -> Any:

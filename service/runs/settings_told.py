@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from procedures.catalogue import entry_named
+from cellcal.procedures.catalogue import entry_named
 
 _BOUNDS = (
     ("minimum", "from"),

@@ -10,7 +10,7 @@ cells would silently be unserved by rules that name one cell each. Only the moni
 
 from typing import Any
 
-from service.site.keys import MONITOR_NAME, ROOT, ROUTER_NAME, StationKeys, everything_below
+from cellcal.service.site.keys import MONITOR_NAME, ROOT, ROUTER_NAME, StationKeys, everything_below
 
 SAYING = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
 ASKING = ["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"]

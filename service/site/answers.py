@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from service.runs.journal import Event
-from service.site.journal_tail import journal_to_read, told
-from service.site.keys import SiteError
-from service.site.ledger import Ledger
-from service.site.outbox import rows_between
+from cellcal.service.record.journal import Event
+from cellcal.service.site.journal_tail import journal_to_read, told
+from cellcal.service.site.keys import SiteError
+from cellcal.service.site.ledger import Ledger
+from cellcal.service.site.outbox import rows_between
 
 MOST_ROWS = 500
 ASKABLE = ("from", "most", "id", "after")

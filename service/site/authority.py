@@ -15,7 +15,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from service.site.keys import SiteError
+from cellcal.service.site.keys import SiteError
 
 AUTHORITY_DAYS, LEAF_DAYS = 3650, 1095
 _EARLY = timedelta(hours=1)  # clocks of cells differ

@@ -16,13 +16,13 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from service.certificates.signing import read_public_key, station_key
-from service.configuration.cell_file import read_cell_file
-from service.files import replace_file
-from service.site.access import Config, cell_config, monitor_config, router_config
-from service.site.authority import Authority, new_authority, read_authority, write_new
-from service.site.keys import MONITOR_NAME, ROUTER_NAME, SiteError, checked_identifier, chunk
-from service.site.link_files import (
+from cellcal.service.certificates.signing import read_public_key, station_key
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.files import replace_file
+from cellcal.service.site.access import Config, cell_config, monitor_config, router_config
+from cellcal.service.site.authority import Authority, new_authority, read_authority, write_new
+from cellcal.service.site.keys import MONITOR_NAME, ROUTER_NAME, SiteError, checked_identifier, chunk
+from cellcal.service.site.link_files import (
     CELL_FILE,
     MONITOR_FILE,
     ROUTER_FILE,
@@ -31,7 +31,7 @@ from service.site.link_files import (
     Enrolled,
     StationsFile,
 )
-from service.site.sealed import wall_utc
+from cellcal.service.site.sealed import wall_utc
 
 SITE_FILE = "site.json"
 _ENDPOINT = re.compile(r"([A-Za-z0-9.-]+|\[[0-9A-Fa-f:.]+\]):([0-9]{1,5})")

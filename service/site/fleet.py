@@ -14,11 +14,11 @@ from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
-from service.site.keys import StationKeys, cell_of
-from service.site.link_files import StationsFile
-from service.site.sealed import Flaw, Message, opened, public_key, wall_utc
-from service.site.site_store import Reach
-from service.site.state_shape import is_alarm, state_flaw
+from cellcal.service.site.keys import StationKeys, cell_of
+from cellcal.service.site.link_files import StationsFile
+from cellcal.service.site.sealed import Flaw, Message, opened, public_key, wall_utc
+from cellcal.service.site.site_store import Reach
+from cellcal.service.site.state_shape import is_alarm, state_flaw
 
 SILENT_S = 4.0  # a state comes every second; without a goodbye this tells a cable that was pulled
 _MOST_KEYS = 200

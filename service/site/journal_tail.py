@@ -4,8 +4,8 @@ import sqlite3
 from pathlib import Path
 from typing import Any
 
-from service.runs.journal import Event
-from service.site.outbox import read_only
+from cellcal.service.record.journal import Event
+from cellcal.service.site.outbox import read_only
 
 _COLUMNS = "seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, actor, prev, hash"
 LONGEST_BODY = 1_000_000

@@ -8,7 +8,7 @@ import hashlib
 import re
 from dataclasses import dataclass
 
-from calibration.errors import CellError
+from cellcal.calibration.errors import CellError
 
 ROOT = "cellcal/v1"
 ROUTER_NAME, MONITOR_NAME = "site-router", "site-monitor"

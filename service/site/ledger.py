@@ -8,8 +8,8 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from procedures.past import Kind
-from service.runs.journal import Event
+from cellcal.procedures.past import Kind
+from cellcal.service.record.journal import Event
 
 _RUNS_KEPT = 100
 _TREND_KEPT = 20

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import zenoh
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from service.site.keys import SiteError
+from cellcal.service.site.keys import SiteError
 
 ROUTER_FILE, CELL_FILE, MONITOR_FILE = "router.json5", "cell.json5", "monitor.json5"
 STATION_FILE, STATIONS_FILE = "station.json", "stations.json"

@@ -14,13 +14,13 @@ import zenoh
 from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
 from zenoh.handlers import FifoChannel
 
-from service.certificates.signing import Checked, check
-from service.site.fleet import OPENED_A_SECOND, Fleet
-from service.site.journal_tail import chain_flaw
-from service.site.keys import SiteError, StationKeys, checked_identifier
-from service.site.link_files import MONITOR_FILE, close, read_link_folder, read_stations
-from service.site.sealed import Message
-from service.site.site_store import Received, SiteStore
+from cellcal.service.certificates.signing import Checked, check
+from cellcal.service.site.fleet import OPENED_A_SECOND, Fleet
+from cellcal.service.site.journal_tail import chain_flaw
+from cellcal.service.site.keys import SiteError, StationKeys, checked_identifier
+from cellcal.service.site.link_files import MONITOR_FILE, close, read_link_folder, read_stations
+from cellcal.service.site.sealed import Message
+from cellcal.service.site.site_store import Received, SiteStore
 
 _BATCH_S = 0.1
 _MOST_WAITING = 100_000

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
-from service.site.keys import SiteError
+from cellcal.service.site.keys import SiteError
 
 OUTBOX_NAME = "site_outbox.sqlite"
 KEPT_ROWS = 200_000

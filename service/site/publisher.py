@@ -19,22 +19,22 @@ from typing import Any, BinaryIO
 
 import zenoh
 
-from service.certificates.signing import station_key
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.runs.cell import journal_path
-from service.runs.journal import Event
-from service.site.alarms import Alarm
-from service.site.answers import Answers
-from service.site.desk_tap import DeskTap
-from service.site.journal_tail import JournalTail, told
-from service.site.keys import SiteError, StationKeys
-from service.site.ledger import Ledger
-from service.site.link_files import CELL_FILE, read_link_folder, read_station
-from service.site.outbox import Outbox, Sent, ToSend
-from service.site.sealed import Sealer
-from service.site.standing import DueDates, state_of
-from service.site.station import Station
-from service.site.troubles import Troubles
+from cellcal.service.certificates.signing import station_key
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.record.journal import Event
+from cellcal.service.runs.open_cell import journal_path
+from cellcal.service.site.alarms import Alarm
+from cellcal.service.site.answers import Answers
+from cellcal.service.site.desk_tap import DeskTap
+from cellcal.service.site.journal_tail import JournalTail, told
+from cellcal.service.site.keys import SiteError, StationKeys
+from cellcal.service.site.ledger import Ledger
+from cellcal.service.site.link_files import CELL_FILE, read_link_folder, read_station
+from cellcal.service.site.outbox import Outbox, Sent, ToSend
+from cellcal.service.site.sealed import Sealer
+from cellcal.service.site.standing import DueDates, state_of
+from cellcal.service.site.station import Station
+from cellcal.service.site.troubles import Troubles
 
 _LOG = logging.getLogger(__name__)
 PERIOD_S = 0.1

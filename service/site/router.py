@@ -11,8 +11,8 @@ from pathlib import Path
 
 import zenoh
 
-from service.site.keys import SiteError
-from service.site.link_files import ROUTER_FILE, LinkFolder, close, read_link_folder
+from cellcal.service.site.keys import SiteError
+from cellcal.service.site.link_files import ROUTER_FILE, LinkFolder, close, read_link_folder
 
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 1.0

@@ -14,8 +14,8 @@ from typing import Any
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
-from procedures.canonical import canonical_json
-from service.certificates.signing import StationKey
+from cellcal.procedures.canonical import canonical_json
+from cellcal.service.certificates.signing import StationKey
 
 LONGEST_MESSAGE = 2_000_000
 ENCODING = "application/json;schema=cellcal.sealed.v1"

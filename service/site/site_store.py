@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from service.site.keys import SiteError
-from service.site.sealed import Message
+from cellcal.service.site.keys import SiteError
+from cellcal.service.site.sealed import Message
 
 _SCHEMA = (
     "CREATE TABLE IF NOT EXISTS event(station TEXT NOT NULL, epoch TEXT NOT NULL, seq INTEGER NOT NULL,"

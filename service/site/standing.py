@@ -5,11 +5,11 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
-from service.configuration.cell_file import CellConfig
-from service.site.alarms import Alarm
-from service.site.authority import valid_until
-from service.site.drift_schedule import Reminder
-from service.site.ledger import Ledger
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.drift_schedule import Reminder
+from cellcal.service.site.alarms import Alarm
+from cellcal.service.site.authority import valid_until
+from cellcal.service.site.ledger import Ledger
 
 
 class DueDates:

@@ -13,11 +13,11 @@ from zenoh.ext import (
     declare_advanced_publisher,
 )
 
-from service.site.answers import ASKABLE, Answers, as_error
-from service.site.keys import SiteError, StationKeys
-from service.site.link_files import close
-from service.site.outbox import Outbox, Sent
-from service.site.sealed import ENCODING, Sealer
+from cellcal.service.site.answers import ASKABLE, Answers, as_error
+from cellcal.service.site.keys import SiteError, StationKeys
+from cellcal.service.site.link_files import close
+from cellcal.service.site.outbox import Outbox, Sent
+from cellcal.service.site.sealed import ENCODING, Sealer
 
 _LOG = logging.getLogger(__name__)
 _HEARTBEAT_S = 0.5

@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 from datetime import UTC, datetime
 
-from service.configuration.cell_file import CellConfig
-from service.site.alarms import Alarm, Alarms, wrong_in
-from service.site.desk_tap import DeskTap
-from service.site.standing import DueDates, overdue
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.site.alarms import Alarm, Alarms, wrong_in
+from cellcal.service.site.desk_tap import DeskTap
+from cellcal.service.site.standing import DueDates, overdue
 
 DESK_COMES_S = 30.0
 _NOT_OF_DESK = ("due", "journal", "desk.silent")

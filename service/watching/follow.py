@@ -6,16 +6,16 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
-from calibration.errors import CellError
-from drivers.errors import UnreachableError, WrongDeviceError
-from drivers.interfaces import Condition, Readiness, Robot
-from service.configuration.cell_file import CellConfig
-from service.runs.cell import leases
-from service.runs.lease import DEVICES, is_held
-from service.watching.held_mastering import HeldMastering, journalled_mastering
-from service.watching.loss_modes import wrong_robot
-from service.watching.watch import LastHealthyCounts, PositionLoss, Watch, WatchedRobot
-from service.watching.watched import watched
+from cellcal.calibration.errors import CellError
+from cellcal.drivers.errors import UnreachableError, WrongDeviceError
+from cellcal.drivers.interfaces import Condition, Readiness, Robot
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.robot_lock import DEVICES, is_held
+from cellcal.service.runs.open_cell import leases
+from cellcal.service.watching.loss_modes import wrong_robot
+from cellcal.service.watching.mastering_comparison import HeldMastering, journalled_mastering
+from cellcal.service.watching.watch import LastHealthyCounts, PositionLoss, Watch, WatchedRobot
+from cellcal.service.watching.watched import watched
 
 _LOG = logging.getLogger(__name__)
 _RETRY_S = 5.0

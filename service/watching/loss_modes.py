@@ -7,7 +7,7 @@ was lost, M1 turns, M2 a motor or encoder, M3 every reference, M4 the geometry, 
 from dataclasses import dataclass
 from enum import StrEnum
 
-from drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, Readiness
 
 
 class LossMode(StrEnum):

@@ -20,11 +20,10 @@ from typing import Protocol
 
 import numpy as np
 
-from calibration.mastering.counts import DriveTrain
-from drivers.errors import DeviceError
-from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
-from service.watching.held_mastering import HeldMastering
-from service.watching.loss_modes import (
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
+from cellcal.service.watching.loss_modes import (
     LossMode,
     Suspicion,
     What,
@@ -33,6 +32,7 @@ from service.watching.loss_modes import (
     suspect,
     turns_lost,
 )
+from cellcal.service.watching.mastering_comparison import HeldMastering
 
 _LOG = logging.getLogger(__name__)
 _JUMP_SPEED_RAD_S = 6.0  # no industrial joint turns faster; a quicker change of counts is not motion

@@ -1,6 +1,6 @@
 """What of a robot can be watched at all, in words: the same where it is followed and where a cell is listed."""
 
-from drivers.interfaces import RobotCapabilities
+from cellcal.drivers.interfaces import RobotCapabilities
 
 _ENCODERS = "its alarms, encoder counts and mastering: a lost position is seen"
 _STOPS_ONLY = (

@@ -10,31 +10,22 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 
-from calibration.errors import CellError
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.door import Door
-from service.export.outlets import Outlets
-from service.people.control import Control
-from service.people.entrance import Entrance
-from service.people.permits import Permits
-from service.web import (
-    commands,
-    control,
-    exports,
-    history,
-    metrics,
-    models,
-    outlook,
-    points,
-    programs,
-    screen,
-    sign_in,
-)
-from service.web.answers import REFUSALS, not_understood, told
-from service.web.guard import Guard
-from service.web.link import DeskLink
-from service.web.pages import add_pages, page_paths
-from service.web.screens import Screens
+from cellcal.calibration.errors import CellError
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.export.outlets import Outlets
+from cellcal.service.people.authentication import Entrance
+from cellcal.service.people.authorization import Permits
+from cellcal.service.people.session_control import Control
+from cellcal.service.web import commands, exports, history, metrics, models, points, programs, sign_in
+from cellcal.service.web import procedures as outlook
+from cellcal.service.web import session_control as control
+from cellcal.service.web import websocket as screen
+from cellcal.service.web.cell_client import DeskLink
+from cellcal.service.web.error_responses import REFUSALS, not_understood, told
+from cellcal.service.web.middleware import Guard
+from cellcal.service.web.pages import add_pages, page_paths
+from cellcal.service.web.websocket_hub import Screens
 
 Heard = Callable[[str, dict[str, Any]], None]
 
@@ -107,7 +98,7 @@ def create_app(settings: Settings) -> FastAPI:
     for router in (room.router for room in rooms):
         app.include_router(router, prefix="/api")
     if settings.demo_door is not None:
-        from service.web import demo  # noqa: PLC0415  a real cell's service has no such routes
+        from cellcal.service.demo import web_routes as demo  # noqa: PLC0415  a real cell's service has no such routes
 
         app.include_router(demo.router, prefix="/api")
     app.include_router(metrics.router)
@@ -121,6 +112,6 @@ def create_app(settings: Settings) -> FastAPI:
 def _link(settings: Settings, heard: Heard) -> DeskLink:
     if settings.demo_door is None:
         return DeskLink(settings.cell_file, heard)
-    from service.web.demo import DemoLink, DemoWorld  # noqa: PLC0415  a real cell's service has no such line
+    from cellcal.service.demo.web_routes import DemoLink, DemoWorld  # noqa: PLC0415  a real cell's service has no such line
 
     return DemoLink(settings.cell_file, heard, DemoWorld(settings.demo_door))

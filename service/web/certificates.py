@@ -7,11 +7,11 @@ from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, HTMLResponse, Response
 from pydantic import BaseModel, ConfigDict
 
-from service.certificates.signing import Finding, check, read_document, station_key
-from service.configuration.cell_file import CellConfig
-from service.sayings import Locale
-from service.web.door import Who, house_of
-from service.web.worker import issue, open_journal, store_of
+from cellcal.service.certificates.signing import Finding, check, read_document, station_key
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.translation import Locale
+from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.worker import issue, open_journal, store_of
 
 router = APIRouter()
 
@@ -38,7 +38,7 @@ async def certificate_check(run_id: str, request: Request, who: Who) -> Verified
 
 
 def _checked(config: CellConfig, run_id: str) -> Verified:
-    from service.certificates.certificate import certificates_folder  # noqa: PLC0415  not while the service starts
+    from cellcal.service.certificates.certificate import certificates_folder  # noqa: PLC0415  not while the service starts
 
     with open_journal(config) as journal:
         store = store_of(journal)
@@ -66,7 +66,7 @@ def _checked(config: CellConfig, run_id: str) -> Verified:
 )
 async def certificate_pdf(run_id: str, request: Request, who: Who, language: Locale = "en") -> Response:
     """Return the certificate of a run, or the record of its refusal, as PDF/A."""
-    from service.certificates.printing import pdf_from  # noqa: PLC0415  not while the service starts
+    from cellcal.service.certificates.printing import pdf_from  # noqa: PLC0415  not while the service starts
 
     del who
     path = await _signed(request, run_id)
@@ -82,8 +82,8 @@ async def certificate_pdf(run_id: str, request: Request, who: Who, language: Loc
 )
 async def certificate_html(run_id: str, request: Request, who: Who, language: Locale = "en") -> HTMLResponse:
     """Return the certificate of a run, or the record of its refusal, as one page that prints on A4."""
-    from service.certificates.html import POLICY  # noqa: PLC0415  not while the service starts
-    from service.certificates.printing import html_from  # noqa: PLC0415  as above
+    from cellcal.service.certificates.html import POLICY  # noqa: PLC0415  not while the service starts
+    from cellcal.service.certificates.printing import html_from  # noqa: PLC0415  as above
 
     del who
     content = await asyncio.to_thread(html_from, await _signed(request, run_id), language)

@@ -7,15 +7,15 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
-from service.desk.messages import Name, Order
-from service.people.naming import LONGEST_NAME, LONGEST_SECRET
-from service.people.permits import StaleViewError
-from service.web.answers import RefusedOrder
-from service.web.control import permitted, told
-from service.web.door import Who, house_of, token_of
+from cellcal.service.cell_process.messages import Name, Order
+from cellcal.service.people.authorization import StaleViewError
+from cellcal.service.people.naming import LONGEST_NAME, LONGEST_SECRET
+from cellcal.service.web.door import Who, house_of, token_of
+from cellcal.service.web.error_responses import RefusedOrder
+from cellcal.service.web.session_control import permitted, told
 
 if TYPE_CHECKING:
-    from service.web.app import House
+    from cellcal.service.web.app import House
 
 router = APIRouter()
 

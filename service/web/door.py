@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
-from service.people.entrance import Person
-from service.people.errors import NotSignedInError
-from service.people.roles import Right
+from cellcal.service.people.authentication import Person
+from cellcal.service.people.errors import NotSignedInError
+from cellcal.service.people.roles import Right
 
 if TYPE_CHECKING:
-    from service.web.app import House
+    from cellcal.service.web.app import House
 
 
 def house_of(connection: HTTPConnection) -> "House":

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Path, Request, Response
 
-from service.web.door import Who, house_of
+from cellcal.service.web.door import Who, house_of
 
 router = APIRouter(prefix="/exports")
 Form = Literal["csv", "xlsx"]
@@ -47,8 +47,8 @@ async def parameters(robot_serial: Named, form: Form, request: Request, who: Who
 
 async def _file(request: Request, what: str, form: Form, *named: str) -> Response:
     def made() -> tuple[bytes, str]:
-        from service.export import cell_tables  # noqa: PLC0415  heavy: not while the service starts
-        from service.export.table_files import CSV_TYPE, XLSX_TYPE, as_csv_file, as_xlsx_file  # noqa: PLC0415
+        from cellcal.service.export import cell_tables  # noqa: PLC0415  heavy: not while the service starts
+        from cellcal.service.export.table_files import CSV_TYPE, XLSX_TYPE, as_csv_file, as_xlsx_file  # noqa: PLC0415
 
         makers: dict[str, Any] = {
             "runs": cell_tables.runs_table,

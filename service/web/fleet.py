@@ -19,20 +19,20 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse
 from starlette.requests import HTTPConnection
 
-from calibration.errors import CellError
-from service.certificates.signing import Checked, Finding
-from service.people.entrance import Entrance
-from service.people.errors import NotSignedInError
-from service.site.fleet import Fleet
-from service.site.keys import SiteError
-from service.web.answer_shapes import SignedDocument, answering
-from service.web.answers import REFUSALS, not_understood, told
-from service.web.door import Who, person_of
-from service.web.fleet_shapes import FleetSeen
-from service.web.guard import Guard
-from service.web.pages import DIST, BuiltFiles
-from service.web.screens import let_go
-from service.web.sign_in import console
+from cellcal.calibration.errors import CellError
+from cellcal.service.certificates.signing import Checked, Finding
+from cellcal.service.people.authentication import Entrance
+from cellcal.service.people.errors import NotSignedInError
+from cellcal.service.site.fleet import Fleet
+from cellcal.service.site.keys import SiteError
+from cellcal.service.web.door import Who, person_of
+from cellcal.service.web.error_responses import REFUSALS, not_understood, told
+from cellcal.service.web.fleet_models import FleetSeen
+from cellcal.service.web.middleware import Guard
+from cellcal.service.web.pages import DIST, BuiltFiles
+from cellcal.service.web.response_models import SignedDocument, answering
+from cellcal.service.web.sign_in import console
+from cellcal.service.web.websocket_hub import let_go
 
 PERIOD_S = 0.5
 SLOW_S = 2.0

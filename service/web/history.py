@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse
 
-from service.configuration.cell_file import CellConfig
-from service.web import certificates, overlays, parameters, pictures, residuals, rollback, trends
-from service.web.answer_shapes import RunDetail, RunLine, SignedDocument, answering
-from service.web.door import Who, house_of
-from service.web.worker import issue, open_journal, store_of
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.web import certificates, overlays, parameters, pictures, residuals, rollback, trends
+from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.response_models import RunDetail, RunLine, SignedDocument, answering
+from cellcal.service.web.worker import issue, open_journal, store_of
 
 if TYPE_CHECKING:
-    from service.runs.store import RunView
+    from cellcal.service.record.run_store import RunView
 
 router = APIRouter()
 for room in (certificates, parameters, pictures, rollback, residuals, overlays, trends):

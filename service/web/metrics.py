@@ -8,9 +8,9 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import PlainTextResponse, Response
 
-from service.export.exposition import CONTENT_TYPE
-from service.web.door import house_of
-from service.web.guard import is_loopback
+from cellcal.service.export.exposition import CONTENT_TYPE
+from cellcal.service.web.door import house_of
+from cellcal.service.web.middleware import is_loopback
 
 router = APIRouter()
 PATH = "/metrics"

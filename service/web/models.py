@@ -14,14 +14,14 @@ import numpy as np
 from defusedxml.ElementTree import fromstring  # ships no types
 from fastapi import APIRouter, Path, Request, Response
 
-from service.configuration.cell_file import CellConfig, GaugeEntry
-from service.web.door import Who, house_of
+from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry
+from cellcal.service.web.door import Who, house_of
 
 if TYPE_CHECKING:
-    from calibration.arm.kinematics import RobotModel
-    from calibration.geometry import Array
-    from calibration.motion.collision import Capsule
-    from procedures.motion.surroundings import Surroundings
+    from cellcal.calibration.arm.kinematics import RobotModel
+    from cellcal.calibration.geometry import Array
+    from cellcal.calibration.motion.collision import Capsule
+    from cellcal.procedures.motion.surroundings import Surroundings
 
 router = APIRouter()
 Triple = tuple[float, float, float]
@@ -116,7 +116,7 @@ def primitive_urdf(config: CellConfig, robot: str) -> str:
     CellError
         There is no such robot in the cell.
     """
-    from calibration.arm.urdf import bare_urdf  # noqa: PLC0415  # heavy: not at the start of the service
+    from cellcal.calibration.arm.urdf import bare_urdf  # noqa: PLC0415  # heavy: not at the start of the service
 
     model, shapes, _ = _shapes(config, robot)
     root: ET.Element = fromstring(bare_urdf(model, geometric_joints=True))
@@ -148,7 +148,7 @@ def seen_cell(config: CellConfig, robot: str) -> CellSeen:
     CellError
         There is no such robot in the cell.
     """
-    from calibration.arm.urdf import bare_urdf  # noqa: PLC0415  # heavy: not at the start of the service
+    from cellcal.calibration.arm.urdf import bare_urdf  # noqa: PLC0415  # heavy: not at the start of the service
 
     model, _, remarks = _shapes(config, robot)
     space, gauge = _space(config, robot), config.gauge_for(robot)
@@ -181,8 +181,8 @@ def _space(config: CellConfig, robot: str) -> "Surroundings":
 
 
 def _shapes(config: CellConfig, robot: str) -> tuple["RobotModel", tuple["Capsule", ...], tuple[str, ...]]:
-    from calibration.arm.kinematics import load_model  # noqa: PLC0415  # heavy, as above
-    from procedures.motion.surroundings import cell_shape  # noqa: PLC0415  # heavy, as above
+    from cellcal.calibration.arm.kinematics import load_model  # noqa: PLC0415  # heavy, as above
+    from cellcal.procedures.motion.surroundings import cell_shape  # noqa: PLC0415  # heavy, as above
 
     model = load_model(config.robot(robot).model)
     gauge = config.gauge_for(robot)

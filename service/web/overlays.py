@@ -8,10 +8,10 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
 
-from service.configuration.cell_file import CellConfig
-from service.web.answer_shapes import ToolDoubt, answering
-from service.web.door import Who, house_of
-from service.web.residuals import solver_of
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.residuals import solver_of
+from cellcal.service.web.response_models import ToolDoubt, answering
 
 router = APIRouter()
 RobotName = Annotated[str, Path(max_length=64)]
@@ -66,7 +66,7 @@ async def uncertainty(
 
 
 def _joints(text: str) -> list[float]:
-    from service.web.review_shapes import ReviewError  # noqa: PLC0415  # with the answer, not at the start
+    from cellcal.service.review.review_models import ReviewError  # noqa: PLC0415  # with the answer, not at the start
 
     try:
         return [float(part) for part in text.split(",")[: _MOST_JOINTS + 1]]
@@ -99,8 +99,8 @@ def newest_kept(config: CellConfig, serial: str, what: str) -> Kept | None:
 
 def all_kept(config: CellConfig, serial: str) -> list[Kept]:
     """Return every result that was kept for a robot, oldest first."""
-    from procedures.past import Kind  # noqa: PLC0415  # heavy: not at the start of the service
-    from service.runs.cell import open_journal  # noqa: PLC0415  # heavy, as above
+    from cellcal.procedures.past import Kind  # noqa: PLC0415  # heavy: not at the start of the service
+    from cellcal.service.runs.open_cell import open_journal  # noqa: PLC0415  # heavy, as above
 
     with open_journal(config) as journal:
         events = [event for event in journal.events() if event.kind == Kind.STORED]
@@ -120,7 +120,7 @@ def _seen(kept: Kept) -> FrameSeen:
 def _matrix(told: Any) -> tuple[float, ...]:
     from pydantic import TypeAdapter  # noqa: PLC0415  # with the first frame
 
-    from calibration.geometry import Pose  # noqa: PLC0415  # heavy, as above
+    from cellcal.calibration.geometry import Pose  # noqa: PLC0415  # heavy, as above
 
     pose: Pose = TypeAdapter(Pose).validate_python(told)
     return tuple(float(v) for v in pose.matrix().ravel())

@@ -7,13 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from fastapi import APIRouter, Query, Request
 from pydantic import BaseModel, ConfigDict
 
-from service.configuration.cell_file import CellConfig
-from service.parameters.parameter_sets import Change, ParameterSet, ParameterSets, Value, diff
-from service.web.door import Who, house_of
-from service.web.worker import open_journal, store_of
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.parameter_sets import (
+    Change,
+    ParameterSet,
+    ParameterSets,
+    Value,
+    diff,
+)
+from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.worker import open_journal, store_of
 
 if TYPE_CHECKING:
-    from service.runs.store import RunView
+    from cellcal.service.record.run_store import RunView
 
 router = APIRouter()
 FOLDER = "parameter_sets"  # beside the cell file, where `cellcal parameters` keeps them when it runs there

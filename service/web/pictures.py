@@ -7,13 +7,13 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
-from service.configuration.cell_file import CellConfig
-from service.measured.carried import content_of
-from service.people.errors import NotAllowedError, PinAgainError
-from service.people.roles import Right
-from service.web.answers import Refused
-from service.web.door import Who, house_of
-from service.web.worker import open_journal
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.measured.carried import content_of
+from cellcal.service.people.errors import NotAllowedError, PinAgainError
+from cellcal.service.people.roles import Right
+from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.error_responses import Refused
+from cellcal.service.web.worker import open_journal
 
 router = APIRouter()
 Sha256 = Annotated[str, Path(pattern=r"^[0-9a-f]{64}$")]
@@ -55,7 +55,7 @@ async def pictures(run_id: str, request: Request, who: Who) -> list[Kept]:
 )
 async def take(run_id: str, taken: Taken, request: Request, who: Who) -> Kept:
     """Keep a photo with a run that is under way."""
-    from service.runs.pictures import keep_picture  # noqa: PLC0415  not while the service starts
+    from cellcal.service.runs.photos import keep_picture  # noqa: PLC0415  not while the service starts
 
     if who.locked:
         raise PinAgainError("this screen was left alone for a while:")
@@ -80,14 +80,14 @@ async def picture(run_id: str, sha256: Sha256, request: Request, who: Who) -> Re
 
 
 def _pictures(config: CellConfig, run_id: str) -> list[Kept]:
-    from service.runs.pictures import pictures_of_run  # noqa: PLC0415  not while the service starts
+    from cellcal.service.runs.photos import pictures_of_run  # noqa: PLC0415  not while the service starts
 
     with open_journal(config) as journal:
         return [Kept.model_validate(one) for one in pictures_of_run(journal.events(run_id))]
 
 
 def _picture(config: CellConfig, run_id: str, sha256: str) -> tuple[bytes, str]:
-    from service.runs.pictures import PictureError, pictures_of_run, read_picture  # noqa: PLC0415  as above
+    from cellcal.service.runs.photos import PictureError, pictures_of_run, read_picture  # noqa: PLC0415  as above
 
     with open_journal(config) as journal:
         kept = [one for one in pictures_of_run(journal.events(run_id)) if one.sha256 == sha256]

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request
 
-from service.configuration.cell_file import CellConfig
-from service.web.door import Who, house_of
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.web.door import Who, house_of
 
 router = APIRouter()
 RunId = Annotated[str, Path(max_length=128)]
@@ -70,9 +70,9 @@ def points_of(config: CellConfig, run_id: str) -> RunPoints:
     CellError
         There is no such run.
     """
-    from service.certificates.points import readings  # noqa: PLC0415  # heavy: not at the start of the service
-    from service.runs.cell import open_journal  # noqa: PLC0415  # heavy, as above
-    from service.runs.store import Store  # noqa: PLC0415  # heavy, as above
+    from cellcal.service.certificates.points import readings  # noqa: PLC0415  # heavy: not at the start of the service
+    from cellcal.service.record.run_store import Store  # noqa: PLC0415  # heavy, as above
+    from cellcal.service.runs.open_cell import open_journal  # noqa: PLC0415  # heavy, as above
 
     with open_journal(config) as journal:
         view, events = Store(journal).with_events(run_id)
@@ -83,7 +83,7 @@ def points_of(config: CellConfig, run_id: str) -> RunPoints:
 
 
 def _errors(result: Any) -> Iterator[SeriesSeen]:
-    from service.certificates.pictures import errors_in  # noqa: PLC0415  # heavy, as above
+    from cellcal.service.certificates.pictures import errors_in  # noqa: PLC0415  # heavy, as above
 
     for errors in errors_in(result):
         names = [*errors.names, *(str(i + 1) for i in range(len(errors.names), len(errors.values_m)))]

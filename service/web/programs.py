@@ -13,18 +13,26 @@ from typing import Annotated, Any
 from fastapi import APIRouter, FastAPI, Path, Query, Request, Response
 from starlette.requests import HTTPConnection
 
-from service.configuration.cell_file import CellConfig
-from service.parameters.parameter_sets import ParameterSets
-from service.people.entrance import Person
-from service.people.errors import NotAllowedError, PinAgainError
-from service.people.roles import Right
-from service.web.answers import Refused
-from service.web.door import Who, house_of
-from service.web.overlays import frames_of
-from service.web.parameters import FOLDER
-from service.web.programs_files import kept_projects
-from service.web.programs_jobs import Jobs
-from service.web.programs_shapes import Bench, Here, KeptProject, MadeJob, PointsMade, ProgramsJob, Wanted
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.engineering.programs.jobs.files import kept_projects
+from cellcal.service.engineering.programs.jobs.jobs import Jobs
+from cellcal.service.engineering.programs.jobs.shapes import (
+    Bench,
+    Here,
+    KeptProject,
+    MadeJob,
+    PointsMade,
+    ProgramsJob,
+    Wanted,
+)
+from cellcal.service.people.authentication import Person
+from cellcal.service.people.errors import NotAllowedError, PinAgainError
+from cellcal.service.people.roles import Right
+from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.error_responses import Refused
+from cellcal.service.web.overlays import frames_of
+from cellcal.service.web.parameters import FOLDER
 
 JobId = Annotated[str, Path(max_length=32, pattern=r"^[0-9a-z]+$")]
 _ARCHIVE: dict[int | str, dict[str, Any]] = {

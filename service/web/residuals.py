@@ -12,12 +12,12 @@ from fastapi import APIRouter, FastAPI, Path, Request
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from starlette.requests import HTTPConnection
 
-from service.configuration.cell_file import CellConfig
-from service.web.answer_shapes import answering
-from service.web.door import Who, house_of
-from service.web.review_shapes import Review
-from service.web.solver import Solver
-from service.web.worker import open_journal, store_of
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.review.compute_client import Solver
+from cellcal.service.review.review_models import Review
+from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.response_models import answering
+from cellcal.service.web.worker import open_journal, store_of
 
 RunId = Annotated[str, Path(max_length=128)]
 Step = Annotated[str, StringConstraints(min_length=1, max_length=200)]

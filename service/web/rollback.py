@@ -13,16 +13,16 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from calibration.errors import CellError
-from service.desk.messages import AnswerIt, Name
-from service.parameters.parameter_sets import ParameterSets
-from service.people.errors import PeopleError
-from service.web.answer_shapes import Displacement, answering
-from service.web.answers import Refused
-from service.web.control import permitted
-from service.web.door import Who, house_of
-from service.web.parameters import FOLDER, Head, Version
-from service.web.residuals import solver_of
+from cellcal.calibration.errors import CellError
+from cellcal.service.cell_process.messages import AnswerIt, Name
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.people.errors import PeopleError
+from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.error_responses import Refused
+from cellcal.service.web.parameters import FOLDER, Head, Version
+from cellcal.service.web.residuals import solver_of
+from cellcal.service.web.response_models import Displacement, answering
+from cellcal.service.web.session_control import permitted
 
 router = APIRouter()
 _KEY = "write_parameter_version"  # for the permits: it writes

@@ -12,10 +12,10 @@ from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse, RedirectResponse, Response
 from pydantic import BaseModel, ConfigDict, StringConstraints
 
-from service.people.naming import LONGEST_NAME, LONGEST_SECRET
-from service.people.sessions import WHOLE_S
-from service.web.control import told
-from service.web.door import Who, cookie_of, house_of, standing, standing_with, token_of
+from cellcal.service.people.naming import LONGEST_NAME, LONGEST_SECRET
+from cellcal.service.people.sessions import WHOLE_S
+from cellcal.service.web.door import Who, cookie_of, house_of, standing, standing_with, token_of
+from cellcal.service.web.session_control import told
 
 router = APIRouter()
 Token = Annotated[str, StringConstraints(min_length=1, max_length=200)]

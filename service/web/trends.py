@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from fastapi import APIRouter, Path, Request
 from pydantic import BaseModel, ConfigDict
 
-from service.configuration.cell_file import CellConfig
-from service.web.answer_shapes import FreeValue
-from service.web.door import Who, house_of
-from service.web.worker import open_journal, store_of
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.web.door import Who, house_of
+from cellcal.service.web.response_models import FreeValue
+from cellcal.service.web.worker import open_journal, store_of
 
 if TYPE_CHECKING:
-    from service.runs.store import RunView
+    from cellcal.service.record.run_store import RunView
 
 router = APIRouter()
 RunId = Annotated[str, Path(max_length=128)]

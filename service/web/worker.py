@@ -2,30 +2,30 @@
 
 from typing import TYPE_CHECKING
 
-from service.configuration.cell_file import CellConfig
+from cellcal.service.configuration.cell_file import CellConfig
 
 if TYPE_CHECKING:
-    from service.certificates.certificate import Issued
-    from service.runs.journal import Journal
-    from service.runs.store import Store
+    from cellcal.service.certificates.certificate import Issued
+    from cellcal.service.record.journal import Journal
+    from cellcal.service.record.run_store import Store
 
 
 def open_journal(config: CellConfig) -> "Journal":
     """Open the cell's journal."""
-    from service.runs import cell  # noqa: PLC0415  heavy
+    from cellcal.service.runs import open_cell as cell  # noqa: PLC0415  heavy
 
     return cell.open_journal(config)
 
 
 def store_of(journal: "Journal") -> "Store":
     """Return what a journal says."""
-    from service.runs.store import Store  # noqa: PLC0415  heavy
+    from cellcal.service.record.run_store import Store  # noqa: PLC0415  heavy
 
     return Store(journal)
 
 
 def issue(config: CellConfig, run_id: str) -> "Issued":
     """Return the signed certificate of a run, written where it was missing."""
-    from service.certificates import certificate  # noqa: PLC0415  heavy
+    from cellcal.service.certificates import certificate  # noqa: PLC0415  heavy
 
     return certificate.issue(config, run_id)

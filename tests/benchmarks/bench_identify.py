@@ -28,13 +28,20 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a second BLA
 import numpy as np
 import pinocchio as pin
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.identification.base_parameters import base_subset
-from calibration.identification.estimator import Fit, Problem, errors_m, estimate, place_columns, settled
-from calibration.identification.first_guess import first_guess
-from calibration.identification.observations import PointObservations
-from calibration.identification.parameters import GEOMETRY, ArmState, Layout, Priors, make_layout
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.base_parameters import base_subset
+from cellcal.calibration.identification.estimator import (
+    Fit,
+    Problem,
+    errors_m,
+    estimate,
+    place_columns,
+    settled,
+)
+from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.observations import PointObservations
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Layout, Priors, make_layout
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 
 _LOOSE = Priors(offset_rad=0.1, length_m=0.1, angle_rad=0.1)  # the bound knows no prior

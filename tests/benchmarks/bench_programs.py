@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.fanuc.programs import BRAND
-from drivers.programs.positions import Change, Frames, Positions
-from service.programs.clone import cloning
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.drivers.programs.positions import Change, Frames, Positions
+from cellcal.service.engineering.programs.clone import cloning
 from tests.unit.helpers.cloned_cells import MODEL, FakeCell, work_postures
 
 _DRAWN = 20_000  # different postures

@@ -6,10 +6,10 @@ from typing import Any, get_args
 
 import pytest
 
-from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
-from service.cli.app import run_command_line
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.runs.cell import on_paper
+from cellcal.drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.runs.open_cell import on_paper
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "deploy/example_cells").glob("*.toml"))
 

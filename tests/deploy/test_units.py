@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from service.cli.app import app
-from service.people.hashing import CREDENTIAL
+from cellcal.service.cli.app import app
+from cellcal.service.people.pin_hashing import CREDENTIAL
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 UNITS = sorted((*DEPLOY.rglob("*.service"), *DEPLOY.rglob("*.timer")))

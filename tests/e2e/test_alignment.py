@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from calibration.geometry import Pose, log_transform
-from calibration.points.alignment import read_alignments
-from service.cli.alignments import export as export_alignments
-from service.cli.alignments import show as show_alignments
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from service.demo.technician import DemoTechnician
-from service.runs.cell import lend_record, open_cell, open_journal
-from service.runs.conduct import run_procedure
-from service.runs.journal import Journal
-from service.runs.outcome import Outcome, Verdict
-from service.runs.specs import build_spec
-from service.runs.store import Store
+from cellcal.calibration.geometry import Pose, log_transform
+from cellcal.calibration.points.alignment import read_alignments
+from cellcal.service.cli.alignments import export as export_alignments
+from cellcal.service.cli.alignments import show as show_alignments
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.demo.technician import DemoTechnician
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.run_outcome import Outcome, Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.run_procedure import run_procedure
+from cellcal.service.runs.settings import build_spec
 
 POINTS = [[-0.35, -0.45, 0.0], [0.35, -0.45, 0.0], [-0.35, 0.45, 0.0], [0.35, 0.45, 0.25]]
 TARGETS = [[0.0, 0.0, 0.0], [0.16, 0.0, -0.05], [0.0, 0.16, -0.05]]

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from service.cli.app import run_command_line
-from service.configuration.cell_file import read_cell_file
-from service.demo.door import Door
-from service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from service.exit_codes import ExitCode, exit_code_named
-from service.runs.journal import Journal
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.exit_codes import ExitCode, exit_code_named
+from cellcal.service.record.journal import Journal
 from tests.machine_speed import stretched_s
 
 ROOT = Path(__file__).parents[2]
@@ -185,7 +185,7 @@ class Command:
     async def start(cls, *words: str) -> "Command":
         return cls(
             await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "service", *words),
+                *(sys.executable, "-m", "cellcal", *words),
                 stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
             )
         )  # fmt: skip

@@ -4,8 +4,8 @@ import json
 import signal
 from pathlib import Path
 
-from service.cli.app import run_command_line
-from service.exit_codes import ExitCode
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
 from tests.e2e.test_broken_on_purpose import YES, Command, fake_cell
 
 GAUGE = """

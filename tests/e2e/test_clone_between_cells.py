@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.fanuc.ls_program import read_ls
-from service.cli.program import Outputs, clone
+from cellcal.drivers.fanuc.program_files.ls_program import read_ls
+from cellcal.service.cli.program import Outputs, clone
 from tests.unit.helpers.cloned_cells import listing
 from tests.unit.helpers.cloned_program import Cells
 

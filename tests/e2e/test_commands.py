@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from service.configuration.cell_file import read_cell_file
+from cellcal.service.configuration.cell_file import read_cell_file
 from tests.machine_speed import stretched_s
 
 ROOT = Path(__file__).parents[2]
 
 
 def cellcal(*words: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "service", *words]
+    command = [sys.executable, "-m", "cellcal", *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=stretched_s(280.0), check=False)
 
 

@@ -18,7 +18,7 @@ JOINT_KEYS = {"name", "turns_lost", "turns_restored", "offset_error_rad", "offse
 
 
 def demo(loss: str, seed: int) -> tuple[int, dict]:
-    command = [sys.executable, "-m", "service", "demo", "--headless", "--json", "--loss", loss]
+    command = [sys.executable, "-m", "cellcal", "demo", "--headless", "--json", "--loss", loss]
     ended = subprocess.run(
         [*command, "--seed", str(seed), "--time-factor", "1000"], capture_output=True,
         timeout=stretched_s(280.0), text=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"}, check=False,
@@ -86,7 +86,7 @@ def test_another_arm_under_the_same_cabinet_gets_no_mastering() -> None:
 
 @pytest.mark.parametrize("loss", ["turn", "motor", "motor:J7", "motor:"])
 def test_a_misspelt_loss_is_said_before_anything_starts(loss: str) -> None:
-    command = [sys.executable, "-m", "service", "demo", "--headless", "--json", "--loss", loss]
+    command = [sys.executable, "-m", "cellcal", "demo", "--headless", "--json", "--loss", loss]
     ended = subprocess.run(command, capture_output=True, timeout=stretched_s(280.0), text=True, check=False)
     assert ended.returncode == 2
     assert ended.stdout == ""

@@ -9,9 +9,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from procedures.past import Kind
-from service.runs.journal import Journal
-from service.runs.store import RunView, Store
+from cellcal.procedures.past import Kind
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.run_store import RunView, Store
 from tests.e2e.kill_nine.world import Served, child, parts_of
 from tests.machine_speed import stretched_s
 from tests.procedures.cells import Scene, recovering

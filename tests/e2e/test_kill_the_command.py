@@ -8,11 +8,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from service.configuration.cell_file import read_cell_file
-from service.demo.door import Door
-from service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from service.runs.journal import Journal
-from service.runs.store import Store
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.run_store import Store
 
 KEYS = (
     "saved_counts",
@@ -32,7 +32,7 @@ async def cellcal(*words: str, until: Callable[[], bool] = lambda: False) -> tup
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         "-m",
-        "service",
+        "cellcal",
         *words,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,

@@ -9,7 +9,7 @@ from typing import Any
 
 import apsw
 
-from service.runs.journal import Journal
+from cellcal.service.record.journal import Journal
 from tests.e2e.power_cut.disk import Disk, DiskVfs
 
 CUTS = 300

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import homogeneous, inverse_transform
-from calibration.orientation import rotation_from
-from service.cli.app import run_command_line
-from service.exit_codes import ExitCode
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import homogeneous, inverse_transform
+from cellcal.calibration.orientation import rotation_from
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
 from tests import example_projects
 from tests.example_projects import FOLDER
 from tests.unit.programs.patching import patched

@@ -44,7 +44,7 @@ def located(name):
 
 
 def identify(path, robot, *options):
-    command = [sys.executable, "-m", "service", "identify", str(path), "--robot", robot, *options, "--json"]
+    command = [sys.executable, "-m", "cellcal", "identify", str(path), "--robot", robot, *options, "--json"]
     done = subprocess.run(
         command,
         cwd=ROOT,

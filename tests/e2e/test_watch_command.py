@@ -5,15 +5,15 @@ import os
 import sys
 from pathlib import Path
 
-from drivers.operator.scripted import ScriptedOperator
-from service.configuration.cell_file import read_cell_file
-from service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from service.runs.cell import open_journal
-from service.runs.execute import Where, start
-from service.runs.outcome import Verdict
-from service.runs.store import Store
-from service.watching.answers_to_loss import WATCH
-from service.watching.watch import HealthyCounts, LastHealthyCounts
+from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.record.run_outcome import Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.launch import Where, start
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.watching.loss_response import WATCH
+from cellcal.service.watching.watch import HealthyCounts, LastHealthyCounts
 from tests.machine_speed import stretched_s
 
 PATIENCE_S = stretched_s(120.0)
@@ -43,7 +43,7 @@ async def test_a_loss_is_seen_and_the_recovery_is_offered(tmp_path: Path) -> Non
     memory = LastHealthyCounts(read_cell_file(path).cell.data_dir)
     async with running_fakes(path) as door:
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "service", "watch", str(path),
+            sys.executable, "-m", "cellcal", "watch", str(path),
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
         )  # fmt: skip
         try:
@@ -81,7 +81,7 @@ async def test_a_recovery_that_starts_alone_ends_at_the_first_question_where_nob
             missing_ok=True
         )  # so that its look can be seen
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "service", "watch", str(path), stdin=asyncio.subprocess.DEVNULL,
+            sys.executable, "-m", "cellcal", "watch", str(path), stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
         )  # fmt: skip
         try:
@@ -114,7 +114,7 @@ async def test_of_a_robot_without_counts_its_stops_are_told_and_what_is_not_seen
         path = write_cell_file(tmp_path, address, seed=8, time_factor=500.0)
     async with running_fakes(path) as door:
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "service", "watch", str(path),
+            sys.executable, "-m", "cellcal", "watch", str(path),
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
         )  # fmt: skip
         try:

@@ -6,35 +6,35 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.drift.reference import DriftReference
-from calibration.geometry import Pose, homogeneous, quaternion_from_rotation
-from calibration.mastering.counts import MasteringRecord
-from calibration.points.alignment import Alignment
-from calibration.points.three_two_one import Corner
-from drivers.interfaces import Counts, MasteringData
-from procedures.accuracy_check import AccuracyCheck, CheckRules
-from procedures.arm.arm_bench import Method
-from procedures.arm.calibration_order import RobotCalibration
-from procedures.arm.drift_plan import DriftRules
-from procedures.arm.series_rules import SeriesRules
-from procedures.base_to_base import BaseToBaseSpec
-from procedures.cell import Cell, GaugeSetup, MasteringBackup, MotionLevel, MotionLimits, TrackerSetup
-from procedures.drift_check import DriftCheck, drift_check
-from procedures.end_effector_points import EndEffectorPoints
-from procedures.fixture_alignment import FixtureAlignment, fixture_alignment
-from procedures.frame_offset import FrameOffset
-from procedures.limits import FrameLimits
-from procedures.mastering_record import MasteringRecordSpec, mastering_record
-from procedures.mastering_recovery import MasteringRecoverySpec
-from procedures.mastering_undo import MasteringUndo, mastering_sha256
-from procedures.probed_frame import ProbedFrame
-from procedures.run import Run
-from procedures.simulation_cell import SimulationCell
-from procedures.six_point_tcp import SixPointTcp
-from procedures.survey.survey import SurveyRules
-from procedures.teaching.corner_plan import CornerRules
-from procedures.three_point_frame import ThreePointFrame
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.drift.reference import DriftReference
+from cellcal.calibration.geometry import Pose, homogeneous, quaternion_from_rotation
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.calibration.points.alignment import Alignment
+from cellcal.calibration.points.three_two_one import Corner
+from cellcal.drivers.interfaces import Counts, MasteringData
+from cellcal.procedures.accuracy_check import AccuracyCheck, CheckRules
+from cellcal.procedures.arm.arm_bench import Method
+from cellcal.procedures.arm.calibration_order import RobotCalibration
+from cellcal.procedures.arm.drift_plan import DriftRules
+from cellcal.procedures.arm.series_rules import SeriesRules
+from cellcal.procedures.base_to_base import BaseToBaseSpec
+from cellcal.procedures.cell import Cell, GaugeSetup, MasteringBackup, MotionLevel, MotionLimits, TrackerSetup
+from cellcal.procedures.drift_check import DriftCheck, drift_check
+from cellcal.procedures.end_effector_points import EndEffectorPoints
+from cellcal.procedures.fixture_alignment import FixtureAlignment, fixture_alignment
+from cellcal.procedures.frame_offset import FrameOffset
+from cellcal.procedures.limits import FrameLimits
+from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
+from cellcal.procedures.mastering_recovery import MasteringRecoverySpec
+from cellcal.procedures.mastering_undo import MasteringUndo, mastering_sha256
+from cellcal.procedures.probed_frame import ProbedFrame
+from cellcal.procedures.run import Run
+from cellcal.procedures.simulation_cell import SimulationCell
+from cellcal.procedures.six_point_tcp import SixPointTcp
+from cellcal.procedures.survey.survey import SurveyRules
+from cellcal.procedures.teaching.corner_plan import CornerRules
+from cellcal.procedures.three_point_frame import ThreePointFrame
 from tests.procedures.corners import Feeler, FeelingArm, corner_below, home_at, off_by, with_probe
 from tests.procedures.ideal import ZERO, Hands, IdealArm, IdealTracker, IdealWire
 from tests.procedures.ledgers import MemoryLedger

@@ -3,11 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.runs.cell import open_journal
-from service.runs.conduct import Conditions, run_procedure
-from service.runs.outcome import Outcome
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.record.run_outcome import Outcome
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.runs.run_procedure import Conditions, run_procedure
 from tests.procedures.cells import Scene
 
 HOW = Conditions(free_bytes=0, actor="anna")

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Pose, exp_rotation, homogeneous
-from calibration.points.three_two_one import FACES, Corner, outward_in_frame
-from drivers.interfaces import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous
+from cellcal.calibration.points.three_two_one import FACES, Corner, outward_in_frame
+from cellcal.drivers.interfaces import (
     Condition,
     ContactEdge,
     ContactReading,
@@ -23,8 +23,8 @@ from drivers.interfaces import (
     ProbeCapabilities,
     Readiness,
 )
-from procedures.cell import ProbeSetup
-from procedures.motion.probe_line import joints_for_tip
+from cellcal.procedures.cell import ProbeSetup
+from cellcal.procedures.motion.probe_line import joints_for_tip
 from tests.procedures.ideal import IdealArm
 
 TIP = (0.010, -0.020, 0.160)

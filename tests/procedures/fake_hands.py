@@ -5,8 +5,8 @@ import math
 import re
 from dataclasses import dataclass, field
 
-from drivers.interfaces import Answer, Instruction, Question
-from service.demo.door import Door
+from cellcal.drivers.interfaces import Answer, Instruction, Question
+from cellcal.service.demo.door import Door
 
 _VISIT = re.compile(r"visit_(point|seat|target|nest)_(\d+)")
 _NEAR = re.compile(r"at about (.*?) deg")

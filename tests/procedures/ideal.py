@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import Pose
-from calibration.mastering.counts import DriveTrain
-from drivers.errors import RefusedError
-from drivers.interfaces import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import (
     ActiveFrames,
     Alarm,
     AlarmKind,

@@ -4,8 +4,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from procedures.canonical import canonical_json
-from procedures.past import Kind, Past, fold
+from cellcal.procedures.canonical import canonical_json
+from cellcal.procedures.past import Kind, Past, fold
 
 
 class CrashError(BaseException):

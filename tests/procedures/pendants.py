@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.interfaces import Answer, Instruction
+from cellcal.drivers.interfaces import Answer, Instruction
 from tests.procedures.ideal import Hands, IdealArm
 
 _JOINTS = re.compile(r"J(\d) (-?[\d.]+)")

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.geometry import log_rotation
-from calibration.mastering.counts import MasteringRecord, WireCapture
-from drivers.interfaces import Condition, Identity, PointReading, Readiness, TrackerCapabilities
-from procedures.mastering_record import fit_wire, sealed
-from procedures.steps.mastering import read_motors
+from cellcal.calibration.geometry import log_rotation
+from cellcal.calibration.mastering.counts import MasteringRecord, WireCapture
+from cellcal.drivers.interfaces import Condition, Identity, PointReading, Readiness, TrackerCapabilities
+from cellcal.procedures.mastering_record import fit_wire, sealed
+from cellcal.procedures.steps.mastering import read_motors
 from tests.procedures.cells import Scene
 from tests.procedures.ideal import IdealArm
 

@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.accuracy import REDUCED_TITLE, AccuracyTest
-from calibration.errors import DegenerateDataError
-from calibration.line_accuracy import LineTest
-from calibration.poses.calibrated_arm import CalibratedArm, FoundParameter
-from procedures.accuracy_check import ENTRY, AccuracyResult, accuracy_check
-from procedures.forecast import Knowledge
-from procedures.limits import PoseLimits
-from procedures.run import Run
+from cellcal.calibration.accuracy import REDUCED_TITLE, AccuracyTest
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.line_accuracy import LineTest
+from cellcal.calibration.poses.calibrated_arm import CalibratedArm, FoundParameter
+from cellcal.procedures.accuracy_check import ENTRY, AccuracyResult, accuracy_check
+from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.limits import PoseLimits
+from cellcal.procedures.run import Run
 from tests.procedures.cells import QUICK_ROUND, ZERO, Scene, going_round
 from tests.procedures.ledgers import MemoryLedger
 

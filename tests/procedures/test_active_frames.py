@@ -7,25 +7,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.geometry import Pose
-from drivers.interfaces import ActiveFrames, Instruction
-from procedures.cell import Cell
-from procedures.mastering_record import MasteringRecordSpec
-from procedures.motion.active_frames import FramesChangedError, changes, cure, told, untold
-from procedures.motion.motion_gate import Jog, jog_axis, move_along
-from procedures.progress import Progress
-from procedures.run import ReplayMismatchError
-from procedures.steps.capture import capture
-from procedures.steps.length import capture_length
-from procedures.steps.measure_point import measure_point
-from procedures.steps.place import visit_place
-from procedures.steps.teach import teach
-from procedures.steps.write import write_and_read_back
-from service.configuration.motion_config import read_motion
-from service.runs.conduct import Conditions, resume, run_procedure
-from service.runs.journal import Journal
-from service.runs.outcome import Verdict
-from service.runs.store import Store
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.interfaces import ActiveFrames, Instruction
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.mastering_record import MasteringRecordSpec
+from cellcal.procedures.motion.active_frames import FramesChangedError, changes, cure, told, untold
+from cellcal.procedures.motion.motion_gate import Jog, jog_axis, move_along
+from cellcal.procedures.progress import Progress
+from cellcal.procedures.run import ReplayMismatchError
+from cellcal.procedures.steps.capture import capture
+from cellcal.procedures.steps.length import capture_length
+from cellcal.procedures.steps.measure_point import measure_point
+from cellcal.procedures.steps.place import visit_place
+from cellcal.procedures.steps.teach import teach
+from cellcal.procedures.steps.write import write_and_read_back
+from cellcal.service.configuration.motion_config import read_motion
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.run_outcome import Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.run_procedure import Conditions, resume, run_procedure
 from tests.procedures.cells import Scene, pointing, scene, touching
 from tests.procedures.ideal import IdealArm
 

@@ -11,23 +11,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.geometry import Pose
-from procedures.arm.arm_bench import Method
-from procedures.catalogue import CATALOGUE, ENTRIES
-from procedures.cell import HeldCertificate
-from procedures.forecast import Knowledge
-from procedures.limits import FrameLimits
-from procedures.recovery.recovery_spec import MasteringRecoverySpec
-from procedures.recovery.recovery_verdict import saving, verdict_on_recovery
-from service.certificates.certificate import NO_TRACEABILITY, SAFETY, CertificateError, content_of, issue
-from service.certificates.journal_end import missing_end
-from service.certificates.signing import Finding, check
-from service.configuration.cell_file import CellConfig, InstrumentCertificate
-from service.runs.cell import journal_path, on_paper, open_journal
-from service.runs.conduct import forget_from, resume
-from service.runs.outcome import Outcome, Verdict
-from service.runs.store import Store
-from service.site.standing import DueDates
+from cellcal.calibration.geometry import Pose
+from cellcal.procedures.arm.arm_bench import Method
+from cellcal.procedures.catalogue import CATALOGUE, ENTRIES
+from cellcal.procedures.cell import HeldCertificate
+from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.limits import FrameLimits
+from cellcal.procedures.recovery.recovery_spec import MasteringRecoverySpec
+from cellcal.procedures.recovery.recovery_verdict import saving, verdict_on_recovery
+from cellcal.service.certificates.certificate import (
+    NO_TRACEABILITY,
+    SAFETY,
+    CertificateError,
+    content_of,
+    issue,
+)
+from cellcal.service.certificates.journal_end import missing_end
+from cellcal.service.certificates.signing import Finding, check
+from cellcal.service.configuration.cell_file import CellConfig, InstrumentCertificate
+from cellcal.service.record.run_outcome import Outcome, Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import journal_path, on_paper, open_journal
+from cellcal.service.runs.run_procedure import forget_from, resume
+from cellcal.service.site.standing import DueDates
 from tests.procedures.cells import (
     TARGETS,
     Scene,

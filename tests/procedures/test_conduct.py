@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import MotionStoppedError
-from procedures.past import Kind
-from procedures.progress import Progress
-from procedures.run import NeedsUnmetError, ReplayMismatchError
-from procedures.three_point_frame import FrameSetup
-from service.runs.conduct import Conditions, forget_from, resume, run_procedure
-from service.runs.journal import Journal, StoreError
-from service.runs.lease import LeaseHeldError, lease
-from service.runs.outcome import Verdict
-from service.runs.store import Store
+from cellcal.drivers.errors import MotionStoppedError
+from cellcal.procedures.past import Kind
+from cellcal.procedures.progress import Progress
+from cellcal.procedures.run import NeedsUnmetError, ReplayMismatchError
+from cellcal.procedures.three_point_frame import FrameSetup
+from cellcal.service.record.journal import Journal, StoreError
+from cellcal.service.record.robot_lock import LeaseHeldError, lease
+from cellcal.service.record.run_outcome import Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.run_procedure import Conditions, forget_from, resume, run_procedure
 from tests.procedures.cells import Scene, pointing, recording, recovering, touching
 
 NAME = "three_point_frame"

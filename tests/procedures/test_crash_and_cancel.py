@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from pydantic_core import to_jsonable_python
 
-from procedures.catalogue import CATALOGUE, ENTRIES
-from procedures.past import Kind
-from procedures.progress import Progress
-from procedures.refit import LEFT_OUT
-from procedures.run import Run
+from cellcal.procedures.catalogue import CATALOGUE, ENTRIES
+from cellcal.procedures.past import Kind
+from cellcal.procedures.progress import Progress
+from cellcal.procedures.refit import LEFT_OUT
+from cellcal.procedures.run import Run
 from tests.procedures.cells import Scene, pointing, scene_for, with_a_length_to_leave_out
 from tests.procedures.conclusions import same_end
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from calibration.geometry import Pose
-from procedures.drift_check import ENTRY, DriftCheck, DriftResult, drift_check
-from procedures.forecast import Knowledge
-from procedures.run import Run
+from cellcal.calibration.geometry import Pose
+from cellcal.procedures.drift_check import ENTRY, DriftCheck, DriftResult, drift_check
+from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.run import Run
 from tests.procedures.cells import LITTLE, Scene, drifting, knocked, scene
 from tests.procedures.ledgers import MemoryLedger
 

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from procedures.past import Kind
-from procedures.run import DeclinedError
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.runs.cell import open_journal
-from service.runs.conduct import Conditions
-from service.runs.execute import go_on_with, start_on
-from service.runs.old import agree_if_old
-from service.runs.outcome import Verdict
-from service.watching.watch import LastHealthyCounts
+from cellcal.procedures.past import Kind
+from cellcal.procedures.run import DeclinedError
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.record.run_outcome import Verdict
+from cellcal.service.runs.launch import go_on_with, start_on
+from cellcal.service.runs.old import agree_if_old
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.runs.run_procedure import Conditions
+from cellcal.service.watching.watch import LastHealthyCounts
 from tests.procedures.cells import LOST, recording
 
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures import base_to_base, drift_check, frame_offset, mastering_recovery
-from procedures.cell import Cell
-from procedures.forecast import Forecast, Knowledge
-from procedures.run import Run
-from service.runs.outline import known_of
+from cellcal.procedures import base_to_base, drift_check, frame_offset, mastering_recovery
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.forecast import Forecast, Knowledge
+from cellcal.procedures.run import Run
+from cellcal.service.runs.outline import known_of
 from tests.procedures.cells import Scene, drifting, moved_workpiece, scene, through_a_fixture
 from tests.procedures.ledgers import MemoryLedger
 from tests.procedures.test_recovery_by_places import _lost

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.geometry import Pose
-from calibration.points.frames import PointsDisagreeError
-from procedures.run import Run
-from procedures.steps.write import same_pose
-from procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame, three_point_frame
-from procedures.verdict import UNDECIDED
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.frames import PointsDisagreeError
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.write import same_pose
+from cellcal.procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame, three_point_frame
+from cellcal.procedures.verdict import UNDECIDED
 from tests.procedures.cells import FRAME, Scene, pointing
 from tests.procedures.ledgers import MemoryLedger
 

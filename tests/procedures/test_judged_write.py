@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from calibration.geometry import Pose
-from drivers.interfaces import Answer, Instruction
-from procedures.catalogue import CATALOGUE
-from procedures.limits import ToolLimits
-from procedures.run import RefusalError, Run
-from procedures.steps.write import same_pose
-from service.runs.cell import open_journal
-from service.runs.conduct import forget_from, resume
-from service.runs.outcome import Verdict
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.interfaces import Answer, Instruction
+from cellcal.procedures.catalogue import CATALOGUE
+from cellcal.procedures.limits import ToolLimits
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.write import same_pose
+from cellcal.service.record.run_outcome import Verdict
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.runs.run_procedure import forget_from, resume
 from tests.procedures.cells import Scene, moved_workpiece, pointing, tool_pose, touching
 from tests.procedures.certified import HOW, cell_config, run_in
 from tests.procedures.ledgers import MemoryLedger

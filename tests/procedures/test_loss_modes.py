@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.interfaces import MasteringData
-from procedures.mastering_record import seal
-from procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
-from procedures.recovery.recovery_result import RecoveryResult
-from procedures.run import DeclinedError, RefusalError, Run
-from procedures.steps.motion import CountsToJoints
+from cellcal.drivers.interfaces import MasteringData
+from cellcal.procedures.mastering_record import seal
+from cellcal.procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.recovery.recovery_result import RecoveryResult
+from cellcal.procedures.run import DeclinedError, RefusalError, Run
+from cellcal.procedures.steps.motion import CountsToJoints
 from tests.procedures.cells import Scene, scene
 from tests.procedures.ideal import COUNTS, ZERO
 from tests.procedures.ledgers import MemoryLedger

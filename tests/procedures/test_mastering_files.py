@@ -8,16 +8,22 @@ from pathlib import Path
 import pytest
 from pydantic import TypeAdapter
 
-from calibration.mastering.counts import MasteringRecord
-from procedures.mastering_record import seal
-from service.certificates.signing import check, station_key
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.parameters.mastering_files import FORMAT, RecordFileError, export, import_record, in_force
-from service.runs.cell import journal_path, on_paper, open_journal
-from service.runs.journal import StoreError
-from service.runs.outline import remembered
-from service.runs.store import Store
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.procedures.mastering_record import seal
+from cellcal.service.certificates.signing import check, station_key
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.engineering.parameters.mastering_files import (
+    FORMAT,
+    RecordFileError,
+    export,
+    import_record,
+    in_force,
+)
+from cellcal.service.record.journal import StoreError
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import journal_path, on_paper, open_journal
+from cellcal.service.runs.outline import remembered
 from tests.procedures.cells import record_of, scene
 from tests.procedures.certified import cell_config
 

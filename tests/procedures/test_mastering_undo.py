@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from drivers.interfaces import MasteringData
-from procedures.canonical import canonical_json
-from procedures.mastering_undo import MasteringUndo, mastering_sha256, mastering_undo
-from procedures.run import RefusalError, Run
-from service.configuration.cell_file import CellConfig
-from service.runs.cell import open_journal
-from service.runs.conduct import run_procedure
-from service.runs.outcome import Outcome, Verdict
-from service.runs.store import Store
+from cellcal.drivers.interfaces import MasteringData
+from cellcal.procedures.canonical import canonical_json
+from cellcal.procedures.mastering_undo import MasteringUndo, mastering_sha256, mastering_undo
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.run_outcome import Outcome, Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.runs.run_procedure import run_procedure
 from tests.procedures.cells import WRITTEN, Scene, calibrating, recovering, undoing
 from tests.procedures.certified import HOW, cell_config, run_in
 from tests.procedures.ideal import ZERO

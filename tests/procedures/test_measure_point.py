@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from calibration.geometry import Pose
-from drivers.interfaces import (
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.interfaces import (
     Air,
     Identity,
     JointReading,
@@ -19,10 +19,10 @@ from drivers.interfaces import (
     Tracker,
     TrackerCapabilities,
 )
-from procedures.cell import Cell, MotionLimits, fingerprint
-from procedures.run import NeedsUnmetError
-from procedures.steps.capture import TRIES, NotAtRestError
-from procedures.steps.measure_point import (
+from cellcal.procedures.cell import Cell, MotionLimits, fingerprint
+from cellcal.procedures.run import NeedsUnmetError
+from cellcal.procedures.steps.capture import TRIES, NotAtRestError
+from cellcal.procedures.steps.measure_point import (
     PointCapture,
     StationMovedError,
     hold_station,

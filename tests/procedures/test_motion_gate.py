@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.errors import CellError
-from calibration.motion.collision import Plane, Sphere
-from calibration.motion.doubt import PostureDoubt
-from drivers.errors import MotionStoppedError, RefusedError, UnreachableError
-from drivers.interfaces import Condition, JointReading, Readiness
-from drivers.registry import PROGRAM_WRITERS
-from procedures.cell import MotionLevel
-from procedures.mastering_record import MasteringRecordSpec, mastering_record
-from procedures.motion.approach import OVERSHOOT_RAD
-from procedures.motion.by_hand import NotThereError
-from procedures.motion.motion_gate import (
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.motion.collision import Plane, Sphere
+from cellcal.calibration.motion.doubt import PostureDoubt
+from cellcal.drivers.errors import MotionStoppedError, RefusedError, UnreachableError
+from cellcal.drivers.interfaces import Condition, JointReading, Readiness
+from cellcal.drivers.registry import PROGRAM_WRITERS
+from cellcal.procedures.cell import MotionLevel
+from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record
+from cellcal.procedures.motion.approach import OVERSHOOT_RAD
+from cellcal.procedures.motion.by_hand import NotThereError
+from cellcal.procedures.motion.motion_gate import (
     Care,
     Jog,
     MotionRefusedError,
@@ -28,13 +28,13 @@ from procedures.motion.motion_gate import (
     move_along,
     refuse_off_target,
 )
-from procedures.motion.plans import Room
-from procedures.motion.surroundings import Surroundings
-from procedures.run import DeclinedError, Run
-from procedures.steps.mastering import PositionLostAgainError
-from procedures.steps.motion import IndexTurn, come_from_below, pass_index
-from service.pendant_programs import Programs
-from service.runs.lease import LeaseLostError, lease
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.surroundings import Surroundings
+from cellcal.procedures.run import DeclinedError, Run
+from cellcal.procedures.steps.mastering import PositionLostAgainError
+from cellcal.procedures.steps.motion import IndexTurn, come_from_below, pass_index
+from cellcal.service.record.robot_lock import LeaseLostError, lease
+from cellcal.service.runs.pendant_programs import Programs
 from tests.procedures.cells import Scene, recovering, scene
 from tests.procedures.ideal import IdealArm
 from tests.procedures.ledgers import MemoryLedger

@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.errors import RefusedError
-from drivers.interfaces import Answer, Instruction, Readiness
-from procedures.catalogue import CATALOGUE
-from procedures.entry import lacking
-from procedures.run import RefusalError, Run
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.door import Door
-from service.runs.cell import lend_record, open_cell, open_journal
-from service.runs.conduct import resume, run_procedure
-from service.runs.outcome import Outcome, Verdict
-from service.runs.outline import dry_run, possible
-from service.runs.specs import build_spec
-from service.runs.store import Store
-from service.runs.unconfirmed import UnconfirmedMasteringError
-from service.watching.held_mastering import HeldMastering, journalled_mastering
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.interfaces import Answer, Instruction, Readiness
+from cellcal.procedures.catalogue import CATALOGUE
+from cellcal.procedures.entry import lacking
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.record.run_outcome import Outcome, Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.record.unconfirmed_mastering import UnconfirmedMasteringError
+from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.outline import dry_run, possible
+from cellcal.service.runs.run_procedure import resume, run_procedure
+from cellcal.service.runs.settings import build_spec
+from cellcal.service.watching.mastering_comparison import HeldMastering, journalled_mastering
 from tests.machine_speed import stretched_s
 from tests.procedures.certified import HOW
 from tests.procedures.fake_hands import FakeHands

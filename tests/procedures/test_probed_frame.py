@@ -8,19 +8,24 @@ import numpy as np
 import pytest
 from pydantic_core import to_jsonable_python
 
-from calibration.errors import CellError, DegenerateDataError
-from calibration.geometry import Pose, exp_rotation, homogeneous, inverse_transform, log_transform
-from calibration.points.three_two_one import FACES, Corner, FaceName, outward_in_frame
-from procedures.cell import MotionLevel
-from procedures.entry import lacking
-from procedures.limits import FrameLimits
-from procedures.probed_frame import ENTRY, ProbedSetup, probed_frame
-from procedures.run import DeclinedError, RefusalError, Run
-from procedures.steps.touch import AlreadyInContactError, ContactError, NoContactError, StuckContactError
-from procedures.teaching.corner_plan import CornerRules, rest_of_way
-from procedures.teaching.corner_touches import CornerGoal, corner_outlook, fewest
-from procedures.verdict import Verdict
-from service.runs.outline import known_of
+from cellcal.calibration.errors import CellError, DegenerateDataError
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous, inverse_transform, log_transform
+from cellcal.calibration.points.three_two_one import FACES, Corner, FaceName, outward_in_frame
+from cellcal.procedures.cell import MotionLevel
+from cellcal.procedures.entry import lacking
+from cellcal.procedures.limits import FrameLimits
+from cellcal.procedures.probed_frame import ENTRY, ProbedSetup, probed_frame
+from cellcal.procedures.run import DeclinedError, RefusalError, Run
+from cellcal.procedures.steps.touch import (
+    AlreadyInContactError,
+    ContactError,
+    NoContactError,
+    StuckContactError,
+)
+from cellcal.procedures.teaching.corner_plan import CornerRules, rest_of_way
+from cellcal.procedures.teaching.corner_touches import CornerGoal, corner_outlook, fewest
+from cellcal.procedures.verdict import Verdict
+from cellcal.service.runs.outline import known_of
 from tests.procedures.cells import Scene, probing
 from tests.procedures.corners import FeelingArm, IdealProbe, home_at
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger

@@ -5,20 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.geometry import Pose
-from drivers.interfaces import Identity, ProbeCapabilities
-from procedures.catalogue import CATALOGUE
-from procedures.cell import Cell, ProbeSetup
-from procedures.entry import lacking
-from procedures.forecast import Knowledge
-from procedures.instruments import instruments_of
-from procedures.mastering_record import MasteringRecordSpec, mastering_record, seal_of, verdict_on_record
-from procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
-from procedures.recovery.kit_offers import offers_at
-from procedures.recovery.recovery_kit import KitSpec
-from procedures.run import DeclinedError, NeedsUnmetError, RefusalError, Run
-from procedures.steps.kit_bench import NoSuchKitError, read_kit_bench
-from procedures.verdict import PASS
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.interfaces import Identity, ProbeCapabilities
+from cellcal.procedures.catalogue import CATALOGUE
+from cellcal.procedures.cell import Cell, ProbeSetup
+from cellcal.procedures.entry import lacking
+from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.instruments import instruments_of
+from cellcal.procedures.mastering_record import (
+    MasteringRecordSpec,
+    mastering_record,
+    seal_of,
+    verdict_on_record,
+)
+from cellcal.procedures.mastering_recovery import MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.recovery.kit_offers import offers_at
+from cellcal.procedures.recovery.recovery_kit import KitSpec
+from cellcal.procedures.run import DeclinedError, NeedsUnmetError, RefusalError, Run
+from cellcal.procedures.steps.kit_bench import NoSuchKitError, read_kit_bench
+from cellcal.procedures.verdict import PASS
 from tests.procedures.cells import Scene, scene
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
 from tests.procedures.places import TIP, IdealTracker, Technician

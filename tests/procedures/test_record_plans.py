@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import pytest
 
-from procedures.forecast import Knowledge
-from procedures.motion.plans import plan_kit
-from procedures.recovery.mastering_forecasts import state_of
-from service.configuration.cell_file import read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.runs.outline import build_spec, remembered
+from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.motion.plans import plan_kit
+from cellcal.procedures.recovery.mastering_forecasts import state_of
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.runs.outline import build_spec, remembered
 
 NARROW = (2.67324, -0.84632, 1.10800, -0.79423, -1.31765, -1.60758)  # few straight ways lead away from here
 BESIDE_THE_WIRE = (-1.69987, 2.00439, 1.36785, -2.54081, -1.67554, 1.19386)  # a leg by the flange's axis

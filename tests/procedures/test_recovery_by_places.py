@@ -6,17 +6,17 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from calibration.errors import CellError
-from calibration.geometry import exp_rotation
-from drivers.interfaces import MasteringData
-from procedures.entry import missing
-from procedures.mastering_record import MasteringRecordSpec, mastering_record, seal, seal_of
-from procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
-from procedures.motion.turn_doubt import first_doubt
-from procedures.recovery.recovery_kit import KitSpec, predict_kit, recorded_kit
-from procedures.recovery.recovery_result import RecoveryResult
-from procedures.recovery.waking import AlarmCodes, Turning, wake_encoders
-from procedures.run import RefusalError, Run
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.geometry import exp_rotation
+from cellcal.drivers.interfaces import MasteringData
+from cellcal.procedures.entry import missing
+from cellcal.procedures.mastering_record import MasteringRecordSpec, mastering_record, seal, seal_of
+from cellcal.procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.motion.turn_doubt import first_doubt
+from cellcal.procedures.recovery.recovery_kit import KitSpec, predict_kit, recorded_kit
+from cellcal.procedures.recovery.recovery_result import RecoveryResult
+from cellcal.procedures.recovery.waking import AlarmCodes, Turning, wake_encoders
+from cellcal.procedures.run import RefusalError, Run
 from tests.procedures.cells import Scene, recording, scene
 from tests.procedures.ideal import ZERO
 from tests.procedures.ledgers import MemoryLedger
@@ -184,7 +184,7 @@ async def test_a_record_older_than_kits_keeps_its_seal() -> None:
 
 
 def test_a_place_needs_what_its_kind_says() -> None:
-    from calibration.mastering.counts import PlaceCapture
+    from cellcal.calibration.mastering.counts import PlaceCapture
 
     for wrong in (
         {"kind": "ball"},

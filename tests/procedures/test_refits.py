@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from calibration.errors import CellError
-from calibration.geometry import Pose, homogeneous
-from calibration.points.alignment import WirePoints
-from procedures.base_to_base import BaseToBaseSpec
-from procedures.catalogue import CATALOGUE
-from procedures.limits import FrameLimits
-from procedures.past import Finding
-from procedures.refit import LEFT_OUT, Refit, Refitted, TooFewPointsError, Use
-from procedures.run import Run
-from procedures.simulation_cell import SimulationCell
-from procedures.survey.survey import SurveyRules
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.points.alignment import WirePoints
+from cellcal.procedures.base_to_base import BaseToBaseSpec
+from cellcal.procedures.catalogue import CATALOGUE
+from cellcal.procedures.limits import FrameLimits
+from cellcal.procedures.past import Finding
+from cellcal.procedures.refit import LEFT_OUT, Refit, Refitted, TooFewPointsError, Use
+from cellcal.procedures.run import Run
+from cellcal.procedures.simulation_cell import SimulationCell
+from cellcal.procedures.survey.survey import SurveyRules
 from tests.procedures.cells import (
     BASE_FIXTURE,
     FIXTURE_POINTS,

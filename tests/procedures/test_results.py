@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose
-from drivers.interfaces import MasteringData
-from procedures.cell import Cell
-from procedures.entry import missing
-from procedures.mastering_record import RecordResult, mastering_record, seal_of
-from procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
-from procedures.recovery.recovery_result import RecoveryResult
-from procedures.run import DeclinedError, OutOfToleranceError, RefusalError, Run
-from procedures.six_point_tcp import SixPointTcp, six_point_tcp
-from procedures.steps.capture import NotAtRestError, capture
-from procedures.steps.mastering import PositionLostAgainError
-from procedures.steps.write import ReadBackError, same_pose
-from procedures.three_point_frame import three_point_frame
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.interfaces import MasteringData
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.entry import missing
+from cellcal.procedures.mastering_record import RecordResult, mastering_record, seal_of
+from cellcal.procedures.mastering_recovery import ENTRY, MasteringRecoverySpec, mastering_recovery
+from cellcal.procedures.recovery.recovery_result import RecoveryResult
+from cellcal.procedures.run import DeclinedError, OutOfToleranceError, RefusalError, Run
+from cellcal.procedures.six_point_tcp import SixPointTcp, six_point_tcp
+from cellcal.procedures.steps.capture import NotAtRestError, capture
+from cellcal.procedures.steps.mastering import PositionLostAgainError
+from cellcal.procedures.steps.write import ReadBackError, same_pose
+from cellcal.procedures.three_point_frame import three_point_frame
 from tests.procedures.cells import (
     FRAME,
     LOST,

@@ -8,20 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose
-from procedures.arm.arm_motion import Roadmap
-from procedures.arm.calibration_order import CalibrationResult, RobotCalibration
-from procedures.arm.calibration_result import HoldOut
-from procedures.arm.series_rules import SeriesRules
-from procedures.entry import as_planned
-from procedures.forecast import Knowledge
-from procedures.limits import ToolLimits
-from procedures.progress import Progress
-from procedures.robot_calibration import ENTRY, robot_calibration
-from procedures.run import RefusalError, Run
-from procedures.steps.measure_point import StationMovedError
-from service.desk.running import Running
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose
+from cellcal.procedures.arm.arm_motion import Roadmap
+from cellcal.procedures.arm.calibration_order import CalibrationResult, RobotCalibration
+from cellcal.procedures.arm.calibration_result import HoldOut
+from cellcal.procedures.arm.series_rules import SeriesRules
+from cellcal.procedures.entry import as_planned
+from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.limits import ToolLimits
+from cellcal.procedures.progress import Progress
+from cellcal.procedures.robot_calibration import ENTRY, robot_calibration
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.steps.measure_point import StationMovedError
+from cellcal.service.cell_process.running import Running
 from tests.procedures.cells import (
     FEW,
     FLANGE_TOOL,

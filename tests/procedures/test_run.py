@@ -5,15 +5,15 @@ from dataclasses import dataclass
 
 import pytest
 
-from drivers.errors import DeviceTimeoutError, MotionStoppedError
-from drivers.interfaces import Answer, Instruction
-from procedures.cell import Cell
-from procedures.past import Kind, Past
-from procedures.progress import Gate, Progress
-from procedures.run import DeclinedError, ReplayMismatchError, Run
-from procedures.steps.ask import ask
-from service.runs.conduct import JournalLedger
-from service.runs.journal import Journal, StoreError
+from cellcal.drivers.errors import DeviceTimeoutError, MotionStoppedError
+from cellcal.drivers.interfaces import Answer, Instruction
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.past import Kind, Past
+from cellcal.procedures.progress import Gate, Progress
+from cellcal.procedures.run import DeclinedError, ReplayMismatchError, Run
+from cellcal.procedures.steps.ask import ask
+from cellcal.service.record.journal import Journal, StoreError
+from cellcal.service.runs.run_procedure import JournalLedger
 from tests.procedures.ideal import Hands, IdealArm
 from tests.procedures.ledgers import CrashError, MemoryLedger, MortalLedger
 

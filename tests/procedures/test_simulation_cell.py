@@ -7,13 +7,19 @@ import numpy as np
 import pytest
 from pydantic_core import to_jsonable_python
 
-from calibration.errors import CalibrationError
-from procedures.simulation_cell import ENTRY, CalibratedPart, CalibratedRobot, SimulationCell, calibrate
-from procedures.verdict import Verdict
-from service.certificates.certificate import issue
-from service.cli.app import run_command_line
-from service.exit_codes import ExitCode
-from service.runs.outcome import Verdict as End
+from cellcal.calibration.errors import CalibrationError
+from cellcal.procedures.simulation_cell import (
+    ENTRY,
+    CalibratedPart,
+    CalibratedRobot,
+    SimulationCell,
+    calibrate,
+)
+from cellcal.procedures.verdict import Verdict
+from cellcal.service.certificates.certificate import issue
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
+from cellcal.service.record.run_outcome import Verdict as End
 from tests.procedures.cells import Scene, scene
 from tests.procedures.certified import cell_config, run_in
 from tests.unit.helpers.tags import FIXTURE_BASE, robot_tags, two_paths

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from pydantic_core import to_jsonable_python
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import Pose, exp_rotation, quaternion_from_rotation
-from drivers.interfaces import Answer, Instruction
-from procedures.catalogue import entry_named
-from procedures.cell import Cell
-from procedures.motion.pace import Paced
-from procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
-from procedures.run import DeclinedError, Run
-from procedures.shown import StepKind, on_page, page_of
-from procedures.six_point_tcp import SixPointTcp
-from procedures.steps.ask import ask
-from procedures.steps.meters import frame_meter, known_points_meter, move_meter, read_meter, tip_meter
-from procedures.steps.pages import (
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import Pose, exp_rotation, quaternion_from_rotation
+from cellcal.drivers.interfaces import Answer, Instruction
+from cellcal.procedures.catalogue import entry_named
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.pace import Paced
+from cellcal.procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
+from cellcal.procedures.run import DeclinedError, Run
+from cellcal.procedures.shown import StepKind, on_page, page_of
+from cellcal.procedures.six_point_tcp import SixPointTcp
+from cellcal.procedures.steps.ask import ask
+from cellcal.procedures.steps.meters import frame_meter, known_points_meter, move_meter, read_meter, tip_meter
+from cellcal.procedures.steps.pages import (
     Moves,
     axis_levers,
     frame_displacement,
@@ -27,8 +27,8 @@ from procedures.steps.pages import (
     point_states,
     straight,
 )
-from procedures.teaching.tcp_touches import AGAIN_RAD, WORST_GAIN, judge_touches
-from service.desk.recording import Settle
+from cellcal.procedures.teaching.tcp_touches import AGAIN_RAD, WORST_GAIN, judge_touches
+from cellcal.service.cell_process.recording import Settle
 from tests.procedures.cells import recovering, scene_for
 from tests.procedures.ideal import Hands, IdealArm
 from tests.procedures.ledgers import MemoryLedger

@@ -8,24 +8,24 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import MotionStoppedError, UnreachableError
-from drivers.interfaces import MasteringData
-from procedures.mastering_undo import MasteringUndo
-from procedures.motion.motion_gate import OffTargetError
-from procedures.past import Kind
-from procedures.progress import Progress
-from service.cli.runs import runs, show
-from service.configuration.cell_file import CellConfig
-from service.runs import put_back
-from service.runs.cell import open_journal
-from service.runs.conduct import Conditions, resume, run_procedure
-from service.runs.outcome import Outcome, Verdict
-from service.runs.store import Store
-from service.runs.unconfirmed import (
+from cellcal.drivers.errors import MotionStoppedError, UnreachableError
+from cellcal.drivers.interfaces import MasteringData
+from cellcal.procedures.mastering_undo import MasteringUndo
+from cellcal.procedures.motion.motion_gate import OffTargetError
+from cellcal.procedures.past import Kind
+from cellcal.procedures.progress import Progress
+from cellcal.service.cli.runs import runs, show
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.run_outcome import Outcome, Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.record.unconfirmed_mastering import (
     UnconfirmedMasteringError,
     unconfirmed_in_force,
     unconfirmed_masterings,
 )
+from cellcal.service.runs import mastering_rollback as put_back
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.runs.run_procedure import Conditions, resume, run_procedure
 from tests.procedures.cells import Scene, calibrating, recovering
 from tests.procedures.certified import HOW, cell_config
 from tests.procedures.ideal import IdealArm

@@ -6,26 +6,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Pose, homogeneous
-from calibration.points.frames import base_to_base as chained_frames
-from drivers.interfaces import MasteringData
-from procedures.base_to_base import BasesResult, BaseToBaseSpec, base_to_base
-from procedures.catalogue import CATALOGUE
-from procedures.end_effector_points import MeasuredTool, end_effector_points
-from procedures.entry import as_planned
-from procedures.fixture_alignment import AlignmentResult, fixture_alignment, plan_alignment
-from procedures.forecast import Knowledge
-from procedures.frame_offset import OffsetResult, frame_offset
-from procedures.limits import FrameLimits
-from procedures.refit import LEFT_OUT, MEASURED_AGAIN
-from procedures.run import DeclinedError, RefusalError, Run
-from procedures.steps.length import LengthCapture
-from procedures.steps.write import same_pose
-from procedures.survey.survey import EACH_CAPTURE, Survey, SurveyRules
-from procedures.survey.survey_choice import Standing, choose_pose
-from procedures.survey.wire_survey import read_survey_state
-from procedures.three_point_frame import three_point_frame
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.calibration.points.frames import base_to_base as chained_frames
+from cellcal.drivers.interfaces import MasteringData
+from cellcal.procedures.base_to_base import BasesResult, BaseToBaseSpec, base_to_base
+from cellcal.procedures.catalogue import CATALOGUE
+from cellcal.procedures.end_effector_points import MeasuredTool, end_effector_points
+from cellcal.procedures.entry import as_planned
+from cellcal.procedures.fixture_alignment import AlignmentResult, fixture_alignment, plan_alignment
+from cellcal.procedures.forecast import Knowledge
+from cellcal.procedures.frame_offset import OffsetResult, frame_offset
+from cellcal.procedures.limits import FrameLimits
+from cellcal.procedures.refit import LEFT_OUT, MEASURED_AGAIN
+from cellcal.procedures.run import DeclinedError, RefusalError, Run
+from cellcal.procedures.steps.length import LengthCapture
+from cellcal.procedures.steps.write import same_pose
+from cellcal.procedures.survey.survey import EACH_CAPTURE, Survey, SurveyRules
+from cellcal.procedures.survey.survey_choice import Standing, choose_pose
+from cellcal.procedures.survey.wire_survey import read_survey_state
+from cellcal.procedures.three_point_frame import three_point_frame
 from tests.procedures.cells import (
     BASE_FIXTURE,
     FIXTURE_POINTS,

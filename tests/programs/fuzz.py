@@ -22,11 +22,19 @@ from types import ModuleType
 import numpy as np
 
 import tests.programs
-from calibration.geometry import Array, exp_rotation, homogeneous
-from drivers.program_registry import all_brands
-from drivers.programs.brands import ProgramBrand
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change, Positions, ProgramFile
+from cellcal.calibration.geometry import Array, exp_rotation, homogeneous
+from cellcal.drivers.program_registry import all_brands
+from cellcal.drivers.programs.brands import ProgramBrand
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import (
+    CARTESIAN,
+    JOINTS,
+    UNREAD,
+    UNTAUGHT,
+    Change,
+    Positions,
+    ProgramFile,
+)
 from tests.programs.damage import mutate
 
 # With the blanks before it, which a wider number takes; never from amid blanks: a line of them would cost its square.

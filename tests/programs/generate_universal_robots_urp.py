@@ -6,8 +6,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from drivers.programs.positions import Change, ProgramFile
-from drivers.universal_robots.urp_program import UrpProgram
+from cellcal.drivers.programs.positions import Change, ProgramFile
+from cellcal.drivers.universal_robots.program_files.urp_program import UrpProgram
 
 SUFFIX = ".urp"
 

@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from drivers.fanuc.programs import BRAND as FANUC
-from drivers.programs.brands import ProgramBrand
-from drivers.yaskawa.programs import BRAND as YASKAWA
-from service.programs.move import moving
-from service.programs.project import Project, read_project
+from cellcal.drivers.fanuc.program_files.programs import BRAND as FANUC
+from cellcal.drivers.programs.brands import ProgramBrand
+from cellcal.drivers.yaskawa.program_files.programs import BRAND as YASKAWA
+from cellcal.service.engineering.programs.move import moving
+from cellcal.service.engineering.programs.project import Project, read_project
 from tests.programs import fanuc_motion, jobs_to_move, listings_to_move, yaskawa_motion
 from tests.programs.moved_path import Tally, compare_paths
 

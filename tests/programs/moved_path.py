@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from service.exit_codes import ExitCode
-from service.programs.result import ProgramResult
+from cellcal.service.engineering.programs.result import ProgramResult
+from cellcal.service.exit_codes import ExitCode
 
 FAR_M, FAR_RAD = 5e-5, 5e-4  # numbers of a file are rounded to 1e-6 m and 2e-5 rad; shifts make more of it
 GEOMETRY = (

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from drivers.abb.programs import BRAND
-from drivers.programs.across import Across
-from drivers.programs.positions import CARTESIAN, UNREAD
+from cellcal.drivers.abb.program_files.programs import BRAND
+from cellcal.drivers.programs.across import Across
+from cellcal.drivers.programs.positions import CARTESIAN, UNREAD
 
 E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
 ONE = f"[[1,2,3],[1,0,0,0],[0,0,0,0],{E}]"

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import homogeneous, quaternion_from_rotation
-from drivers.abb.configuration import AbbConfigurations
-from drivers.abb.programs import BRAND, writes_program
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import homogeneous, quaternion_from_rotation
+from cellcal.drivers.abb.program_files.configuration import AbbConfigurations
+from cellcal.drivers.abb.program_files.programs import BRAND, writes_program
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change
 
 E = "[9E9,9E+09,9E+9,9E9,9E9,9E9]"
 

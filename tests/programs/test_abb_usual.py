@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from calibration.geometry import homogeneous
-from calibration.orientation import rotation_from
-from drivers.abb.programs import BRAND, AbbFile
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import UNTAUGHT, Change
+from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.abb.program_files.programs import BRAND, AbbFile
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import UNTAUGHT, Change
 
 E = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
 COUNT = 60

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from service.programs.batches import batches
-from service.programs.files import find_programs
+from cellcal.service.engineering.programs.batches import batches
+from cellcal.service.engineering.programs.files import find_programs
 
 POINT = "{X 1.0,Y 2.0,Z 3.0,A 0.0,B 0.0,C 0.0,S 2,T 2}"
 FRAME_DATA = 'DECL FDAT FP1={TOOL_NO 1,BASE_NO 2,IPO_FRAME #BASE,POINT2[] " "}'

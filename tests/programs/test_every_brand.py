@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from drivers.program_registry import SUFFIXES, all_brands
-from drivers.programs.errors import ProgramFileError
+from cellcal.drivers.program_registry import SUFFIXES, all_brands
+from cellcal.drivers.programs.errors import ProgramFileError
 from tests.programs.fuzz import Source, mutated, roundtrip, sources, token_invariant
 
 _SOURCES = sources()

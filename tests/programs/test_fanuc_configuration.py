@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import DhTable, RobotModel, load_model
-from calibration.errors import CalibrationError
-from calibration.orientation import rotation_from
-from drivers.fanuc.configuration import FanucConfigurations
+from cellcal.calibration.arm.kinematics import DhTable, RobotModel, load_model
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.fanuc.program_files.configuration import FanucConfigurations
 
 RULE = FanucConfigurations()
 

@@ -6,12 +6,12 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from calibration.geometry import exp_rotation, homogeneous
-from drivers.fanuc.ls_digits import read_digits, written_digits
-from drivers.fanuc.ls_numbers import NumberStyle
-from drivers.fanuc.ls_program import LsProgram, change_listings, read_listings
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change
+from cellcal.calibration.geometry import exp_rotation, homogeneous
+from cellcal.drivers.fanuc.program_files.ls_digits import read_digits, written_digits
+from cellcal.drivers.fanuc.program_files.ls_numbers import NumberStyle
+from cellcal.drivers.fanuc.program_files.ls_program import LsProgram, change_listings, read_listings
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import Change
 from tests.programs import generate_fanuc
 from tests.soak.program_lines import DOOR_LINE, line_of_programs
 

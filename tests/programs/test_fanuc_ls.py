@@ -5,13 +5,13 @@ import re
 import numpy as np
 import pytest
 
-from calibration.geometry import exp_rotation
-from calibration.orientation import rotation_from
-from drivers.fanuc.ls_program import LsProgram, read_ls
-from drivers.fanuc.programs import BRAND
-from drivers.program_registry import brand_of
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change
+from cellcal.calibration.geometry import exp_rotation
+from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.fanuc.program_files.ls_program import LsProgram, read_ls
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.drivers.program_registry import brand_of
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import Change
 from tests.programs import generate_fanuc
 
 HEAD = '/PROG  PICK\t  Macro\n/ATTR\nCOMMENT\t\t= "Gr\x94\xe1e";\n/MN\n'

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.geometry import homogeneous
-from drivers.fanuc.ls_registers import indirect_line, registers_used
-from drivers.fanuc.programs import BRAND
-from drivers.programs.shifts import Axes
-from service.exit_codes import ExitCode
-from service.programs.move import moving
-from service.programs.project import read_project
-from service.programs.result import ProgramResult
+from cellcal.calibration.geometry import homogeneous
+from cellcal.drivers.fanuc.program_files.ls_registers import indirect_line, registers_used
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.drivers.programs.shifts import Axes
+from cellcal.service.engineering.programs.move import moving
+from cellcal.service.engineering.programs.project import read_project
+from cellcal.service.engineering.programs.result import ProgramResult
+from cellcal.service.exit_codes import ExitCode
 from tests.programs.listings_to_move import PROJECT
 
 RECORD = """P[{number}]{{

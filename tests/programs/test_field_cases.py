@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.cli.app import run_command_line
-from service.exit_codes import ExitCode
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
 
 CASES = Path(__file__).parents[1] / "data" / "field_cases"
 

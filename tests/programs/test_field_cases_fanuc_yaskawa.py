@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from service.cli.program import program
+from cellcal.service.cli.program import program
 
 CASES = Path(__file__).parents[1] / "data" / "field_cases"
 OFFSET = "30,-20,5,0,0,30"

@@ -6,14 +6,14 @@ from typing import cast
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import homogeneous
-from calibration.orientation import rotation_from
-from drivers.kuka.configuration import KukaConfigurations
-from drivers.kuka.programs import BRAND, writes_program
-from drivers.programs.brands import Telling
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations
+from cellcal.drivers.kuka.program_files.programs import BRAND, writes_program
+from cellcal.drivers.programs.brands import Telling
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change
 from tests.programs import generate_kuka
 from tests.programs.fuzz import some_change
 

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from drivers.programs.errors import ProgramFileError
-from service.programs.files import Refused
-from service.programs.report_texts import Language
-from service.programs.report_words import Note, refusal, said_once
-from service.programs.verdicts import place_in
-from service.sayings import Sayings
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.service.engineering.programs.files import Refused
+from cellcal.service.engineering.programs.report_texts import Language
+from cellcal.service.engineering.programs.report_words import Note, refusal, said_once
+from cellcal.service.engineering.programs.verdicts import place_in
+from cellcal.service.translation import Sayings
 from tests.programs.fuzz import Source, sources
 from tests.service.spoken import ROOT, SENTENCE
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import exp_rotation, homogeneous
-from drivers.program_registry import read_program
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change
-from drivers.universal_robots.script_numbers import java_text, poses_of, renewed, six_of
-from drivers.universal_robots.script_program import ScriptProgram, read_script
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import exp_rotation, homogeneous
+from cellcal.drivers.program_registry import read_program
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change
+from cellcal.drivers.universal_robots.program_files.script_numbers import java_text, poses_of, renewed, six_of
+from cellcal.drivers.universal_robots.program_files.script_program import ScriptProgram, read_script
 
 _POSE = "p[.1, -.2, .3, 0, 3.14, 0]"
 _LIST = "[0, -1.57, 1.57, -1.57, -1.57, 0]"

@@ -13,15 +13,15 @@ import mpmath
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import DhTable
-from calibration.geometry import Array, exp_rotation, homogeneous
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change
-from drivers.universal_robots.programs import BRAND
-from drivers.universal_robots.script_program import read_script
-from drivers.universal_robots.urp_archive import MOST_XML_BYTES
-from drivers.universal_robots.urp_misfit import misfit_to_script, pose_misfit_m
-from drivers.universal_robots.urp_program import UrpProgram, read_urp
+from cellcal.calibration.arm.kinematics import DhTable
+from cellcal.calibration.geometry import Array, exp_rotation, homogeneous
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change
+from cellcal.drivers.universal_robots.program_files.programs import BRAND
+from cellcal.drivers.universal_robots.program_files.script_program import read_script
+from cellcal.drivers.universal_robots.program_files.urp_archive import MOST_XML_BYTES
+from cellcal.drivers.universal_robots.program_files.urp_misfit import misfit_to_script, pose_misfit_m
+from cellcal.drivers.universal_robots.program_files.urp_program import UrpProgram, read_urp
 from tests.programs.fuzz import mutated
 from tests.programs.generate_universal_robots_urp import ARMS, consistent, generate, packed, unpacked
 

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import homogeneous
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import CARTESIAN, JOINTS, Change
-from drivers.yaskawa.programs import BRAND, read
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import homogeneous
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Change
+from cellcal.drivers.yaskawa.program_files.programs import BRAND, read
 from tests.programs.fuzz import mutated, roundtrip, token_invariant
 from tests.programs.generate_yaskawa import generate
 

@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.geometry import homogeneous
-from drivers.programs.across import Across
-from drivers.programs.shifts import Axes
-from drivers.yaskawa.job_calls import said_by
-from drivers.yaskawa.programs import BRAND, read
-from service.exit_codes import ExitCode
-from service.programs.move import moving
-from service.programs.project import read_project
-from service.programs.result import ProgramResult
+from cellcal.calibration.geometry import homogeneous
+from cellcal.drivers.programs.across import Across
+from cellcal.drivers.programs.shifts import Axes
+from cellcal.drivers.yaskawa.program_files.job_calls import said_by
+from cellcal.drivers.yaskawa.program_files.programs import BRAND, read
+from cellcal.service.engineering.programs.move import moving
+from cellcal.service.engineering.programs.project import read_project
+from cellcal.service.engineering.programs.result import ProgramResult
+from cellcal.service.exit_codes import ExitCode
 from tests.programs.jobs_to_move import PROJECT
 
 HEAD = """/JOB

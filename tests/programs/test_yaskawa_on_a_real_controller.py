@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import homogeneous, inverse_transform
-from calibration.orientation import rotation_from
-from calibration.programs.branches import AxesAtZero, all_branches
-from drivers.yaskawa.configuration import JobConfigurations
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import homogeneous, inverse_transform
+from cellcal.calibration.orientation import rotation_from
+from cellcal.calibration.programs.branches import AxesAtZero, all_branches
+from cellcal.drivers.yaskawa.program_files.configuration import JobConfigurations
 
 POSTURES = Path(__file__).parents[1] / "data" / "yaskawa_ar2010_yrc1000.csv"
 ROWS = list(csv.DictReader(POSTURES.read_text(encoding="utf-8").splitlines()))

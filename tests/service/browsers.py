@@ -17,7 +17,7 @@ import uvicorn
 from fastapi import FastAPI
 from playwright.async_api import Browser, Page, async_playwright, expect
 
-from service.web.pages import DIST
+from cellcal.service.web.pages import DIST
 from tests.machine_speed import stretched_s
 
 ROOT = Path(__file__).parents[2]

@@ -11,12 +11,12 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from service.configuration.cell_file import read_cell_file
-from service.demo.door import Door
-from service.demo.fake_cell import free_address, running_fakes, write_cell_file
-from service.demo.hands import lend_a_hand
-from service.desk.desk import Desk
-from service.desk.messages import Command
+from cellcal.service.cell_process.cell_process import Desk
+from cellcal.service.cell_process.messages import Command
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
+from cellcal.service.demo.hands import lend_a_hand
 from tests.machine_speed import stretched_s
 
 COMMAND: TypeAdapter[Command] = TypeAdapter(Command)

@@ -14,13 +14,13 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.utils import decode_dss_signature
 from fastapi import FastAPI
 
-from service.configuration.cell_file import read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.people.entrance import Entrance
-from service.people.hashing import Hasher, pepper_of
-from service.people.roles import Role
-from service.web import programs, residuals
-from service.web.app import Settings, create_app
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.people.authentication import Entrance
+from cellcal.service.people.pin_hashing import Hasher, pepper_of
+from cellcal.service.people.roles import Role
+from cellcal.service.web import programs, residuals
+from cellcal.service.web.app import Settings, create_app
 from tests.service.described import Described
 
 ORIGIN = "http://127.0.0.1"

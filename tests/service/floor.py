@@ -9,7 +9,7 @@ from uuid import uuid4
 
 from playwright.async_api import CDPSession, Page, expect
 
-from service.demo.door import Door
+from cellcal.service.demo.door import Door
 from tests.service.black_hole import BlackHole, a_black_hole
 from tests.service.browsers import PATIENCE_S
 from tests.service.desks import a_cell

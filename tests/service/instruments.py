@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.demo.door import Door
+from cellcal.service.demo.door import Door
 from tests.procedures.test_places_over_the_wire import _ROBOT, PROBE, TRACKER
 from tests.wire.fakes import running
 

@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from service.web.app import Settings, create_app
+from cellcal.service.web.app import Settings, create_app
 from tests.service.desks import a_cell
 from tests.service.reviewed import Past, with_a_past
 from tests.service.test_pages import Looking, looking_at

@@ -11,12 +11,22 @@ from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
 
-from service.certificates.blocks import Block, Bullets, Cell, Facts, Fields, Page, Paragraph, Picture, Table
-from service.certificates.languages import spoken
-from service.certificates.page import page_of
-from service.certificates.printing import html_from, page_from, pdf_from
-from service.certificates.signing import check
-from service.sayings import LOCALES, Locale, Sayings
+from cellcal.service.certificates.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Facts,
+    Fields,
+    Page,
+    Paragraph,
+    Picture,
+    Table,
+)
+from cellcal.service.certificates.languages import spoken
+from cellcal.service.certificates.page import page_of
+from cellcal.service.certificates.printing import html_from, page_from, pdf_from
+from cellcal.service.certificates.signing import check
+from cellcal.service.translation import LOCALES, Locale, Sayings
 from tests.service.spoken import ROOT, SENTENCE
 
 FIGURE = re.compile(r"(?<![\w.])([-+]?\d+(?:\.\d+)?(?:e[-+]\d+)?)\s{0,2}(mm|deg\b|turns|%|°C|hPa)")

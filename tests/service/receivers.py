@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from service.configuration.report_tables import WebhookTable
+from cellcal.service.configuration.report_tables import WebhookTable
 
 SECRET = bytes(range(32))
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.geometry import Pose, homogeneous
-from drivers.interfaces import PointReading
-from procedures.arm.series_rules import SeriesRules
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.parameters.parameter_sets import ParameterSets
-from service.runs.calibrated_runs import keep_calibration
-from service.web.parameters import FOLDER
+from cellcal.calibration.geometry import Pose, homogeneous
+from cellcal.drivers.interfaces import PointReading
+from cellcal.procedures.arm.series_rules import SeriesRules
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.engineering.parameters.calibrated_runs import keep_calibration
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.web.parameters import FOLDER
 from tests.procedures.cells import (
     TARGETS,
     Scene,

@@ -11,8 +11,8 @@ from typing import Any
 from fastapi import FastAPI
 from playwright.async_api import Browser, BrowserContext, Page
 
-from service.people.entrance import Entrance
-from service.web.app import Settings, create_app
+from cellcal.service.people.authentication import Entrance
+from cellcal.service.web.app import Settings, create_app
 from tests.service.browsers import (
     COUNT_ASKED,
     NO_WEBGL,

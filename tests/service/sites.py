@@ -14,15 +14,15 @@ from typing import Any
 
 import zenoh
 
-from service.certificates.signing import station_key
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.runs.cell import open_journal
-from service.runs.journal import NewEvent
-from service.site.enrolment import Applicant, NewSite, enroll
-from service.site.keys import StationKeys
-from service.site.link_files import CELL_FILE, MONITOR_FILE, close, read_link_folder
-from service.site.publisher import publish
+from cellcal.service.certificates.signing import station_key
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.record.journal import NewEvent
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.site.enrolment import Applicant, NewSite, enroll
+from cellcal.service.site.keys import StationKeys
+from cellcal.service.site.link_files import CELL_FILE, MONITOR_FILE, close, read_link_folder
+from cellcal.service.site.publisher import publish
 from tests.machine_speed import stretched_s
 
 SITE = "hall-3"
@@ -118,7 +118,7 @@ class Site:
 def router_of(folder: Path) -> Iterator[subprocess.Popen[str]]:
     """Run `cellcal site router` until the block ends."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "service", "site", "router", "--folder", str(folder)],
+        [sys.executable, "-m", "cellcal", "site", "router", "--folder", str(folder)],
         stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "300"},
     )  # fmt: skip
     try:
@@ -155,7 +155,7 @@ class Ear:
 
 
 def session_of(cell: str, **changes: Any) -> dict[str, Any]:
-    """Return a desk's session as `service/desk/desk.py` writes it, with nothing under way."""
+    """Return a desk's session as `service/cell_process/cell_process.py` writes it, with nothing under way."""
     return {
         "rev": 1,
         "cell": cell,

@@ -12,10 +12,10 @@ from fastapi import FastAPI
 from playwright.async_api import Page, expect
 from scipy.optimize import least_squares
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import Array, exp_rotation, log_rotation
-from service.demo.door import Door
-from service.web.app import Settings, create_app
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import Array, exp_rotation, log_rotation
+from cellcal.service.demo.door import Door
+from cellcal.service.web.app import Settings, create_app
 from tests.service.browsers import PATIENCE_MS, at_rest
 from tests.service.desks import a_cell
 from tests.service.test_pages import Looking, looking_at

@@ -17,21 +17,21 @@ from typing import Any
 
 import pytest
 
-from calibration.errors import CellError
-from service.certificates.certificate import issue
-from service.certificates.signing import StationKey, station_key
-from service.cli.app import run_command_line
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.exit_codes import ExitCode
-from service.export.archive import FORMAT, MANIFEST, BackupError
-from service.export.backup import back_up, forget_older
-from service.export.restore import prove, restore
-from service.parameters.parameter_sets import ParameterSet, ParameterSets, Value
-from service.people.hashing import pepper_of
-from service.people.register import Register
-from service.people.roles import Role
-from service.runs.cell import journal_path, open_journal
-from service.runs.journal import NewEvent
+from cellcal.calibration.errors import CellError
+from cellcal.service.certificates.certificate import issue
+from cellcal.service.certificates.signing import StationKey, station_key
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
+from cellcal.service.exit_codes import ExitCode
+from cellcal.service.export.archive import FORMAT, MANIFEST, BackupError
+from cellcal.service.export.backup import back_up, forget_older
+from cellcal.service.export.restore import prove, restore
+from cellcal.service.people.accounts import Register
+from cellcal.service.people.pin_hashing import pepper_of
+from cellcal.service.people.roles import Role
+from cellcal.service.record.journal import NewEvent
+from cellcal.service.runs.open_cell import journal_path, open_journal
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import quick

@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.web.pages import DIST, page_paths
+from cellcal.service.web.pages import DIST, page_paths
 from tests.service.doors import a_door
 
 MOST_BYTES = 450_000  # of the first view with its picture, as ux.md has it

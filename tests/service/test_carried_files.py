@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from calibration.errors import CellError
-from procedures.simulation_cell import SimulationCell
-from service.parameters.simulated_cells import file_settings, refuse_paths
-from service.runs.specs import spec_of
+from cellcal.calibration.errors import CellError
+from cellcal.procedures.simulation_cell import SimulationCell
+from cellcal.service.engineering.parameters.simulated_cells import file_settings, refuse_paths
+from cellcal.service.runs.settings import spec_of
 from tests.service.desks import at_desk
 
 TAGS = "tag,x,y,z\nP1,0.1,0.2,0.3\nP2,0.5,0.2,0.3\nP3,0.1,0.9,0.3\n"

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 import typst
 
-from service.certificates import languages, pdf
-from service.certificates.html import as_html
-from service.certificates.printing import page_from, pdf_from
-from service.cli.certificate import write
-from service.sayings import LOCALES, Locale
+from cellcal.service.certificates import languages, pdf
+from cellcal.service.certificates.html import as_html
+from cellcal.service.certificates.printing import page_from, pdf_from
+from cellcal.service.cli.certificate import write
+from cellcal.service.translation import LOCALES, Locale
 from tests.service.printed import HtmlText, Pdf, source_table, squeezed
 from tests.service.spoken import ROOT, SENTENCE
 from tests.service.test_certificate_pages import framed

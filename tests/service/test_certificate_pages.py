@@ -13,25 +13,31 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
-from calibration.errors import CellError
-from calibration.geometry import Pose
-from procedures.cell import MotionLevel
-from service.certificates.blocks import Page
-from service.certificates.certificate import FORMAT, Issued, issue
-from service.certificates.html import as_html
-from service.certificates.page import page_of
-from service.certificates.pdf import PdfError, as_pdf
-from service.certificates.pictures import Errors, against_limits, errors_by_point, pictures_of, scatter_of
-from service.certificates.printing import PrintingError, page_from, print_beside
-from service.certificates.qr import code_of, code_text
-from service.certificates.signing import Finding, check, station_key
-from service.cli.certificate import write
-from service.configuration.cell_file import CellConfig
-from service.parameters.parameter_sets import ParameterSet, ParameterSets, Value
-from service.runs.conduct import NO_MODE
-from service.web import history
-from service.web.answers import told
-from service.web.door import Person, person_of
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.geometry import Pose
+from cellcal.procedures.cell import MotionLevel
+from cellcal.service.certificates.blocks import Page
+from cellcal.service.certificates.certificate import FORMAT, Issued, issue
+from cellcal.service.certificates.html import as_html
+from cellcal.service.certificates.page import page_of
+from cellcal.service.certificates.pdf import PdfError, as_pdf
+from cellcal.service.certificates.pictures import (
+    Errors,
+    against_limits,
+    errors_by_point,
+    pictures_of,
+    scatter_of,
+)
+from cellcal.service.certificates.printing import PrintingError, page_from, print_beside
+from cellcal.service.certificates.qr import code_of, code_text
+from cellcal.service.certificates.signing import Finding, check, station_key
+from cellcal.service.cli.certificate import write
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
+from cellcal.service.runs.run_procedure import NO_MODE
+from cellcal.service.web import history
+from cellcal.service.web.door import Person, person_of
+from cellcal.service.web.error_responses import told
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.printed import HtmlText, Pdf, squeezed, verify_paper

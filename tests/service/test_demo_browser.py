@@ -5,9 +5,9 @@ from pathlib import Path
 
 from playwright.async_api import Browser, Page, expect
 
-from service.demo.mishaps import MISHAPS
-from service.web.app import Settings, create_app
-from service.web.demo import MENDED
+from cellcal.service.demo.mishaps import MISHAPS
+from cellcal.service.demo.web_routes import MENDED
+from cellcal.service.web.app import Settings, create_app
 from tests.service.browsers import (
     COUNT_ASKED,
     LOCALES,

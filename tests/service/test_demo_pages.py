@@ -15,12 +15,12 @@ from typing import Any
 import httpx
 import pytest
 
-from service.cli.demo import is_for_pages
-from service.demo import mishaps
-from service.demo.door import Door
-from service.demo.mishaps import MISHAPS
-from service.web.app import Settings, create_app
-from service.web.demo import DemoLink, DemoWorld
+from cellcal.service.cli.demo import is_for_pages
+from cellcal.service.demo import mishaps
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.mishaps import MISHAPS
+from cellcal.service.demo.web_routes import DemoLink, DemoWorld
+from cellcal.service.web.app import Settings, create_app
 from tests.machine_speed import stretched_s
 from tests.service.desks import a_cell
 
@@ -30,7 +30,7 @@ PATIENCE_S = stretched_s(240.0)  # a whole record is taken
 @asynccontextmanager
 async def a_demo(*arguments: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, httpx.AsyncClient]]:
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "service", "demo", "--no-browser", *arguments,
+        sys.executable, "-m", "cellcal", "demo", "--no-browser", *arguments,
         stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"}, start_new_session=True,
     )  # fmt: skip
     try:
@@ -206,7 +206,7 @@ def test_a_taken_port_that_was_asked_for_is_refused(tmp_path: Path) -> None:
         taken.listen()
         port = str(taken.getsockname()[1])
         ended = subprocess.run(
-            [sys.executable, "-m", "service", "demo", "--port", port], capture_output=True, text=True,
+            [sys.executable, "-m", "cellcal", "demo", "--port", port], capture_output=True, text=True,
             timeout=stretched_s(280.0), check=False, cwd=tmp_path,
         )  # fmt: skip
     assert ended.returncode == 2

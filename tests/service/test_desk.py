@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from service.configuration.cell_file import read_cell_file
-from service.runs.cell import open_journal
-from service.runs.store import Store
-from service.watching.watch import LastHealthyCounts
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.watching.watch import LastHealthyCounts
 from tests.service.desks import (
     COMMAND,
     RECORD,

@@ -4,12 +4,12 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
-from service.configuration.cell_file import read_cell_file
-from service.export.meter import Meter
-from service.runs.cell import leases
-from service.runs.lease import DEVICES, lease
-from service.site.alarms import wrong_in
-from service.watching.watch import LastHealthyCounts
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.export.meter import Meter
+from cellcal.service.record.robot_lock import DEVICES, lease
+from cellcal.service.runs.open_cell import leases
+from cellcal.service.site.alarms import wrong_in
+from cellcal.service.watching.watch import LastHealthyCounts
 from tests.machine_speed import stretched_s
 from tests.service.desks import RECORD, AtDesk, at_desk, ended, say_yes_until_it_ends, take_the_record
 

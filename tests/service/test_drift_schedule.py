@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from procedures.past import Kind
-from service.configuration.cell_file import CellConfig, ConfigError, read_cell_file
-from service.runs.cell import journal_path, open_journal
-from service.runs.journal import NewEvent
-from service.runs.outline import possible
-from service.site.desk_tap import DeskTap
-from service.site.drift_schedule import Reminder, next_drift_checks
-from service.site.standing import DueDates
-from service.site.troubles import Troubles
+from cellcal.procedures.past import Kind
+from cellcal.service.configuration.cell_file import CellConfig, ConfigError, read_cell_file
+from cellcal.service.record.drift_schedule import Reminder, next_drift_checks
+from cellcal.service.record.journal import NewEvent
+from cellcal.service.runs.open_cell import journal_path, open_journal
+from cellcal.service.runs.outline import possible
+from cellcal.service.site.desk_tap import DeskTap
+from cellcal.service.site.standing import DueDates
+from cellcal.service.site.troubles import Troubles
 from tests.procedures.cells import scene_for
 from tests.procedures.certified import cell_config, run_in
 
@@ -112,7 +112,7 @@ def test_an_overdue_check_is_an_alarm_until_it_is_done(
         def now(cls, tz: object = None) -> "Later":  # type: ignore[override]
             return cls(late.year, late.month, late.day, tzinfo=UTC)
 
-    monkeypatch.setattr("service.site.troubles.datetime", Later)
+    monkeypatch.setattr("cellcal.service.site.troubles.datetime", Later)
     troubles = Troubles(config, DeskTap(None), DueDates(config))
     of_robot = f"drift check of {config.robots[0].name}"
     raised = {alarm.source: up for _ in range(3) for alarm, up in troubles.look(100.0)}

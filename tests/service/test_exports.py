@@ -19,18 +19,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from openpyxl import load_workbook
 
-from calibration.errors import CellError
-from service.certificates.certificate import issue
-from service.certificates.points import readings
-from service.cli.app import run_command_line
-from service.configuration.cell_file import CellConfig
-from service.exit_codes import ExitCode
-from service.export.cell_tables import history_table, parameters_table, points_table, runs_table
-from service.export.table_files import BOM, as_csv, as_csv_file, as_xlsx_file
-from service.export.tables import Column, ExportError, Table, Value, unit_of
-from service.parameters.parameter_sets import ParameterSet, ParameterSets
-from service.parameters.parameter_sets import Value as Parameter
-from service.runs.cell import open_journal
+from cellcal.calibration.errors import CellError
+from cellcal.service.certificates.certificate import issue
+from cellcal.service.certificates.points import readings
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets
+from cellcal.service.engineering.parameters.parameter_sets import Value as Parameter
+from cellcal.service.exit_codes import ExitCode
+from cellcal.service.export.cell_tables import history_table, parameters_table, points_table, runs_table
+from cellcal.service.export.table_files import BOM, as_csv, as_csv_file, as_xlsx_file
+from cellcal.service.export.tables import Column, ExportError, Table, Value, unit_of
+from cellcal.service.runs.open_cell import open_journal
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import a_door

@@ -16,16 +16,16 @@ import pytest
 from fastapi.routing import APIRoute, APIWebSocketRoute, iter_route_contexts
 from playwright.async_api import Page, expect
 
-from service.certificates.signing import Checked, check, station_key
-from service.people.entrance import Entrance
-from service.site import fleet
-from service.site.alarms import Alarm
-from service.site.fleet import Fleet
-from service.site.keys import StationKeys
-from service.site.link_files import Enrolled, StationsFile
-from service.site.sealed import Sealer
-from service.web.fleet import PAGE, FleetHouse, create_fleet_app
-from service.web.pages import DIST
+from cellcal.service.certificates.signing import Checked, check, station_key
+from cellcal.service.people.authentication import Entrance
+from cellcal.service.site import fleet
+from cellcal.service.site.alarms import Alarm
+from cellcal.service.site.fleet import Fleet
+from cellcal.service.site.keys import StationKeys
+from cellcal.service.site.link_files import Enrolled, StationsFile
+from cellcal.service.site.sealed import Sealer
+from cellcal.service.web.fleet import PAGE, FleetHouse, create_fleet_app
+from cellcal.service.web.pages import DIST
 from tests.service.browsers import PATIENCE_MS, PATIENCE_S, chromium, comes, hold_to_rules, served, speaks
 from tests.service.doors import another_browser
 from tests.service.sites import SITE, Site, free_port, live_of, session_of, until
@@ -346,7 +346,7 @@ def test_the_command_serves_what_a_real_bus_tells(tmp_path: Path) -> None:
     site, port = Site(tmp_path, "cell-07"), free_port()
     with site.router():
         monitor = subprocess.Popen(
-            [sys.executable, "-m", "service", "monitor", str(site.folder), "--port", str(port)],
+            [sys.executable, "-m", "cellcal", "monitor", str(site.folder), "--port", str(port)],
             stderr=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "300"},
         )  # fmt: skip
         try:

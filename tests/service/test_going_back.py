@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from service.desk.messages import Pause
-from service.parameters.parameter_sets import ParameterSet, ParameterSets, Value, to_text
-from service.people.control import Seat
-from service.web.parameters import FOLDER
+from cellcal.service.cell_process.messages import Pause
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value, to_text
+from cellcal.service.people.session_control import Seat
+from cellcal.service.web.parameters import FOLDER
 from tests.service.doors import a_door
 
 SERIAL = "F-104711"

@@ -10,8 +10,8 @@ import pytest
 from fastapi import FastAPI
 from fastapi.routing import iter_route_contexts
 
-from service.desk.messages import Order
-from service.people.roles import Role
+from cellcal.service.cell_process.messages import Order
+from cellcal.service.people.roles import Role
 from tests.service.doors import ORIGIN, ROLES, Door, a_door, another_browser
 
 NOBODY, DEVICE = "nobody", "a device alone"

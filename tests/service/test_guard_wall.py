@@ -13,8 +13,8 @@ import pytest
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from service.web.guard import HEADERS, MOST_BYTES, Budget, Guard
-from service.web.pages import DIST
+from cellcal.service.web.middleware import HEADERS, MOST_BYTES, Budget, Guard
+from cellcal.service.web.pages import DIST
 from tests.machine_speed import stretched_s
 from tests.service.browsers import served
 from tests.service.doors import ORIGIN, Clock, Door, Tablet, a_door, another_browser

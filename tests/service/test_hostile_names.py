@@ -11,9 +11,9 @@ import pytest
 from fastapi import FastAPI
 from playwright.async_api import Page, Route, expect
 
-from service.demo.fake_cell import write_cell_file
-from service.people.hashing import pepper_of
-from service.people.roles import Role
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.people.pin_hashing import pepper_of
+from cellcal.service.people.roles import Role
 from tests.service.browsers import at_rest, go
 from tests.service.doors import Clock, quick
 from tests.service.shop import Shop, a_shop, give_pin

@@ -9,7 +9,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import expect
 
-from service.web.app import Settings, create_app
+from cellcal.service.web.app import Settings, create_app
 from tests.service.browsers import LOCALES, ROOT, comes, go, hold_to_rules
 from tests.service.instruments import full_cell
 from tests.service.test_pages import Looking, looking_at

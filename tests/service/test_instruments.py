@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from drivers.interfaces import (
+from cellcal.drivers.interfaces import (
     Condition,
     GaugeCapabilities,
     Operator,
@@ -17,12 +17,12 @@ from drivers.interfaces import (
     Reading,
     TrackerCapabilities,
 )
-from procedures.cell import Cell, HeldCertificate
-from procedures.steps.measure_point import measure_point
-from service.configuration.cell_file import read_cell_file
-from service.demo.door import Door
-from service.desk.live import Glance
-from service.runs.cell import open_cell
+from cellcal.procedures.cell import Cell, HeldCertificate
+from cellcal.procedures.steps.measure_point import measure_point
+from cellcal.service.cell_process.live_values import Glance
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.runs.open_cell import open_cell
 from tests.machine_speed import stretched_s
 from tests.procedures.cells import scene
 from tests.procedures.fake_hands import FakeHands

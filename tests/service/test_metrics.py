@@ -9,16 +9,16 @@ from pathlib import Path
 import httpx
 import pytest
 
-from procedures.past import Kind
-from service.certificates.certificate import issue
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.export.exposition import Family, rendered
-from service.export.meter import DESK_SILENT_S, Meter
-from service.people.hashing import pepper_of
-from service.runs.cell import journal_path, open_journal
-from service.runs.journal import NewEvent
-from service.web.app import Settings, create_app
+from cellcal.procedures.past import Kind
+from cellcal.service.certificates.certificate import issue
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.export.exposition import Family, rendered
+from cellcal.service.export.meter import DESK_SILENT_S, Meter
+from cellcal.service.people.pin_hashing import pepper_of
+from cellcal.service.record.journal import NewEvent
+from cellcal.service.runs.open_cell import journal_path, open_journal
+from cellcal.service.web.app import Settings, create_app
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import Clock, a_door

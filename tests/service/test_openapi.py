@@ -10,9 +10,9 @@ from fastapi import FastAPI
 from fastapi.responses import JSONResponse, PlainTextResponse
 from pydantic import BaseModel
 
-from service.demo.fake_cell import write_cell_file
-from service.web.app import Settings, create_app
-from service.web.fleet import create_fleet_app
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.fleet import create_fleet_app
 from tests.service.described import Described
 from tests.service.test_fleet import Hall
 

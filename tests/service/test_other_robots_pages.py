@@ -11,7 +11,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
-from service.demo.fake_cell import write_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
 from tests.service.browsers import LOCALES, go, hold_to_rules, speaks
 from tests.service.doors import Clock
 from tests.service.shop import Shop, a_shop

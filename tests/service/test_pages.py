@@ -19,8 +19,8 @@ import pytest_asyncio
 from fastapi import FastAPI
 from playwright.async_api import Browser, Page, expect
 
-from calibration.arm.kinematics import load_model
-from service.web.app import Settings, create_app
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.service.web.app import Settings, create_app
 from tests.service.browsers import (
     COUNT_ASKED,
     LOCALES,

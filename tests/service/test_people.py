@@ -15,18 +15,18 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 
-from calibration.errors import CellError
-from service.cli.app import run_command_line
-from service.cli.serve_checks import Listening, refuse_unguarded
-from service.configuration.cell_file import read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.people.entrance import Entrance
-from service.people.errors import PeopleError, TooManyGuessesError, WrongSecretError
-from service.people.hashing import PEPPER_NAME, Hasher, pepper_of
-from service.people.limits import DAY_S
-from service.people.naming import clean_name, refuse_weak
-from service.people.register import REGISTER_NAME, Register
-from service.people.roles import KEEPS, MOVES, WRITES, Role
+from cellcal.calibration.errors import CellError
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.cli.serve_checks import Listening, refuse_unguarded
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.people.accounts import REGISTER_NAME, Register
+from cellcal.service.people.authentication import Entrance
+from cellcal.service.people.errors import PeopleError, TooManyGuessesError, WrongSecretError
+from cellcal.service.people.naming import clean_name, refuse_weak
+from cellcal.service.people.pin_hashing import PEPPER_NAME, Hasher, pepper_of
+from cellcal.service.people.rate_limits import DAY_S
+from cellcal.service.people.roles import KEEPS, MOVES, WRITES, Role
 from tests.service.doors import PINS, Clock, quick, with_people
 
 PROCEDURES = Path(__file__).parents[2] / "procedures"

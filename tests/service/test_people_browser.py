@@ -5,7 +5,7 @@ from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
-from service.people.roles import Role
+from cellcal.service.people.roles import Role
 from tests.service.browsers import PATIENCE_MS, chromium
 from tests.service.doors import PINS, a_door
 from tests.service.test_guard_wall import listening

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from service.desk.held import DEAD_MAN_S, Hold
-from service.people.control import ASKED_S, Control, Seat
-from service.people.errors import ElsewhereError
-from service.web.screen import Beats
+from cellcal.service.cell_process.hold_to_move import DEAD_MAN_S, Hold
+from cellcal.service.people.errors import ElsewhereError
+from cellcal.service.people.session_control import ASKED_S, Control, Seat
+from cellcal.service.web.websocket import Beats
 from tests.service.doors import Clock, Door, a_door, another_browser
 
 TOM, TINA, EMIL = Seat("1", "Tom"), Seat("2", "Tina"), Seat("3", "Emil")

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from service.people.errors import NotAllowedError, NotSignedInError, WrongSecretError
-from service.people.roles import Role
+from cellcal.service.people.errors import NotAllowedError, NotSignedInError, WrongSecretError
+from cellcal.service.people.roles import Role
 from tests.service.doors import PINS, Clock, Tablet, a_door, another_browser, url64
 
 # what people try to put into names, notes and settings
@@ -338,10 +338,10 @@ async def test_a_yes_to_what_is_not_shown_is_not_passed_on(tmp_path: Path) -> No
 
 
 def test_in_whose_name_an_order_goes_to_the_desk() -> None:
-    from service.desk.messages import AnswerIt, Pause
-    from service.people.entrance import LOCAL_PERSON, Person
-    from service.people.errors import SecondPersonError
-    from service.people.permits import Permits
+    from cellcal.service.cell_process.messages import AnswerIt, Pause
+    from cellcal.service.people.authentication import LOCAL_PERSON, Person
+    from cellcal.service.people.authorization import Permits
+    from cellcal.service.people.errors import SecondPersonError
 
     session = {"rev": 1, "prompt": {"id": "a", "key": "accept_mastering"}}
     yes = AnswerIt(op="answer", prompt_id="a")
@@ -388,7 +388,7 @@ async def test_open_access_is_for_demos(tmp_path: Path) -> None:
 
 
 def test_who_is_unknown_is_told_so(tmp_path: Path) -> None:
-    from service.people.entrance import Entrance
+    from cellcal.service.people.authentication import Entrance
 
     entrance = Entrance(tmp_path, clock=Clock(), wall_clock=Clock())
     for token in (None, "", "x", "x" * 5000):

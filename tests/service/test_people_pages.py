@@ -14,8 +14,8 @@ import pytest_asyncio
 from fastapi import FastAPI
 from playwright.async_api import Page, Route, expect
 
-from service.demo.fake_cell import write_cell_file
-from service.people.sessions import FRESH_S, IDLE_S
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.people.sessions import FRESH_S, IDLE_S
 from tests.service.browsers import LOCALES, hold_to_rules, speaks
 from tests.service.doors import PINS, Clock
 from tests.service.shop import Shop, a_shop, give_pin, sign_in

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from procedures.past import Kind
-from service.certificates.certificate import issue
-from service.certificates.printing import html_from, pdf_from
-from service.configuration.cell_file import CellConfig
-from service.runs.cell import open_journal
-from service.runs.pictures import MOST_BYTES, PictureError, keep_picture, plain_picture
+from cellcal.procedures.past import Kind
+from cellcal.service.certificates.certificate import issue
+from cellcal.service.certificates.printing import html_from, pdf_from
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.runs.photos import MOST_BYTES, PictureError, keep_picture, plain_picture
 from tests.procedures.cells import pointing
 from tests.procedures.certified import cell_config, run_in
 from tests.service.doors import Door, a_door

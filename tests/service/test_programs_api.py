@@ -16,18 +16,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.compensation.compensate import Direction
-from calibration.geometry import inverse_transform
-from drivers.fanuc.ls_program import read_ls
-from drivers.fanuc.programs import BRAND
-from service.configuration.cell_file import read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.parameters.parameter_sets import ParameterSets, parse
-from service.people.roles import RIGHTS, Right, Role
-from service.programs.compensate import compensating
-from service.programs.project import read_project
-from service.web.guard import MOST_BYTES
-from service.web.programs_shapes import MOST_FILE_BYTES
+from cellcal.calibration.compensation.compensate import Direction
+from cellcal.calibration.geometry import inverse_transform
+from cellcal.drivers.fanuc.program_files.ls_program import read_ls
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, parse
+from cellcal.service.engineering.programs.compensate import compensating
+from cellcal.service.engineering.programs.jobs.shapes import MOST_FILE_BYTES
+from cellcal.service.engineering.programs.project import read_project
+from cellcal.service.people.roles import RIGHTS, Right, Role
+from cellcal.service.web.middleware import MOST_BYTES
 from tests.example_projects import FOLDER, TOOL, cells, poses_of, tips_at_fixture
 from tests.machine_speed import stretched_s
 from tests.service.doors import ROLES, Door, a_door

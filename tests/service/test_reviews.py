@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 import pytest_asyncio
 
-from procedures.arm.calibration_result import HoldOut
-from procedures.past import Finding
-from service.configuration.cell_file import CellConfig
-from service.demo.fake_cell import write_cell_file
-from service.parameters.parameter_sets import ParameterSets
-from service.people.entrance import Entrance
-from service.runs.cell import open_journal
-from service.runs.store import RunView, Store
-from service.web.app import Settings, create_app
-from service.web.parameters import FOLDER
-from service.web.solver import Solver, SolverError
+from cellcal.procedures.arm.calibration_result import HoldOut
+from cellcal.procedures.past import Finding
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.people.authentication import Entrance
+from cellcal.service.record.run_store import RunView, Store
+from cellcal.service.review.compute_client import Solver, SolverError
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.parameters import FOLDER
 from tests.service.doors import Clock, Door, another_browser, quick, with_people
 from tests.service.reviewed import ROBOT, SERIAL, SLIPPED_STEP, SPOILT_STEP, Past, with_a_past
 

@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 from websockets.asyncio.client import ClientConnection, connect
 
-from service.demo.fake_cell import write_cell_file
-from service.web import screens as rules
-from service.web.app import Settings, create_app
-from service.web.screens import Screen, Screens
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.web import websocket_hub as rules
+from cellcal.service.web.app import Settings, create_app
+from cellcal.service.web.websocket_hub import Screen, Screens
 from tests.service.browsers import PATIENCE_S, comes, served
 
 LIVE = 1_000_000  # bytes of a message, so that a link that nobody reads is full after a few

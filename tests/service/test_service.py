@@ -15,8 +15,8 @@ import httpx
 import pytest
 from websockets.asyncio.client import connect
 
-from service.demo.fake_cell import write_cell_file
-from service.web.app import Settings, create_app
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.web.app import Settings, create_app
 from tests.service.desks import PATIENCE_S, RECORD, a_cell
 from tests.service.doors import another_browser
 from tests.soak.served import address_of
@@ -33,7 +33,7 @@ async def serving(
     cell_file: Path, port: int
 ) -> AsyncIterator[tuple[asyncio.subprocess.Process, httpx.AsyncClient]]:
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "service", "serve", str(cell_file), "--port", str(port),
+        sys.executable, "-m", "cellcal", "serve", str(cell_file), "--port", str(port),
         stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
     )  # fmt: skip
     try:

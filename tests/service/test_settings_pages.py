@@ -8,9 +8,9 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, expect
 
-from procedures.catalogue import ENTRIES
-from procedures.limits import in_reach
-from service.web.app import Settings, create_app
+from cellcal.procedures.catalogue import ENTRIES
+from cellcal.procedures.limits import in_reach
+from cellcal.service.web.app import Settings, create_app
 from tests.service.browsers import go, hold_to_rules, speaks
 from tests.service.desks import a_cell
 from tests.service.test_pages import Looking, looking_at, looking_at_a_cell

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from procedures.catalogue import CATALOGUE
-from service.cli.app import run_command_line as main
-from service.runs.settings_told import settings_of
+from cellcal.procedures.catalogue import CATALOGUE
+from cellcal.service.cli.app import run_command_line as main
+from cellcal.service.runs.settings_told import settings_of
 
 
 @pytest.mark.parametrize("name", sorted(CATALOGUE))

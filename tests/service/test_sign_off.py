@@ -6,25 +6,25 @@ from typing import Any
 
 import pytest
 
-from procedures.past import Kind
-from service.certificates.certificate import certificates_folder, issue
-from service.certificates.page import page_of
-from service.certificates.printing import html_from, pdf_from
-from service.certificates.signing import Finding, check
-from service.certificates.text import as_text
-from service.cli.runs import show
-from service.configuration.cell_file import CellConfig
-from service.desk.answering import Answering
-from service.desk.desk import Desk
-from service.desk.messages import AnswerIt, Command, Signer, SignOff, Start
-from service.desk.running import Running
-from service.people.entrance import LOCAL_PERSON, Person
-from service.people.errors import SecondPersonError
-from service.people.permits import Permits
-from service.people.roles import Role
-from service.runs.cell import open_journal
-from service.runs.journal import Journal
-from service.runs.store import Store
+from cellcal.procedures.past import Kind
+from cellcal.service.cell_process.answering import Answering
+from cellcal.service.cell_process.cell_process import Desk
+from cellcal.service.cell_process.messages import AnswerIt, Command, Signer, SignOff, Start
+from cellcal.service.cell_process.running import Running
+from cellcal.service.certificates.certificate import certificates_folder, issue
+from cellcal.service.certificates.page import page_of
+from cellcal.service.certificates.printing import html_from, pdf_from
+from cellcal.service.certificates.signing import Finding, check
+from cellcal.service.certificates.text import as_text
+from cellcal.service.cli.runs import show
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.people.authentication import LOCAL_PERSON, Person
+from cellcal.service.people.authorization import Permits
+from cellcal.service.people.errors import SecondPersonError
+from cellcal.service.people.roles import Role
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import open_journal
 from tests.procedures.cells import pointing, recovering
 from tests.procedures.certified import cell_config, run_in
 from tests.service.printed import HtmlText, Pdf, squeezed, verify_paper

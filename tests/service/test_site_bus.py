@@ -11,18 +11,18 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from calibration.errors import CellError
-from service.certificates.signing import Finding, station_key
-from service.cli.app import run_command_line
-from service.exit_codes import ExitCode
-from service.site.access import MOST_JOINTS_HZ
-from service.site.authority import new_authority, read_authority
-from service.site.keys import MONITOR_NAME
-from service.site.link_files import MONITOR_FILE, read_link_folder
-from service.site.listener import Listener
-from service.site.outbox import Outbox
-from service.site.sealed import Sealer
-from service.web.app import Settings, create_app
+from cellcal.calibration.errors import CellError
+from cellcal.service.certificates.signing import Finding, station_key
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
+from cellcal.service.site.access import MOST_JOINTS_HZ
+from cellcal.service.site.authority import new_authority, read_authority
+from cellcal.service.site.keys import MONITOR_NAME
+from cellcal.service.site.link_files import MONITOR_FILE, read_link_folder
+from cellcal.service.site.listener import Listener
+from cellcal.service.site.outbox import Outbox
+from cellcal.service.site.sealed import Sealer
+from cellcal.service.web.app import Settings, create_app
 from tests.service.sites import PATIENCE_S, Ear, Site, live_of, opened, session_of, until
 
 RUN = "drift_check-0123456789ab"
@@ -301,7 +301,7 @@ def test_every_process_of_the_site_ends_when_asked(tmp_path: Path) -> None:
         ]
         processes = [
             subprocess.Popen(
-                [sys.executable, "-m", "service", *words],
+                [sys.executable, "-m", "cellcal", *words],
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
                 env=os.environ,

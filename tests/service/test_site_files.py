@@ -11,27 +11,27 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.errors import CellError
-from service.certificates.certificate import certificates_folder
-from service.certificates.signing import StationKey, station_key
-from service.cli.app import run_command_line
-from service.configuration.cell_file import read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.exit_codes import ExitCode
-from service.runs.journal import Journal
-from service.site.access import ASKING, SAYING, cell_access, router_access
-from service.site.alarms import CALM_S, Alarm, Alarms, wrong_in
-from service.site.answers import Answers
-from service.site.enrolment import Applicant, NewSite, applicant, enroll
-from service.site.fleet import SILENT_S, Fleet
-from service.site.journal_tail import JournalTail, chain_flaw, told
-from service.site.keys import chunk
-from service.site.ledger import Ledger
-from service.site.link_files import CELL_FILE, Enrolled, StationsFile, read_link_folder
-from service.site.outbox import Outbox, ToSend, rows_between
-from service.site.publisher import CERTIFICATES, site_folder
-from service.site.sealed import Message, Sealer, opened, public_key
-from service.site.site_store import Received, SiteStore
+from cellcal.calibration.errors import CellError
+from cellcal.service.certificates.certificate import certificates_folder
+from cellcal.service.certificates.signing import StationKey, station_key
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.exit_codes import ExitCode
+from cellcal.service.record.journal import Journal
+from cellcal.service.site.access import ASKING, SAYING, cell_access, router_access
+from cellcal.service.site.alarms import CALM_S, Alarm, Alarms, wrong_in
+from cellcal.service.site.answers import Answers
+from cellcal.service.site.enrolment import Applicant, NewSite, applicant, enroll
+from cellcal.service.site.fleet import SILENT_S, Fleet
+from cellcal.service.site.journal_tail import JournalTail, chain_flaw, told
+from cellcal.service.site.keys import chunk
+from cellcal.service.site.ledger import Ledger
+from cellcal.service.site.link_files import CELL_FILE, Enrolled, StationsFile, read_link_folder
+from cellcal.service.site.outbox import Outbox, ToSend, rows_between
+from cellcal.service.site.publisher import CERTIFICATES, site_folder
+from cellcal.service.site.sealed import Message, Sealer, opened, public_key
+from cellcal.service.site.site_store import Received, SiteStore
 from tests.service.sites import live_of, session_of
 
 NEW = NewSite("hall-3", "127.0.0.1:7447")

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from pydantic import TypeAdapter
 
-from procedures.catalogue import ENTRIES
-from procedures.entry import NEEDS, Entry
+from cellcal.procedures.catalogue import ENTRIES
+from cellcal.procedures.entry import NEEDS, Entry
 
 ROOT = Path(__file__).parents[2]
 TRANSLATED = ("de", "es", "zh")

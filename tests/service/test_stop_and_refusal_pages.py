@@ -6,7 +6,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import FloatRect, Locator, Page, expect
 
-from service.demo.fake_cell import write_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
 from tests.service.doors import Clock
 from tests.service.shop import PATIENCE_MS, Shop, a_shop
 from tests.service.test_people_pages import OneQuestion

@@ -2,9 +2,9 @@
 
 import pytest
 
-from procedures.entry import Phase
-from procedures.progress import Progress
-from service.desk.time_left import TimeLeft
+from cellcal.procedures.entry import Phase
+from cellcal.procedures.progress import Progress
+from cellcal.service.cell_process.time_left import TimeLeft
 
 PHASES = (
     Phase("read"),

@@ -11,7 +11,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Page, WebSocketRoute, expect
 
-from calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.kinematics import load_model
 from tests.service.browsers import at_rest, comes
 from tests.service.lookers import looking_back
 from tests.service.reviewed import ROBOT, Past

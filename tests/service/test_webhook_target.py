@@ -13,8 +13,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
-from service.export.webhook_sender import signed_headers
-from service.export.webhook_target import WebhookError, deliver, refuse_address, target_of
+from cellcal.service.export.webhook_sender import signed_headers
+from cellcal.service.export.webhook_target import WebhookError, deliver, refuse_address, target_of
 from tests.service.receivers import SECRET, Receiver, table
 from tests.service.sites import free_port
 

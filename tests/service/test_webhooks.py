@@ -14,15 +14,15 @@ from typing import IO, Any
 
 import pytest
 
-from service.cli.app import run_command_line
-from service.configuration.cell_file import read_cell_file
-from service.exit_codes import ExitCode
-from service.export.meter import Meter
-from service.export.webhook_outbox import WebhookOutbox
-from service.export.webhook_sender import Delivery, read_secret, send
-from service.export.webhook_target import WebhookError, target_of
-from service.site.alarms import Alarm
-from service.web.app import Settings, create_app
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.exit_codes import ExitCode
+from cellcal.service.export.meter import Meter
+from cellcal.service.export.webhook_outbox import WebhookOutbox
+from cellcal.service.export.webhook_sender import Delivery, read_secret, send
+from cellcal.service.export.webhook_target import WebhookError, target_of
+from cellcal.service.site.alarms import Alarm
+from cellcal.service.web.app import Settings, create_app
 from tests.procedures.certified import cell_config
 from tests.service.receivers import SECRET, Receiver, table
 from tests.service.sites import PATIENCE_S, free_port, live_of, session_of, until
@@ -82,7 +82,7 @@ def sender(cell: Path) -> Iterator[Say]:
 
 def killed_while_it_waits(cell: Path) -> None:
     """Run the sender as a process, let it take an alarm in while nobody is there, and kill it."""
-    command = [sys.executable, "-m", "service.export.webhook_sender", str(cell)]
+    command = [sys.executable, "-m", "cellcal.service.export.webhook_sender", str(cell)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
         assert process.stdin is not None
         say = saying(process.stdin)

@@ -11,15 +11,15 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from calibration.geometry import Pose
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.door import Door
-from service.demo.technician import DemoTechnician
-from service.runs.cell import lend_record, open_cell, open_journal
-from service.runs.conduct import run_procedure
-from service.runs.journal import Journal
-from service.runs.outcome import Verdict
-from service.runs.specs import build_spec
+from cellcal.calibration.geometry import Pose
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.technician import DemoTechnician
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.run_outcome import Verdict
+from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.run_procedure import run_procedure
+from cellcal.service.runs.settings import build_spec
 from tests.soak.figures import Figures
 from tests.soak.fixtures import MOST_ANGLE_RAD, MOST_ORIGIN_M
 from tests.stories.day_cell import ROBOTS, day_cell

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.joint_terms import term_values
-from calibration.arm.kinematics import load_model
-from calibration.geometry import homogeneous
-from calibration.identification.free_parameters import StartingPoint, state_of
-from calibration.mastering.pose_design import candidate_joints
-from calibration.motion.motion_check import MotionLimits, WirePath
-from calibration.poses.calibrated_arm import CalibratedArm
-from calibration.registration import best_fit_transform
-from fake_devices.cell import FakeCell
-from procedures.cell import Cell
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.runs.cell import open_cell
-from service.runs.specs import build_spec
+from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.identification.free_parameters import StartingPoint, state_of
+from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
+from cellcal.calibration.poses.calibrated_arm import CalibratedArm
+from cellcal.calibration.registration import best_fit_transform
+from cellcal.fake_devices.cell import FakeCell
+from cellcal.procedures.cell import Cell
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.runs.open_cell import open_cell
+from cellcal.service.runs.settings import build_spec
 from tests.procedures.ideal import Hands
 
 ANCHOR, HOOK = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12)

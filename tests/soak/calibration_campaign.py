@@ -10,10 +10,10 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from procedures.arm.arm_bench import Method
-from procedures.drift_check import drift_check
-from procedures.robot_calibration import ENTRY, robot_calibration
-from procedures.run import Run
+from cellcal.procedures.arm.arm_bench import Method
+from cellcal.procedures.drift_check import drift_check
+from cellcal.procedures.robot_calibration import ENTRY, robot_calibration
+from cellcal.procedures.run import Run
 from tests.procedures.ledgers import MemoryLedger
 from tests.soak.calibrated_cell import cell_behind_sockets, errors_m
 from tests.soak.figures import Figures

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.compensation.compensate import Compensation, PointStatus, compensate
-from calibration.geometry import Array, log_rotation
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.compensation.compensate import Compensation, PointStatus, compensate
+from cellcal.calibration.geometry import Array, log_rotation
 from tests.soak.stories import Figures
 
 _ROBOTS = ("ur10", "abb_irb120", "fanuc_m6ib", "kuka_kr6_r900", "ur5e")

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from calibration.geometry import Array
+from cellcal.calibration.geometry import Array
 from tests.soak import coverage_cells, coverage_devices
 from tests.soak.figures import Figures
 

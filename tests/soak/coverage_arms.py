@@ -6,10 +6,17 @@ from functools import cache
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import Array, exp_rotation, exp_twist, homogeneous, inverse_transform, log_transform
-from calibration.identification.observations import Rows
-from calibration.identification.parameters import Priors
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import (
+    Array,
+    exp_rotation,
+    exp_twist,
+    homogeneous,
+    inverse_transform,
+    log_transform,
+)
+from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.identification.parameters import Priors
 
 PRIORS = Priors()
 SIGMA_M, SIGMA_RAD = 5e-5, 1e-4

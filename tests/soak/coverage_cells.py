@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
-from calibration.cells.contact_observations import (
+from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
+from cellcal.calibration.cells.contact_observations import (
     BarLengths,
     CellObservations,
     GuidedLengthObservations,
@@ -13,17 +13,17 @@ from calibration.cells.contact_observations import (
     PlaneContacts,
     SphereContacts,
 )
-from calibration.cells.estimate import CellFit, estimate_cell
-from calibration.cells.first_guess import first_places
-from calibration.cells.places import Place
-from calibration.cells.prediction import target_positions, tip_covariance
-from calibration.cells.robust import fit_cell_robustly
-from calibration.cells.state import CellLayout, CellState, Frames, cell_layout
-from calibration.cells.system import CellProblem
-from calibration.geometry import Array, exp_rotation, exp_twist, homogeneous, inverse_transform
-from calibration.identification.observations import LengthObservations, PointObservations
-from calibration.identification.parameters import FRAMES, GEOMETRY
-from calibration.uncertainty import coverage_factor
+from cellcal.calibration.cells.estimate import CellFit, estimate_cell
+from cellcal.calibration.cells.first_guess import first_places
+from cellcal.calibration.cells.places import Place
+from cellcal.calibration.cells.prediction import target_positions, tip_covariance
+from cellcal.calibration.cells.robust import fit_cell_robustly
+from cellcal.calibration.cells.state import CellLayout, CellState, Frames, cell_layout
+from cellcal.calibration.cells.system import CellProblem
+from cellcal.calibration.geometry import Array, exp_rotation, exp_twist, homogeneous, inverse_transform
+from cellcal.calibration.identification.observations import LengthObservations, PointObservations
+from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY
+from cellcal.calibration.uncertainty import coverage_factor
 from tests.soak.coverage_arms import (
     ANCHOR,
     CHECKED,

@@ -2,20 +2,20 @@
 
 import numpy as np
 
-from calibration.geometry import Array, exp_rotation
-from calibration.identification.estimator import Problem, estimate
-from calibration.identification.observations import (
+from cellcal.calibration.geometry import Array, exp_rotation
+from cellcal.calibration.identification.estimator import Problem, estimate
+from cellcal.calibration.identification.observations import (
     Device,
     LengthObservations,
     Observations,
     PointObservations,
     PoseObservations,
 )
-from calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
-from calibration.identification.robust import fit_robustly
-from calibration.identification.series_breaks import fit_frames
-from calibration.identification.tip_uncertainty import predict_tips
-from calibration.uncertainty import coverage_factor
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
+from cellcal.calibration.identification.robust import fit_robustly
+from cellcal.calibration.identification.series_breaks import fit_frames
+from cellcal.calibration.identification.tip_uncertainty import predict_tips
+from cellcal.calibration.uncertainty import coverage_factor
 from tests.soak.coverage_arms import (
     ANCHOR,
     CHECKED,

@@ -6,7 +6,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.kinematics import load_model
 from tests.benchmarks.bench_identify import base_layout, squared_errors
 from tests.soak.figures import Figures
 

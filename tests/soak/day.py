@@ -10,8 +10,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import track
 
-from procedures.catalogue import CATALOGUE
-from service.cli.certificate import verify
+from cellcal.procedures.catalogue import CATALOGUE
+from cellcal.service.cli.certificate import verify
 from tests.soak.figures import Figures
 from tests.stories.catalogue_day import stories
 from tests.stories.days import Ended, Story, working_day

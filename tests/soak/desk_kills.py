@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from procedures.past import Kind
-from service.runs.journal import Journal
-from service.runs.store import Store
+from cellcal.procedures.past import Kind
+from cellcal.service.record.journal import Journal
+from cellcal.service.record.run_store import Store
 from tests.service.desks import a_cell
 from tests.soak.figures import Figures
 from tests.soak.served import RECORD, Browser, Service, free_port, serving

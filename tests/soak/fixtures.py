@@ -8,9 +8,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from calibration.points.alignment import Alignment
-from calibration.points.fixture import BaseToBase, base_through_fixture, u_of
-from calibration.points.joint_bases import bases_together
+from cellcal.calibration.points.alignment import Alignment
+from cellcal.calibration.points.fixture import BaseToBase, base_through_fixture, u_of
+from cellcal.calibration.points.joint_bases import bases_together
 from tests.soak.figures import Figures
 from tests.unit.helpers.fixture_world import FixtureWorld, error_of, find_tool, stated_u
 from tests.unit.helpers.two_robots import DEFAULT, FOR_BASES, FOR_FIXTURES, Effort, two_robots

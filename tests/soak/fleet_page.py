@@ -19,11 +19,11 @@ from pathlib import Path
 
 from playwright.async_api import BrowserContext, Page
 
-from service.certificates.signing import station_key
-from service.settled import settle
-from service.site.enrolment import Applicant, NewSite, enroll
-from service.site.listener import Listener
-from service.web.fleet import FleetHouse, create_fleet_app
+from cellcal.service.certificates.signing import station_key
+from cellcal.service.settled import settle
+from cellcal.service.site.enrolment import Applicant, NewSite, enroll
+from cellcal.service.site.listener import Listener
+from cellcal.service.web.fleet import FleetHouse, create_fleet_app
 from tests.service.browsers import PATIENCE_MS, chromium, served
 from tests.service.sites import SITE, free_port, router_of, until
 from tests.soak.figures import Figures

@@ -6,12 +6,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import Array
-from calibration.motion.collision import Capsule, Sphere
-from drivers.interfaces import Joints
-from procedures.cell import GaugeSetup
-from procedures.motion.surroundings import Surroundings
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.motion.collision import Capsule, Sphere
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.cell import GaugeSetup
+from cellcal.procedures.motion.surroundings import Surroundings
 
 _STEP_RAD = 0.01
 _CONTACT_M = 0.005  # what the gate keeps, less what may happen between two of its looks

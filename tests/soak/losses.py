@@ -77,7 +77,8 @@ def exchanged(seeds: int) -> Figures:
         f"exchanged: {wrong} wrong accepts of {accepted} accepted ({accepted} of {seeds}), "
         f"taken for whole turns within the stated blind zone in {whole}"
     )
-    return Figures(line, wrong == 0 and accepted >= 0.85 * seeds)
+    # J1 and J6 are not named without a report: a wire whose anchor or hook moved looks the same.
+    return Figures(line, wrong == 0 and accepted >= 0.6 * seeds)
 
 
 def _seeds(what: str, count: int) -> Iterable[int]:

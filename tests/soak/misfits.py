@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model, model_names
-from calibration.geometry import Array, exp_twist, homogeneous
-from calibration.identification.misfit import FileNames, MisfitError, refuse_misfit
-from calibration.identification.observations import Device, PointObservations
-from calibration.identification.parameters import ArmState, nominal_state
+from cellcal.calibration.arm.kinematics import RobotModel, load_model, model_names
+from cellcal.calibration.geometry import Array, exp_twist, homogeneous
+from cellcal.calibration.identification.misfit import FileNames, MisfitError, refuse_misfit
+from cellcal.calibration.identification.observations import Device, PointObservations
+from cellcal.calibration.identification.parameters import ArmState, nominal_state
 from tests.soak.figures import Figures
 
 SEEDS = 20

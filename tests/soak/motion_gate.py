@@ -7,14 +7,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.errors import CellError
-from calibration.geometry import Array, Pose
-from calibration.motion.collision import Plane, Sphere, arm_shape
-from drivers.interfaces import Joints
-from procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits
-from procedures.motion.motion_gate import Care, move_along
-from procedures.motion.surroundings import Block, Surroundings
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.motion.collision import Plane, Sphere, arm_shape
+from cellcal.drivers.interfaces import Joints
+from cellcal.procedures.cell import Cell, GaugeSetup, MotionLevel, MotionLimits
+from cellcal.procedures.motion.motion_gate import Care, move_along
+from cellcal.procedures.motion.surroundings import Block, Surroundings
 from tests.procedures.ideal import Hands, IdealArm, IdealWire
 from tests.soak.figures import Figures
 from tests.soak.gate_oracle import Oracle

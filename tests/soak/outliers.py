@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import Array, exp_twist, homogeneous
-from calibration.identification.first_guess import first_guess
-from calibration.identification.observations import Device, PointObservations, Rows
-from calibration.identification.parameters import GEOMETRY, ArmState, Priors, nominal_state
-from calibration.identification.selection import fit_level
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import Array, exp_twist, homogeneous
+from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.observations import Device, PointObservations, Rows
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Priors, nominal_state
+from cellcal.calibration.identification.selection import fit_level
 from tests.soak.figures import Figures
 
 _ROWS = 60

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from procedures.run import RefusalError
+from cellcal.procedures.run import RefusalError
 from tests.procedures.test_places_over_the_wire import PROBE, TRACKER, cell_with, do, lose, wrong_rad
 from tests.soak.figures import Figures
 

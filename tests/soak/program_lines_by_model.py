@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import Array
-from calibration.orientation import values_from
-from drivers.program_registry import brand_named
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.orientation import values_from
+from cellcal.drivers.program_registry import brand_named
 
 _SPREAD_RAD = 0.2
 _TOOL_MM = 80.0

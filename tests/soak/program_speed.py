@@ -84,7 +84,7 @@ def _run_small(place: Path) -> Took:
 
 
 def _commands(master: Path, clone: Path) -> dict[str, list[str]]:
-    base = [sys.executable, "-m", "service", "program"]
+    base = [sys.executable, "-m", "cellcal", "program"]
     one = ["--project", str(master)]
     return {
         "clone": [*base, "clone", str(master), str(clone)],
@@ -94,7 +94,7 @@ def _commands(master: Path, clone: Path) -> dict[str, list[str]]:
 
 
 def _move(project: Path, frame: str) -> list[str]:
-    base = [sys.executable, "-m", "service", "program", "move"]
+    base = [sys.executable, "-m", "cellcal", "program", "move"]
     return [*base, "--project", str(project), "--frame", frame, "--offset", "12,0,-3.5,0,0,1.5"]
 
 

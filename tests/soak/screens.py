@@ -19,8 +19,8 @@ from pathlib import Path
 import httpx
 from websockets.asyncio.client import ClientConnection, connect
 
-from procedures.past import Kind
-from service.runs.journal import Journal
+from cellcal.procedures.past import Kind
+from cellcal.service.record.journal import Journal
 from tests.service.desks import a_cell
 from tests.soak.figures import Figures
 from tests.soak.served import Browser, Service, free_port, serving

@@ -46,7 +46,7 @@ class Service:
         told = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         for child in told:
             with suppress(OSError):
-                if "service.desk" in Path(f"/proc/{child}/cmdline").read_text():
+                if "cellcal.service.cell_process" in Path(f"/proc/{child}/cmdline").read_text():
                     return int(child)
         return None
 
@@ -60,7 +60,7 @@ class Service:
 async def serving(cell_file: Path, port: int) -> AsyncIterator[tuple[Service, httpx.AsyncClient]]:
     """Serve a cell, and sign a browser in with the address that the console shows."""
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "service", "serve", str(cell_file), "--port", str(port),
+        sys.executable, "-m", "cellcal", "serve", str(cell_file), "--port", str(port),
         stderr=asyncio.subprocess.PIPE, env=os.environ | {"COLUMNS": "200"},
     )  # fmt: skip
     try:

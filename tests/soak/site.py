@@ -16,13 +16,13 @@ from typing import Any
 
 import zenoh
 
-from service.certificates.signing import StationKey, station_key
-from service.site.enrolment import Applicant, NewSite, enroll
-from service.site.keys import StationKeys
-from service.site.link_files import CELL_FILE, close, read_link_folder
-from service.site.listener import Listener
-from service.site.sealed import Sealer
-from service.site.station import advanced_publisher
+from cellcal.service.certificates.signing import StationKey, station_key
+from cellcal.service.site.enrolment import Applicant, NewSite, enroll
+from cellcal.service.site.keys import StationKeys
+from cellcal.service.site.link_files import CELL_FILE, close, read_link_folder
+from cellcal.service.site.listener import Listener
+from cellcal.service.site.sealed import Sealer
+from cellcal.service.site.station import advanced_publisher
 from tests.service.sites import SITE, Site, free_port, router_of, until
 from tests.soak.figures import Figures
 

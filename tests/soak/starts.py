@@ -11,7 +11,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from service.demo.fake_cell import write_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
 from tests.soak.figures import Figures
 from tests.soak.served import free_port
 
@@ -36,7 +36,7 @@ def starts(count: int) -> Figures:
 def _start(path: Path) -> tuple[float, float]:
     port, began_s = free_port(), time.monotonic()
     process = subprocess.Popen(
-        [sys.executable, "-m", "service", "serve", str(path), "--port", str(port)], stderr=subprocess.DEVNULL
+        [sys.executable, "-m", "cellcal", "serve", str(path), "--port", str(port)], stderr=subprocess.DEVNULL
     )
     try:
         while not _answers(port):

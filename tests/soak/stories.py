@@ -122,7 +122,7 @@ async def _tell_all(loss: str, seeds: int, time_factor: str) -> list[Story]:
 
 
 async def _tell(loss: str, seed: int, time_factor: str) -> Story:
-    command = ["-m", "service", "demo", "--headless", "--json", "--loss", loss, "--seed", str(seed)]
+    command = ["-m", "cellcal", "demo", "--headless", "--json", "--loss", loss, "--seed", str(seed)]
     process = await asyncio.create_subprocess_exec(
         sys.executable, *command, "--time-factor", time_factor,
         stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,

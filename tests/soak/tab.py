@@ -8,7 +8,7 @@ from pathlib import Path
 
 from playwright.async_api import Page, WebSocket
 
-from service.people.register import Register
+from cellcal.service.people.accounts import Register
 from tests.service.browsers import NO_WEBGL, PATIENCE_MS, chromium
 
 # Lines of the steps as [name, whether it is the current one, how many of it are done]; points of a page that teaches.

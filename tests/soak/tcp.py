@@ -9,11 +9,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from calibration.geometry import Pose, exp_rotation, homogeneous
-from calibration.points.touch_design import planned_attitudes
-from calibration.uncertainty import Verdict
-from procedures.run import RefusalError, Run
-from procedures.six_point_tcp import ENTRY, SixPointTcp, ToolSetup, six_point_tcp
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous
+from cellcal.calibration.points.touch_design import planned_attitudes
+from cellcal.calibration.uncertainty import Verdict
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.six_point_tcp import ENTRY, SixPointTcp, ToolSetup, six_point_tcp
 from tests.procedures.cells import TIP, Scene, touching
 from tests.procedures.ledgers import MemoryLedger
 from tests.soak.figures import Figures

@@ -11,11 +11,11 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from calibration.points.touch_design import planned_attitudes
-from fake_devices.arm import Arm
-from fake_devices.fixture import own_flange
-from procedures.run import RefusalError, Run
-from procedures.six_point_tcp import six_point_tcp
+from cellcal.calibration.points.touch_design import planned_attitudes
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.fixture import own_flange
+from cellcal.procedures.run import RefusalError, Run
+from cellcal.procedures.six_point_tcp import six_point_tcp
 from tests.procedures.cells import TIP
 from tests.procedures.ideal import Hands
 from tests.procedures.ledgers import MemoryLedger

@@ -9,10 +9,10 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
-from drivers.errors import DeviceError
-from drivers.interfaces import Readiness
-from service.configuration.cell_file import read_cell_file
-from service.demo.door import Door
+from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.interfaces import Readiness
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.door import Door
 from tests.soak.figures import Figures
 from tests.wire.cases import ROBOTS, opened, until, until_ready
 from tests.wire.fakes import running
@@ -20,7 +20,7 @@ from tests.wire.fakes import running
 PROMISE_S = 2.0
 _PATIENCE_S = 30.0
 _CASE = ROBOTS["universal_robots"]
-_CHILD = "drivers.universal_robots.child"
+_CHILD = "cellcal.drivers.universal_robots.child"
 Mischief = Callable[[Door], Awaitable[None]]
 
 

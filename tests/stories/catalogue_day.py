@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.geometry import Array, homogeneous, quaternion_from_rotation
-from calibration.points.tag_points import TagPath
+from cellcal.calibration.geometry import Array, homogeneous, quaternion_from_rotation
+from cellcal.calibration.points.tag_points import TagPath
 from tests.stories.day_cell import CORNER, OVER_THE_CORNER_RAD, POINTS_M, TARGETS_M
 from tests.stories.days import Story
 from tests.stories.hands import MISSED_M, MODEL, flange_at, turned

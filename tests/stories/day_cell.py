@@ -8,9 +8,9 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
-from calibration.arm.kinematics import load_model
-from service.demo.door import Door
-from service.demo.fake_cell import free_address, running_fakes
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.service.demo.door import Door
+from cellcal.service.demo.fake_cell import free_address, running_fakes
 from tests.machine_speed import stretched_s
 from tests.procedures.corners import corner_below
 from tests.wire.probe_cell import corner_tables

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from playwright.async_api import FilePayload, Locator, Page
 
-from calibration.geometry import Pose
+from cellcal.calibration.geometry import Pose
 
 SHOWN = {"mm": 1e3, "mm/s": 1e3, "°": 180.0 / math.pi, "°/s": 180.0 / math.pi}  # a unit's count in one of SI
 

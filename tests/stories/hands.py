@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import Array, exp_rotation, homogeneous, log_rotation
-from service.demo.door import Door
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import Array, exp_rotation, homogeneous, log_rotation
+from cellcal.service.demo.door import Door
 
 _MOUNT, _HOOK = re.compile(r"mount_wire_(\d+)"), re.compile(r"hook_wire_(\d+)")
 _MOUTH = re.compile(r"towards x (-?\d+), y (-?\d+), z (-?\d+) mm")

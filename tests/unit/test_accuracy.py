@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.accuracy import (
+from cellcal.calibration.accuracy import (
     FULL_TITLE,
     REDUCED_TITLE,
     Attained,
@@ -17,8 +17,8 @@ from calibration.accuracy import (
     evaluate,
     refuse_fitted,
 )
-from calibration.errors import CalibrationError
-from calibration.geometry import exp_rotation
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import exp_rotation
 
 FULL = Conditions(load_share=1.0, speed_share=1.0, warmed_up=True, one_direction=True)
 NONE_FITTED = np.empty((0, 6))

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from calibration.accuracy import cube_positions
-from calibration.arm.kinematics import load_model
-from calibration.errors import CalibrationError
-from calibration.line_accuracy import evaluate_lengths
-from calibration.mastering.pose_design import candidate_joints
-from calibration.motion.motion_check import MotionLimits, WirePath
-from calibration.poses.arm_fit import (
+from cellcal.calibration.accuracy import cube_positions
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.line_accuracy import evaluate_lengths
+from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
+from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     believed_sigma,
     errors_at,
@@ -21,10 +21,10 @@ from calibration.poses.arm_fit import (
     predicted_sigma,
     target_u,
 )
-from calibration.poses.enough_poses import Acceptance
-from calibration.poses.measurement_poses import TestPoses
-from calibration.poses.next_pose import best_in_turn, drawn_need, spread_order
-from calibration.poses.shortfall import shortfall
+from cellcal.calibration.poses.enough_poses import Acceptance
+from cellcal.calibration.poses.measurement_poses import TestPoses
+from cellcal.calibration.poses.next_pose import best_in_turn, drawn_need, spread_order
+from cellcal.calibration.poses.shortfall import shortfall
 
 ANCHOR, HOOK = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12)
 MODEL = load_model("fanuc_m6ib")

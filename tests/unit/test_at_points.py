@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.compensation.pose_gap import Arm
-from calibration.compensation.posture_of_pose import postures_of_poses
-from calibration.orientation import CONVENTIONS, values_from
-from service.identification.at_points import AtOptions, read_points, solved
-from service.measured.table import MeasurementError
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
+from cellcal.calibration.orientation import CONVENTIONS, values_from
+from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solved
+from cellcal.service.engineering.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import dh_errors, random_joints
 
 MODEL = load_model("fanuc_m6ib")

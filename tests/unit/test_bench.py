@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.bench import identify, real
-from service.bench.compensate import judge
-from service.bench.contestants import (
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.bench import identify, real
+from cellcal.service.engineering.bench.compensate import judge
+from cellcal.service.engineering.bench.contestants import (
     OURS,
     PEERS,
     Absent,
@@ -19,12 +20,11 @@ from service.bench.contestants import (
     parse_interpreters,
     run,
 )
-from service.bench.plots import write_results
-from service.bench.poses import determinant_root
-from service.bench.results import Result, Topic, as_document, take_turns
-from service.bench.simulated import arms, draw_joints
-from service.bench.topics import TOPICS, choose_topics
-from service.cli.app import run_command_line
+from cellcal.service.engineering.bench.plots import write_results
+from cellcal.service.engineering.bench.poses import determinant_root
+from cellcal.service.engineering.bench.results import Result, Topic, as_document, take_turns
+from cellcal.service.engineering.bench.simulated import arms, draw_joints
+from cellcal.service.engineering.bench.topics import TOPICS, choose_topics
 
 NOBODY = Contestant("nobody", "roboticstoolbox_peer.py", "roboticstoolbox-python==1.5.0")
 

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from pydantic_core import to_jsonable_python
 
-from calibration.arm.kinematics import load_model
-from calibration.drift.reference import DriftReference
-from calibration.poses.calibrated_arm import CalibratedArm, FoundParameter
-from procedures.past import Kind
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.parameters.calibrated_models import calibrated_model, covariance_of
-from service.parameters.parameter_files import Who
-from service.parameters.parameter_sets import ParameterSetError, ParameterSets
-from service.runs.calibrated_runs import draft_of, keep_calibration
-from service.runs.cell import open_journal
-from service.runs.outline import remembered
-from service.runs.store import stored_body
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.drift.reference import DriftReference
+from cellcal.calibration.poses.calibrated_arm import CalibratedArm, FoundParameter
+from cellcal.procedures.past import Kind
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
+from cellcal.service.engineering.parameters.calibrated_runs import draft_of, keep_calibration
+from cellcal.service.engineering.parameters.parameter_files import Who
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSetError, ParameterSets
+from cellcal.service.record.run_store import stored_body
+from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.runs.outline import remembered
 
 SERIAL = "F-104711"
 CELL = """\

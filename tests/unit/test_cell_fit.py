@@ -6,19 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
-from calibration.cells.first_guess import first_places
-from calibration.cells.identify import fit_cell
-from calibration.cells.levels import CellOptions
-from calibration.cells.places import Place
-from calibration.cells.prediction import target_positions, tip_covariance
-from calibration.cells.state import Frames, cell_layout
-from calibration.cells.system import CellProblem, residuals, whole_columns
-from calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform
-from calibration.identification.identify import identify
-from calibration.identification.observations import with_mounting
-from calibration.identification.parameters import GEOMETRY, GRAVITY, Priors
-from calibration.identification.selection import Options, terms_of_level
+from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
+from cellcal.calibration.cells.first_guess import first_places
+from cellcal.calibration.cells.identify import fit_cell
+from cellcal.calibration.cells.levels import CellOptions
+from cellcal.calibration.cells.places import Place
+from cellcal.calibration.cells.prediction import target_positions, tip_covariance
+from cellcal.calibration.cells.state import Frames, cell_layout
+from cellcal.calibration.cells.system import CellProblem, residuals, whole_columns
+from cellcal.calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.observations import with_mounting
+from cellcal.calibration.identification.parameters import GEOMETRY, GRAVITY, Priors
+from cellcal.calibration.identification.selection import Options, terms_of_level
 from tests.unit.helpers.simulated_arm import tracker_points, tracker_poses, wire_lengths
 from tests.unit.helpers.simulated_cell import REFLECTORS, TRACKER, World, shortest_wire
 

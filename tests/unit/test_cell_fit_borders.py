@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
-from calibration.cells.contact_observations import BarLengths, PlaneContacts
-from calibration.cells.identify import fit_cell
-from calibration.cells.levels import CellOptions
-from calibration.cells.places import Place
-from calibration.cells.prediction import frame_between, tip_covariance
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import homogeneous
-from calibration.identification.parameters import GEOMETRY, OFFSETS, nominal_state
+from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Scalar, Series
+from cellcal.calibration.cells.contact_observations import BarLengths, PlaneContacts
+from cellcal.calibration.cells.identify import fit_cell
+from cellcal.calibration.cells.levels import CellOptions
+from cellcal.calibration.cells.places import Place
+from cellcal.calibration.cells.prediction import frame_between, tip_covariance
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS, nominal_state
 from tests.unit.helpers.simulated_cell import REFLECTORS, TRACKER, World
 
 WORLD = World(seed=1)

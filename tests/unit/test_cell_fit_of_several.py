@@ -5,15 +5,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import DhTable, RobotModel
-from calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Series
-from calibration.cells.identify import fit_cell
-from calibration.cells.levels import CellOptions, grouped
-from calibration.cells.places import Place
-from calibration.cells.prediction import frame_between, target_positions, tip_covariance
-from calibration.cells.state import Frames
-from calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform, log_transform
-from calibration.identification.parameters import FRAMES, GEOMETRY, OFFSETS, ArmState, Priors, nominal_state
+from cellcal.calibration.arm.kinematics import DhTable, RobotModel
+from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Series
+from cellcal.calibration.cells.identify import fit_cell
+from cellcal.calibration.cells.levels import CellOptions, grouped
+from cellcal.calibration.cells.places import Place
+from cellcal.calibration.cells.prediction import frame_between, target_positions, tip_covariance
+from cellcal.calibration.cells.state import Frames
+from cellcal.calibration.geometry import (
+    exp_rotation,
+    exp_twist,
+    homogeneous,
+    inverse_transform,
+    log_transform,
+)
+from cellcal.calibration.identification.parameters import (
+    FRAMES,
+    GEOMETRY,
+    OFFSETS,
+    ArmState,
+    Priors,
+    nominal_state,
+)
 from tests.unit.helpers.simulated_arm import random_joints
 from tests.unit.helpers.simulated_cell import REFLECTORS, TOOL, TRACKER, World
 

@@ -7,23 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.cells.levels import CellOptions
-from calibration.errors import CellError
-from calibration.geometry import (
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.cells.levels import CellOptions
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.geometry import (
     exp_rotation,
     homogeneous,
     inverse_transform,
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
-from calibration.identification.parameters import OFFSETS
-from service.cli.app import run_command_line
-from service.identification.cell_identify import identify_cell_file
-from service.measured.cell_rows import read_cell
-from service.measured.cells import describes_a_cell, read_cell_layout
-from service.measured.table import MeasurementError
-from service.parameters.parameter_sets import ParameterSets
+from cellcal.calibration.identification.parameters import OFFSETS
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.identification.cell_identify import identify_cell_file
+from cellcal.service.engineering.measured.cell_rows import read_cell
+from cellcal.service.engineering.measured.cells import describes_a_cell, read_cell_layout
+from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from tests.unit.helpers.simulated_cell import REFLECTORS, TOOL, TRACKER, World
 
 LAYOUTS = Path(__file__).resolve().parents[2] / "deploy" / "layouts"

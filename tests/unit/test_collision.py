@@ -4,11 +4,11 @@ import coal
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.errors import CalibrationError
-from calibration.geometry import exp_rotation, homogeneous
-from calibration.motion.capsule_distance import box_distance, plane_distance, segment_distance
-from calibration.motion.collision import (
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import exp_rotation, homogeneous
+from cellcal.calibration.motion.capsule_distance import box_distance, plane_distance, segment_distance
+from cellcal.calibration.motion.collision import (
     Box,
     Capsule,
     CellShape,
@@ -18,7 +18,7 @@ from calibration.motion.collision import (
     arm_shape,
     assumed_shape,
 )
-from calibration.motion.motion_check import WirePath
+from cellcal.calibration.motion.motion_check import WirePath
 
 MODEL = load_model("fanuc_m6ib")
 STRETCHED = np.array([[0.0, 0.3, 0.2, 0.0, 0.4, 0.0]])

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.joint_terms import gravity_terms, harmonic_terms, term_values
-from calibration.arm.kinematics import load_model
-from calibration.compensation.compensate import (
+from cellcal.calibration.arm.joint_terms import gravity_terms, harmonic_terms, term_values
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.compensation.compensate import (
     Compensation,
     CompensationLimits,
     Direction,
     PointStatus,
     compensate,
 )
-from calibration.compensation.damped_solve import damped_step
-from calibration.compensation.pose_gap import Arm
-from calibration.errors import CalibrationError
-from calibration.geometry import exp_rotation, exp_twist, homogeneous, log_rotation
-from calibration.identification.parameters import nominal_state
+from cellcal.calibration.compensation.damped_solve import damped_step
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import exp_rotation, exp_twist, homogeneous, log_rotation
+from cellcal.calibration.identification.parameters import nominal_state
 
 ROBOTS = ("ur10", "abb_irb120", "fanuc_m6ib", "kuka_kr6_r900")
 TOOL = homogeneous(exp_rotation(np.array([0.3, -0.8, 0.1])), np.array([0.05, 0.02, 0.18]))

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from service.configuration.cell_file import ConfigError, read_cell_file
-from service.demo.fake_cell import write_cell_file
+from cellcal.service.configuration.cell_file import ConfigError, read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
 
 
 @pytest.fixture
@@ -174,3 +174,12 @@ def test_an_anchor_in_metres_is_refused(good: Path) -> None:
     good.write_text(text.replace("[900.0, -700.0, -450.0]", "[0.9, -0.7, -0.45]", 1))
     faults = " ".join(faults_of(good).values())
     assert "metres written where millimetres belong?" in faults
+
+
+def test_a_robot_on_a_wall_is_a_model_with_its_mounting(good: Path) -> None:
+    text = good.read_text()
+    model = next(robot.model for robot in read_cell_file(good).robots if robot.name == "ur")
+    good.write_text(text.replace(f'model = "{model}"', f'model = "{model}@wall"'))
+    assert read_cell_file(good).robot("ur").model == f"{model}@wall"
+    good.write_text(text.replace(f'model = "{model}"', f'model = "{model}@shelf"'))
+    assert any("no robot model" in sentence for sentence in faults_of(good).values())

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.arm.urdf import bare_urdf, read_urdf
-from calibration.errors import CalibrationError
-from calibration.geometry import homogeneous
-from calibration.motion.collision import Box, Capsule, CellShape, CollisionCheck, Plane, Sphere
-from calibration.motion.description_collision import DescriptionCheck
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.motion.collision import Box, Capsule, CellShape, CollisionCheck, Plane, Sphere
+from cellcal.calibration.motion.description_collision import DescriptionCheck
 
 MODEL = load_model("ur10e")
 RNG = np.random.default_rng(2)

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from procedures.motion.detours import known_way, ways_through
+from cellcal.procedures.motion.detours import known_way, ways_through
 
 START = (0.0, 0.0)
 

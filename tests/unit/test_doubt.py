@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import homogeneous
-from calibration.mastering.counts import DriveTrain
-from calibration.motion.collision import Box, CellShape, CollisionCheck, Plane, Sphere, arm_shape
-from calibration.motion.doubt import JointDoubt, PostureDoubt
-from calibration.motion.motion_check import MotionLimits, WirePath, check_moves
-from calibration.motion.motion_quantities import body_points, workspace_excess
-from procedures.motion.plans import Room
-from procedures.motion.turn_doubt import HALF_TURN, first_doubt, posture_doubt
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.mastering.counts import DriveTrain
+from cellcal.calibration.motion.collision import Box, CellShape, CollisionCheck, Plane, Sphere, arm_shape
+from cellcal.calibration.motion.doubt import JointDoubt, PostureDoubt
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, check_moves
+from cellcal.calibration.motion.motion_quantities import body_points, workspace_excess
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.turn_doubt import HALF_TURN, first_doubt, posture_doubt
 
 ARMS = ("fanuc_m6ib", "ur10e", "abb_irb120")
 BOX = ((-9.0, -9.0, -9.0), (9.0, 9.0, 9.0))

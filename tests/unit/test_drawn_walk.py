@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from calibration.mastering.drawn_walk import drawn_walk
-from calibration.mastering.pose_design import candidate_joints, predict
-from procedures.motion.lost_plans import compare_drawn
-from procedures.motion.plans import Room, motion_limits
-from procedures.steps.mastering import read_motors
+from cellcal.calibration.mastering.drawn_walk import drawn_walk
+from cellcal.calibration.mastering.pose_design import candidate_joints, predict
+from cellcal.procedures.motion.lost_plans import compare_drawn
+from cellcal.procedures.motion.plans import Room, motion_limits
+from cellcal.procedures.steps.mastering import read_motors
 from tests.procedures.cells import record_of, scene
 
 

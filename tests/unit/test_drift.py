@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.arm.kinematics import load_model
-from calibration.drift.causes import OTHER, causes, explain, telling_order, telling_pose
-from calibration.drift.reference import DriftReference
-from calibration.errors import CalibrationError
-from calibration.mastering.pose_design import candidate_joints
-from calibration.motion.motion_check import MotionLimits, WirePath
-from calibration.poses.arm_fit import ArmTask
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.drift.causes import OTHER, causes, explain, telling_order, telling_pose
+from cellcal.calibration.drift.reference import DriftReference
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
+from cellcal.calibration.poses.arm_fit import ArmTask
 
 ANCHOR, HOOK, SIGMA_M = (0.9, -0.7, -0.45), (0.06, 0.05, 0.12), 5e-5
 TASKS = {kind: ArmTask("fanuc_m6ib", kind, 1e-4, HOOK, ANCHOR) for kind in ("length", "point")}

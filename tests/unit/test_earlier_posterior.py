@@ -6,16 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import DegenerateDataError
-from calibration.identification.estimator import estimate
-from calibration.identification.free_parameters import StartingPoint
-from calibration.identification.identify import identify
-from calibration.identification.parameters import GEOMETRY
-from calibration.identification.selection import Options
-from calibration.identification.tip_uncertainty import predict_tips
-from service.cli.app import run_command_line
-from service.parameters.calibrated_models import covariance_of
-from service.parameters.parameter_sets import ParameterSetError, ParameterSets, parse, to_text
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.identification.estimator import estimate
+from cellcal.calibration.identification.free_parameters import StartingPoint
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.parameters import GEOMETRY
+from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.tip_uncertainty import predict_tips
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.parameters.calibrated_models import covariance_of
+from cellcal.service.engineering.parameters.parameter_sets import (
+    ParameterSetError,
+    ParameterSets,
+    parse,
+    to_text,
+)
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 from tests.unit.test_identify_report import file_of
 

@@ -4,7 +4,7 @@ import struct
 
 import pytest
 
-from drivers.laser_tracker.packets import RESULTS, SIZES, Command, Kind, command, result
+from cellcal.drivers.laser_tracker.packets import RESULTS, SIZES, Command, Kind, command, result
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from calibration.identification.estimator import Problem, errors_m, estimate, place_columns
-from calibration.identification.first_guess import first_guess
-from calibration.identification.parameters import GEOMETRY, make_layout
+from cellcal.calibration.identification.estimator import Problem, errors_m, estimate, place_columns
+from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.parameters import GEOMETRY, make_layout
 from tests.unit.helpers.simulated_arm import tracker_points, tracker_poses
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.geometry import Pose
-from drivers.fanuc.va_backup import read_backup
-from drivers.fanuc.va_edits import changed_files, count_edits, frame_edits, instructions
-from drivers.fanuc.va_text import MAX_LINE_BYTES, VaFile
-from drivers.programs.errors import ProgramFileError
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.fanuc.program_files.va_backup import read_backup
+from cellcal.drivers.fanuc.program_files.va_edits import changed_files, count_edits, frame_edits, instructions
+from cellcal.drivers.fanuc.program_files.va_text import MAX_LINE_BYTES, VaFile
+from cellcal.drivers.programs.errors import ProgramFileError
 from tests.programs.damage import mutate
 from tests.unit.helpers.fanuc_va import RATIOS, Controller
 
@@ -224,7 +224,7 @@ def test_huge_lines_and_files_are_bounded(controller, tmp_path: Path, monkeypatc
     data = controller.sysmast().encode()
     with pytest.raises(ProgramFileError, match="characters"):
         VaFile.read("a.va", data + b" " * (MAX_LINE_BYTES + 1))
-    monkeypatch.setattr("drivers.fanuc.va_text.MAX_FILE_BYTES", len(data) - 1)
+    monkeypatch.setattr("cellcal.drivers.fanuc.program_files.va_text.MAX_FILE_BYTES", len(data) - 1)
     with pytest.raises(ProgramFileError, match="more than a controller writes"):
         VaFile.read("a.va", data)
 

@@ -7,16 +7,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.programs.errors import ProgramFileError
-from procedures.mastering_record import seal_of
-from procedures.run import RefusalError
-from procedures.steps.mastering import stored_record
-from service.cli.mastering import mastering
-from service.configuration.cell_file import read_cell_file
-from service.parameters.fanuc_backup import edits_to, import_backup
-from service.parameters.mastering_files import RecordFileError, export, import_record, in_force
-from service.runs.cell import open_journal
-from service.runs.store import Store
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.procedures.mastering_record import seal_of
+from cellcal.procedures.run import RefusalError
+from cellcal.procedures.steps.mastering import stored_record
+from cellcal.service.cli.mastering import mastering
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.engineering.parameters.fanuc_backup import edits_to, import_backup
+from cellcal.service.engineering.parameters.mastering_files import (
+    RecordFileError,
+    export,
+    import_record,
+    in_force,
+)
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import open_journal
 from tests.procedures.cells import record_of, scene
 from tests.procedures.certified import cell_config
 from tests.unit.helpers.fanuc_va import Controller

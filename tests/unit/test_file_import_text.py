@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.file_import.text import Layout, TextError, number, rows_of, typed
+from cellcal.drivers.file_import.text import Layout, TextError, number, rows_of, typed
 
 XYZ = Layout(("x", "y", "z"), "mm")
 

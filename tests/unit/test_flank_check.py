@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError
-from calibration.mastering.counts import WireCapture
-from calibration.mastering.flank_check import OTHER_SIDE, compare_flanks
-from calibration.wires.model import WireSeen
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.mastering.counts import WireCapture
+from cellcal.calibration.mastering.flank_check import OTHER_SIDE, compare_flanks
+from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.reference import WirePredictor
 from tests.unit.helpers.recovery_cases import DRIVE, MODEL, lose
 
 LOSS = lose(3)

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.orientation import values_from
-from service.cli.app import run_command_line
-from service.exit_codes import ExitCode
-from service.measured.measurements import UNREAD
-from service.measured.table import read_table
+from cellcal.calibration.orientation import values_from
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.measured.measurements import UNREAD
+from cellcal.service.engineering.measured.table import read_table
+from cellcal.service.exit_codes import ExitCode
 from tests.unit.helpers.simulated_arm import tracker_poses
 
 FIELD = Path(__file__).resolve().parents[1] / "data" / "foreign_files"

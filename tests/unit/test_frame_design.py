@@ -5,15 +5,15 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pytest
 
-from calibration.geometry import Pose, exp_rotation, homogeneous, inverse_transform, log_transform
-from calibration.points.frame_design import (
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous, inverse_transform, log_transform
+from cellcal.calibration.points.frame_design import (
     FrameGoal,
     FramePoint,
     FrameRole,
     frame_outlook,
     in_turn_touches,
 )
-from calibration.points.frames import TaughtFrame, frame_from_more_points
+from cellcal.calibration.points.frames import TaughtFrame, frame_from_more_points
 
 SIGMA_M = 0.0005
 ROLES: tuple[FrameRole, ...] = ("origin", "on_x", "in_plane")

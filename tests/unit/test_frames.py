@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Pose, exp_rotation, homogeneous, log_transform
-from calibration.points.frames import (
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous, log_transform
+from cellcal.calibration.points.frames import (
     base_to_base,
     clone_change,
     frame_from_many_points,

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.joint_terms import JointTerm, gear_terms, term_values
-from calibration.arm.kinematics import load_model
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.identification.free_parameters import Places, StartingPoint
-from calibration.identification.identify import identify
-from calibration.identification.parameters import FRAMES, GEAR, OFFSETS
-from calibration.identification.selection import Options, terms_of_level
+from cellcal.calibration.arm.joint_terms import JointTerm, gear_terms, term_values
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.identification.free_parameters import Places, StartingPoint
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.parameters import FRAMES, GEAR, OFFSETS
+from cellcal.calibration.identification.selection import Options, terms_of_level
 from tests.unit.helpers.simulated_arm import TRACKER, random_joints, tracker_points
 
 
@@ -64,7 +64,8 @@ def test_a_gear_ratio_is_not_asked_of_a_joint_with_few_angles():
 
 def test_waves_are_not_read_into_few_angles():
     model = load_model("ur10")
-    joints = random_joints(model, np.random.default_rng(0), 30)
+    # Each of 30 angles five times: fewer than 150 rows would not try more than two waves a turn.
+    joints = np.tile(random_joints(model, np.random.default_rng(0), 30), (5, 1))
     orders = {t.order for t in terms_of_level(model, joints, GEAR) if t.kind == "harmonic"}
     assert orders == set(range(1, 7))
 

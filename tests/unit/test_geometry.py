@@ -8,8 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibration.errors import CalibrationError
-from calibration.geometry import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import (
     Pose,
     exp_rotation,
     exp_twist,
@@ -23,7 +23,13 @@ from calibration.geometry import (
     rotation_from_quaternion,
     skew,
 )
-from calibration.orientation import CONVENTIONS, euler_angles, euler_rotation, rotation_from, values_from
+from cellcal.calibration.orientation import (
+    CONVENTIONS,
+    euler_angles,
+    euler_rotation,
+    rotation_from,
+    values_from,
+)
 
 DEG = math.pi / 180
 unit = st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 1e-3)

@@ -5,18 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.arm.standard_dh import hayati_dh, parallel_rows, standard_dh
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.identification.cross_validation import rmse_uncertainty
-from calibration.identification.group_effect import group_effect, widened
-from calibration.identification.identify import identify
-from calibration.identification.offset_acceptance import accept_offsets
-from calibration.identification.parameters import GEOMETRY, OFFSETS
-from calibration.identification.residual_model import errors_with, fit_residual, residual_in_base
-from calibration.identification.selection import Options
-from calibration.identification.tip_uncertainty import hayati_table, predict_tips
-from calibration.uncertainty import Verdict, coverage_factor
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.standard_dh import hayati_dh, parallel_rows, standard_dh
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.identification.cross_validation import rmse_uncertainty
+from cellcal.calibration.identification.group_effect import group_effect, widened
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.offset_acceptance import accept_offsets
+from cellcal.calibration.identification.parameters import GEOMETRY, OFFSETS
+from cellcal.calibration.identification.residual_model import errors_with, fit_residual, residual_in_base
+from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.tip_uncertainty import hayati_table, predict_tips
+from cellcal.calibration.uncertainty import Verdict, coverage_factor
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points, tracker_poses, wire_lengths
 from tests.unit.test_identification import fitted
 

@@ -5,22 +5,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.joint_terms import gravity_terms, harmonic_terms, term_values
-from calibration.arm.kinematics import load_model
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import exp_twist
-from calibration.identification.base_parameters import base_subset
-from calibration.identification.estimator import (
+from cellcal.calibration.arm.joint_terms import gravity_terms, harmonic_terms, term_values
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import exp_twist
+from cellcal.calibration.identification.base_parameters import base_subset
+from cellcal.calibration.identification.estimator import (
     Problem,
     errors_m,
     estimate,
     place_columns,
     whitened_residuals,
 )
-from calibration.identification.first_guess import first_guess
-from calibration.identification.identify import identify
-from calibration.identification.observations import LengthObservations, PointObservations, PoseObservations
-from calibration.identification.parameters import (
+from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.observations import (
+    LengthObservations,
+    PointObservations,
+    PoseObservations,
+)
+from cellcal.calibration.identification.parameters import (
     FRAMES,
     GEOMETRY,
     GRAVITY,
@@ -29,7 +33,7 @@ from calibration.identification.parameters import (
     Priors,
     make_layout,
 )
-from calibration.identification.selection import Options, fit_level, terms_of_level
+from cellcal.calibration.identification.selection import Options, fit_level, terms_of_level
 from tests.unit.helpers.simulated_arm import (
     ANCHOR,
     random_joints,

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.identification import lints
-from calibration.identification.cross_validation import compare, deal_folds, group_rows
-from calibration.identification.identify import identify
-from calibration.identification.parameters import GEOMETRY
-from calibration.identification.selection import Options
-from calibration.identification.series_breaks import assign_mountings, candidate_breaks
-from calibration.identification.unrounding import resolution, unround_joints
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.identification import lints
+from cellcal.calibration.identification.cross_validation import compare, deal_folds, group_rows
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.parameters import GEOMETRY
+from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.identification.series_breaks import assign_mountings, candidate_breaks
+from cellcal.calibration.identification.unrounding import resolution, unround_joints
 from tests.unit.helpers.simulated_arm import ANCHOR, random_joints, tracker_points, wire_lengths
 from tests.unit.test_identification import fitted, tip_error_m
 

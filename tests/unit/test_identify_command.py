@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from service.cli.app import run_command_line
-from service.measured.measurements import ReadOptions, read_measurements
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 from tests.unit.test_identify_report import file_of
 
@@ -120,13 +120,19 @@ def test_points_that_are_asked_for_come_with_their_uncertainty(points, tmp_path,
     assert ended == 0
     inside, beyond = found["at"]["points"]
     assert 0 < inside["sigma_m"] < 2e-4
-    assert inside["expanded_m"] == pytest.approx(found["coverage_factor"] * max(inside["sigmas_m"]), rel=0.8)
+    # A radius in space: 2.80 deviations of a coordinate for three alike, where each of them alone has 1.96.
+    assert inside["expanded_m"] == pytest.approx(2.8 * max(inside["sigmas_m"]), rel=0.15)
+    assert inside["expanded_m"] > 2 * inside["parameters_expanded_m"] > 0
+    statement = " ".join(found["at"]["statement"])
+    assert "in space" in statement
+    assert "Not covered: another payload, another temperature" in statement
     assert beyond["extrapolated"]
     assert not inside["extrapolated"]
     with out.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert float(rows[0]["sigma_mm"]) == pytest.approx(inside["sigma_m"] * 1e3, abs=1e-4)
     assert [row["extrapolated"] for row in rows] == ["no", "yes"]
+    assert [row["far_from_rows"] for row in rows] == ["no", "yes"]
     assert {"J2 beta", "J4 d"} <= {entry["name"] for entry in found["dh"]["entries"]}
     assert run(capsys, points, *options)[0] == 2  # no file is written over
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.identification.identify import IdentifyOptions, identify_file
-from service.identification.identify_plots import draw_identification
-from service.plots.correlations import strong_pairs
-from service.plots.evidence import Evidence, places_of, thinned
-from service.plots.residuals import by_joint, held_out_by_row
-from service.plots.style import new_figure, write_figures
-from service.plots.workspace import error_map
+from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.identification.identify_plots import draw_identification
+from cellcal.service.engineering.plots.correlations import strong_pairs
+from cellcal.service.engineering.plots.evidence import Evidence, places_of, thinned
+from cellcal.service.engineering.plots.residuals import by_joint, held_out_by_row
+from cellcal.service.engineering.plots.style import new_figure, write_figures
+from cellcal.service.engineering.plots.workspace import error_map
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 
 NAMES = {"overview", "residuals_by_row", "residuals_by_joint", "workspace", "correlations", "distribution"}

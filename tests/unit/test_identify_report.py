@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from calibration.errors import CellError
-from service.cli.app import run_command_line
-from service.identification.identify import IdentifyOptions, identify_file
-from service.measured.table import MeasurementError
+from cellcal.calibration.errors import CellError
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+from cellcal.service.engineering.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from calibration.arm.kinematics import (
+from cellcal.calibration.arm.kinematics import (
     along_next,
     chain_frames,
     cosine_and_sine,
@@ -13,7 +13,7 @@ from calibration.arm.kinematics import (
     model_names,
     placement_columns,
 )
-from calibration.geometry import exp_twist, log_rotation
+from cellcal.calibration.geometry import exp_twist, log_rotation
 
 _POSTURES = 40
 

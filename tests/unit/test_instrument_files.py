@@ -6,10 +6,10 @@ import numpy as np
 import openpyxl
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.orientation import values_from
-from service.measured.measurements import ReadOptions, read_measurements
-from service.measured.table import MeasurementError
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.orientation import values_from
+from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
+from cellcal.service.engineering.measured.table import MeasurementError
 from tests.unit.helpers.simulated_arm import tracker_poses, wire_lengths
 
 UR10 = load_model("ur10")

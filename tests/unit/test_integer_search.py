@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.errors import DegenerateDataError
-from calibration.mastering.integer_search import search_integers, success_probability
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.mastering.integer_search import search_integers, success_probability
 
 
 def covariance(seed, size, scale):

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError
-from calibration.geometry import log_transform
-from calibration.points.alignment import Alignment, alignment_text, read_alignments
-from calibration.points.fixture import place_points
-from calibration.points.joint_bases import bases_together
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import log_transform
+from cellcal.calibration.points.alignment import Alignment, alignment_text, read_alignments
+from cellcal.calibration.points.fixture import place_points
+from cellcal.calibration.points.joint_bases import bases_together
 from tests.unit.helpers.two_robots import POINTS, Effort, two_robots
 
 EFFORT = Effort(POINTS, per_spot=8, record=30, samples=5)

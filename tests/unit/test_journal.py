@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.runs.journal import Journal, NewEvent, StoreError
+from cellcal.service.record.journal import Journal, NewEvent, StoreError
 
 
 @pytest.fixture

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.identification.cross_validation import deal_folds, group_rows, same_postures
-from calibration.identification.identify import identify
-from calibration.identification.judgement import judge
-from calibration.identification.selection import Options
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.identification.cross_validation import deal_folds, group_rows, same_postures
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.judgement import judge
+from cellcal.calibration.identification.selection import Options
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points, wire_lengths
 
 UR10 = load_model("ur10")

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from calibration.arm.kinematics import (
+from cellcal.calibration.arm.kinematics import (
     DhTable,
     RobotModel,
     chain_frames,
@@ -16,8 +16,8 @@ from calibration.arm.kinematics import (
     model_names,
     placement_columns,
 )
-from calibration.errors import CalibrationError
-from calibration.geometry import exp_twist, is_rigid, log_transform
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import exp_twist, is_rigid, log_transform
 
 TIP = np.array([0.06, 0.05, 0.12])
 

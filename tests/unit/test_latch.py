@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.arm.kinematics import load_model
-from calibration.errors import DegenerateDataError
-from procedures.motion.latch import TimedJoints, latch, reading_times
-from procedures.motion.probe_line import joints_for_tip, probe_line
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.procedures.motion.latch import TimedJoints, latch, reading_times
+from cellcal.procedures.motion.probe_line import joints_for_tip, probe_line
 
 SPEED_M_S = 0.001
 TIP = (0.01, -0.02, 0.16)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.identification import lints
-from calibration.identification.drift_lint import drift_with, order_drift, temperature_drift
-from calibration.identification.sweep_lint import sweep_lint
-from service.identification.identify import IdentifyOptions, identify_file
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.identification import lints
+from cellcal.calibration.identification.drift_lint import drift_with, order_drift, temperature_drift
+from cellcal.calibration.identification.sweep_lint import sweep_lint
+from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
 from tests.unit.helpers.simulated_arm import random_joints, tracker_points
 from tests.unit.test_identify_report import file_of
 

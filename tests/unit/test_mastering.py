@@ -6,12 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from calibration.arm.kinematics import RobotModel
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture, provisional_turns
-from calibration.motion.motion_check import allowed_postures
-from calibration.wires.model import WirePrior, WireSeen, wire_terms
-from calibration.wires.reference import WirePredictor, fit_wire_reference, parameter_sigmas
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture, provisional_turns
+from cellcal.calibration.motion.motion_check import allowed_postures
+from cellcal.calibration.wires.model import WirePrior, WireSeen, wire_terms
+from cellcal.calibration.wires.reference import WirePredictor, fit_wire_reference, parameter_sigmas
 from tests.unit.helpers.recovery_cases import DRIVE, LIMITS, MODEL, PRIOR, SIGMA_M, healthy_record, kit
 from tests.unit.helpers.wire_world import COUNTS_PER_TURN, WireWorld, interaction
 

@@ -8,14 +8,14 @@ import numpy as np
 import pinocchio
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.errors import CellError
-from calibration.orientation import values_from
-from service.cli.app import run_command_line
-from service.measured.layouts import layout_document, layout_text, overlaid, read_layout
-from service.measured.measurements import ReadOptions, read_measurements
-from service.measured.table import MeasurementError
-from service.parameters.parameter_sets import ParameterSets
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.orientation import values_from
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.measured.layouts import layout_document, layout_text, overlaid, read_layout
+from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
+from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
 from tests.unit.helpers.simulated_arm import tracker_points, tracker_poses, wire_lengths
 
 LAYOUTS = Path(__file__).resolve().parents[2] / "deploy" / "layouts"

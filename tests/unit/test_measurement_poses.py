@@ -5,15 +5,15 @@ import re
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.identification.estimator import Problem, estimate
-from calibration.identification.observations import LengthObservations, PointObservations
-from calibration.identification.parameters import GRAVITY, OFFSETS, Priors
-from calibration.motion.collision import CollisionCheck, Sphere, assumed_shape
-from calibration.motion.motion_check import MotionLimits, WirePath
-from calibration.poses.enough_poses import Acceptance, enough_poses, gaps
-from calibration.poses.measurement_poses import (
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.identification.estimator import Problem, estimate
+from cellcal.calibration.identification.observations import LengthObservations, PointObservations
+from cellcal.calibration.identification.parameters import GRAVITY, OFFSETS, Priors
+from cellcal.calibration.motion.collision import CollisionCheck, Sphere, assumed_shape
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
+from cellcal.calibration.poses.enough_poses import Acceptance, enough_poses, gaps
+from cellcal.calibration.poses.measurement_poses import (
     Criterion,
     Instrument,
     TestPoses,

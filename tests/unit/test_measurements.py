@@ -4,11 +4,11 @@ import numpy as np
 import openpyxl
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.orientation import values_from
-from service.measured.columns import detect_layout
-from service.measured.measurements import ReadOptions, read_measurements
-from service.measured.table import MeasurementError, read_table
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.orientation import values_from
+from cellcal.service.engineering.measured.columns import detect_layout
+from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
+from cellcal.service.engineering.measured.table import MeasurementError, read_table
 from tests.unit.helpers.simulated_arm import tracker_poses
 
 JOINTS = (

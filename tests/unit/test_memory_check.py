@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.mastering.turn_verification import verification_power
-from procedures.recovery.recovery_result import (
+from cellcal.calibration.mastering.turn_verification import verification_power
+from cellcal.procedures.recovery.recovery_result import (
     ALONE_CHECK,
     MEMORY_POWER,
     SHARP_CHECK,

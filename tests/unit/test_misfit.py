@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model, model_names
-from calibration.errors import CalibrationError
-from calibration.identification.misfit import (
+from cellcal.calibration.arm.kinematics import load_model, model_names
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.identification.misfit import (
     FileNames,
     MisfitError,
     fit_quickly,
     refuse_gross_misfit,
     refuse_misfit,
 )
-from calibration.points.tag_points import TagPath, paired
-from calibration.points.tag_robot import calibrate_simulated_robot
-from service.cli.app import run_command_line
-from service.exit_codes import ExitCode
+from cellcal.calibration.points.tag_points import TagPath, paired
+from cellcal.calibration.points.tag_robot import calibrate_simulated_robot
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
 from tests.soak.misfits import WAYS, Spoilt, answer_to, is_named, measured
 from tests.unit.helpers.simulated_arm import tracker_points, wire_lengths
 

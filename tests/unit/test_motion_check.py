@@ -5,9 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.errors import CalibrationError
-from calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures, check_moves, seem_free
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.motion.motion_check import (
+    MotionLimits,
+    WirePath,
+    allowed_postures,
+    check_moves,
+    seem_free,
+)
 
 MODEL = load_model("fanuc_m6ib")
 HOME = np.deg2rad([0.0, 0, 0, 0, -45, 0])

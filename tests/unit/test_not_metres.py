@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose, exp_rotation, exp_twist
-from calibration.mastering.counts import RecoveryKit
-from calibration.points.end_effector import refuse_tool_points
-from calibration.points.fixture import refuse_bad_points
-from calibration.points.frames import frame_from_three_points, points_down
-from calibration.points.tool_point import locate_tool_point, tool_pose
-from calibration.registration import best_fit_transform
-from calibration.wires.model import WirePrior
-from procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose, exp_rotation, exp_twist
+from cellcal.calibration.mastering.counts import RecoveryKit
+from cellcal.calibration.points.end_effector import refuse_tool_points
+from cellcal.calibration.points.fixture import refuse_bad_points
+from cellcal.calibration.points.frames import frame_from_three_points, points_down
+from cellcal.calibration.points.tool_point import locate_tool_point, tool_pose
+from cellcal.calibration.registration import best_fit_transform
+from cellcal.calibration.wires.model import WirePrior
+from cellcal.procedures.three_point_frame import ENTRY, FrameSetup, ThreePointFrame
 from tests.unit.test_tool_point import noisy
 
 TRIANGLE = [(0.4, 0.1, 0.2), (0.7, 0.1, 0.2), (0.4, 0.35, 0.2)]

@@ -3,10 +3,15 @@
 import numpy as np
 import pytest
 
-from calibration.errors import DegenerateDataError
-from calibration.geometry import Pose
-from calibration.points.fixture import place_points
-from calibration.points.offset_design import OffsetGoal, offset_outlook, point_covariance, rounds_touches
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.fixture import place_points
+from cellcal.calibration.points.offset_design import (
+    OffsetGoal,
+    offset_outlook,
+    point_covariance,
+    rounds_touches,
+)
 
 POINTS = ((0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (0.0, 0.4, 0.0))
 MOVED = Pose((0.3, -0.2, 0.1), (0.9238795325112867, 0.0, 0.0, 0.3826834323650898))

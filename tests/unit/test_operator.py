@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from drivers.errors import BusyError, NobodyThereError, RefusedError
-from drivers.interfaces import Answer, Instruction, Question
-from drivers.operator.scripted import ScriptedOperator
-from drivers.operator.terminal import TerminalOperator
+from cellcal.drivers.errors import BusyError, NobodyThereError, RefusedError
+from cellcal.drivers.interfaces import Answer, Instruction, Question
+from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.drivers.operator.terminal import TerminalOperator
 
 HOOK = Instruction("hook_wire", "Hook the wire [to] the flange.")
 NUMBER = Question("serial", "Which serial number is on the plate?", unit="")

@@ -5,8 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.poses.optimal_design import DesignTask, choose_blocks, efficiency, upper_bound
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.poses.optimal_design import DesignTask, choose_blocks, efficiency, upper_bound
 
 
 def task_of(seed, p=4, m=2, count=12, interest=None, known=1e-3):

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.errors import CellError
-from service.cli.app import run_command_line
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.exit_codes import ExitCode
-from service.runs.outline import ClassOutOfReachError, dry_run, possible, refuse_class_out_of_reach
-from service.runs.specs import spec_of
+from cellcal.calibration.errors import CellError
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.exit_codes import ExitCode
+from cellcal.service.runs.outline import ClassOutOfReachError, dry_run, possible, refuse_class_out_of_reach
+from cellcal.service.runs.settings import spec_of
 
 POINTER = {"frame_number": 2, "tip_in_flange_m": [0.0, 0.0, 0.1]}
 

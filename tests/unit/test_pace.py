@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from procedures.motion.approach import from_below
-from procedures.motion.pace import Pace, Paced
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.procedures.motion.approach import from_below
+from cellcal.procedures.motion.pace import Pace, Paced
 
 MODEL = load_model("fanuc_m6ib")
 HOOK = (0.06, 0.05, 0.12)

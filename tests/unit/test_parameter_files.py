@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from cyclopts import App
 
-from calibration.arm.kinematics import load_model
-from calibration.arm.ur_factory import factory_model
-from calibration.arm.urdf import bare_urdf, read_urdf
-from calibration.errors import CalibrationError
-from service.cli.parameters import parameters
-from service.parameters.parameter_sets import ParameterSets, Value
-from service.parameters.ur_files import (
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
+from cellcal.calibration.errors import CalibrationError
+from cellcal.service.cli.parameters import parameters
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets, Value
+from cellcal.service.engineering.parameters.ur_files import (
     RosKinematics,
     UrKinematics,
     model_of_ros,
@@ -205,7 +205,7 @@ def test_a_description_keeps_everything_but_the_joints(cli):
 
 
 def _ros_description(kinematics):
-    from calibration.orientation import values_from
+    from cellcal.calibration.orientation import values_from
 
     lines = ['<robot name="arm"><link name="base"/>']
     parent = "base"

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.arm.kinematics import load_model
-from calibration.arm.ur_factory import factory_model
-from service.identification.identify import IdentifiedParameter
-from service.parameters.calibrated_models import (
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.service.engineering.identification.identify import IdentifiedParameter
+from cellcal.service.engineering.parameters.calibrated_models import (
     calibrated_model,
     nominal_sha256,
     values_of_identification,
     values_of_model,
 )
-from service.parameters.parameter_sets import (
+from cellcal.service.engineering.parameters.parameter_sets import (
     ParameterSet,
     ParameterSetError,
     ParameterSets,

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from drivers.wire.patience import Patience
+from cellcal.drivers.wire.patience import Patience
 
 
 def takes(overrides, step_s: float = 0.1) -> float:

@@ -4,9 +4,9 @@ import math
 import re
 from pathlib import Path
 
-import procedures
-from procedures.motion.pace import Paced
-from procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
+from cellcal import procedures
+from cellcal.procedures.motion.pace import Paced
+from cellcal.procedures.motion.plan_words import PER_POSE_S, Tour, plan_words
 
 
 def test_three_lines_and_what_nobody_checked() -> None:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.errors import DegenerateDataError
-from calibration.mastering.pose_design import candidate_joints, kit_poses, next_poses, predict
-from calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.mastering.pose_design import candidate_joints, kit_poses, next_poses, predict
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath, allowed_postures
 from tests.unit.helpers.recovery_cases import DRIVE, LIMITS, MODEL, PRIOR, healthy_record, kit
 from tests.unit.helpers.wire_world import ANCHOR, HOOK, WireWorld
 
@@ -64,8 +64,8 @@ def test_the_next_pose_is_the_one_that_an_exhaustive_search_picks(record):
 
 
 def _log_volume(record, joints):
-    from calibration.mastering.pose_design import turn_covariances
-    from calibration.wires.reference import WirePredictor
+    from cellcal.calibration.mastering.pose_design import turn_covariances
+    from cellcal.calibration.wires.reference import WirePredictor
 
     predictor = WirePredictor(MODEL, record.wire, record.prior)
     return np.linalg.slogdet(turn_covariances(record, predictor, joints)(len(joints)))[1]

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from cyclopts import App
 
-from calibration.arm.kinematics import load_model
-from calibration.arm.urdf import bare_urdf
-from calibration.errors import CellError
-from calibration.motion.collision import Box, CollisionCheck, Plane, Sphere
-from service.cli.poses import poses
-from service.configuration.cell_shapes import CellShapeError, read_cell_shape
-from service.exit_codes import ExitCode
-from service.identification.pose_planning import read_joints, visiting_order
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.urdf import bare_urdf
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.motion.collision import Box, CollisionCheck, Plane, Sphere
+from cellcal.service.cli.poses import poses
+from cellcal.service.configuration.cell_shapes import CellShapeError, read_cell_shape
+from cellcal.service.engineering.identification.pose_planning import read_joints, visiting_order
+from cellcal.service.exit_codes import ExitCode
 
 MODEL = load_model("abb_irb120")
 BASIC = ("--robot", "abb_irb120", "--sigma-mm", "0.1", "--tool-mm", "40", "25", "100", "--candidates", "200")

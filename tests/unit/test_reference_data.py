@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError
-from calibration.reference_data import load_reference, reference_names
-from service.bench import reference
-from service.bench.reference import FORMS, WORLD, check, check_all
-from service.bench.reference_solvers import SOLVERS
-from service.cli.app import run_command_line
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.reference_data import load_reference, reference_names
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.bench import reference
+from cellcal.service.engineering.bench.reference import FORMS, WORLD, check, check_all
+from cellcal.service.engineering.bench.reference_solvers import SOLVERS
 from tests.unit.helpers import reference_solver
 
 

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.draw_wire.objects import decode as decode_object
-from drivers.draw_wire.objects import load_objects
-from drivers.errors import RefusedError
-from drivers.modbus_robot.panel import Panel
-from drivers.modbus_robot.profile import Profile, load_profile, profile_names
-from drivers.modbus_robot.registers import Access, Register, decode, decode_text, encode
-from drivers.wire.modbus import ModbusLink
-from drivers.wire.tables import code_table
+from cellcal.drivers.draw_wire.objects import decode as decode_object
+from cellcal.drivers.draw_wire.objects import load_objects
+from cellcal.drivers.errors import RefusedError
+from cellcal.drivers.modbus_robot.panel import Panel
+from cellcal.drivers.modbus_robot.profile import Profile, load_profile, profile_names
+from cellcal.drivers.modbus_robot.registers import Access, Register, decode, decode_text, encode
+from cellcal.drivers.wire.modbus import ModbusLink
+from cellcal.drivers.wire.tables import code_table
 
 FANUC = load_profile("fanuc_hmi")
 
@@ -193,14 +193,14 @@ async def test_what_cannot_be_written_never_reaches_the_link() -> None:
 @pytest.mark.parametrize(
     ("package", "table", "codes"),
     [
-        ("drivers.modbus_robot", "reasons.tsv", range(1, 13)),
+        ("cellcal.drivers.modbus_robot", "reasons.tsv", range(1, 13)),
         (
-            "drivers.modbus_robot",
+            "cellcal.drivers.modbus_robot",
             "alarms.tsv",
             (11001, 11038, 11050, 11062, 11064, 11065, *range(11068, 11076)),
         ),
-        ("drivers.wire", "modbus_exceptions.tsv", (1, 2, 3, 4, 5, 6, 8, 10, 11)),
-        ("drivers.draw_wire", "emergencies.tsv", (0x1000, 0x5000, 0x8130, 0xFF00)),
+        ("cellcal.drivers.wire", "modbus_exceptions.tsv", (1, 2, 3, 4, 5, 6, 8, 10, 11)),
+        ("cellcal.drivers.draw_wire", "emergencies.tsv", (0x1000, 0x5000, 0x8130, 0xFF00)),
     ],
 )
 def test_every_code_of_the_documents_has_a_text_and_a_remedy(

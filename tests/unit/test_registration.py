@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Pose, exp_rotation, exp_twist, homogeneous, log_transform
-from calibration.points.frames import frame_from_three_points
-from calibration.points.tool_point import locate_tool_point
-from calibration.registration import best_fit_transform, trilaterate
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Pose, exp_rotation, exp_twist, homogeneous, log_transform
+from cellcal.calibration.points.frames import frame_from_three_points
+from cellcal.calibration.points.tool_point import locate_tool_point
+from cellcal.calibration.registration import best_fit_transform, trilaterate
 
 RNG = np.random.default_rng(5)
 POINTS = RNG.uniform(-1, 1, (8, 3))

@@ -4,11 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from calibration.arm.kinematics import load_model, model_names
-from calibration.arm.robot_models import parse_model
-from calibration.errors import CalibrationError
-from calibration.geometry import log_rotation
-from calibration.orientation import values_from
+from cellcal.calibration.arm.kinematics import load_model, model_names
+from cellcal.calibration.arm.robot_models import parse_model
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import log_rotation
+from cellcal.calibration.orientation import values_from
 
 NOMINAL = [
     "ur3e",

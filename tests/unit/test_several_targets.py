@@ -5,13 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Array, Pose, homogeneous
-from calibration.identification.parameters import GEOMETRY, ArmState, Priors, make_layout, with_further
-from calibration.mastering.pose_design import candidate_joints
-from calibration.motion.motion_check import MotionLimits
-from calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_through, tool_u
-from calibration.poses.arm_fit import (
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Array, Pose, homogeneous
+from cellcal.calibration.identification.parameters import (
+    GEOMETRY,
+    ArmState,
+    Priors,
+    make_layout,
+    with_further,
+)
+from cellcal.calibration.mastering.pose_design import candidate_joints
+from cellcal.calibration.motion.motion_check import MotionLimits
+from cellcal.calibration.points.end_effector import points_in_flange, refuse_tool_points, tool_through, tool_u
+from cellcal.calibration.poses.arm_fit import (
     ArmTask,
     errors_at,
     fit_arm,
@@ -22,7 +28,7 @@ from calibration.poses.arm_fit import (
     target_u,
     with_readings,
 )
-from calibration.poses.measurement_poses import TestPoses
+from cellcal.calibration.poses.measurement_poses import TestPoses
 
 POINTS = ((0.10, 0.0, 0.20), (-0.05, 0.08, 0.20), (-0.05, -0.08, 0.25))
 WIRE = ArmTask("fanuc_m6ib", "length", 1e-4, (0.06, 0.05, 0.12), (0.9, -0.7, -0.45))

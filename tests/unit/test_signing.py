@@ -13,8 +13,8 @@ from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, generate_pri
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from procedures.canonical import canonical_json
-from service.certificates.signing import (
+from cellcal.procedures.canonical import canonical_json
+from cellcal.service.certificates.signing import (
     Checked,
     Finding,
     SigningError,

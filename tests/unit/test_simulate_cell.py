@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.arm.urdf import bare_urdf, read_urdf
-from calibration.errors import CalibrationError, CellError
-from calibration.geometry import Pose
-from calibration.points.tag_points import TagPath
-from service.cli.app import run_command_line
-from service.exit_codes import ExitCode
-from service.measured.table import MeasurementError
-from service.measured.tag_files import TagOptions, read_tags, tags_of_setting
-from service.parameters.parameter_sets import ParameterSets
-from service.runs.specs import spec_of
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.urdf import bare_urdf, read_urdf
+from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.points.tag_points import TagPath
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.tag_files import TagOptions, read_tags, tags_of_setting
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.exit_codes import ExitCode
+from cellcal.service.runs.settings import spec_of
 from tests.unit.helpers.tags import FIXTURE_BASE, OFFSETS_DEG, TIP, robot_tags, two_paths
 
 
@@ -185,7 +185,7 @@ def test_a_description_without_its_flange_is_refused(
 
 
 def test_another_procedures_run_has_no_simulated_cell() -> None:
-    from service.parameters.simulated_cells import result_of_run
+    from cellcal.service.engineering.parameters.simulated_cells import result_of_run
 
     with pytest.raises(CalibrationError, match="three_point_frame"):
         result_of_run("three_point_frame", {})

@@ -2,13 +2,13 @@
 
 import pytest
 
-from drivers.interfaces import Answer, Instruction, Question
-from drivers.operator.scripted import ScriptedOperator
-from procedures.mastering_record import HOOK_WIRE
-from procedures.mastering_recovery import AT_REFERENCE
-from procedures.recovery.waking import NEW_BATTERY, POWER_CYCLE, SLOW_MOTION
-from service.configuration.cell_file import WatchTable
-from service.watching.standing_answers import CELL_FILE, StandingAnswers
+from cellcal.drivers.interfaces import Answer, Instruction, Question
+from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.procedures.mastering_record import HOOK_WIRE
+from cellcal.procedures.mastering_recovery import AT_REFERENCE
+from cellcal.procedures.recovery.waking import NEW_BATTERY, POWER_CYCLE, SLOW_MOTION
+from cellcal.service.configuration.cell_file import WatchTable
+from cellcal.service.watching.automatic_operator import CELL_FILE, StandingAnswers
 
 PLAN = Instruction("accept_plan", "The robot will move.")
 NEWEST = Instruction("saved_counts", "Is no newer record at hand?")

@@ -6,11 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Pose, exp_rotation, exp_twist, log_transform, quaternion_from_rotation
-from calibration.points.tag_placement import Sigmas, place_by_tags
-from calibration.points.tag_points import TagPath, paired
-from calibration.points.tag_robot import calibrate_simulated_robot
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import (
+    Pose,
+    exp_rotation,
+    exp_twist,
+    log_transform,
+    quaternion_from_rotation,
+)
+from cellcal.calibration.points.tag_placement import Sigmas, place_by_tags
+from cellcal.calibration.points.tag_points import TagPath, paired
+from cellcal.calibration.points.tag_robot import calibrate_simulated_robot
 from tests.unit.helpers.tags import (
     DEVICE_BASE,
     FIXTURE_BASE,

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import exp_rotation, homogeneous, inverse_transform, log_transform
-from calibration.points.frames import PointsDisagreeError
-from calibration.points.three_two_one import (
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import exp_rotation, homogeneous, inverse_transform, log_transform
+from cellcal.calibration.points.frames import PointsDisagreeError
+from cellcal.calibration.points.three_two_one import (
     FACES,
     Corner,
     CornerFrame,

@@ -9,9 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Pose, exp_rotation, homogeneous, log_rotation, rotation_from_quaternion
-from calibration.points.tool_point import AxesLimits, locate_tool_point, tool_axes, tool_pose
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import (
+    Pose,
+    exp_rotation,
+    homogeneous,
+    log_rotation,
+    rotation_from_quaternion,
+)
+from cellcal.calibration.points.tool_point import AxesLimits, locate_tool_point, tool_axes, tool_pose
 
 TIP = np.array([0.012, -0.034, 0.187])
 PIN = np.array([1.1, -0.4, 0.3])

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from calibration.geometry import Pose, exp_rotation, homogeneous
-from calibration.points.tool_point import locate_tool_point
-from calibration.points.touch_design import (
+from cellcal.calibration.geometry import Pose, exp_rotation, homogeneous
+from cellcal.calibration.points.tool_point import locate_tool_point
+from cellcal.calibration.points.touch_design import (
     alike_touch,
     cone_attitudes,
     fixed_plan_touches,

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.errors import CalibrationError
-from calibration.uncertainty import (
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.uncertainty import (
     Verdict,
     chi_square_limit,
     coverage_factor,

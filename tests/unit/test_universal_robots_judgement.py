@@ -5,12 +5,19 @@ from dataclasses import replace
 
 import pytest
 
-from drivers.errors import MotionStoppedError, RefusedError
-from drivers.interfaces import Readiness
-from drivers.universal_robots.health import condition_of, error_of, refusal_of, stop_of
-from drivers.universal_robots.motion import Tolerances, arrived, expected_s, moves, off_path_rad, stands
-from drivers.universal_robots.rtde import RuntimeState
-from drivers.universal_robots.state import Sample, Six
+from cellcal.drivers.errors import MotionStoppedError, RefusedError
+from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.universal_robots.health import condition_of, error_of, refusal_of, stop_of
+from cellcal.drivers.universal_robots.motion import (
+    Tolerances,
+    arrived,
+    expected_s,
+    moves,
+    off_path_rad,
+    stands,
+)
+from cellcal.drivers.universal_robots.rtde import RuntimeState
+from cellcal.drivers.universal_robots.state import Sample, Six
 
 START: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 TARGET: Six = (1.0, -0.5, 0.0, 0.2, 0.0, 0.0)

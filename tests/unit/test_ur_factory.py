@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import DhTable, RobotModel, load_model
-from calibration.arm.ur_factory import (
+from cellcal.calibration.arm.kinematics import DhTable, RobotModel, load_model
+from cellcal.calibration.arm.ur_factory import (
     calibration_hash,
     factory_model,
     parse_calibration_conf,
     well_conditioned,
 )
-from calibration.errors import CalibrationError
+from cellcal.calibration.errors import CalibrationError
 
 # A real UR10e, absolute standard DH, from the documentation of ur_calibration, "Calibration correction".
 THETA = [-2.4147806894359e-07, 1.60233952386695, -1.68607190752171, 0.0837331147700119, -1.01260355871158e-07,

@@ -5,11 +5,11 @@ import struct
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import DhTable, RobotModel, load_model
-from calibration.arm.standard_dh import standard_dh
-from calibration.arm.ur_factory import factory_model
-from calibration.errors import CalibrationError
-from service.parameters.ur_files import (
+from cellcal.calibration.arm.kinematics import DhTable, RobotModel, load_model
+from cellcal.calibration.arm.standard_dh import standard_dh
+from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.calibration.errors import CalibrationError
+from cellcal.service.engineering.parameters.ur_files import (
     RosKinematics,
     UrKinematics,
     belongs_to,

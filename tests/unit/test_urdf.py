@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from calibration.arm.kinematics import load_model, model_names
-from calibration.arm.urdf import bare_urdf, calibrated_urdf, read_urdf
-from calibration.errors import CalibrationError, CellError
+from cellcal.calibration.arm.kinematics import load_model, model_names
+from cellcal.calibration.arm.urdf import bare_urdf, calibrated_urdf, read_urdf
+from cellcal.calibration.errors import CalibrationError, CellError
 
 ARM = """<robot name="bench"><link name="world"/><link name="foot"/><link name="a"/><link name="bracket"/>
 <link name="b"><visual><geometry><box size="1 1 1"/></geometry></visual></link>

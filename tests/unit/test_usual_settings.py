@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.fixture_alignment import FixtureAlignment
-from procedures.six_point_tcp import SixPointTcp
-from service.cli.app import run_command_line as main
-from service.configuration.cell_file import ConfigError, read_cell_file
-from service.demo.fake_cell import write_cell_file
-from service.runs.outline import ClassOutOfReachError, refuse_class_out_of_reach
-from service.runs.specs import build_spec, chosen_by_cell
+from cellcal.procedures.fixture_alignment import FixtureAlignment
+from cellcal.procedures.six_point_tcp import SixPointTcp
+from cellcal.service.cli.app import run_command_line as main
+from cellcal.service.configuration.cell_file import ConfigError, read_cell_file
+from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.runs.outline import ClassOutOfReachError, refuse_class_out_of_reach
+from cellcal.service.runs.settings import build_spec, chosen_by_cell
 from tests.unit.helpers.usual import with_usual
 
 POINTS = [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0], [0.0, 0.4, 0.0], [0.3, 0.2, 0.3]]

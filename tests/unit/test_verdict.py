@@ -5,10 +5,10 @@ import math
 
 import pytest
 
-from calibration.errors import CalibrationError
-from calibration.uncertainty import Verdict as Word
-from procedures.limits import FRAME, TOOL, FrameLimits, chosen, in_reach, told
-from procedures.verdict import Characteristic, Verdict, enough, held, judged, known_within, stated
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.uncertainty import Verdict as Word
+from cellcal.procedures.limits import FRAME, TOOL, FrameLimits, chosen, in_reach, told
+from cellcal.procedures.verdict import Characteristic, Verdict, enough, held, judged, known_within, stated
 
 
 @pytest.mark.parametrize(

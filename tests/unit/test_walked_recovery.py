@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calibration.wires.model import WireSeen
-from calibration.wires.reference import WirePredictor
+from cellcal.calibration.wires.model import WireSeen
+from cellcal.calibration.wires.reference import WirePredictor
 from tests.soak import losses
 from tests.unit.helpers.recovery_cases import MODEL, healthy_record, kit
 from tests.unit.helpers.walked_recovery import loss_of, planner, recover_walking

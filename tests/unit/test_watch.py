@@ -5,13 +5,19 @@ from pathlib import Path
 
 import pytest
 
-from calibration.mastering.counts import DriveTrain, MasteringRecord
-from drivers.errors import UnreachableError
-from drivers.interfaces import Alarm, AlarmKind, Condition, MasteringData, Readiness
-from service.runs.unconfirmed import Unconfirmed
-from service.watching.held_mastering import HeldMastering, Journalled
-from service.watching.loss_modes import LossMode, What
-from service.watching.watch import HealthyCounts, LastHealthyCounts, PositionLoss, Watch, remember_healthy
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord
+from cellcal.drivers.errors import UnreachableError
+from cellcal.drivers.interfaces import Alarm, AlarmKind, Condition, MasteringData, Readiness
+from cellcal.service.record.unconfirmed_mastering import Unconfirmed
+from cellcal.service.watching.loss_modes import LossMode, What
+from cellcal.service.watching.mastering_comparison import HeldMastering, Journalled
+from cellcal.service.watching.watch import (
+    HealthyCounts,
+    LastHealthyCounts,
+    PositionLoss,
+    Watch,
+    remember_healthy,
+)
 
 PER_COUNT = 2 * 3.141592653589793 / (524288 * 100)
 

@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError, DegenerateDataError
-from calibration.geometry import Pose, exp_twist, log_transform
-from calibration.points.alignment import Alignment, alignment_text, read_alignments
-from calibration.points.fixture import (
+from cellcal.calibration.errors import CalibrationError, DegenerateDataError
+from cellcal.calibration.geometry import Pose, exp_twist, log_transform
+from cellcal.calibration.points.alignment import Alignment, alignment_text, read_alignments
+from cellcal.calibration.points.fixture import (
     base_through_fixture,
     mirror_image,
     place_points,
     refuse_bad_points,
     telling_gaps,
 )
-from calibration.wires.network_fit import fit_network
+from cellcal.calibration.wires.network_fit import fit_network
 from tests.unit.helpers.fixture_world import (
     MODEL,
     MOUTH,

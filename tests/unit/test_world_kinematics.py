@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration.arm.kinematics import load_model
-from fake_devices.arm import Arm
-from fake_devices.arm_models import COUNTS_PER_TURN, MODELS
-from fake_devices.clock import Clock
-from fake_devices.encoders import PulseCoders
-from fake_devices.kinematics import flange, inverse, link_frames, matrix_from_xyzwpr, wpr_from_matrix
-from fake_devices.motion import SpeedChange, Trapezoid
-from fake_devices.wire_gauge import WireGauge
-from fake_devices.world import World
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.arm_models import COUNTS_PER_TURN, MODELS
+from cellcal.fake_devices.clock import Clock
+from cellcal.fake_devices.encoders import PulseCoders
+from cellcal.fake_devices.kinematics import flange, inverse, link_frames, matrix_from_xyzwpr, wpr_from_matrix
+from cellcal.fake_devices.motion import SpeedChange, Trapezoid
+from cellcal.fake_devices.wire_gauge import WireGauge
+from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 
 

@@ -6,9 +6,9 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from drivers.errors import DeviceError
-from drivers.interfaces import Condition, ContactEdge, Readiness
-from service.demo.door import Door
+from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.interfaces import Condition, ContactEdge, Readiness
+from cellcal.service.demo.door import Door
 from tests.machine_speed import stretched_s
 
 Fault = tuple[str, dict[str, Any]]

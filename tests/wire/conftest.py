@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.door import Door
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.door import Door
 from tests.wire.cases import GAUGES, PROBES, ROBOTS, GaugeCase, ProbeCase, RobotCase, opened, until_open
 from tests.wire.fakes import running
 

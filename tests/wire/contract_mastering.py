@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.errors import BusyError, MotionStoppedError, RefusedError
-from drivers.interfaces import MasteringData
-from service.demo.door import Door
+from cellcal.drivers.errors import BusyError, MotionStoppedError, RefusedError
+from cellcal.drivers.interfaces import MasteringData
+from cellcal.service.demo.door import Door
 from tests.wire.cases import RobotCase
 from tests.wire.contract_robot import AT_TARGET_RAD, moving, truth_of
 

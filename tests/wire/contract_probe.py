@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import BusyError, DeviceError, RefusedError, WrongDeviceError
-from drivers.interfaces import Readiness
-from service.configuration.cell_file import CellConfig
-from service.demo.door import Door
+from cellcal.drivers.errors import BusyError, DeviceError, RefusedError, WrongDeviceError
+from cellcal.drivers.interfaces import Readiness
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.demo.door import Door
 from tests.wire.cases import ProbeCase, until_open, until_ready, watching
 
 

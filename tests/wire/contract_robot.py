@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError, WrongDeviceError
-from drivers.interfaces import ActiveFrames, Readiness
-from service.configuration.cell_file import CellConfig
-from service.demo.door import Door
+from cellcal.drivers.errors import BusyError, DeviceError, MotionStoppedError, RefusedError, WrongDeviceError
+from cellcal.drivers.interfaces import ActiveFrames, Readiness
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.demo.door import Door
 from tests.wire.cases import RobotCase, opened, until, until_ready
 
 AT_TARGET_RAD = math.radians(0.1)
@@ -272,7 +272,7 @@ class RobotContract:
             assert all(has) if getattr(robot.capabilities, flag) else not any(has), flag
 
     async def test_frames_that_are_written_are_read_back(self, robot: Any) -> None:
-        from calibration.geometry import Pose
+        from cellcal.calibration.geometry import Pose
 
         frame = Pose((0.1, -0.02, 0.3), (0.5, 0.5, -0.5, 0.5))
         for kind in ("tool", "user"):

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.errors import BusyError, RefusedError
-from drivers.interfaces import Readiness
-from fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from cellcal.drivers.errors import BusyError, RefusedError
+from cellcal.drivers.interfaces import Readiness
+from cellcal.fake_devices.laser_tracker.device import LaserTracker as FakeTracker
 from tests.wire.trackers import SERIAL, believed, off_in_sigmas
 
 

@@ -6,9 +6,9 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
-from fake_devices.cell import FakeCell
-from fake_devices.control import ControlDoor
-from fake_devices.device import FakeDevice
+from cellcal.fake_devices.cell import FakeCell
+from cellcal.fake_devices.control import ControlDoor
+from cellcal.fake_devices.device import FakeDevice
 from tests.machine_speed import stretched_s
 
 ROBOT = {"name": "fanuc", "driver": "modbus_robot", "address": "127.0.0.1", "port": 0, "serial": "F-104711"}

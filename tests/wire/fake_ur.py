@@ -8,8 +8,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import Any
 
-from fake_devices.universal_robots.device import UniversalRobot, create
-from fake_devices.world import World
+from cellcal.fake_devices.universal_robots.device import UniversalRobot, create
+from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 
 CHILD_DEADLINE_S = stretched_s(60.0)

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from service.demo.door import Door
+from cellcal.service.demo.door import Door
 from tests.machine_speed import stretched_s
 
 TIME_FACTOR = 30.0
@@ -152,7 +152,7 @@ def running(folder: Path, text: str = CELL) -> Iterator[tuple[Path, Door]]:
     text = text.replace("[fake]\n", "[fake]\nwatchdog_factor = 3.0\n")
     path.write_text(_LIMIT.sub(_stretched, text), encoding="utf-8")
     process = subprocess.Popen(
-        [sys.executable, "-m", "fake_devices", str(path), "--watch-stdin"],
+        [sys.executable, "-m", "cellcal.fake_devices", str(path), "--watch-stdin"],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},

@@ -6,7 +6,7 @@ import signal
 import sys
 from typing import NoReturn
 
-from drivers.wire.child import serve
+from cellcal.drivers.wire.child import serve
 
 
 def _echo(value: object) -> object:

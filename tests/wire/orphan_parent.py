@@ -3,7 +3,7 @@
 import asyncio
 import sys
 
-from drivers.wire.process import ChildProcess
+from cellcal.drivers.wire.process import ChildProcess
 from tests.machine_speed import stretched_s
 
 

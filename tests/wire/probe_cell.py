@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel
-from calibration.geometry import homogeneous
-from procedures.cell import Cell
-from procedures.motion.probe_line import joints_for_tip
-from procedures.steps.touch import Approach, probe_of
-from service.demo.door import Door
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import homogeneous
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.probe_line import joints_for_tip
+from cellcal.procedures.steps.touch import Approach, probe_of
+from cellcal.service.demo.door import Door
 from tests.wire.fakes import running
 
 BALL_MM = 12.7

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.errors import RefusedError, WrongDeviceError
-from drivers.interfaces import Readiness
-from drivers.laser_tracker.config import LaserTrackerConfig
-from drivers.laser_tracker.packets import Change, Command
-from fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from cellcal.drivers.errors import RefusedError, WrongDeviceError
+from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.laser_tracker.config import LaserTrackerConfig
+from cellcal.drivers.laser_tracker.packets import Change, Command
+from cellcal.fake_devices.laser_tracker.device import LaserTracker as FakeTracker
 from tests.machine_speed import stretched_s
 from tests.wire.cesapi_peer import PeerClient, PeerTracker, ces, error, header_table, listening, status_change
 from tests.wire.trackers import SERIAL, believed, fake_tracker
@@ -186,7 +186,7 @@ def _plain(name: str) -> str:
 def test_statuses_have_the_numbers_and_names_of_the_header() -> None:
     """Compared where cesapi knows the number: it has the AT40x, not the probe's numbers."""
     theirs = {value: name for name, value in header_table("ES_RS_").items()}
-    file = resources.files("drivers.laser_tracker") / "statuses.tsv"
+    file = resources.files("cellcal.drivers.laser_tracker") / "statuses.tsv"
     lines = [line for line in file.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     ours = {int(row["code"]): row["text"] for row in csv.DictReader(lines, delimiter="\t")}
     shared = ours.keys() & theirs.keys()

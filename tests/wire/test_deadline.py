@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.errors import DeviceTimeoutError
-from drivers.wire.deadline import deadline
-from drivers.wire.modbus import ModbusLink
+from cellcal.drivers.errors import DeviceTimeoutError
+from cellcal.drivers.wire.deadline import deadline
+from cellcal.drivers.wire.modbus import ModbusLink
 from tests.machine_speed import stretched_s
 
 DEADLINE_S = stretched_s(1.0)

@@ -11,21 +11,21 @@ from typing import Any
 import can
 import pytest
 
-from drivers.draw_wire.gauge import DrawWire, GaugeOptions
-from drivers.draw_wire.objects import load_objects
-from drivers.errors import (
+from cellcal.drivers.draw_wire.gauge import DrawWire, GaugeOptions
+from cellcal.drivers.draw_wire.objects import load_objects
+from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
     RefusedError,
     UnreachableError,
     WireProtocolError,
 )
-from drivers.interfaces import Readiness
-from drivers.wire.can_session import BusOptions
-from drivers.wire.canopen import CanopenLink
-from drivers.wire.socketcand import GuardedSocketcandBus
-from service.configuration.cell_file import CellConfig
-from service.demo.door import Door
+from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.wire.can_session import BusOptions
+from cellcal.drivers.wire.canopen import CanopenLink
+from cellcal.drivers.wire.socketcand import GuardedSocketcandBus
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.demo.door import Door
 from tests.machine_speed import stretched_s
 from tests.wire.cases import GAUGES, GaugeCase, until, until_ready
 

@@ -13,10 +13,10 @@ import canopen
 import pytest
 import pytest_asyncio
 
-from fake_devices.draw_wire.device import DrawWire
-from fake_devices.draw_wire.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED
-from fake_devices.draw_wire.sdo import SdoServer
-from fake_devices.draw_wire.socketcand import frame_text, parse_send
+from cellcal.fake_devices.draw_wire.device import DrawWire
+from cellcal.fake_devices.draw_wire.node import OPERATIONAL, PRE_OPERATIONAL, STOPPED
+from cellcal.fake_devices.draw_wire.sdo import SdoServer
+from cellcal.fake_devices.draw_wire.socketcand import frame_text, parse_send
 from tests.machine_speed import stretched_s
 from tests.wire.fake_cells import happen, running, until
 

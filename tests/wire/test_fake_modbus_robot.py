@@ -10,12 +10,12 @@ import pytest
 import pytest_asyncio
 from pymodbus.client import AsyncModbusTcpClient
 
-from fake_devices.arm_models import COUNTS_PER_TURN
-from fake_devices.cell import FakeCell
-from fake_devices.kinematics import matrix_from_xyzwpr
-from fake_devices.modbus_robot.device import ModbusRobot
-from fake_devices.modbus_robot.program import HEARTBEAT_S, Reason, State
-from fake_devices.world import World
+from cellcal.fake_devices.arm_models import COUNTS_PER_TURN
+from cellcal.fake_devices.cell import FakeCell
+from cellcal.fake_devices.kinematics import matrix_from_xyzwpr
+from cellcal.fake_devices.modbus_robot.device import ModbusRobot
+from cellcal.fake_devices.modbus_robot.program import HEARTBEAT_S, Reason, State
+from cellcal.fake_devices.world import World
 from tests.machine_speed import stretched_s
 from tests.wire.fake_cells import float32, floats, happen, int32, integers, running, text, until
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from fake_devices.cell import FakeCell
-from fake_devices.control import ControlDoor
-from fake_devices.universal_robots.device import UniversalRobot
+from cellcal.fake_devices.cell import FakeCell
+from cellcal.fake_devices.control import ControlDoor
+from cellcal.fake_devices.universal_robots.device import UniversalRobot
 from tests.wire.fake_cells import until
 from tests.wire.fake_ur import fake_ur
 from tests.wire.rtde_client import DEADLINE_S, watching

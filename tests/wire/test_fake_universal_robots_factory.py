@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.arm.ur_factory import factory_model
-from drivers.universal_robots.config import UniversalRobotConfig
-from drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
-from fake_devices.arm_models import MODELS
-from fake_devices.kinematics import flange
-from fake_devices.universal_robots.device import UniversalRobot
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.drivers.universal_robots.config import UniversalRobotConfig
+from cellcal.drivers.universal_robots.factory_calibration import FactoryKinematics, read_factory_kinematics
+from cellcal.fake_devices.arm_models import MODELS
+from cellcal.fake_devices.kinematics import flange
+from cellcal.fake_devices.universal_robots.device import UniversalRobot
 from tests.machine_speed import stretched_s
 from tests.wire.fake_ur import fake_ur
 

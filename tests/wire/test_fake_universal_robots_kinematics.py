@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from fake_devices.arm import Arm
-from fake_devices.arm_models import MODELS
-from fake_devices.universal_robots.frames import (
+from cellcal.fake_devices.arm import Arm
+from cellcal.fake_devices.arm_models import MODELS
+from cellcal.fake_devices.universal_robots.frames import (
     difference,
     frame_of,
     inverse,
@@ -16,7 +16,7 @@ from fake_devices.universal_robots.frames import (
     rotation_matrix,
     rotation_vector,
 )
-from fake_devices.universal_robots.kinematics import Kinematics, factory_calibration
+from cellcal.fake_devices.universal_robots.kinematics import Kinematics, factory_calibration
 
 # URSim 5.8, UR5e: joints and the TCP pose it reported
 URSIM_JOINTS = (-1.6007, -1.7271, -2.203, -0.808, 1.5951, -0.031)

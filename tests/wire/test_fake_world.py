@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fake_devices.cell import FACTORIES, FakeCell
-from fake_devices.control import ControlDoor
-from fake_devices.device import FaultRefusedError
-from fake_devices.link_faults import LinkFaults
+from cellcal.fake_devices.cell import FACTORIES, FakeCell
+from cellcal.fake_devices.control import ControlDoor
+from cellcal.fake_devices.device import FaultRefusedError
+from cellcal.fake_devices.link_faults import LinkFaults
 from tests.machine_speed import stretched_s
 from tests.wire.fake_cells import GAUGE, ROBOT, behind_a_door, document, running, until
 
@@ -60,7 +60,7 @@ async def played(
     path = folder / "cell.toml"
     path.write_text(CELL.format(factor=factor, port=port))
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "fake_devices", str(path), *more,
+        sys.executable, "-m", "cellcal.fake_devices", str(path), *more,
         stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip
     try:

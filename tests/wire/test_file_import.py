@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from drivers.errors import BusyError, DeviceTimeoutError, RefusedError, UnreachableError
-from drivers.file_import.config import FileGaugeConfig, FileTrackerConfig
-from drivers.interfaces import Readiness
-from drivers.operator.scripted import ScriptedOperator
+from cellcal.drivers.errors import BusyError, DeviceTimeoutError, RefusedError, UnreachableError
+from cellcal.drivers.file_import.config import FileGaugeConfig, FileTrackerConfig
+from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.operator.scripted import ScriptedOperator
 
 COMMON = {
     "driver": "file_import",

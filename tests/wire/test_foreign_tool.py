@@ -4,13 +4,13 @@ from typing import Any
 
 import pytest
 
-from drivers.operator.scripted import ScriptedOperator
-from procedures.motion.active_frames import FramesChangedError
-from procedures.motion.motion_gate import move_along
-from procedures.steps.length import capture_length
-from service.configuration.cell_file import CellConfig
-from service.demo.door import Door
-from service.runs.cell import open_cell
+from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.procedures.motion.active_frames import FramesChangedError
+from cellcal.procedures.motion.motion_gate import move_along
+from cellcal.procedures.steps.length import capture_length
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.demo.door import Door
+from cellcal.service.runs.open_cell import open_cell
 from tests.wire.cases import Fault, RobotCase
 
 ASIDE_RAD = 0.05

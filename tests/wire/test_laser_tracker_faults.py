@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.errors import (
+from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
     RefusedError,
@@ -15,10 +15,10 @@ from drivers.errors import (
     WireProtocolError,
     WrongDeviceError,
 )
-from drivers.interfaces import Readiness
-from drivers.laser_tracker.tracker import LaserTracker
-from fake_devices.clock import Clock
-from fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.laser_tracker.tracker import LaserTracker
+from cellcal.fake_devices.clock import Clock
+from cellcal.fake_devices.laser_tracker.device import LaserTracker as FakeTracker
 from tests.machine_speed import stretched_s
 from tests.wire.trackers import SERIAL, believed, config_for, fake_tracker, off_in_sigmas
 

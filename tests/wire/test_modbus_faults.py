@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
-from calibration.geometry import Pose
-from drivers.errors import (
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
     MotionStoppedError,
@@ -18,10 +18,10 @@ from drivers.errors import (
     UnreachableError,
     WireProtocolError,
 )
-from drivers.interfaces import Readiness
-from drivers.wire.modbus import ModbusLink
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.door import Door
+from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.wire.modbus import ModbusLink
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.door import Door
 from tests.machine_speed import stretched_s
 from tests.wire.cases import ROBOTS, opened, until, until_ready
 from tests.wire.contract_robot import moving

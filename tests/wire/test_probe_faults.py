@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from pymodbus.client import AsyncModbusTcpClient
 
-from drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
-from drivers.interfaces import Readiness
-from service.configuration.cell_file import CellConfig
-from service.demo.door import Door
+from cellcal.drivers.errors import DeviceError, RefusedError, WireProtocolError, WrongDeviceError
+from cellcal.drivers.interfaces import Readiness
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.demo.door import Door
 from tests.wire.cases import GAUGES, PROBES, Fault, opened, until_open
 
 

@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import inverse_transform, log_transform
-from drivers.operator.scripted import ScriptedOperator
-from procedures.cell import Cell
-from procedures.limits import FrameLimits
-from procedures.probed_frame import ENTRY, ProbedFrame, probed_frame
-from procedures.run import Run
-from procedures.steps.touch import NoContactError
-from procedures.teaching.corner_plan import CornerRules
-from service.configuration.cell_file import read_cell_file
-from service.demo.door import Door
-from service.runs.cell import open_cell
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import inverse_transform, log_transform
+from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.limits import FrameLimits
+from cellcal.procedures.probed_frame import ENTRY, ProbedFrame, probed_frame
+from cellcal.procedures.run import Run
+from cellcal.procedures.steps.touch import NoContactError
+from cellcal.procedures.teaching.corner_plan import CornerRules
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.runs.open_cell import open_cell
 from tests.procedures.corners import corner_below, off_by
 from tests.procedures.ledgers import MemoryLedger
 from tests.wire.probe_cell import HOME_RAD, TIP_MM, at_a_corner, true_corner

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
-from drivers.wire.process import ChildProcess
+from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.wire.process import ChildProcess
 from tests.machine_speed import stretched_s
 
 _MODULE = "tests.wire.naughty_child"

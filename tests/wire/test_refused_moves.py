@@ -13,16 +13,16 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import DeviceError, UnreachableError
-from drivers.interfaces import Joints, Readiness
-from drivers.operator.scripted import ScriptedOperator
-from procedures.cell import Cell
-from procedures.motion.motion_gate import Jog, MotionRefusedError, jog_axis, move_along
-from procedures.motion.surroundings import NOTHING_KNOWN
-from procedures.steps.mastering import PositionLostAgainError
-from service.configuration.cell_file import CellConfig, read_cell_file
-from service.demo.door import Door
-from service.runs.cell import open_cell
+from cellcal.drivers.errors import DeviceError, UnreachableError
+from cellcal.drivers.interfaces import Joints, Readiness
+from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.motion_gate import Jog, MotionRefusedError, jog_axis, move_along
+from cellcal.procedures.motion.surroundings import NOTHING_KNOWN
+from cellcal.procedures.steps.mastering import PositionLostAgainError
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.runs.open_cell import open_cell
 from tests.wire.cases import ROBOTS, RobotCase, until, until_ready
 
 FANUC = ROBOTS["modbus_robot"]

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.registration import trilaterate
-from drivers.errors import DeviceError
-from drivers.operator.scripted import ScriptedOperator
-from procedures.cell import Cell
-from procedures.motion.probe_line import probe_line
-from procedures.steps.touch import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.registration import trilaterate
+from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.motion.probe_line import probe_line
+from cellcal.procedures.steps.touch import (
     AlreadyInContactError,
     Approach,
     BouncingContactError,
@@ -27,10 +27,10 @@ from procedures.steps.touch import (
     StuckContactError,
     touch,
 )
-from service.configuration.cell_file import read_cell_file
-from service.demo.door import Door
-from service.runs.cell import open_cell
-from service.runs.check import check_cell
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.door import Door
+from cellcal.service.runs.cell_check import check_cell
+from cellcal.service.runs.open_cell import open_cell
 from tests.wire.probe_cell import (
     BALL_MM,
     HOME_RAD,

@@ -8,12 +8,12 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from calibration.registration import best_fit_transform
-from drivers.operator.scripted import ScriptedOperator
-from procedures.steps.measure_point import PointCapture, hold_station, measure_point, measure_pose
-from service.configuration.cell_file import read_cell_file
-from service.runs.cell import open_cell
-from service.runs.check import check_cell
+from cellcal.calibration.registration import best_fit_transform
+from cellcal.drivers.operator.scripted import ScriptedOperator
+from cellcal.procedures.steps.measure_point import PointCapture, hold_station, measure_point, measure_pose
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.runs.cell_check import check_cell
+from cellcal.service.runs.open_cell import open_cell
 from tests.wire.fakes import running
 
 CELL = """\

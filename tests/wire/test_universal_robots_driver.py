@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import RobotModel
-from drivers.errors import (
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.drivers.errors import (
     DeviceError,
     DeviceTimeoutError,
     MotionStoppedError,
@@ -19,11 +19,11 @@ from drivers.errors import (
     UnreachableError,
     WrongDeviceError,
 )
-from drivers.interfaces import Readiness
-from drivers.universal_robots.config import UniversalRobotConfig
-from drivers.universal_robots.robot import UniversalRobot
-from drivers.universal_robots.state import StateClient
-from fake_devices.universal_robots.device import UniversalRobot as FakeRobot
+from cellcal.drivers.interfaces import Readiness
+from cellcal.drivers.universal_robots.config import UniversalRobotConfig
+from cellcal.drivers.universal_robots.robot import UniversalRobot
+from cellcal.drivers.universal_robots.state import StateClient
+from cellcal.fake_devices.universal_robots.device import UniversalRobot as FakeRobot
 from tests.machine_speed import stretched_s
 from tests.wire.cases import until_ready
 from tests.wire.fake_ur import fake_ur

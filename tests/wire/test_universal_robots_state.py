@@ -7,8 +7,8 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
-from drivers.universal_robots.state import StateClient
+from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.universal_robots.state import StateClient
 from tests.machine_speed import stretched_s
 from tests.wire.rtde_controller import NAMES, RECIPE, TYPES, Controller, message, running_controller, state
 

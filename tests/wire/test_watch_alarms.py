@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from drivers.interfaces import AlarmKind
-from service.configuration.cell_file import CellConfig
-from service.demo.door import Door
-from service.watching.answers_to_loss import PreparedAnswer, prepare_answer
-from service.watching.watch import LastHealthyCounts, PositionLoss, Watch, remember_healthy
+from cellcal.drivers.interfaces import AlarmKind
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.demo.door import Door
+from cellcal.service.watching.loss_response import PreparedAnswer, prepare_answer
+from cellcal.service.watching.watch import LastHealthyCounts, PositionLoss, Watch, remember_healthy
 
 NOTHING = None
 DRIFT, RECOVERY = "drift_check", "mastering_recovery"

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from drivers.file_import.config import FileTrackerConfig
-from drivers.interfaces import Answer, Instruction, Question
-from drivers.laser_tracker.config import LaserTrackerConfig
-from fake_devices.cell import FakeCell
-from fake_devices.laser_tracker.device import LaserTracker as FakeTracker
+from cellcal.drivers.file_import.config import FileTrackerConfig
+from cellcal.drivers.interfaces import Answer, Instruction, Question
+from cellcal.drivers.laser_tracker.config import LaserTrackerConfig
+from cellcal.fake_devices.cell import FakeCell
+from cellcal.fake_devices.laser_tracker.device import LaserTracker as FakeTracker
 from tests.machine_speed import stretched_s
 
 SERIAL = 390793

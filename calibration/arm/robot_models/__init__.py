@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from calibration.errors import CalibrationError
+from cellcal.calibration.arm.mounting import gravity_of
+from cellcal.calibration.errors import CalibrationError
 
 _KEYS = {
     "title", "joints", "dh_source", "theta_deg", "d_mm", "a_mm", "alpha_deg", "sign", "interaction",
-    "interaction_source", "limits_source", "lower_deg", "upper_deg", "speed_source", "speed_deg_s",
+    "interaction_source", "limits_source", "lower_deg", "upper_deg", "speed_source", "speed_deg_s", "mounting",
 }  # fmt: skip
 
 
@@ -36,7 +37,7 @@ def model_fields(name: str) -> dict[str, Any]:
 def parse_model(name: str, text: str) -> dict[str, Any]:
     """Read the text of a model file; refuses unknown keys, missing sources and columns of another length."""
     data = tomllib.loads(text)
-    missing = _KEYS - {"sign", "interaction", "interaction_source"} - data.keys()
+    missing = _KEYS - {"sign", "interaction", "interaction_source", "mounting"} - data.keys()
     if missing or data.keys() - _KEYS:
         raise CalibrationError(
             f"robot model {name}: missing {sorted(missing)}, unknown {sorted(data.keys() - _KEYS)} keys"
@@ -59,6 +60,7 @@ def parse_model(name: str, text: str) -> dict[str, Any]:
         "upper_rad": np.deg2rad(columns["upper_deg"]),
         "max_speed_rad_s": np.deg2rad(columns["speed_deg_s"]),
         "joint_names": tuple(data["joints"]),
+        **({"gravity_in_base": gravity_of(data["mounting"])} if "mounting" in data else {}),
     }
 
 

@@ -8,11 +8,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from calibration.arm.kinematics import load_model
-from procedures.cell import Cell, MotionLevel, MotionLimits
-from procedures.progress import Progress
-from service.runs.conduct import Conditions, resume, run_procedure
-from service.runs.journal import Journal
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.procedures.cell import Cell, MotionLevel, MotionLimits
+from cellcal.procedures.progress import Progress
+from cellcal.service.record.journal import Journal
+from cellcal.service.runs.run_procedure import Conditions, resume, run_procedure
 from tests.procedures.cells import Scene
 
 Call = tuple[str, str, tuple[Any, ...], dict[str, Any]]

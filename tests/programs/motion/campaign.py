@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from calibration.arm.kinematics import load_model
-from drivers.program_registry import brand_named
-from drivers.programs.across import Across
-from drivers.programs.brands import Telling
-from drivers.programs.positions import ProgramFile
-from service.programs.move import moving
-from service.programs.project import Project, Tool
-from service.programs.result import LEFT, ProgramResult
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.drivers.program_registry import brand_named
+from cellcal.drivers.programs.across import Across
+from cellcal.drivers.programs.brands import Telling
+from cellcal.drivers.programs.positions import ProgramFile
+from cellcal.service.engineering.programs.move import moving
+from cellcal.service.engineering.programs.project import Project, Tool
+from cellcal.service.engineering.programs.result import LEFT, ProgramResult
 from tests.programs.motion.geometry import Array, Named, Tip, moved_wrongly, pose, unnamed_stops
 
 _NO_SINGULARITY = 1e-6

@@ -5,22 +5,22 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.arm.joint_terms import term_values
-from calibration.arm.kinematics import load_model
-from calibration.geometry import Pose, exp_twist, homogeneous, inverse_transform
-from calibration.identification.free_parameters import values_of
-from calibration.identification.identify import identify
-from calibration.identification.observations import PointObservations
-from calibration.identification.parameters import GRAVITY
-from calibration.identification.selection import Options
-from calibration.orientation import rotation_from, values_from
-from calibration.points.alignment import Alignment, alignment_text
-from calibration.points.fixture import place_points
-from drivers.fanuc.programs import BRAND
-from fake_devices.arm import Arm
-from service.parameters.calibrated_models import nominal_sha256, values_of_identification
-from service.parameters.parameter_sets import ParameterSet, ParameterSets, to_text
-from service.programs.project import Project, read_project
+from cellcal.calibration.arm.joint_terms import term_values
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import Pose, exp_twist, homogeneous, inverse_transform
+from cellcal.calibration.identification.free_parameters import values_of
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.observations import PointObservations
+from cellcal.calibration.identification.parameters import GRAVITY
+from cellcal.calibration.identification.selection import Options
+from cellcal.calibration.orientation import rotation_from, values_from
+from cellcal.calibration.points.alignment import Alignment, alignment_text
+from cellcal.calibration.points.fixture import place_points
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.fake_devices.arm import Arm
+from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, to_text
+from cellcal.service.engineering.programs.project import Project, read_project
 
 MODEL = load_model("fanuc_m6ib")
 TRACKER_M = 3e-5  # of one coordinate

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.fanuc.ls_program import LsProgram, read_ls
-from drivers.fanuc.programs import BRAND
-from service.programs.clone import clone_programs
-from service.programs.project import Project
-from service.programs.result import LEFT, ProgramResult
+from cellcal.drivers.fanuc.program_files.ls_program import LsProgram, read_ls
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.service.engineering.programs.clone import clone_programs
+from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.result import LEFT, ProgramResult
 from tests.unit.helpers.cloned_cells import FakeCell, listing, work_postures
 
 

@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.geometry import Pose, log_transform
-from calibration.mastering.pose_design import candidate_joints, kit_poses
-from calibration.motion.motion_check import MotionLimits, WirePath
-from calibration.points.fixture import PlacedPoints, place_points
-from calibration.wires.design import best_order, with_poses
-from calibration.wires.model import WirePrior
-from calibration.wires.network import Mounting, Place, WireBelief
-from calibration.wires.network_fit import WireNetwork, fit_network
-from fake_devices.wire_gauge import WireGauge
-from fake_devices.world import World
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.geometry import Pose, log_transform
+from cellcal.calibration.mastering.pose_design import candidate_joints, kit_poses
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
+from cellcal.calibration.points.fixture import PlacedPoints, place_points
+from cellcal.calibration.wires.design import best_order, with_poses
+from cellcal.calibration.wires.model import WirePrior
+from cellcal.calibration.wires.network import Mounting, Place, WireBelief
+from cellcal.calibration.wires.network_fit import WireNetwork, fit_network
+from cellcal.fake_devices.wire_gauge import WireGauge
+from cellcal.fake_devices.world import World
 from tests.unit.helpers.recovery_cases import DRIVE
 
 MODEL = load_model("fanuc_m6ib")

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.geometry import log_rotation
-from calibration.mastering.counts import PlaceCapture, RecoveryKit
-from calibration.mastering.place_recovery import recover_from_places
+from cellcal.calibration.geometry import log_rotation
+from cellcal.calibration.mastering.counts import PlaceCapture, RecoveryKit
+from cellcal.calibration.mastering.place_recovery import recover_from_places
 from tests.unit.helpers.recovery_cases import healthy_record
 from tests.unit.helpers.wire_world import COUNTS_PER_TURN, WireWorld
 

@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 
-from calibration.arm.kinematics import load_model
-from calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
-from calibration.mastering.pose_design import kit_poses
-from calibration.mastering.turn_recovery import recover_turns
-from calibration.motion.motion_check import MotionLimits, WirePath
-from calibration.wires.model import WirePrior
-from calibration.wires.reference import fit_wire_reference
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.mastering.counts import DriveTrain, MasteringRecord, WireCapture
+from cellcal.calibration.mastering.pose_design import kit_poses
+from cellcal.calibration.mastering.turn_recovery import recover_turns
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
+from cellcal.calibration.wires.model import WirePrior
+from cellcal.calibration.wires.reference import fit_wire_reference
 from tests.unit.helpers.wire_world import ANCHOR, COUNTS_PER_TURN, HOOK, WireWorld, interaction
 
 SIGMA_M = 0.0002

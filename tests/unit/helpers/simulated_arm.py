@@ -4,15 +4,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import exp_twist, homogeneous
-from calibration.identification.observations import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import exp_twist, homogeneous
+from cellcal.calibration.identification.observations import (
     Device,
     LengthObservations,
     PointObservations,
     pose_from_points,
 )
-from calibration.identification.parameters import ArmState, nominal_state
+from cellcal.calibration.identification.parameters import ArmState, nominal_state
 
 TOOL = homogeneous(np.eye(3), np.array([0.05, -0.04, 0.12]))
 TRACKER = exp_twist(np.array([1.5, -0.8, 0.3, 0.2, -0.4, 1.1]))

@@ -4,16 +4,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.cells.contact_observations import (
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.cells.contact_observations import (
     BarLengths,
     GuidedLengthObservations,
     PinTouches,
     PlaneContacts,
     SphereContacts,
 )
-from calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform
-from calibration.identification.observations import LengthObservations, PointObservations, PoseObservations
+from cellcal.calibration.geometry import exp_rotation, exp_twist, homogeneous, inverse_transform
+from cellcal.calibration.identification.observations import (
+    LengthObservations,
+    PointObservations,
+    PoseObservations,
+)
 from tests.unit.helpers.simulated_arm import dh_errors, random_joints
 
 TOOL = homogeneous(exp_rotation(np.array([0.3, -0.2, 0.4])), np.array([0.05, -0.04, 0.12]))

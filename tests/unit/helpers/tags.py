@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arm.kinematics import RobotModel, load_model
-from calibration.geometry import Array, exp_twist
-from calibration.points.tag_points import TagPath, Triple
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import Array, exp_twist
+from cellcal.calibration.points.tag_points import TagPath, Triple
 
 FIXTURE_BASE = exp_twist(np.array([1.2, -0.3, 0.4, 0.2, -0.1, 0.7]))  # the robot's base in the fixture
 DEVICE_BASE = exp_twist(np.array([2.0, 0.5, 0.3, 0.1, 0.2, 1.9]))

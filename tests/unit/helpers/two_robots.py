@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from calibration.geometry import Pose
-from calibration.mastering.pose_design import kit_poses
-from calibration.motion.motion_check import MotionLimits, WirePath
-from calibration.points.alignment import Alignment, WirePoints
-from calibration.points.fixture import place_points
-from calibration.wires.design import best_order, with_poses
-from calibration.wires.network import Mounting, Place, WireBelief
-from calibration.wires.network_fit import fit_network
-from fake_devices.wire_gauge import WireGauge
-from fake_devices.world import World
+from cellcal.calibration.geometry import Pose
+from cellcal.calibration.mastering.pose_design import kit_poses
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
+from cellcal.calibration.points.alignment import Alignment, WirePoints
+from cellcal.calibration.points.fixture import place_points
+from cellcal.calibration.wires.design import best_order, with_poses
+from cellcal.calibration.wires.network import Mounting, Place, WireBelief
+from cellcal.calibration.wires.network_fit import fit_network
+from cellcal.fake_devices.wire_gauge import WireGauge
+from cellcal.fake_devices.world import World
 from tests.unit.helpers.fixture_world import (
     ANCHOR,
     HOOK,

@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 
-from calibration.mastering.recovery_walk import WalkPlanner, nearby_joints
-from calibration.mastering.turn_recovery import TurnRecovery, verification_power, verify_recovery
-from calibration.motion.motion_check import allowed_postures
-from procedures.motion import check_plans, lost_plans
+from cellcal.calibration.mastering.recovery_walk import WalkPlanner, nearby_joints
+from cellcal.calibration.mastering.turn_recovery import TurnRecovery, verification_power, verify_recovery
+from cellcal.calibration.motion.motion_check import allowed_postures
+from cellcal.procedures.motion import check_plans, lost_plans
 from tests.unit.helpers.recovery_cases import DRIVE, LIMITS, MODEL, PRIOR, Loss, healthy_record, kit, lose
 from tests.unit.helpers.wire_world import WireWorld
 

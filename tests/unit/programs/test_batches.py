@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path, PurePath
 
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import ProgramFile
-from service.programs.batches import batches, together
-from service.programs.files import Refused, Source
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import ProgramFile
+from cellcal.service.engineering.programs.batches import batches, together
+from cellcal.service.engineering.programs.files import Refused, Source
 from tests.soak.program_lines import DOOR_LINE
 
 

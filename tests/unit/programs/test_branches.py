@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import DhTable, RobotModel, load_model, model_names
-from calibration.errors import CalibrationError
-from calibration.programs.branches import AxesAtZero, all_branches
+from cellcal.calibration.arm.kinematics import DhTable, RobotModel, load_model, model_names
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.programs.branches import AxesAtZero, all_branches
 
 
 def _postures(model: RobotModel, count: int = 300) -> np.ndarray:

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from drivers.programs.call_graph import reached
+from cellcal.drivers.programs.call_graph import reached
 
 
 def walked(begin, further):

@@ -7,15 +7,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.geometry import Pose, homogeneous, inverse_transform
-from calibration.motion.collision import CellShape, Plane, arm_shape
-from drivers.fanuc.ls_program import LsProgram, read_ls
-from drivers.fanuc.programs import BRAND
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Frames
-from service.programs.clone import clone_programs
-from service.programs.project_poses import ProjectError
-from service.programs.result import LEFT
+from cellcal.calibration.geometry import Pose, homogeneous, inverse_transform
+from cellcal.calibration.motion.collision import CellShape, Plane, arm_shape
+from cellcal.drivers.fanuc.program_files.ls_program import LsProgram, read_ls
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import Frames
+from cellcal.service.engineering.programs.clone import clone_programs
+from cellcal.service.engineering.programs.project_poses import ProjectError
+from cellcal.service.engineering.programs.result import LEFT
 from tests.unit.helpers.cloned_cells import ENTERED_TOOL, MODEL, listing, work_postures
 from tests.unit.helpers.cloned_program import Cells, changed_rows
 

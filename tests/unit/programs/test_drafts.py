@@ -5,12 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-from service.programs.files import NewPlace, whole_file
+from cellcal.service.engineering.programs.files import NewPlace, whole_file
 
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from service.programs.files import whole_file
+from cellcal.service.engineering.programs.files import whole_file
 with whole_file(Path(sys.argv[1]), replace=True) as file:
     file.write(b"half")
     file.flush()

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drivers.programs.errors import ProgramFileError
-from drivers.programs.positions import Change
-from drivers.yaskawa.programs import BRAND
-from service.programs.fitting_changes import change_what_fits
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import Change
+from cellcal.drivers.yaskawa.program_files.programs import BRAND
+from cellcal.service.engineering.programs.fitting_changes import change_what_fits
 from tests.programs.test_yaskawa_motions import job
 
 PROGRAM = BRAND.read("a.jbi", job("MOVL C00000 V=1.0", "MOVL C00001 V=1.0", "MOVL P001 V=1.0"))

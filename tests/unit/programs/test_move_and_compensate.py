@@ -6,23 +6,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.arm.kinematics import load_model
-from calibration.compensation.compensate import Direction
-from calibration.errors import CalibrationError
-from calibration.geometry import Pose, exp_twist, homogeneous, inverse_transform, log_rotation
-from calibration.orientation import values_from
-from drivers.abb.programs import BRAND as ABB_BRAND
-from drivers.fanuc.ls_program import read_ls
-from drivers.fanuc.programs import BRAND
-from drivers.programs.positions import CARTESIAN
-from drivers.universal_robots.script_program import read_script
-from service.programs.clone import cloning
-from service.programs.compensate import compensating
-from service.programs.joint_points import UNDECIDED, JointPoints
-from service.programs.move import change_of_frame, moving, redefined_frame
-from service.programs.project import read_project
-from service.programs.project_poses import ProjectError
-from service.programs.reach import reach_of
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.compensation.compensate import Direction
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Pose, exp_twist, homogeneous, inverse_transform, log_rotation
+from cellcal.calibration.orientation import values_from
+from cellcal.drivers.abb.program_files.programs import BRAND as ABB_BRAND
+from cellcal.drivers.fanuc.program_files.ls_program import read_ls
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.drivers.programs.positions import CARTESIAN
+from cellcal.drivers.universal_robots.program_files.script_program import read_script
+from cellcal.service.engineering.programs.clone import cloning
+from cellcal.service.engineering.programs.compensate import compensating
+from cellcal.service.engineering.programs.joint_points import UNDECIDED, JointPoints
+from cellcal.service.engineering.programs.move import change_of_frame, moving, redefined_frame
+from cellcal.service.engineering.programs.project import read_project
+from cellcal.service.engineering.programs.project_poses import ProjectError
+from cellcal.service.engineering.programs.reach import reach_of
 from tests.unit.helpers.cloned_cells import ENTERED_TOOL, listing
 from tests.unit.helpers.cloned_program import Cells
 

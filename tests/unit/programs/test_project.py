@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.geometry import homogeneous
-from calibration.orientation import rotation_from
-from drivers.program_registry import brand_named
-from drivers.programs.errors import ProgramFileError
-from service.programs.cell_of_program import refuse_foreign
-from service.programs.move import redefined_frame
-from service.programs.project import read_project
-from service.programs.project_poses import ProjectError
+from cellcal.calibration.geometry import homogeneous
+from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.program_registry import brand_named
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.service.engineering.programs.cell_of_program import refuse_foreign
+from cellcal.service.engineering.programs.move import redefined_frame
+from cellcal.service.engineering.programs.project import read_project
+from cellcal.service.engineering.programs.project_poses import ProjectError
 from tests.unit.helpers.fanuc_va import Controller
 
 PLAIN = """\
@@ -53,6 +53,12 @@ def test_a_project_is_read_in_si(tmp_path: Path) -> None:
     assert np.degrees(project.controller.lower_rad[0]) == pytest.approx(-100)
     assert project.identified is None
     assert [path.name for path in project.program_files()] == ["A.ls", "B.ls"]
+
+
+def test_a_projects_robot_may_hang_from_a_ceiling(tmp_path: Path) -> None:
+    project = read_project(_written(tmp_path, PLAIN.replace('"fanuc_m6ib"', '"fanuc_m6ib@ceiling"')))
+    assert project.nominal.gravity_in_base == (0.0, 0.0, 1.0)
+    assert project.controller.gravity_in_base == (0.0, 0.0, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.yaskawa.job_program import JobProgram, read_job
-from service.programs.clone import clone_programs
-from service.programs.project import Project, read_project
-from service.programs.project_poses import ProjectError
-from service.programs.result import LEFT, ProgramResult
+from cellcal.drivers.yaskawa.program_files.job_program import JobProgram, read_job
+from cellcal.service.engineering.programs.clone import clone_programs
+from cellcal.service.engineering.programs.project import Project, read_project
+from cellcal.service.engineering.programs.project_poses import ProjectError
+from cellcal.service.engineering.programs.result import LEFT, ProgramResult
 from tests.unit.helpers.cloned_program import Cells, changed_rows
 
 _RATIOS = np.array([82_000.0, -82_000.0, 65_500.0, -57_300.5, 57_300.5, 41_000.0])

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.geometry import homogeneous
-from drivers.fanuc.ls_program import read_ls
-from drivers.fanuc.ls_registers import UNSURE, registers_used
-from drivers.fanuc.programs import BRAND
-from drivers.fanuc.va_backup import read_backup
-from service.cli.app import run_command_line
-from service.programs.move import moving
-from service.programs.project import Project, read_project
-from service.programs.project_poses import ProjectError
-from service.programs.registers import Registers
+from cellcal.calibration.geometry import homogeneous
+from cellcal.drivers.fanuc.program_files.ls_program import read_ls
+from cellcal.drivers.fanuc.program_files.ls_registers import UNSURE, registers_used
+from cellcal.drivers.fanuc.program_files.programs import BRAND
+from cellcal.drivers.fanuc.program_files.va_backup import read_backup
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.engineering.programs.move import moving
+from cellcal.service.engineering.programs.project import Project, read_project
+from cellcal.service.engineering.programs.project_poses import ProjectError
+from cellcal.service.engineering.programs.registers import Registers
 from tests.unit.helpers.fanuc_va import Controller
 
 _PROJECT = """format = 1

@@ -18,16 +18,16 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from drivers.programs.positions import CARTESIAN, Change, Frames, Positions, Remark
-from service.exit_codes import ExitCode
-from service.programs import forks, shares
-from service.programs.diff import unified_diff
-from service.programs.files import FilesError, NewPlace, Refused, Source, find_programs
-from service.programs.report import Report, entry_of
-from service.programs.report_files import formats
-from service.programs.report_html import as_html
-from service.programs.report_words import Note, accuracy, problems, said_once, verdict
-from service.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
+from cellcal.drivers.programs.positions import CARTESIAN, Change, Frames, Positions, Remark
+from cellcal.service.engineering.programs import forks, shares
+from cellcal.service.engineering.programs.diff import unified_diff
+from cellcal.service.engineering.programs.files import FilesError, NewPlace, Refused, Source, find_programs
+from cellcal.service.engineering.programs.report import Report, entry_of
+from cellcal.service.engineering.programs.report_files import formats
+from cellcal.service.engineering.programs.report_html import as_html
+from cellcal.service.engineering.programs.report_words import Note, accuracy, problems, said_once, verdict
+from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED, ProgramResult
+from cellcal.service.exit_codes import ExitCode
 from tests.machine_speed import stretched_s
 from tests.unit.programs.patching import patched
 

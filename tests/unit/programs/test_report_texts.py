@@ -6,15 +6,15 @@ from itertools import product
 
 import pytest
 
-from drivers.fanuc.ls_remarks import remarks_of
-from drivers.yaskawa.job_edits import RATIOS_NEEDED
-from service.programs import postures
-from service.programs.files import Refused
-from service.programs.report import Report
-from service.programs.report_html import as_html
-from service.programs.report_texts import ENGLISH, TEXTS, Language, Texts
-from service.programs.report_words import accuracy, problems, verdict
-from service.sayings import LOCALES, Locale, Sayings
+from cellcal.drivers.fanuc.program_files.ls_remarks import remarks_of
+from cellcal.drivers.yaskawa.program_files.job_edits import RATIOS_NEEDED
+from cellcal.service.engineering.programs import postures
+from cellcal.service.engineering.programs.files import Refused
+from cellcal.service.engineering.programs.report import Report
+from cellcal.service.engineering.programs.report_html import as_html
+from cellcal.service.engineering.programs.report_texts import ENGLISH, TEXTS, Language, Texts
+from cellcal.service.engineering.programs.report_words import accuracy, problems, verdict
+from cellcal.service.translation import LOCALES, Locale, Sayings
 from tests.service.spoken import ROOT
 from tests.unit.programs.test_report import Program, report_of, result
 

@@ -5,10 +5,15 @@ from typing import Any
 
 import pytest
 
-from service.programs import judge
-from service.programs.postures import NO_POSTURE, OTHER_CONFIGURATION, OTHER_TURNS, UNREACHABLE
-from service.programs.verdicts import VERDICTS, place_in, verdict_of
-from service.web.programs_files import without_paths
+from cellcal.service.engineering.programs import judge
+from cellcal.service.engineering.programs.jobs.files import without_paths
+from cellcal.service.engineering.programs.postures import (
+    NO_POSTURE,
+    OTHER_CONFIGURATION,
+    OTHER_TURNS,
+    UNREACHABLE,
+)
+from cellcal.service.engineering.programs.verdicts import VERDICTS, place_in, verdict_of
 
 
 def test_every_reason_has_its_verdict() -> None:

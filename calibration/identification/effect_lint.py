@@ -1,0 +1,59 @@
+"""What few rows say about what the model lacks, for people; and when they cannot say it."""
+
+from cellcal.calibration.identification.effect_mixture import KINDS, Misfit
+from cellcal.calibration.identification.lints import Lint
+
+_SEEN = 0.9  # probability
+_EXCLUDED = 0.1
+_MANY_REJECTED = 0.03  # of the rows: more than good rows that stand out by chance
+_CURES = {
+    "joints": (
+        "the residuals go with what this level of the arm does not have (geometry below level 2, sag, bending of "
+        "links, ripple): measure more rows over the whole of every joint, or ask for a higher `--level`."
+    ),
+    "play": (
+        "the residuals look like joints that do not come back to the same angle (play, friction, rounding of the "
+        "joints): approach every posture from one side, and let the arm settle."
+    ),
+    "order": (
+        "the residuals go with the order of measuring: device or target moved, was put on again, or arm and floor "
+        "warmed up. Come back to a reference posture now and then."
+    ),
+}
+_WHAT = {
+    "joints": "sag, bending or ripple",
+    "play": "play of the joints",
+    "order": "a slow move of device or target",
+}
+
+
+def misfit_notes(misfit: Misfit | None, rows: int, rejected: int) -> list[Lint]:
+    """Return a note on every kind of effect that is seen, on those that few rows leave open, and on blunders."""
+    notes = []
+    if rejected > _MANY_REJECTED * rows:
+        notes.append(
+            Lint(
+                "outliers",
+                f"{rejected} of {rows} rows stand out and were not fitted: more than chance makes. Look at what they "
+                "share (hidden targets, a joint that moved, a typing error) before the rest is believed.",
+            )
+        )
+    if misfit is None:
+        return notes
+    chances = dict(zip(KINDS, misfit.probability, strict=True))
+    seen = [kind for kind in KINDS if chances[kind] > _SEEN]
+    notes += [
+        Lint("misfit", f"the model lacks something (probability {chances[kind]:.0%}): {_CURES[kind]}")
+        for kind in seen
+    ]
+    open_still = [kind for kind in KINDS if _EXCLUDED < chances[kind] <= _SEEN]
+    if open_still:
+        listed = ", ".join(f"{_WHAT[kind]} ({chances[kind]:.0%})" for kind in open_still)
+        notes.append(
+            Lint(
+                "misfit_open",
+                f"{rows} rows are too few to tell whether the model lacks something: {listed}. The stated deviations "
+                "count it; measure more rows.",
+            )
+        )
+    return notes

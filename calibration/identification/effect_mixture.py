@@ -1,0 +1,210 @@
+"""What few rows say about what a model lacks: deviations averaged over what may be behind the residuals.
+
+With 8 to 60 rows a fit bends its parameters until sag, ripple, play of the gears or a target that was put on again
+hardly show in the residuals; scaled by those, deviations promise too much. So the rows are looked at as drawn from
+many models: noise of any size, and beside it each kind of effect, absent, small or large. The probability of the
+rows under each model weighs what it says about the parameters.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from cellcal.calibration.arm.joint_terms import JointTerm, gravity_terms, harmonic_terms
+from cellcal.calibration.arm.kinematics import chain_frames, cross
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Problem, place_columns
+from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.parameters import (
+    GEOMETRY,
+    ArmState,
+    Parameter,
+    Priors,
+    make_layout,
+    with_further,
+)
+from cellcal.calibration.identification.robust import RobustFit
+
+_NOISES = np.geomspace(0.125, 8.0, 13)  # of the deviation that the residuals show
+_LEAST_NOISE = 0.2  # of the stated deviation: fewer rows than unknowns leave no residuals that show one
+KINDS = ("joints", "play", "order")
+# Of each kind of effect, of what is usual; a device that was moved may have been moved by decimetres.
+_SIZES = ((0.0, 0.5, 2.0), (0.0, 0.5, 2.0), (0.0, 0.5, 2.0, 20.0, 200.0))
+_ABSENT = 0.5  # probability beforehand that a kind of effect is not there
+_RIPPLE_RAD = float(np.deg2rad(0.02))
+_SAG_RAD_PER_M = float(np.deg2rad(0.1))
+_BENDING_RAD_PER_M = float(np.deg2rad(0.05))
+_PLAY_RAD = float(np.deg2rad(0.02))
+_WANDER_M = 3e-4  # of device and target, over the whole series
+_ORDERS = (1, 2)
+_ABOUT_X = ("alpha", "rx")
+_PLACES = ("base", "anchor", "tool")
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """What the rows say beside the parameters."""
+
+    covariance: Array  # (p, p) of the parameters about their estimate
+    probability: tuple[float, ...]  # that an effect of each of `KINDS` is there
+    noise_m: float  # deviation of the noise alone, in places or lengths
+
+
+def average_over_misfits(robust: RobustFit, stated: Observations) -> Misfit:
+    r"""Return what the kept rows of a fit say, averaged over what may be behind their residuals.
+
+    Parameters
+    ----------
+    robust : RobustFit
+        Not widened for groups.
+    stated : Observations
+        The same rows with their sigmas as they are stated.
+
+    Notes
+    -----
+    With whitened columns X of the parameters (in prior deviations), residuals r and covariance V of a model, the rows
+    have the density of ``N(r + X x, V + X X')`` linearised at the estimate. Moments of the parameters are taken about
+    the estimate: where models with an effect would move it, that is in its deviation.
+
+    References
+    ----------
+    J. A. Hoeting, D. Madigan, A. E. Raftery, C. T. Volinsky, Bayesian Model Averaging, Statist. Sci. 14 (1999) 382.
+    """
+    kept = np.ones(len(robust.problem.observations), dtype=bool)
+    kept[robust.rejected] = False
+    rows = np.flatnonzero(kept)
+    fit, problem = robust.fit, robust.problem.take(rows)
+    usual_m = float(np.median(problem.observations.sigma_m))
+    raised = max(1.0, _LEAST_NOISE * float(np.median(stated.sigma_m)) / usual_m)
+    columns, left = place_columns(fit.layout, fit.state, problem)
+    scaled = (columns.reshape(len(columns), -1) * fit.layout.prior[:, None]).T
+    away = fit.deviations / fit.layout.prior
+    effects = _effects(fit.state, problem, rows, frozenset(p.name for p in fit.layout.parameters))
+    posteriors = []
+    for sizes in product(*_SIZES):
+        turned = _Turned.of(scaled, left.reshape(-1), _mixed(effects, sizes))
+        posteriors += [(sizes, n, *_posterior(turned, away, (raised * n) ** 2)) for n in _NOISES]
+    chances = np.array([each[4] + _expected(each[0]) for each in posteriors])
+    weights = np.exp(chances - chances.max())
+    weights /= weights.sum()
+    moment = sum(w * (e[2] + np.outer(e[3], e[3])) for w, e in zip(weights, posteriors, strict=True))
+    there = [
+        float(sum(w for w, e in zip(weights, posteriors, strict=True) if e[0][k] > 0))
+        for k in range(len(KINDS))
+    ]
+    noise = raised * float(sum(w * e[1] for w, e in zip(weights, posteriors, strict=True)))
+    covariance = np.asarray(moment) * np.outer(fit.layout.prior, fit.layout.prior)
+    return Misfit(covariance, tuple(there), noise * usual_m)
+
+
+def _expected(sizes: tuple[float, ...]) -> float:
+    """Return the logarithm of the probability beforehand."""
+    each = [
+        _ABSENT if size == 0 else (1.0 - _ABSENT) / (len(possible) - 1)
+        for size, possible in zip(sizes, _SIZES, strict=True)
+    ]
+    return float(np.log(each).sum())
+
+
+def _mixed(effects: tuple[Array, ...], sizes: tuple[float, ...]) -> Array:
+    mixed: Array = sum(
+        (size**2 * effect for size, effect in zip(sizes, effects, strict=True)), np.zeros_like(effects[0])
+    )
+    return mixed
+
+
+@dataclass(frozen=True, eq=False)
+class _Turned:
+    """Columns and residuals along the principal axes of an effect, in which noise of any size changes nothing."""
+
+    columns: Array  # (c N, p)
+    left: Array  # (c N,)
+    variances: Array  # (c N,) of the effect
+
+    @classmethod
+    def of(cls, columns: Array, left: Array, effect: Array) -> "_Turned":
+        if not effect.any():
+            return cls(columns, left, np.zeros(len(left)))
+        variances, axes = np.linalg.eigh(effect)
+        return cls(axes.T @ columns, axes.T @ left, np.maximum(variances, 0.0))
+
+
+def _posterior(turned: _Turned, away: Array, noise: float) -> tuple[Array, Array, float]:
+    """Return covariance and shift of the parameters, and the log density of the rows (but for a constant).
+
+    By the determinant lemma of the information of the parameters and the variances of the rows.
+    """
+    weights = 1.0 / (turned.variances + noise)
+    white = turned.columns * weights[:, None]
+    information = np.eye(turned.columns.shape[1]) + turned.columns.T @ white
+    known = cho_factor(information, lower=True)
+    gradient = white.T @ turned.left - away
+    covariance = cho_solve(known, np.eye(len(information)))
+    shift = covariance @ gradient
+    square = float(turned.left @ (turned.left * weights) + away @ away - gradient @ shift)
+    volume = 2.0 * float(np.log(np.diag(known[0])).sum()) - float(np.log(weights).sum())
+    return covariance, shift, -0.5 * (square + volume)
+
+
+def _effects(state: ArmState, problem: Problem, order: Rows, fitted: frozenset[str]) -> tuple[Array, ...]:
+    """Return the covariance of the rows' channels (c N, c N) that each kind of effect of the usual size has."""
+    nominal, seen = state.nominal, problem.observations
+    terms = tuple(_further_terms(state))
+    wide = replace(
+        state, terms=(*state.terms, *terms), coefficients=np.append(state.coefficients, np.zeros(len(terms)))
+    )
+    layout = make_layout(nominal, seen.kind, len(state.devices), level=GEOMETRY, terms=wide.terms)
+    layout = with_further(layout, len(state.further), Priors())
+    columns, _ = place_columns(layout, wide, Problem.of(wide, seen))
+    parameters = layout.parameters
+    sag = [_SAG_RAD_PER_M if t.kind == "gravity" else _RIPPLE_RAD for t in terms]
+    shared = list(columns[len(parameters) - len(terms) :] * np.array(sag)[:, None, None]) if terms else []
+    for i, parameter in enumerate(parameters):
+        if parameter.role == "geometry" and parameter.unit == "rad":
+            shared.append(columns[i] * (_BENDING_RAD_PER_M * _bending(wide, seen.joints_rad, parameter)))
+        if parameter.role == "geometry" and parameter.name not in fitted:
+            shared.append(columns[i] * parameter.prior)
+    play = [columns[i] * _PLAY_RAD for i, p in enumerate(parameters) if p.role == "offset"]
+    moved = [columns[i] * _WANDER_M for i, p in enumerate(parameters) if p.unit == "m" and p.role in _PLACES]
+    rank = np.argsort(np.argsort(order)) / max(len(order) - 1, 1)
+    wander = np.minimum(rank[:, None], rank[None])
+    return (
+        _together(shared, None),
+        _together(play, np.eye(len(seen))),
+        _together(moved, wander),
+    )
+
+
+_PLACES = ("base", "anchor", "tool")
+
+
+def _further_terms(state: ArmState) -> Iterator[JointTerm]:
+    known = {term.name for term in state.terms}
+    for term in (*gravity_terms(state.nominal), *harmonic_terms(state.nominal, _ORDERS)):
+        if term.name not in known:
+            yield term
+
+
+def _bending(state: ArmState, joints_rad: Array, parameter: Parameter) -> Array:
+    """Return the lever (N,) [m] of the tip's weight about the axis that a turning of a placement has."""
+    rotations, origins = chain_frames(state.arm, joints_rad)
+    frame = parameter.joint + (1 if state.nominal.dh is not None else 0)
+    axis = rotations[frame, :, 0 if parameter.name.endswith(_ABOUT_X) else 1]
+    lever = origins[-1] - origins[frame]
+    down = np.array(state.nominal.gravity_in_base)[:, None] * np.ones_like(lever)
+    moment: Array = (cross(lever, down) * axis).sum(axis=0)
+    return moment
+
+
+def _together(columns: list[Array], by_rows: Array | None) -> Array:
+    """Return the covariance of channels (c N, c N) from columns (c, N); rows go together as ``by_rows`` says."""
+    some = np.array(columns)
+    flat = some.reshape(len(some), -1)
+    covariance: Array = flat.T @ flat
+    if by_rows is None:
+        return covariance
+    channels = some.shape[1]
+    return covariance * np.tile(by_rows, (channels, channels))

@@ -1,0 +1,97 @@
+"""What an identification's predictions miss: by rows held out among neighbours, and by regions held out whole."""
+
+import numpy as np
+
+from cellcal.calibration.errors import DegenerateDataError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.estimator import Problem, errors_m
+from cellcal.calibration.identification.identify import Identification
+from cellcal.calibration.identification.judgement import Judgement, judge, place_variances
+from cellcal.calibration.identification.model_error import HeldOut, ModelError, model_error
+from cellcal.calibration.identification.observations import Observations, Rows
+from cellcal.calibration.identification.residual_model import errors_with, residual_of
+from cellcal.calibration.identification.selection import evenly, fit_level
+
+_REGIONS = 8
+_ROWS_A_REGION = 6  # at least, on the average
+_MOST_ROWS = 1500  # are fitted without each region
+
+
+def learn_model_error(found: Identification) -> ModelError:
+    """Return how far further readings may be from an identification's predictions.
+
+    Rows that were rejected are no readings of this arm, and do not count; how many there were is reported beside.
+
+    Raises
+    ------
+    CalibrationError
+        As `judge`, where the identification was not judged yet.
+    """
+    seen, judged = found.robust.problem.observations, found.judgement
+    if not len(judged.held_out_m):
+        judged = judge(found.state.nominal, seen, found.grouping, found.options)
+    kept = np.delete(np.arange(len(seen)), found.rejected)
+    near = _among_neighbours(found, judged, seen.kind).take(kept)
+    far = _regions_left_out(found, seen.take(kept))
+    return model_error(near, far, max(found.robust.degrees_of_freedom, 1.0))
+
+
+def _uses_residual(found: Identification) -> bool:
+    return found.residual is not None and found.residual.chosen
+
+
+def _among_neighbours(found: Identification, judged: Judgement, kind: str) -> HeldOut:
+    channels = 1 if kind == "length" else 3
+    if _uses_residual(found):
+        return HeldOut(judged.with_residual_m, judged.variances_m2, judged.own_m2, channels)
+    return HeldOut(judged.held_out_m, judged.variances_m2, np.zeros(len(judged.held_out_m)), channels)
+
+
+def _regions_left_out(found: Identification, seen: Observations) -> HeldOut:
+    """Predict every region of postures by fits of the others, at the level and mountings that all rows chose."""
+    channels = 1 if seen.kind == "length" else 3
+    some = seen.take(evenly(len(seen), _MOST_ROWS))
+    regions = posture_regions(some.joints_rad, min(_REGIONS, len(some) // _ROWS_A_REGION))
+    parts = []
+    for region in range(int(regions.max(initial=0)) + 1 if regions.any() else 0):
+        held, training = (
+            some.take(np.flatnonzero(regions == region)),
+            some.take(np.flatnonzero(regions != region)),
+        )
+        if len(np.unique(training.mounting)) < len(np.unique(some.mounting)):
+            continue
+        try:
+            parts.append(_predicted(found, training, held))
+        except DegenerateDataError:
+            continue
+    if not parts:
+        return HeldOut.none(channels)
+    errors, variances, own = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return HeldOut(errors, variances, own, channels)
+
+
+def _predicted(
+    found: Identification, training: Observations, held: Observations
+) -> tuple[Array, Array, Array]:
+    options, model = found.options, found.state.nominal
+    robust = fit_level(model, training, found.frames, found.level, options.priors, options.start)
+    state, own = robust.fit.state, np.zeros(len(held))
+    if not _uses_residual(found):
+        return errors_m(state, Problem.of(state, held)), place_variances(robust.fit, held), own
+    residual = residual_of(robust, training, options.seed)
+    own = 3.0 * residual.predict(held.joints_rad)[1] ** 2
+    return errors_with(residual, state, held), place_variances(robust.fit, held), own
+
+
+def posture_regions(joints_rad: Array, number: int) -> Rows:
+    """Return the region (N,) of every posture: the most spread one is halved along its main direction, again."""
+    regions = np.zeros(len(joints_rad), dtype=np.intp)
+    for new in range(1, max(number, 1)):
+        spreads = [
+            float(joints_rad[regions == r].var(axis=0).sum()) * np.sum(regions == r) for r in range(new)
+        ]
+        rows = np.flatnonzero(regions == int(np.argmax(spreads)))
+        away = joints_rad[rows] - joints_rad[rows].mean(axis=0)
+        along = away @ np.linalg.svd(away, full_matrices=False)[2][0]
+        regions[rows[along > np.median(along)]] = new
+    return regions

@@ -1,0 +1,137 @@
+"""Temperature as a regressor: what a series shifts by a degree is taken out, if rows that were held out gain by it.
+
+Arm, stand and floor grow together, and one series cannot tell whose growth it sees. What it can tell is by how much
+readings shift with the temperature beside them: three numbers for places, one for lengths. Readings are brought to
+the mean temperature of the series; all that is stated is at that temperature.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.cross_validation import Grouping, compare, deal_folds
+from cellcal.calibration.identification.drift_lint import drift_with
+from cellcal.calibration.identification.estimator import Problem, estimate, whitened_residuals
+from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.observations import LengthObservations, Observations, Rows
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
+from cellcal.calibration.identification.series_breaks import fit_frames
+
+_BY_CHANCE = 0.01
+_SMALLEST_M = 2e-5  # over the whole range
+_FOLDS = 5
+_ROUNDS = 3  # of slopes and arm in turn: what one took from the other comes back
+
+
+@dataclass(frozen=True, eq=False)
+class TemperatureEffect:
+    """What readings shift by a degree, in the device's frame, and the temperature to which they were brought."""
+
+    slopes: Array  # (channels,) [m/K]
+    at: float  # [deg C]
+    total_m: float  # over the range of the series
+    reason: str
+
+    def without(self, observations: Observations, temperature: Array) -> Observations:
+        """Return rows as they would have been read at ``at``; where no temperature is known (NaN) they stay."""
+        warmer = np.where(np.isfinite(temperature), temperature - self.at, 0.0)
+        if isinstance(observations, LengthObservations):
+            return replace(observations, lengths_m=observations.lengths_m - self.slopes[0] * warmer)
+        return replace(observations, positions_m=observations.positions_m - warmer[:, None] * self.slopes)
+
+
+def temperature_effect(
+    model: RobotModel, observations: Observations, temperature: Array | None, grouping: Grouping
+) -> TemperatureEffect | None:
+    """Return what a temperature beside every row explains, or None where held-out rows gain nothing by it.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Nominal; its geometry is fitted, so that the temperature is not blamed for the arm.
+    observations : Observations
+        Of one mounting of the device.
+    temperature : (N,) or None
+        [deg C]; every row's, or nothing is done.
+    grouping : Grouping
+        Rows that share what drifts: they are held out together.
+    """
+    if temperature is None or not len(observations) or not np.isfinite(temperature).all():
+        return None
+    warmer = temperature - temperature.mean()
+    start = fit_frames(model, observations, ()).state
+    layout = make_layout(model, observations.kind, 1, level=GEOMETRY)
+    drift = drift_with(warmer, _left_m(layout, start, observations), grouping.groups)
+    if drift is None or drift.by_chance > _BY_CHANCE or drift.total_m < _SMALLEST_M:
+        return None
+    folds = deal_folds(grouping, _FOLDS, 0)
+    plain, regressed = np.zeros(len(observations)), np.zeros(len(observations))
+    for fold in range(int(folds.max()) + 1):
+        training, held = np.flatnonzero(folds != fold), np.flatnonzero(folds == fold)
+        for errors, rounds in ((plain, 0), (regressed, _ROUNDS)):
+            errors[held] = _held_out(layout, start, observations, (warmer, training, held), rounds)
+    gain = compare(
+        ("without temperature", plain), ("with temperature", regressed), grouping.groups, least_gain=0.005
+    )
+    if not gain.better:
+        return None
+    slopes = _slopes(layout, start, observations, warmer, _ROUNDS)
+    return TemperatureEffect(
+        slopes,
+        float(temperature.mean()),
+        float(np.linalg.norm(slopes) * np.ptp(temperature)),
+        gain.reason,
+    )
+
+
+def temperature_note(effect: TemperatureEffect | None) -> list[Lint]:
+    """Say what was taken out."""
+    if effect is None:
+        return []
+    return [
+        Lint(
+            "temperature",
+            f"readings shift by {float(np.linalg.norm(effect.slopes)) * 1e3:.3f} mm per degree, "
+            f"{effect.total_m * 1e3:.2f} mm in all: taken out, all results are at {effect.at:.1f} °C "
+            f"({effect.reason}). At another temperature they are off by as much.",
+        )
+    ]
+
+
+def _left_m(layout: Layout, start: ArmState, observations: Observations) -> Array:
+    """Return what a fit leaves over (channels of places or lengths, N) [m]."""
+    problem = Problem.of(start, observations)
+    state = estimate(layout, start, problem, from_afar=True).state
+    left: Array = whitened_residuals(state, problem)[:3] * observations.sigma_m
+    return left
+
+
+def _slopes(layout: Layout, start: ArmState, observations: Observations, warmer: Array, rounds: int) -> Array:
+    channels = 1 if observations.kind == "length" else 3
+    slopes = np.zeros(channels)
+    centred = warmer - warmer.mean()
+    for _ in range(rounds):
+        there = TemperatureEffect(slopes, 0.0, 0.0, "").without(observations, warmer)
+        slopes = slopes + _left_m(layout, start, there) @ centred / float(centred @ centred)
+    return slopes
+
+
+def _held_out(
+    layout: Layout,
+    start: ArmState,
+    observations: Observations,
+    parts: tuple[Array, Rows, Rows],
+    rounds: int,
+) -> Array:
+    """Return the errors (n,) [m] of rows by arm and slopes of the others."""
+    warmer, training, held = parts
+    slopes = _slopes(layout, start, observations.take(training), warmer[training], rounds)
+    effect = TemperatureEffect(slopes, 0.0, 0.0, "")
+    fitted = effect.without(observations.take(training), warmer[training])
+    state = estimate(layout, start, Problem.of(start, fitted), from_afar=True).state
+    rows = effect.without(observations.take(held), warmer[held])
+    problem = Problem.of(state, rows)
+    errors: Array = problem.observations.errors_m(whitened_residuals(state, problem))
+    return errors

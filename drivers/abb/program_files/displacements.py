@@ -1,0 +1,174 @@
+"""Where PDispSet, PDispOn and EOffs hold in a module, and which targets are moved to while they do."""
+
+import re
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from cellcal.drivers.abb.program_files.literals import NAME, NUMBER, W
+from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Quaternion, Triple
+
+WORDS = frozenset(("pdispset", "pdispon", "pdispoff", "eoffsset", "eoffson", "eoffsoff"))
+USED = re.compile(r"\b(?:PDisp|EOffs)(?:Set|On)\b", re.IGNORECASE)
+_POSE = (
+    rf"\[{W}\[{W}"
+    + rf"{W},{W}".join([f"({NUMBER})"] * 3)
+    + rf"{W}\]{W},{W}\[{W}"
+    + (rf"{W},{W}".join([f"({NUMBER})"] * 4) + rf"{W}\]{W}\]")
+)
+_POSE_VALUE = re.compile(rf"{W}{_POSE}", re.ASCII)
+_CONSTANT = re.compile(rf"\bCONST\s+pose\s+({NAME}){W}:={W}{_POSE}", re.ASCII | re.IGNORECASE)
+_ARGUMENT = re.compile(rf"{W}({NAME}){W};", re.ASCII)
+_ROT = re.compile(r"\\\s*Rot\b", re.IGNORECASE)
+_CODE = re.compile(rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|{NAME}|[;\n]', re.ASCII)
+_OPENING = frozenset(("then", "for", "while", "test"))
+_CLOSING = frozenset(("endif", "endfor", "endwhile", "endtest"))
+_BRANCHING = frozenset(("elseif", "else", "case", "default", "goto", "return"))
+_OWN = "set reset setdo setgo setao pulsedo invertdo waitdi waitdo waitgi waitai waittime waituntil"
+_OWN += " waitrob tpwrite tperase tpreadnum tpreadfk tpshow uimsgbox incr decr add clear velset accset"
+_OWN += " confl confj singarea gripload stop exit break if then else elseif endif for from to step do"
+_OWN += " endfor while endwhile test case default endtest return goto label clkstart clkstop clkreset"
+_OWN += " actunit deactunit tooldata stopmove startmove storepath restopath errwrite open close write not"
+_OWN += " and or div mod true false var num bool string const pers local robtarget movel movej movec"
+_OWN += " moveabsj isignaldi connect with idelete itimer isleep iwatch speedrefresh motionsup softact"
+_OWN += " softdeact trigg triggl triggj triggc triggio triggequip searchl searchj searchc offs reltool"
+_OWN += " crobt cjointt pdispset pdispon pdispoff eoffsset eoffson eoffsoff raise error undo endproc proc"
+_OWN += " pose pos orient speeddata zonedata"
+_OWN_WORDS = frozenset(_OWN.split())  # instructions of the language that go to no target
+
+
+class Move(NamedTuple):
+    """A move to a target: its name, or the row of one that is written into the move."""
+
+    place: int
+    scope: str
+    name: str
+    row: int
+    frame: str | None
+
+
+class Event(NamedTuple):
+    """An instruction that sets or ends a displacement."""
+
+    place: int
+    word: str
+    spelled: str
+    scope: str
+    translation_m: Triple
+    quaternion: Quaternion | None
+
+
+class Held(NamedTuple):
+    """A displacement, the moves that are done while it holds, and whether others may be, too."""
+
+    event: Event
+    moves: tuple[Move, ...]
+    others: bool
+
+
+@dataclass
+class Displacements:
+    """What a module displaces, while it is read."""
+
+    text: str
+    events: list[Event] = field(default_factory=list)
+    moves: list[Move] = field(default_factory=list)
+    routines: dict[str, tuple[int, int]] = field(default_factory=dict)  # by scope: from, to
+
+    def take(self, word: str, spelled: str, end: int, scope: str) -> None:
+        """Note an instruction whose arguments begin at a place."""
+        stop = self.text.find(";", end)
+        stop = len(self.text) if stop < 0 else stop
+        translation, quaternion = UNREADABLE, None
+        if word == "pdispset":
+            translation, quaternion = self._pose(end)
+        elif word == "pdispon" and _ROT.search(self.text, end, stop) is None:
+            quaternion = NO_TURN
+        self.events.append(Event(end, word, spelled, scope, translation, quaternion))
+
+    def held(self) -> Iterator[Held]:
+        """Yield every displacement with the moves that it counts for."""
+        for event in self.events:
+            if not event.word.endswith("off"):
+                yield self._held(event)
+
+    def _pose(self, place: int) -> tuple[Triple, Quaternion | None]:
+        found = _POSE_VALUE.match(self.text, place)
+        if found is not None:
+            return _numbers(found, 1)
+        named = _ARGUMENT.match(self.text, place)
+        constants = [
+            one for one in _CONSTANT.finditer(self.text) if named and one[1].lower() == named[1].lower()
+        ]
+        return _numbers(constants[0], 2) if len(constants) == 1 else (UNREADABLE, None)
+
+    def _held(self, event: Event) -> Held:
+        begin, end = self.routines.get(event.scope, (0, len(self.text)))
+        off = next(
+            (
+                one.place for one in self.events
+                if one.scope == event.scope and one.place > event.place and one.word == event.word[:5] + "off"
+            ),
+            None,
+        )  # fmt: skip
+        if off is None:
+            return Held(event, tuple(self.moves), others=True)
+        words = [word for word, _ in self._words(event.place, off)]
+        whole = _unbalanced(words)
+        span = (begin, end) if whole else (event.place, off)
+        scopes, others = self._called(*span)
+        moves = [move for move in self._between(*span) if move.scope == event.scope]
+        moves += [move for move in self.moves if move.scope in scopes]
+        return Held(event, tuple(dict.fromkeys(moves)), others)
+
+    def _between(self, begin: int, end: int) -> Sequence[Move]:
+        places = [move.place for move in self.moves]
+        return self.moves[bisect_right(places, begin) : bisect_right(places, end)]
+
+    def _called(self, begin: int, end: int) -> tuple[set[str], bool]:
+        """Return the scopes that are called from a part of the text, and whether others may be."""
+        waiting, scopes, others = [(begin, end)], set[str](), False
+        by_name: dict[str, list[str]] = {}
+        for scope in self.routines:
+            by_name.setdefault(scope.partition("/")[2], []).append(scope)
+        while waiting:
+            for word, leads in self._words(*waiting.pop()):
+                some = by_name.get(word, ())
+                others |= leads and not some and word not in _OWN_WORDS
+                new = [scope for scope in some if scope not in scopes]
+                scopes.update(new)
+                waiting += [self.routines[scope] for scope in new]
+        return scopes, others
+
+    def _words(self, begin: int, end: int) -> Iterator[tuple[str, bool]]:
+        """Yield the words of a part of the text, and whether each begins a statement."""
+        leads = False
+        for found in _CODE.finditer(self.text, begin, end):
+            if found[0][0] in '!"':
+                continue
+            if found[0] in ";\n":
+                leads = True
+                continue
+            yield found[0].lower(), leads and self.text[found.end() : found.end() + 2].lstrip()[:1] != ":"
+            leads = False
+
+
+def _unbalanced(words: Sequence[str]) -> bool:
+    """Tell whether the way between two instructions is not the only one."""
+    depth = 0
+    for word in words:
+        depth += (word in _OPENING) - (word in _CLOSING)
+        if depth < 0 or (not depth and word in _BRANCHING):
+            return True
+    return depth != 0 or (words.count("if") != words.count("then") - words.count("elseif"))
+
+
+def _numbers(found: re.Match[str], first: int) -> tuple[Triple, Quaternion | None]:
+    values = [float(found[first + k]) for k in range(7)]
+    norm = sum(value * value for value in values[3:]) ** 0.5
+    if not abs(norm - 1.0) < 1e-2:
+        return UNREADABLE, None
+    x, y, z = (value * 1e-3 for value in values[:3])
+    q1, q2, q3, q4 = (value / norm for value in values[3:])
+    return (x, y, z), (q1, q2, q3, q4)

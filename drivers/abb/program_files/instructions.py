@@ -1,0 +1,250 @@
+"""RAPID's moving instructions: their targets, and the tool and work object that they name."""
+
+import re
+from dataclasses import dataclass
+from math import nan
+
+from cellcal.drivers.abb.program_files.literals import (
+    AGGREGATES,
+    NAME,
+    LiteralError,
+    W,
+    after_blanks,
+    spelled,
+)
+from cellcal.drivers.programs.shifts import UNREADABLE
+from cellcal.drivers.programs.spans import Source
+
+# Where the tool stands, from the end of the arguments that are not optional.
+_LAST = "movel movej movec moveabsj triggl triggj triggc triggabsj arcl arcc arclstart arclend arcl1 arcl2 arccstart"
+_LAST += " arccend arcc1 arcc2 spotl spotj spotml spotmj searchl searchc displ dispc paintl paintc capl capc"
+MOVES = {
+    **dict.fromkeys(_LAST.split(), -1),
+    **dict.fromkeys(("movelsync", "movejsync", "movecsync"), -2),
+    **{f"move{way}{signal}": -3 for way in "ljc" for signal in ("do", "ao", "go")},
+}
+
+_ARGUMENT = re.compile(r'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[\](){},;]|[^\[\](){},;!"]++')
+_HEAD = re.compile(rf"{W}({NAME}){W}(?:\{{([^{{}}]*+)\}})?+{W}(\()?+", re.ASCII)
+_PLAIN = re.compile(rf"{W}({NAME}){W}(?=\\|\Z)", re.ASCII)
+_OPTION = re.compile(  # of a whole instruction: brackets and what is in quotes or a comment are stepped over
+    rf'![^\n]*+|"(?:[^"\n]++|"")*+"?+|[\[({{]|[\])}}]|(?P<work_object>\\{W}WObj\b{W}(?::={W}(?P<named>{NAME}){W}(?=[\\,;]))?+)',
+    re.ASCII | re.IGNORECASE,
+)
+_NEXT_STATEMENT = re.compile(
+    r"\n[ \t\r]*+(?:Move[LJC]|MoveAbsJ|END(?:PROC|FUNC|TRAP|MODULE|IF|FOR|WHILE))\b", re.IGNORECASE
+)
+_LENGTH = re.compile(rf"{W}([+-]?{W}(?:\d++(?:\.\d*+)?+|\.\d++)(?:[eE][+-]?\d++)?+){W}", re.ASCII)
+_INDEX = re.compile(r"\d+(?:,\d+)*")
+
+_CIRCLE = re.compile(r"(?:move|trigg|arc|disp|paint|cap)c")
+_MANY_SIGNS = re.compile(r'[\[({"!]')
+_MOST_ARGUMENTS = 40
+_SHIFTED = ("offset", "This target is shifted while the program runs.")
+COMPUTED = ("computed", "The target of this move is computed.")
+STAR = ("computed", "The target of this move is '*': its coordinates are not in the file.")
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What a move goes to: a name, numbers, or something that is only known while the program runs."""
+
+    place: int
+    name: str = ""
+    literal: re.Match[str] | None = None
+    axes: bool = False
+    remark: tuple[str, str] | None = None
+    offset_m: tuple[float, float, float] | None = None  # of Offs; NaN for what is computed
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """A move; tool and frame are None where they are not a plain name."""
+
+    word: str
+    targets: tuple[Target, ...]
+    tool: str | None
+    frame: str | None
+    end: int  # after its semicolon
+
+
+@dataclass(frozen=True, slots=True)
+class Argument:
+    """One argument, and the numbers that it is where it is a target."""
+
+    start: int
+    end: int
+    literal: re.Match[str] | None = None
+
+
+def read_instruction(source: Source, word: str, place: int) -> Instruction:
+    """Read a move whose arguments begin at a place.
+
+    Raises
+    ------
+    ProgramFileError
+        A target is not understood, or the instruction does not end.
+    """
+    arguments, end = _arguments(source, place, axes=_of_axes(word))
+    plain = [argument for argument in arguments if source.text[argument.start : argument.start + 1] != "\\"]
+    held = [argument for argument in plain if argument.literal is None]
+    frame, named_at = _work_object(source.text, place, end)
+    with_frame = [argument for argument in held if argument.start <= named_at < argument.end]
+    of_tool = with_frame or held[MOVES[word] :][:1] if len(held) >= -MOVES[word] else []
+    tool = _plain_name(source.text, of_tool[0]) if of_tool else None
+    named = len(plain) if word.startswith("search") else 2 if _CIRCLE.match(word) else 1
+    targets = tuple(
+        target
+        for k, argument in enumerate(plain)
+        if (k < named or argument.literal is not None)
+        and (target := _target(source, word, k, argument)) is not None
+    )
+    return Instruction(word, targets, tool, frame, end)
+
+
+def _of_axes(word: str) -> bool:
+    return word in ("moveabsj", "triggabsj")
+
+
+def _arguments(source: Source, place: int, *, axes: bool) -> tuple[list[Argument], int]:
+    """Cut the text up to the semicolon at its outer commas; targets in numbers are matched whole."""
+    text, begin, depth = source.text, place, 0
+    end = text.find(";", place)
+    if end >= 0 and _MANY_SIGNS.search(text, place, end) is None:
+        return _plain_arguments(source, place, end), end + 1
+    arguments: list[Argument] = []
+    place = start = after_blanks(text, place)
+    literal = _literal(source, place, axes=axes)
+    while True:
+        place = literal.end() if literal is not None and place == start else place
+        token = _ARGUMENT.match(text, place)
+        if token is None or (depth <= 0 and token[0] in ",;"):
+            arguments.append(Argument(start, place, literal))
+            if token is None or token[0] == ";":
+                break
+            place = start = after_blanks(text, token.end())
+            literal = _literal(source, place, axes=axes)
+            if len(arguments) > _MOST_ARGUMENTS:
+                break
+            continue
+        depth += (token[0] in "[({") - (token[0] in "])}")
+        place = token.end()
+    end = place + (token is not None)
+    missing = _NEXT_STATEMENT.search(text, begin, end)
+    if token is None or missing is not None or len(arguments) > _MOST_ARGUMENTS:
+        raise source.error(begin, "this instruction does not end with ';'.")
+    return arguments, end
+
+
+def _plain_arguments(source: Source, place: int, end: int) -> list[Argument]:
+    """Cut arguments without brackets, strings and comments at their commas."""
+    text = source.text
+    if text.count(",", place, end) >= _MOST_ARGUMENTS or _NEXT_STATEMENT.search(text, place, end):
+        raise source.error(place, "this instruction does not end with ';'.")
+    arguments: list[Argument] = []
+    while place <= end:
+        comma = text.find(",", place, end)
+        stop = end if comma < 0 else comma
+        arguments.append(Argument(after_blanks(text, place), stop))
+        place = stop + 1
+    return arguments
+
+
+def _literal(source: Source, place: int, *, axes: bool) -> re.Match[str] | None:
+    """Return the target in numbers that an argument is, or None.
+
+    Raises
+    ------
+    ProgramFileError
+        It is one, but not understood.
+    """
+    if source.text[place : place + 1] != "[":
+        return None
+    kind = "jointtarget" if axes else "robtarget"
+    try:
+        return AGGREGATES[kind].match(source.text, place)
+    except LiteralError as error:
+        second = after_blanks(source.text, place + 1)
+        if error.computed or source.text[second : second + 1] != "[":
+            return None  # a speed or zone in numbers, or a target that is computed
+        raise source.error(error.place, str(error), remedy="Correct it on the controller.") from None
+
+
+def _work_object(text: str, place: int, end: int) -> tuple[str | None, int]:
+    """Return the work object that an instruction names, and where (-1 for none: wobj0); None where it is computed."""
+    if text.find("\\", place, end) < 0:
+        return "wobj0", -1
+    depth = 0
+    for found in _OPTION.finditer(text, place, end):
+        if found["work_object"] and not depth:
+            return spelled(found["named"]) if found["named"] else None, found.start()
+        depth += (found[0] in ("[", "(", "{")) - (found[0] in ("]", ")", "}"))
+    return "wobj0", -1
+
+
+def _plain_name(text: str, argument: Argument) -> str | None:
+    """Return the name that an argument is, its own options left out; None for an element, a component, a call."""
+    found = _PLAIN.match(text, argument.start, argument.end)
+    return spelled(found[1]) if found else None
+
+
+def _target(source: Source, word: str, k: int, argument: Argument) -> Target | None:
+    """Return what an argument moves to; None for a speed, a zone, a tool."""
+    if argument.literal is not None:
+        return Target(argument.start, literal=argument.literal, axes=_of_axes(word))
+    head = _HEAD.match(source.text, argument.start, argument.end)
+    first = k == 0 and not word.startswith("search")
+    if head is None:
+        sign = source.text[argument.start : argument.start + 1]
+        star = STAR if sign == "*" else COMPUTED
+        return Target(argument.start, remark=star) if first or sign == "*" else None
+    if head[3]:
+        return _called(source, head, argument) if first or head[1].lower() in ("offs", "reltool") else None
+    index = "".join((head[2] or "").split())
+    name = spelled(head[1])
+    return Target(argument.start, name=f"{name}{{{index}}}" if _INDEX.fullmatch(index) else name)
+
+
+def _called(source: Source, head: re.Match[str], argument: Argument) -> Target:
+    """Return the target of a move to a function's result: the point that it shifts, where it is such a one."""
+    text, opened = source.text, head.end()
+    inner: re.Match[str] | None = head
+    shifted = False
+    offset: tuple[float, float, float] | None = None
+    while inner is not None and inner[3] and inner[1].lower() in ("offs", "reltool"):
+        if inner[1].lower() == "offs":
+            offset = UNREADABLE if offset else offset_of(text, inner.end(), argument.end)
+        opened = inner.end()
+        inner, shifted = _HEAD.match(text, opened, argument.end), True
+    if not shifted:
+        return Target(argument.start, remark=COMPUTED)
+    named = inner is not None and not inner[3]
+    index = "".join((inner[2] or "").split()) if inner else ""
+    name = spelled(inner[1]) if inner and named else ""
+    name += f"{{{index}}}" if name and _INDEX.fullmatch(index) else ""
+    literal = None if inner is not None else _literal(source, after_blanks(text, opened), axes=False)
+    place = argument.start if literal is None else literal.start()
+    return Target(place, name=name, literal=literal, remark=_SHIFTED, offset_m=offset)
+
+
+def offset_of(text: str, place: int, end: int) -> tuple[float, float, float]:
+    """Return the last three arguments of Offs, whose first begins at a place [m]; NaN where one is computed."""
+    commas: list[int] = []
+    depth, stop = 0, end
+    for found in _ARGUMENT.finditer(text, place, end):
+        if found[0] in ")]}" and not depth:
+            stop = found.start()
+            break
+        depth += (found[0] in "[({") - (found[0] in "])}")
+        if found[0] == "," and not depth:
+            commas.append(found.start())
+    if len(commas) != 3:
+        return UNREADABLE
+    ends = [*commas[1:], stop]
+    x, y, z = (_length_m(text, start + 1, until) for start, until in zip(commas, ends, strict=True))
+    return x, y, z
+
+
+def _length_m(text: str, place: int, end: int) -> float:
+    found = _LENGTH.fullmatch(text, place, end)
+    return float("".join(found[1].split())) * 1e-3 if found else nan

@@ -1,0 +1,158 @@
+"""Registers that a program fills from its positions and computes with, and what they hold when that is certain."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import isnan, nan
+
+from cellcal.drivers.fanuc.program_files.ls_statements import Motion, Statement
+from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Quaternion, Triple
+
+_ASSIGNED = re.compile(rb"PR\[ *+(?:GP *+1 *+: *+)?+(\d{1,5}+) *+(?:, *+(\d) *+)?+\] *+= *+(.*)", re.DOTALL)
+_POSITION = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
+_REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP\d *+: *+)?+(\d{1,5}+) *+\]")
+_CHOSEN_REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP *+1 *+: *+)?+[A-Za-z]{1,3}+\[[^=]*=")
+_CHOSEN_POSITION = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
+_HERE = re.compile(rb"\b[LJ]P(?:OS|NT)\b")
+_ALONE = re.compile(rb"(?:PR?\[[^\]]*+\] *+|[LJ]P(?:OS|NT) *+(?:\([^)]*+\))?)")
+_NOTHING = re.compile(rb"(PR\[ *\d+ *\]|LPOS|JPOS) *- *\1")
+_NUMBER = re.compile(rb"\(? *+(-?+(?:\d++(?:\.\d*+)?+|\.\d++)) *+\)?")
+_BRANCHES = re.compile(
+    rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|CALL|AUFRUF|RUN|MONITOR)\b"
+    rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"  # words alone: a macro
+)
+_MM = 1e-3
+_LENGTHS = 3  # elements X, Y and Z; W, P and R come after
+
+
+@dataclass
+class Registers:
+    """What a program does with registers, whatever the order of its statements."""
+
+    origins: dict[int, set[int]] = field(default_factory=dict)  # positions whose numbers a register gets
+    altered: dict[int, int] = field(default_factory=dict)  # registers that are computed, and in which line
+    computed: set[int] = field(default_factory=set)  # positions that an expression uses
+    copied: dict[int, set[int]] = field(
+        default_factory=dict
+    )  # positions, and the registers that get them whole
+    turned: set[int] = field(
+        default_factory=set
+    )  # registers whose W, P or R the program sets to other than zero
+    used: set[int] = field(default_factory=set)  # registers that an expression of another one uses
+    here: set[int] = field(default_factory=set)  # registers that get where the robot was before any position
+    any_altered: int = 0  # a line in which a number chooses the register that is computed
+    any_position: int = 0  # a line in which a number chooses the position that a register gets
+    camera: set[int] = field(default_factory=set)  # registers that get what a camera found
+
+    @property
+    def size(self) -> int:
+        """Return how much is found so far."""
+        return (
+            sum(map(len, self.origins.values()))
+            + len(self.altered)
+            + len(self.turned)
+            + len(self.camera)
+            + len(self.here)
+        )
+
+
+def registers_of(assigned: Sequence[tuple[Statement, int | None]]) -> Registers:
+    """Return what assignments do; each comes with the position that the program went to last above it."""
+    found = Registers()
+    for _ in range(len(assigned) + 1):  # a register may get another one's that is assigned below
+        before = found.size
+        for statement, last in assigned:
+            match = _ASSIGNED.search(statement.text)
+            _take_chosen(found, statement, certain=match is not None)
+            if match is not None and match[2]:
+                _assign_element(found, match, statement.line)
+            elif match is not None:
+                _assign_whole(found, match, statement.line, last)
+        if found.size == before:
+            break
+    return found
+
+
+def computes(statement: Statement) -> bool:
+    """Tell whether a statement that is no motion gives a value to a position register, or uses a position."""
+    return any(
+        pattern.search(statement.text)
+        for pattern in (_ASSIGNED, _CHOSEN_REGISTER, _POSITION, _CHOSEN_POSITION)
+    )
+
+
+def _take_chosen(found: Registers, statement: Statement, *, certain: bool) -> None:
+    """Take up what a number chooses, and positions in statements that are not understood."""
+    if _CHOSEN_POSITION.search(statement.text):
+        found.any_position = found.any_position or statement.line
+    if not certain:
+        found.computed |= {int(each) for each in _POSITION.findall(statement.text)}
+        if _CHOSEN_REGISTER.search(statement.text):
+            found.any_altered = found.any_altered or statement.line
+
+
+def _assign_element(found: Registers, match: re.Match[bytes], line: int) -> None:
+    number, element, value = int(match[1]), int(match[2]), match[3].strip()
+    found.altered.setdefault(number, line)
+    found.computed |= {int(each) for each in _POSITION.findall(value)}
+    constant = _NUMBER.fullmatch(value)
+    if element > _LENGTHS and (constant is None or float(constant[1])):
+        found.turned.add(number)
+
+
+def _assign_whole(found: Registers, match: re.Match[bytes], line: int, last: int | None) -> None:
+    number, value = int(match[1]), match[3].strip()
+    positions = {int(each) for each in _POSITION.findall(value)}
+    registers = {int(each) for each in _REGISTER.findall(value)}
+    origins = found.origins.setdefault(number, set())
+    origins |= positions | {n for each in registers for n in found.origins.get(each, ())}
+    if _HERE.search(value) and last is not None:
+        origins.add(last)
+    found.here |= {number} if (_HERE.search(value) and last is None) or registers & found.here else set()
+    found.used |= registers - {number}
+    found.turned |= {number} if registers & found.turned else set()
+    found.camera |= {number} if b"VR[" in value or registers & found.camera else set()
+    if _ALONE.fullmatch(value) is not None:
+        for each in positions:
+            found.copied.setdefault(each, set()).add(number)
+        if registers & found.altered.keys():
+            found.altered.setdefault(number, line)
+    elif not _NOTHING.fullmatch(value):
+        found.altered.setdefault(number, line)
+        found.computed |= positions
+
+
+@dataclass
+class Contents:
+    """What registers hold while a program without branches and calls runs from its first line."""
+
+    certain: bool = True
+    elements: dict[tuple[int, int], float] = field(default_factory=dict)
+
+    def follow(self, statement: Statement) -> None:
+        """Take up a statement."""
+        if _BRANCHES.search(statement.text) or _CHOSEN_REGISTER.search(statement.text):
+            self.certain = False
+        match = _ASSIGNED.search(statement.text)
+        if match is None:
+            return
+        number, element, value = int(match[1]), match[2], match[3].strip()
+        if element is None:
+            nothing = _NOTHING.fullmatch(value) is not None
+            for each in range(1, 7):
+                self.elements[number, each] = 0.0 if nothing else nan
+            return
+        constant = _NUMBER.fullmatch(value)
+        self.elements[number, int(element)] = float(constant[1]) if constant else nan
+
+    def shift(self, motion: Motion, turned: set[int]) -> tuple[Triple, Quaternion | None]:
+        """Return the shift of a motion; NaN and None where it is not certain."""
+        quaternion = None if turned & set(motion.shifting) else NO_TURN
+        if not self.certain or len(motion.shifting) != 1:
+            return UNREADABLE, quaternion
+        x, y, z = (self._length_m(motion.shifting[0], each) for each in (1, 2, 3))
+        return (x, y, z), quaternion
+
+    def _length_m(self, register: int, element: int) -> float:
+        value = self.elements.get((register, element), nan)
+        return nan if isnan(value) else value * _MM  # one nan, so that equal shifts are equal

@@ -1,0 +1,165 @@
+"""Frames and tools that a program chooses, or sets itself: in which its positions stand, and when nobody can tell.
+
+Positions with UF : F or UT : F stand in the frame or tool that is chosen when they are moved to.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import PurePath
+
+from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
+from cellcal.drivers.programs.across import Abroad, RoutineSaid
+from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
+from cellcal.drivers.programs.positions import CARTESIAN, Positions
+
+_WORDS = {"frame": rb"(?:UFRAME_NUM|BENUTZER_NUM)", "tool": rb"(?:UTOOL_NUM|WKZ_NUM)"}
+_CHOSEN = {which: re.compile(rb"\b" + word + rb"\b[^=;<>\n]{0,40}+=") for which, word in _WORDS.items()}
+_ALONE = {
+    which: re.compile(rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+" + word + rb" *+= *+(\d{1,3}+) *+;", re.MULTILINE)
+    for which, word in _WORDS.items()
+}
+_SET = {
+    "frame": re.compile(rb"\b(?:UFRAME|BENUTZER)\[((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="),
+    "tool": re.compile(rb"\b(?:UTOOL|WKZ)\[((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="),
+}
+_SET_BY = "{} sets its frame or tool while it runs"
+_SETTABLE = (b"UFRAME[", b"BENUTZER[", b"UTOOL[", b"WKZ[")
+_UNKNOWN = "*"  # a number that only the running program knows
+_USED = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
+# Above the first of these, every statement is run, once and in order.
+_BRANCHES = re.compile(rb"\b(?:IF|WENN|LBL|MARKE|JMP|SPRUNG|SELECT|FOR|WHILE|SKIP|ABORT|END|ENDE)\b")
+_INDIRECT = re.compile(rb"P(?<![A-Za-z]P)\[ *+[A-Za-z]")
+
+# A register that names the program is a name that no program has.
+_CALL = re.compile(rb"\b(?:CALL|AUFRUF|RUN|MONITOR)[ \t]++(?!END\b)([^\s;(,]{1,80}+)")
+# Words alone are a macro, whose program only the controller's table names; these are not.
+_WORDS_ALONE = re.compile(
+    rb"^[ \t]*+\d++[ \t]*+:[ \t]*+([A-Za-z]\w*+(?:[ \t]++\w++)*+)[ \t]*+;", re.MULTILINE
+)
+_STATEMENT = re.compile(
+    rb"(?:END|ENDE|ABORT|PAUSE|ELSE|ENDIF|ENDFOR|CONTINUE|COL|SOFTFLOAT|LOCK|UNLOCK|MONITOR|CALL|AUFRUF|RUN"
+    rb"|Weave|Track|Arc|WAIT|WARTEN)\b"
+)
+
+
+def chosen_and_called(data: bytes) -> RoutineSaid:
+    """Return which frames and tools a program chooses anywhere, and what it calls."""
+    statements = statements_of(data)[1]
+    return RoutineSaid(
+        tools=frozenset(_numbers("tool", statements)),
+        frames=frozenset(_numbers("frame", statements)),
+        calls=frozenset(_calls(statements)),
+    )
+
+
+def with_chosen_frames(positions: Positions, data: bytes, name: str, abroad: Abroad) -> Positions:
+    """Return positions with the numbers that their program chooses for certain before it moves to them.
+
+    Where it chooses none, positions stay without; where it is not certain which, they are left, with the reason.
+    """
+    open_ = open_rows(positions)
+    statements = statements_of(data)[1]
+    uses, indirect = _first_uses(statements), _INDIRECT.search(statements)
+    first_of_any = indirect.start() if indirect else len(statements)
+    columns = {"frame": list(positions.user_frames), "tool": list(positions.tools)}
+    barred = dict(positions.barred)
+    for which, column in columns.items():
+        number, place, why = _choice(which, statements)
+        why = why or abroad.reached(abroad.file, name, tool=which == "tool", frame=which == "frame")
+        for row in open_:
+            if column[row] is not None or not (number or why):
+                continue
+            used = min(uses.get(positions.names[row], len(statements)), first_of_any)
+            its_why = why or ("" if used > place else LATER)
+            if its_why:
+                barred.setdefault(row, its_why)
+            else:
+                column[row] = number
+    return replace(
+        positions, user_frames=tuple(columns["frame"]), tools=tuple(columns["tool"]), barred=barred
+    )
+
+
+def frames_set(file: str, name: str, data: bytes) -> dict[str, str]:
+    """Return which frames and tools a program sets itself, and what to say of positions in them.
+
+    The keys begin with the folder: programs of one controller lie together.
+    """
+    if not any(word in data for word in _SETTABLE):  # as in nearly all
+        return {}
+    statements = statements_of(data)[1]
+    told = {
+        (which, found.partition(b":")[0].strip())
+        for which in _SET
+        for found in _SET[which].findall(statements)
+    }
+    return {
+        _key(file, which, str(int(number)) if number.isdigit() else _UNKNOWN): _SET_BY.format(name)
+        for which, number in told
+    }
+
+
+def without_set_frames(positions: Positions, file: str, set_by_whom: Mapping[str, str]) -> Positions:
+    """Return positions of which those are left whose frame or tool a program sets: the cell has another."""
+    barred = dict(positions.barred)
+    for which, column in (("frame", positions.user_frames), ("tool", positions.tools)):
+        any_ = set_by_whom.get(_key(file, which, _UNKNOWN), "")  # a register says which
+        whys = {name: set_by_whom.get(_key(file, which, name or ""), any_) for name in set(column)}
+        for row, name in enumerate(column) if any(whys.values()) else ():
+            if positions.kinds[row] == CARTESIAN and whys[name]:
+                barred.setdefault(row, whys[name])
+    return replace(positions, barred=barred) if len(barred) > len(positions.barred) else positions
+
+
+def _key(file: str, which: str, number: str) -> str:
+    return f"{PurePath(file).parent} {which} {number}"
+
+
+def open_rows(positions: Positions) -> list[int]:
+    """Return the rows whose frame or tool is not written beside them."""
+    if None not in positions.user_frames and None not in positions.tools:  # as in nearly all
+        return []
+    return [
+        row
+        for row, kind in enumerate(positions.kinds)
+        if kind == CARTESIAN
+        and positions.groups[row] == 1
+        and (positions.user_frames[row] is None or positions.tools[row] is None)
+    ]
+
+
+def _choice(which: str, statements: bytes) -> tuple[str, int, str]:
+    """Return the one number that a program chooses, where for certain, and why there is no such."""
+    numbers = _numbers(which, statements)
+    if _UNKNOWN in numbers:
+        return "", 0, COMPUTED
+    if not numbers:
+        return "", 0, ""
+    if len(numbers) > 1:
+        return "", 0, SEVERAL
+    first = _ALONE[which].search(statements)
+    branch = _BRANCHES.search(statements)
+    place = first.start() if first else 0
+    if branch is not None and branch.start() < place:
+        return "", 0, LATER
+    return next(iter(numbers)), place, ""
+
+
+def _numbers(which: str, statements: bytes) -> set[str]:
+    alone = [str(int(number)) for number in _ALONE[which].findall(statements)]
+    return {*alone, *([_UNKNOWN] if len(alone) < len(_CHOSEN[which].findall(statements)) else ())}
+
+
+def _calls(statements: bytes) -> set[str]:
+    named = {name.decode("cp437").upper() for name in _CALL.findall(statements)}
+    macros = {words for words in _WORDS_ALONE.findall(statements) if _STATEMENT.match(words) is None}
+    return named | {f"macro {words.decode()}" for words in macros}
+
+
+def _first_uses(statements: bytes) -> dict[str, int]:
+    """Return where each position is first moved to, one that a register chooses among them at every place."""
+    found: dict[str, int] = {}
+    for use in _USED.finditer(statements):
+        found.setdefault(f"P[{int(use[1])}]", use.start())
+    return found

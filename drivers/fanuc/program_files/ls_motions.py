@@ -1,0 +1,208 @@
+"""What the motions of a program do to its positions: increments, led motions and shifts, row by row."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+from cellcal.drivers.fanuc.program_files.ls_computed import Contents, Registers, computes, registers_of
+from cellcal.drivers.fanuc.program_files.ls_positions import REMOTE
+from cellcal.drivers.fanuc.program_files.ls_statements import (
+    Motion,
+    Statement,
+    condition_of,
+    motion_of,
+    statements,
+)
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
+from cellcal.drivers.programs.shifts import NO_TURN, UNREADABLE, Axes, Shift
+
+_INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
+_LED_MOTION = "another motion group leads the motion there ({} in line {})"
+_STANDING_TOOL = "the tool of its motion stands in the cell ({} in line {})"
+_CAMERA = "a camera shifts the motion there while the program runs ({} in line {})"
+_ANY_INCREMENT = "a register chooses the positions of the motion in line {}, and {} makes them no places"
+_AMOUNT = "the program computes with it and does not go there, so it may be a shift"
+_WRITTEN_REMOTE = (
+    "it is written with RX to RR, for a tool that stands in the cell; the listing does not say where"
+)
+_WORDS = (b"INC", b"COORD", b"RTCP", b"VR[", b"OFFSET", b"PR[")
+
+
+@dataclass
+class _Found:
+    """What was found so far."""
+
+    increments: dict[int, str] = field(default_factory=dict)  # positions that are no places, and why
+    any_increment: str = ""
+    places: set[int] = field(default_factory=set)  # positions that a motion goes to as they stand
+    goes_to: dict[int, int] = field(default_factory=dict)  # registers that are gone to, and in which line
+    shifted: dict[int, int] = field(default_factory=dict)  # registers that are gone to with a shift
+    amounts: set[int] = field(default_factory=set)  # registers that shift a motion, or that it adds
+    shifts: list[tuple[int, Shift]] = field(default_factory=list)  # by position
+    any_shift: list[Shift] = field(default_factory=list)  # of positions that a register chooses
+    conditions: set[int] = field(default_factory=set)  # registers that shift by OFFSET CONDITION
+    by_register: list[Motion] = field(default_factory=list)  # motions that registers shift or add to
+    assigned: list[tuple[Statement, int | None]] = field(default_factory=list)
+
+
+def with_motions(positions: Positions, data: bytes) -> Positions:
+    """Return positions with those barred that are no places, and with the shifts of their motions."""
+    upper = data.upper()
+    if not any(word in upper for word in _WORDS):  # as in nearly all
+        return positions
+    found = _found(data)
+    registers = registers_of(found.assigned)
+    found.amounts |= found.conditions
+    for motion in found.by_register:
+        if registers.camera & set(motion.shifting or found.conditions):
+            why = _CAMERA.format("Offset", motion.line)
+            found.increments = {**dict.fromkeys(motion.targets, why), **found.increments}
+    shifts = [*found.shifts, *_shifts_by_registers(found, registers), *_shifts_by_places(found, registers)]
+    barred = dict(positions.barred)
+    rows: dict[int, list[int]] = {}
+    for row, name in enumerate(positions.names):
+        number = int(name[2:-1])
+        rows.setdefault(number, []).append(row)
+        if why := found.increments.get(number) or found.any_increment or _amount(number, found, registers):
+            barred.setdefault(row, why)
+    if registers.any_position:  # whichever position it is, something may be computed from it
+        found.any_shift.append(
+            Shift(registers.any_position, "PR[...]=P[R[...]]", Axes.USER_FRAME, quaternion=None)
+        )
+    shifted_here = [
+        Shift(line, f"PR[{each}]", Axes.USER_FRAME, point=f"PR[{each}]")
+        for each, line in found.goes_to.items()
+        if each in registers.here and each in registers.altered
+    ]
+    told = [*shifted_here, *_with_rows(shifts, rows, positions), *_of_any(found.any_shift, positions)]
+    return replace(positions, barred=barred, shifts=(*positions.shifts, *told))
+
+
+def without_standing_tools(positions: Positions) -> Positions:
+    """Return positions with those barred that are written for a tool that stands in the cell."""
+    if REMOTE not in positions.kinds:
+        return positions
+    barred = {row: _WRITTEN_REMOTE for row, kind in enumerate(positions.kinds) if kind == REMOTE}
+    return replace(positions, barred={**barred, **positions.barred})
+
+
+def _found(data: bytes) -> _Found:
+    found, contents, region = _Found(), Contents(), False
+    last: int | None = None
+    turned = _turned(data)
+    for statement in statements(data):
+        if not statement.moves:
+            contents.follow(statement)
+            region = _touch_offset(statement, region)
+            found.conditions.update(condition_of(statement))
+            if computes(statement):
+                found.assigned.append((statement, last))
+            continue
+        motion = motion_of(statement)
+        contents.follow(statement)
+        _take_targets(found, motion)
+        if motion.offset or region:
+            amount, quaternion = contents.shift(motion, turned) if not region else (UNREADABLE, None)
+            option = "Offset" if motion.offset else "Touch Offset"
+            shift = Shift(motion.line, option, Axes.USER_FRAME, translation_m=amount, quaternion=quaternion)
+            found.shifts += [(number, shift) for number in motion.targets]
+            found.any_shift += [shift] if motion.any_target else []
+            found.shifted |= dict.fromkeys(motion.register_targets, motion.line)
+        last = motion.targets[-1] if motion.targets else last
+    return found
+
+
+def _turned(data: bytes) -> set[int]:
+    """Return registers whose rotation the program sets."""
+    return registers_of([(each, None) for each in statements(data) if computes(each)]).turned
+
+
+def _touch_offset(statement: Statement, region: bool) -> bool:
+    text = b" ".join(statement.text.split()).upper()
+    if text.startswith(b"TOUCH OFFSET"):
+        return not text.startswith(b"TOUCH OFFSET END")
+    return region
+
+
+def _take_targets(found: _Found, motion: Motion) -> None:
+    why = _why_no_place(motion)
+    for number in motion.targets:
+        if why:
+            found.increments.setdefault(number, why)
+        else:
+            found.places.add(number)
+    if motion.any_target and why:
+        word = motion.relative or motion.led or motion.standing_tool or motion.camera
+        found.any_increment = found.any_increment or _ANY_INCREMENT.format(motion.line, word)
+    found.amounts.update(motion.shifting)
+    if motion.offset or motion.tool_offset or (why and motion.register_targets):
+        found.by_register.append(motion)
+    for number in motion.register_targets:
+        if why:
+            found.amounts.add(number)
+        else:
+            found.goes_to.setdefault(number, motion.line)
+
+
+def _why_no_place(motion: Motion) -> str:
+    for word, text in (
+        (motion.relative, _INCREMENT),
+        (motion.led, _LED_MOTION),
+        (motion.standing_tool, _STANDING_TOOL),
+        (motion.camera, _CAMERA),
+    ):
+        if word:
+            return text.format(word, motion.line)
+    return ""
+
+
+def _amount(number: int, found: _Found, registers: Registers) -> str:
+    """Return why a position is left that no motion goes to as it stands, and that the program uses otherwise."""
+    if number in found.places:
+        return ""
+    if registers.any_position:
+        return _AMOUNT
+    copies = registers.copied.get(number, set())
+    if number in registers.computed:
+        return _AMOUNT
+    if copies and (copies & found.amounts or copies & registers.used or not copies <= found.goes_to.keys()):
+        return _AMOUNT
+    return ""
+
+
+def _shifts_by_registers(found: _Found, registers: Registers) -> Iterator[tuple[int, Shift]]:
+    """Yield shifts of positions whose copy in a register is computed before a motion goes to the register."""
+    for register, line in {**found.goes_to, **found.shifted}.items():
+        if register in registers.altered or register in found.shifted or registers.any_altered:
+            turn = None if register in registers.turned else NO_TURN
+            for number in sorted(registers.origins.get(register, ())):
+                yield number, Shift(line, f"PR[{register}]", Axes.USER_FRAME, quaternion=turn)
+
+
+def _shifts_by_places(found: _Found, registers: Registers) -> Iterator[tuple[int, Shift]]:
+    """Yield what a motion adds or is shifted by where that is computed from positions, which themselves change."""
+    for motion in found.by_register:
+        added = () if motion.is_place or motion.offset else motion.register_targets
+        for register in {*added, *(motion.shifting or found.conditions)}:
+            origins = registers.origins.get(register, set())
+            targets = set(motion.targets)
+            targets |= {n for each in motion.register_targets for n in registers.origins.get(each, ())}
+            for number in sorted(targets | origins) if origins else ():
+                yield number, Shift(motion.line, f"PR[{register}]", Axes.USER_FRAME, quaternion=None)
+
+
+def _with_rows(
+    shifts: Iterable[tuple[int, Shift]], rows: dict[int, list[int]], positions: Positions
+) -> Iterator[Shift]:
+    for number, shift in shifts:
+        its = tuple(row for row in rows.get(number, ()) if _is_point(positions, row))
+        if its:
+            yield replace(shift, rows=its)
+
+
+def _of_any(shifts: Iterable[Shift], positions: Positions) -> Iterator[Shift]:
+    every = tuple(row for row in range(len(positions)) if _is_point(positions, row))
+    return (replace(shift, rows=every) for shift in shifts if every)
+
+
+def _is_point(positions: Positions, row: int) -> bool:
+    return positions.groups[row] == 1 and positions.kinds[row] in (CARTESIAN, JOINTS)

@@ -1,0 +1,196 @@
+"""Columns of positions from records: texts in mm and degrees become metres and radians."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellcal.calibration.geometry import Array, homogeneous
+from cellcal.calibration.orientation import rotation_from
+from cellcal.drivers.fanuc.program_files.ls_numbers import all_decimals, decimals
+from cellcal.drivers.fanuc.program_files.ls_records import Axis, Form, Place, Record, records
+from cellcal.drivers.fanuc.program_files.ls_usual import usual_records
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions
+
+_BLOCK = 20_000
+_SCALE = {b"mm": 1e-3, b"deg": np.pi / 180.0}
+REMOTE = "remote"  # of a tool that stands in the cell: nobody moves it
+_KIND = {Form.CARTESIAN: CARTESIAN, Form.JOINTS: JOINTS, Form.UNTAUGHT: UNTAUGHT, Form.REMOTE: REMOTE}
+_DIGITS_UNSAID = 3  # $LUPS_DIGIT as it leaves the factory
+
+
+def in_si(axis: Axis) -> float:
+    """Return an axis' value [rad or m], NaN where it is not taught."""
+    return float("nan") if b"*" in axis.text else float(axis.text) * _SCALE[axis.unit]
+
+
+@dataclass
+class _Columns:
+    """What grows while the records are read, block by block, so that texts do not pile up."""
+
+    numbers: list[int] = field(default_factory=list)
+    groups: list[int] = field(default_factory=list)
+    kinds: list[str] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+    offsets: list[int] = field(default_factory=list)
+    user_frames: list[str | None] = field(default_factory=list)
+    tools: list[str | None] = field(default_factory=list)
+    configurations: list[str] = field(default_factory=list)
+    poses: list[Array] = field(default_factory=list)
+    joints: list[Array] = field(default_factory=list)
+    external: list[Array] = field(default_factory=list)
+    resolutions: list[Array] = field(default_factory=list)
+
+
+def positions_of(
+    place: Place, start: int, end: int
+) -> tuple[Positions, np.ndarray[tuple[int], np.dtype[np.int64]]]:
+    """Return the positions between two offsets, and for each the offset of its coordinates in the file.
+
+    Raises
+    ------
+    ProgramFileError
+        Something is not understood, or a position stands in the file twice.
+    """
+    columns = _usual_columns(place, start, end) or _columns(place, records(place, start, end))
+    _refuse_twice(place, columns)
+    return _assembled(columns), np.array(columns.offsets, dtype=np.int64)
+
+
+def _usual_columns(place: Place, start: int, end: int) -> _Columns | None:
+    """Return the columns of a file whose positions are all written as usual."""
+    columns, words = _Columns(), dict[bytes, str]()
+    breaks = np.flatnonzero(np.frombuffer(place.data, dtype=np.uint8) == ord("\n"))
+    for block in usual_records(place, start, end):
+        if block is None:
+            return None
+        columns.lines += (np.searchsorted(breaks, block.number_at) + 1).tolist()
+        columns.numbers += block.numbers
+        columns.groups += block.groups
+        columns.kinds += [CARTESIAN] * len(block)
+        columns.offsets += block.offsets.tolist()
+        columns.user_frames += [_frame(text, words) for text in block.user_frames]
+        columns.tools += [_frame(text, words) for text in block.tools]
+        columns.configurations += [_word(text, words) for text in block.configurations]
+        poses, digits = poses_of(*block.values_and_decimals())
+        columns.poses.append(poses)
+        columns.joints.append(np.zeros((len(block), 0)))
+        columns.external.append(np.zeros((len(block), 0)))
+        columns.resolutions.append(resolutions(digits))
+    return columns
+
+
+def _columns(place: Place, found: Iterable[Record]) -> _Columns:
+    columns, rest, line, at = _Columns(), iter(found), 1, 0
+    words: dict[bytes, str] = {}
+    while block := list(islice(rest, _BLOCK)):
+        for record in block:
+            line += place.data.count(b"\n", at, record.start)
+            at = record.start
+            columns.lines.append(line)
+        columns.numbers += [record.number for record in block]
+        columns.groups += [record.group for record in block]
+        columns.kinds += [_KIND[record.form] for record in block]
+        columns.offsets += [record.offset for record in block]
+        columns.user_frames += [_frame(record.user_frame, words) for record in block]
+        columns.tools += [_frame(record.tool, words) for record in block]
+        columns.configurations += [_word(record.configuration, words) for record in block]
+        _add_numbers(columns, block)
+    return columns
+
+
+def _word(text: bytes, words: dict[bytes, str]) -> str:
+    if text not in words:
+        words[text] = text.decode("cp437")
+    return words[text]
+
+
+def _frame(text: bytes, words: dict[bytes, str]) -> str | None:
+    return None if text == b"F" else _word(text, words)
+
+
+def _add_numbers(columns: _Columns, block: Sequence[Record]) -> None:
+    taught = np.array([record.form is Form.CARTESIAN for record in block])
+    texts = [text for record in block if record.form is Form.CARTESIAN for text in record.cartesian]
+    values = np.array(list(map(float, texts))).reshape(-1, 6)
+    poses = np.full((len(block), 4, 4), np.nan)
+    digits = np.full((len(block), 2), _DIGITS_UNSAID)
+    poses[taught], digits[taught] = poses_of(values, all_decimals(texts).reshape(-1, 6))
+    columns.poses.append(poses)
+    columns.joints.append(_axes(block, b"J"))
+    columns.external.append(_axes(block, b"E"))
+    _axis_digits(block, digits)
+    columns.resolutions.append(resolutions(digits))
+
+
+def poses_of(values: Array, places: Array) -> tuple[Array, Array]:
+    """Return poses (N, 4, 4) and the decimals (N, 2) of lengths and angles, from (N, 6) in mm and deg."""
+    poses = homogeneous(rotation_from("fanuc_wpr", np.radians(values[:, 3:])), 1e-3 * values[:, :3])
+    return poses, np.column_stack([places[:, :3].min(axis=1), places[:, 3:].min(axis=1)])
+
+
+def resolutions(digits: NDArray[np.number]) -> Array:
+    """Return one unit of the last decimal (N, 2) [m, rad]."""
+    found: Array = 10.0 ** -digits.astype(float) * [1e-3, np.pi / 180.0]
+    return found
+
+
+def _axes(block: Sequence[Record], letter: bytes) -> Array:
+    found = [(i, axis) for i, record in enumerate(block) for axis in record.axes if axis.letter == letter]
+    values = np.full((len(block), max((axis.number for _, axis in found), default=0)), np.nan)
+    for i, axis in found:
+        if block[i].form is not Form.UNTAUGHT:
+            values[i, axis.number - 1] = in_si(axis)
+    return values
+
+
+def _axis_digits(block: Sequence[Record], digits: np.ndarray[tuple[int, int], np.dtype[np.int64]]) -> None:
+    for i, record in enumerate(block):
+        if record.form is Form.JOINTS:
+            for column, unit in enumerate((b"mm", b"deg")):
+                said = [
+                    decimals(axis.text) for axis in record.axes if axis.unit == unit and axis.letter == b"J"
+                ]
+                digits[i, column] = min(said, default=_DIGITS_UNSAID)
+
+
+def _refuse_twice(place: Place, columns: _Columns) -> None:
+    keys = np.array(columns.numbers, dtype=np.int64) * 16 + np.array(columns.groups, dtype=np.int64)
+    unique, first = np.unique(keys, return_index=True)
+    if len(unique) < len(keys):
+        row = int(np.setdiff1d(np.arange(len(keys)), first)[0])
+        raise place.error(
+            columns.offsets[row],
+            f"P[{columns.numbers[row]}] stands here a second time, in group {columns.groups[row]}.",
+            "Remove one of the two.",
+        )
+
+
+def _assembled(columns: _Columns) -> Positions:
+    count = len(columns.numbers)
+    resolution = np.concatenate(columns.resolutions) if count else np.zeros((0, 2))
+    return Positions(
+        names=tuple(f"P[{number}]" for number in columns.numbers),
+        kinds=tuple(columns.kinds),
+        lines=np.array(columns.lines, dtype=np.int64),
+        groups=np.array(columns.groups, dtype=np.int64),
+        frame_tip=np.concatenate(columns.poses) if count else np.zeros((0, 4, 4)),
+        joints=_side_by_side(columns.joints, count),
+        external=_side_by_side(columns.external, count),
+        user_frames=tuple(columns.user_frames),
+        tools=tuple(columns.tools),
+        configurations=tuple(columns.configurations),
+        resolution_m=resolution[:, 0],
+        resolution_rad=resolution[:, 1],
+    )
+
+
+def _side_by_side(blocks: Sequence[Array], count: int) -> Array:
+    """Return all blocks under each other, as wide as the widest."""
+    whole = np.full((count, max((block.shape[1] for block in blocks), default=0)), np.nan)
+    starts = chain([0], np.cumsum([len(block) for block in blocks], dtype=int))
+    for start, block in zip(starts, blocks, strict=False):
+        whole[start : start + len(block), : block.shape[1]] = block
+    return whole

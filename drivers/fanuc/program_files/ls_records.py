@@ -1,0 +1,177 @@
+"""The records of /POS, one after the other; what is not understood is refused where it stands."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+from cellcal.drivers.fanuc.program_files.ls_grammar import (
+    CARTESIAN,
+    CLOSE,
+    CONFIGURATION,
+    FIELD,
+    GAP,
+    HEAD,
+    JOINTS,
+    REMOTE,
+    UNTAUGHT_CARTESIAN,
+    UNTAUGHT_JOINTS,
+    furthest,
+)
+from cellcal.drivers.programs.errors import ProgramFileError
+
+
+class Form(Enum):
+    """How a group's coordinates are written."""
+
+    CARTESIAN = "cartesian"
+    JOINTS = "joints"
+    UNTAUGHT = "untaught"
+    REMOTE = "remote"
+
+
+class Axis(NamedTuple):
+    """One joint or extended axis as written: J2, its text with the blanks before it, mm or deg."""
+
+    letter: bytes
+    number: int
+    text: bytes
+    unit: bytes
+
+
+class Record(NamedTuple):
+    """One group of one position."""
+
+    number: int
+    group: int
+    start: int  # of P[…] in the file
+    offset: int  # of this group's text in the file
+    form: Form
+    user_frame: bytes
+    tool: bytes
+    configuration: bytes
+    cartesian: tuple[bytes, ...]  # X Y Z W P R as written, blanks before them included
+    axes: tuple[Axis, ...]  # joints, then extended axes
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A file's name and bytes, to say where something is wrong."""
+
+    file: str
+    data: bytes
+
+    def error(self, at: int, message: str, remedy: str = "") -> ProgramFileError:
+        """Return the error for the byte at ``at``."""
+        line = self.data.count(b"\n", 0, at) + 1
+        column = at - (self.data.rfind(b"\n", 0, at) + 1) + 1
+        return ProgramFileError(self.file, message, line=line, column=column, remedy=remedy)
+
+
+def records(place: Place, start: int, end: int) -> Iterator[Record]:
+    """Yield the records between two offsets.
+
+    Raises
+    ------
+    ProgramFileError
+        With the line and column at which something is not understood.
+    """
+    data, at = place.data, start
+    known: set[bytes] = set()
+    while head := HEAD.match(data, at, end):
+        found, at = _any_record(place, head, end)
+        for record in found:
+            if record.configuration not in known:
+                _check_configuration(place, record)
+                known.add(record.configuration)
+        yield from found
+    gap = GAP.match(data, at, end)
+    if gap is None or gap.end() != end:
+        raise _not_understood(place, at, end)
+
+
+def _any_record(place: Place, head: re.Match[bytes], end: int) -> tuple[list[Record], int]:
+    found, at = [], head.end()
+    while group := _group(place.data, at, end):
+        form, block = group
+        found.append(_record(place, int(head[1]), head.start(1) - 2, form, block))
+        at = block.end()
+    close = CLOSE.match(place.data, at, end)
+    if close is None or not found:
+        raise _not_understood(place, at, end, "}; or another group" if found else "")
+    return found, close.end()
+
+
+def _group(data: bytes, at: int, end: int) -> tuple[Form, re.Match[bytes]] | None:
+    if found := CARTESIAN.match(data, at, end):
+        return Form.CARTESIAN, found
+    if found := JOINTS.match(data, at, end):
+        return Form.JOINTS, found
+    if found := UNTAUGHT_CARTESIAN.match(data, at, end) or UNTAUGHT_JOINTS.match(data, at, end):
+        # Stars in an extended axis only leave the arm's own coordinates what they are.
+        main = found.groups()[4:-1]
+        return (_form_of(main), found)
+    found = REMOTE.match(data, at, end)
+    return (Form.REMOTE, found) if found else None
+
+
+def _form_of(main: tuple[bytes, ...]) -> Form:
+    if any(b"*" in text for text in main):
+        return Form.UNTAUGHT
+    return Form.CARTESIAN if len(main) == 6 else Form.JOINTS
+
+
+def _record(place: Place, number: int, first: int, form: Form, block: re.Match[bytes]) -> Record:
+    group, user_frame, tool, configuration, *main, extended = block.groups(b"")
+    cartesian = len(main) == 6
+    axes: tuple[Axis, ...] = ()
+    if extended or not cartesian:
+        axes = _axes(
+            place,
+            block.start("extended") if cartesian else block.start(5),
+            (b"" if cartesian else main[0]) + extended,
+        )
+    return Record(
+        number,
+        int(group or 1),
+        first,
+        block.start(),
+        form,
+        user_frame,
+        tool,
+        configuration,
+        tuple(main) if cartesian else (),
+        axes,
+    )
+
+
+def _axes(place: Place, at: int, text: bytes) -> tuple[Axis, ...]:
+    axes = tuple(Axis(found[1], int(found[2]), found[3], found[4]) for found in FIELD.finditer(text))
+    for letter in (b"J", b"E"):
+        numbers = [axis.number for axis in axes if axis.letter == letter]
+        if numbers != list(range(1, len(numbers) + 1)):
+            raise place.error(
+                at, f"the axes {letter.decode()} are not numbered 1, 2, 3 and so on.", "Save it again."
+            )
+    return axes
+
+
+def _check_configuration(place: Place, record: Record) -> None:
+    text = record.configuration.decode("cp437")
+    if CONFIGURATION.fullmatch(text) is None:
+        at = place.data.index(record.configuration, record.offset)
+        raise place.error(at, f"{text!r} is not a configuration such as 'N U T, 0, 0, 0'.")
+
+
+def _not_understood(place: Place, at: int, end: int, next_is: str = "") -> ProgramFileError:
+    gap = GAP.match(place.data, at, end)
+    start = gap.end() if gap else at
+    stop, expected = furthest(place.data, start, end)
+    expected = next_is if next_is and stop == start else expected
+    text = place.data[stop : min(stop + 24, end)].decode("cp437").split("\n")[0].strip() or "the end"
+    return place.error(
+        stop,
+        f"this is not understood: {text!r}; expected is {expected}.",
+        "Save the program again on the controller; a listing must not be shortened or edited in /POS.",
+    )

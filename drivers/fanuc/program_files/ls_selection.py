@@ -1,0 +1,100 @@
+"""Frames, tools and motion groups that a program selects, held against those that its positions were taught with.
+
+Where they differ for certain, the controller stops at the motion; the listing does not say which of them is meant.
+"""
+
+import re
+from dataclasses import replace
+
+from cellcal.drivers.fanuc.program_files.ls_statements import Statement, motion_of, statements
+from cellcal.drivers.programs.positions import CARTESIAN, Positions
+
+_OTHER_FRAME = "line {} goes there with {} {}, and it was taught with {}: the controller stops there"
+_OTHER_GROUP = "its program runs without motion group 1, which it was taught in: the controller stops there"
+_MISSING_GROUP = "its program runs motion group {}, in which it was not taught: the controller stops there"
+_SELECTED = re.compile(
+    rb"\A(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+(?:\[ *+GP *+1 *+\][ \t]*+)?+=[ \t]*+(\d{1,3}+)?"
+)
+_SELECTION = re.compile(rb"\b(?:UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)\b|MNUFRAMENUM|MNUTOOLNUM")
+_FORGETS = re.compile(
+    rb"\b(?:LBL|MARKE|ELSE|SONST|ENDIF|FOR|ENDFOR|WHILE|ENDWHILE|CASE|CALL|AUFRUF|RUN|MONITOR)\b"
+    rb"|\A[A-Za-z]\w*+(?:[ \t]++\w++)*+\Z"
+)
+_FRAMES = (b"UFRAME_NUM", b"BENUTZER_NUM")
+_MASK = re.compile(rb"^DEFAULT_GR[A-Z]*+[ \t]*+=[ \t]*+([1*](?:[ \t]*+,[ \t]*+[1*])*+)", re.MULTILINE)
+
+
+def with_selections(positions: Positions, data: bytes) -> Positions:
+    """Return positions with those barred at which the controller would stop."""
+    barred = dict(positions.barred)
+    mask = _MASK.search(data, 0, max(data.find(b"/MN"), 0))
+    if mask is not None and b"1" in mask[1] and not mask[1].startswith(b"1"):
+        for row in range(len(positions)):
+            if positions.groups[row] == 1:
+                barred.setdefault(row, _OTHER_GROUP)
+    for row, group in _groups_missing(positions, mask[1] if mask is not None else b"").items():
+        barred.setdefault(row, _MISSING_GROUP.format(group))
+    if _SELECTION.search(data) and _may_differ(positions, data):
+        _bar_others(positions, data, barred)
+    return replace(positions, barred=barred) if len(barred) > len(positions.barred) else positions
+
+
+def _groups_missing(positions: Positions, mask: bytes) -> dict[int, int]:
+    """Return the rows of group 1 whose position lacks another group that the program runs, and that group."""
+    asked = [group for group, word in enumerate(mask.split(b","), 1) if group > 1 and word.strip() == b"1"]
+    if not asked:
+        return {}
+    held = set(zip(positions.names, positions.groups.tolist(), strict=True))
+    missing = {
+        row: next((group for group in asked if (name, group) not in held), 0)
+        for row, name in enumerate(positions.names)
+        if positions.groups[row] == 1
+    }
+    return {row: group for row, group in missing.items() if group}
+
+
+def _may_differ(positions: Positions, data: bytes) -> bool:
+    """Tell whether a program selects another number than all its positions hold: nearly none does."""
+    selected = {(word in _FRAMES, number) for word, number in _NUMBERS.findall(data)}
+    held = {
+        (frames, str(int(name)).encode() if name and name.isdigit() else b"")
+        for frames, column in ((True, positions.user_frames), (False, positions.tools))
+        for name in set(column)
+    }
+    return any(number != other for frame, number in selected for which, other in held if which is frame)
+
+
+_NUMBERS = re.compile(
+    rb"\b(UFRAME_NUM|BENUTZER_NUM|UTOOL_NUM|WKZ_NUM)[ \t]*+(?:\[ *+GP *+1 *+\][ \t]*+)?+=[ \t]*+0*+(\d{1,3}+)"
+)
+
+
+def _bar_others(positions: Positions, data: bytes, barred: dict[int, str]) -> None:
+    selected: dict[str, int | None] = {"user frame": None, "tool": None}
+    rows: dict[int, list[int]] = {}
+    for row, name in enumerate(positions.names):
+        if positions.kinds[row] == CARTESIAN and positions.groups[row] == 1:
+            rows.setdefault(int(name[2:-1]), []).append(row)
+    for statement in statements(data):
+        if statement.moves:
+            motion = motion_of(statement)
+            for row in (row for number in motion.targets for row in rows.get(number, ())):
+                if why := _other(positions, row, selected, motion.line):
+                    barred.setdefault(row, why)
+        _follow(statement, selected)
+
+
+def _other(positions: Positions, row: int, selected: dict[str, int | None], line: int) -> str:
+    for what, name in (("user frame", positions.user_frames[row]), ("tool", positions.tools[row])):
+        number = selected[what]
+        if number is not None and name is not None and name.isdigit() and int(name) != number:
+            return _OTHER_FRAME.format(line, what, number, int(name))
+    return ""
+
+
+def _follow(statement: Statement, selected: dict[str, int | None]) -> None:
+    if found := _SELECTED.match(statement.text):
+        whole = found[2] is not None and found.end() == len(statement.text)
+        selected["user frame" if found[1] in _FRAMES else "tool"] = int(found[2]) if whole else None
+    elif _FORGETS.search(statement.text) or _SELECTION.search(statement.text):
+        selected.update(dict.fromkeys(selected))

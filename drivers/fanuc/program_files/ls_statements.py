@@ -1,0 +1,112 @@
+"""The statements of a listing one by one: motions with their targets and options, and assignments of registers.
+
+Nothing is executed. A statement ends at its semicolon and may go on over several lines.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from cellcal.drivers.fanuc.program_files.ls_remarks import statements_of
+
+_START = re.compile(rb"\s*+(?:/MN\b[^\n]*+\n\s*+)?(?:\d++[ \t]*+)?(?::[ \t]*+)?")
+_MOTION = re.compile(rb"[JLCAS][ \t]++PR?\[")
+_TARGET = re.compile(rb"P(?<![A-Za-z]P)\[ *+(?:(\d{1,5}+)|[A-Za-z])")
+_GOES_TO_REGISTER = re.compile(rb"(?:^[JLCAS][ \t]++|:[ \t]*+)PR\[ *+(?:GP\d *+: *+)?+(\d{1,5}+|[A-Za-z])")
+_CALLED = re.compile(rb"\b(?:CALL|AUFRUF|RUN)[ \t]++[^\s;,(]++(?:\([^;)]*+\))?")
+_SKIP = re.compile(rb"\bSkip\b[^;]*?(?:PR\[[^\]]*+\] *= *[A-Z]PO[SN]\b|$)")
+_TOOL_OFFSET = re.compile(
+    rb"\bTOOL_OFFSET\b(?:[ \t]*+,[ \t]*+PR\[[^\]]*+\](?:[ \t]*+,[ \t]*+UTOOL\[[^\]]*+\])?)?", re.I
+)
+_OFFSET = re.compile(rb"(?<![A-Za-z_])OFFSET\b(?:[ \t]*+,[ \t]*+PR\[ *+(?:GP\d *+: *+)?+(\d{1,5}+)?)?", re.I)
+_REGISTER = re.compile(rb"PR(?<![A-Z]PR)\[ *+(?:GP\d *+: *+)?+(\d{1,5}+)?")
+_CONDITION = re.compile(
+    rb"(?:TOOL_)?+OFFSET[ \t]++[A-Z]{4,14}[ \t]++PR\[ *+(?:GP\d *+: *+)?+(\d{1,5}+)", re.I
+)
+_RELATIVE = re.compile(rb"(?<![A-Za-z_])INC(?:REMENTAL)?\b", re.I)
+_LED = re.compile(rb"(?<![A-Za-z_])COORD\b(?:\[[^\]]*+\])?", re.I)
+_STANDING_TOOL = re.compile(rb"(?<![A-Za-z_])RTCP\b", re.I)
+_CAMERA = re.compile(rb"(?<![A-Za-z_])VOFFSET\b|VR(?<![A-Z]VR)\[", re.I)
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """One statement without its number, and where it stands."""
+
+    text: bytes
+    line: int  # of the file, from 1
+
+    @property
+    def moves(self) -> bool:
+        """Tell whether it is a motion."""
+        return _MOTION.match(self.text) is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What one motion goes to and what its options do to the target."""
+
+    line: int
+    targets: tuple[int, ...]  # numbers of positions
+    any_target: bool  # a register chooses a position
+    register_targets: tuple[int, ...]
+    relative: str  # the option that makes the target an increment, "" where none does
+    led: str  # the option by which another group leads the motion
+    standing_tool: str  # the option for a tool that stands in the cell
+    camera: str
+    offset: bool  # a register shifts the motion along the axes of a frame
+    tool_offset: bool  # a register shifts it along the axes of the tool
+    shifting: tuple[int, ...]  # registers that shift the motion along axes of a frame or of the tool
+
+    @property
+    def is_place(self) -> bool:
+        """Tell whether the robot goes to the target as it stands."""
+        return not (self.relative or self.led or self.standing_tool or self.camera or self.offset)
+
+
+def statements(data: bytes) -> Iterator[Statement]:
+    """Yield the statements of a listing; comments, remarks and disabled lines are blank."""
+    line, text = statements_of(data)
+    for piece in text.split(b";"):
+        start = _START.match(piece)
+        begin = start.end() if start else 0
+        body = piece[begin:].strip()
+        if body:
+            yield Statement(body, line + piece.count(b"\n", 0, begin))
+        line += piece.count(b"\n")
+
+
+def motion_of(statement: Statement) -> Motion:
+    """Return what a motion goes to."""
+    text = _SKIP.sub(b" ", _CALLED.sub(b" ", statement.text))
+    registers = [found[1] for found in _GOES_TO_REGISTER.finditer(text)]
+    rest = _GOES_TO_REGISTER.sub(b" ", text)
+    along_tool = b" ".join(found[0] for found in _TOOL_OFFSET.finditer(rest))
+    rest = _TOOL_OFFSET.sub(b" ", rest)
+    targets = [found[1] for found in _TARGET.finditer(text)]
+    # another register on the line shifts the motion, in whatever language the option is printed
+    offset = _OFFSET.search(rest) is not None or _REGISTER.search(rest) is not None
+    return Motion(
+        statement.line,
+        targets=tuple(int(number) for number in targets if number),
+        any_target=None in targets,
+        register_targets=tuple(int(number) for number in registers if number.isdigit()),
+        relative=_word(_RELATIVE, rest),
+        led=_word(_LED, rest),
+        standing_tool=_word(_STANDING_TOOL, rest),
+        camera=_word(_CAMERA, rest),
+        offset=offset,
+        tool_offset=bool(along_tool),
+        shifting=tuple(int(found[1]) for found in _REGISTER.finditer(rest + b" " + along_tool) if found[1]),
+    )
+
+
+def condition_of(statement: Statement) -> tuple[int, ...]:
+    """Return the registers that a condition makes the shift of motions below it."""
+    found = _CONDITION.match(statement.text)
+    return (int(found[1]),) if found else ()
+
+
+def _word(pattern: re.Pattern[bytes], text: bytes) -> str:
+    found = pattern.search(text)
+    return found[0].rstrip(b"[").decode("cp437") if found else ""

@@ -1,0 +1,39 @@
+"""FANUC programs: .LS listings."""
+
+import re
+from collections.abc import Sequence
+
+from cellcal.drivers.fanuc.program_files.configuration import FanucConfigurations
+from cellcal.drivers.fanuc.program_files.ls_program import change_listings, read_listings, read_ls, said_by
+from cellcal.drivers.programs.brands import ProgramBrand
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import Change, ProgramFile
+
+_PROGRAM = re.compile(rb"\s*+/PROG\b")
+
+
+def _is_program(data: bytes) -> bool:
+    """Tell a program from the other listings that a controller saves as .LS, such as its alarm history."""
+    return _PROGRAM.match(data) is not None
+
+
+class _Listings:
+    """`drivers.programs.brands.Together`."""
+
+    def read(self, files: Sequence[tuple[str, bytes]]) -> Sequence[ProgramFile | ProgramFileError]:
+        return read_listings(files)
+
+    def change(self, programs: Sequence[ProgramFile], changes: Sequence[Change]) -> Sequence[ProgramFile]:
+        return change_listings(programs, changes)
+
+
+BRAND = ProgramBrand(
+    brand="fanuc",
+    suffixes=(".ls",),
+    read=read_ls,
+    configurations=FanucConfigurations(),
+    writes_program=_is_program,
+    tells=True,
+    says=said_by,
+    together=_Listings(),
+)

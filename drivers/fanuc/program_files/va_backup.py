@@ -1,0 +1,157 @@
+"""A folder of .VA files as one controller: frames, tools, position registers, mastering."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from cellcal.calibration.geometry import Pose
+from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering, read_mastering
+from cellcal.drivers.fanuc.program_files.va_positions import VaPosition
+from cellcal.drivers.fanuc.program_files.va_spots import damaged, integer
+from cellcal.drivers.fanuc.program_files.va_text import MAX_FILE_BYTES, VaFile
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import Frames
+
+FRAMES, REGISTERS, MASTERING, DRIVES = "SYSFRAME.VA", "POSREG.VA", "SYSMAST.VA", "SYMOTN.VA"
+WANTED = (FRAMES, REGISTERS, MASTERING, DRIVES)
+_IDENTITY = Pose((0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class FanucBackup:
+    """What a backup tells. Keys are (group, number); poses in SI, user frames seen from the group's world frame."""
+
+    folder: str
+    files: Mapping[str, VaFile]  # by upper-case name
+    frame_positions: Mapping[tuple[int, int], VaPosition] = field(default_factory=dict)
+    tool_positions: Mapping[tuple[int, int], VaPosition] = field(default_factory=dict)
+    selected_frames: Mapping[int, int] = field(default_factory=dict)  # $MNUFRAMENUM by group
+    selected_tools: Mapping[int, int] = field(default_factory=dict)
+    registers: Mapping[tuple[int, int], VaPosition] = field(default_factory=dict)
+    mastering: Mapping[int, GroupMastering] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Return the files that would tell more and are not there."""
+        return tuple(name for name in WANTED if name not in self.files)
+
+    @property
+    def user_frames(self) -> Mapping[tuple[int, int], Pose]:
+        """Return ``world_frame`` of every user frame that was stored."""
+        return _poses(self.frame_positions)
+
+    @property
+    def tools(self) -> Mapping[tuple[int, int], Pose]:
+        """Return ``flange_tip`` of every tool that was stored."""
+        return _poses(self.tool_positions)
+
+    def frames(self, group: int = 1) -> Frames:
+        """Return one group's frames and tools by the number that programs write; 0 is none."""
+        return Frames(
+            base_frame={"0": _IDENTITY} | {str(n): p for (g, n), p in self.user_frames.items() if g == group},
+            flange_tip={"0": _IDENTITY} | {str(n): p for (g, n), p in self.tools.items() if g == group},
+        )
+
+    def findings(self) -> tuple[str, ...]:
+        """Return what a person must know, as sentences."""
+        absent = tuple(f"{name} is not in the folder" for name in self.missing)
+        return (*absent, *(said for group in self.mastering.values() for said in group.findings))
+
+
+def read_backup(folder: str | Path) -> FanucBackup:
+    """Read the files of a controller's backup that hold frames, tools, registers and mastering.
+
+    A file that is not there leaves its part empty and is named in ``missing``.
+
+    Raises
+    ------
+    ProgramFileError
+        There is none of them, a file is damaged, or it cannot be read.
+    """
+    files = {name: VaFile.read(path.name, _bytes_of(path)) for name, path in _found(Path(folder)).items()}
+    frames, registers, master = (files.get(name) for name in (FRAMES, REGISTERS, MASTERING))
+    return FanucBackup(
+        folder=str(folder),
+        files=files,
+        frame_positions={} if frames is None else _numbered(frames, "$MNUFRAME"),
+        tool_positions={} if frames is None else _numbered(frames, "$MNUTOOL"),
+        selected_frames={} if frames is None else _selected(frames, "$MNUFRAMENUM"),
+        selected_tools={} if frames is None else _selected(frames, "$MNUTOOLNUM"),
+        registers={} if registers is None else _numbered(registers, "$POSREG"),
+        mastering={} if master is None else read_mastering(master, files.get(DRIVES)),
+    )
+
+
+def with_registers(backup: FanucBackup, data: bytes) -> FanucBackup:
+    """Return a backup with another POSREG.VA, which is read.
+
+    Raises
+    ------
+    ProgramFileError
+        It is damaged.
+    """
+    file = VaFile.read(REGISTERS, data)
+    return replace(backup, files={**backup.files, REGISTERS: file}, registers=_numbered(file, "$POSREG"))
+
+
+def _found(folder: Path) -> dict[str, Path]:
+    try:
+        entries = sorted(entry for entry in folder.iterdir() if entry.name.upper() in WANTED)
+    except OSError as error:
+        raise ProgramFileError(
+            str(folder),
+            f"the folder cannot be read: {error.strerror}.",
+            remedy="Give the folder that holds the controller's .VA files, unpacked.",
+        ) from error
+    found: dict[str, Path] = {}
+    for entry in entries:
+        if entry.name.upper() in found:
+            raise ProgramFileError(
+                str(folder),
+                f"{found[entry.name.upper()].name} and {entry.name} are the same file to a controller.",
+                remedy="Leave one backup in the folder.",
+            )
+        found[entry.name.upper()] = entry
+    if not found:
+        raise ProgramFileError(
+            str(folder),
+            f"none of {', '.join(WANTED)} is there.",
+            remedy="Save the system variables as ASCII (.VA), or read MD: by FTP; .SV files cannot be read.",
+        )
+    return found
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise ProgramFileError(
+            path.name, f"it cannot be read: {error.strerror}.", remedy="Copy the backup again."
+        ) from error
+
+
+def _numbered(file: VaFile, name: str) -> dict[tuple[int, int], VaPosition]:
+    """Return the positions of a two-dimensional array by (group, number)."""
+    found, variable = {}, file.variable(name)
+    if not variable.positions:
+        raise damaged(file.name, variable.line, f"{name} holds no positions.")
+    for path, position in variable.positions.items():
+        index = path[len(name) + 1 : -1].split(",")
+        if len(index) != 2:
+            raise damaged(file.name, position.line, f"{name} is not numbered by group and number.")
+        found[int(index[0]), int(index[1])] = position
+    return found
+
+
+def _selected(file: VaFile, name: str) -> dict[int, int]:
+    if not file.has(name):
+        return {}
+    variable = file.variable(name)
+    spots = {path: spot for path, spot in variable.values.items() if spot.initialised}
+    return {int(path[len(name) + 1 : -1] or 1): integer(file.name, spot) for path, spot in spots.items()}
+
+
+def _poses(positions: Mapping[tuple[int, int], VaPosition]) -> dict[tuple[int, int], Pose]:
+    pairs: Iterable[tuple[tuple[int, int], Pose | None]] = ((k, p.pose()) for k, p in positions.items())
+    return {key: pose for key, pose in pairs if pose is not None}

@@ -1,0 +1,70 @@
+"""Places in a .VA file, and what their text says."""
+
+import re
+from dataclasses import dataclass
+from math import isfinite
+
+from cellcal.drivers.programs.errors import ProgramFileError
+
+UNINITIALISED = "Uninitialized"
+AGAIN = "Save the file on the controller again and carry it over in binary mode."
+_INTEGER = re.compile(r"[+-]?\d{1,10}\Z")
+_REAL = re.compile(r"[+-]?(?:\d{1,30}(?:\.\d{0,30})?|\.\d{1,30})(?:[eE][+-]?\d{1,3})?\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A value as written, and where: the offset of its first byte and its line from 1."""
+
+    text: str
+    start: int
+    line: int
+
+    @property
+    def initialised(self) -> bool:
+        """Tell whether the controller holds a value there."""
+        return self.text != UNINITIALISED and not (self.text and set(self.text) == {"*"})
+
+
+def damaged(file: str, line: int, what: str) -> ProgramFileError:
+    """Return the refusal of a file that is not as a controller writes it."""
+    return ProgramFileError(file, what, line=line, remedy=AGAIN)
+
+
+def integer(file: str, spot: Spot) -> int:
+    """Read a whole number of 32 bits.
+
+    Raises
+    ------
+    ProgramFileError
+        It is none.
+    """
+    if not _INTEGER.match(spot.text) or not -(2**31) <= int(spot.text) < 2**31:
+        raise damaged(file, spot.line, f"{spot.text[:40]!r} is no whole number of 32 bits.")
+    return int(spot.text)
+
+
+def real(file: str, spot: Spot) -> float:
+    """Read a finite number.
+
+    Raises
+    ------
+    ProgramFileError
+        It is none.
+    """
+    if not _REAL.match(spot.text) or not isfinite(float(spot.text)):
+        raise damaged(file, spot.line, f"{spot.text[:40]!r} is no number.")
+    return float(spot.text)
+
+
+def truth(file: str, spot: Spot) -> bool:
+    """Read TRUE or FALSE.
+
+    Raises
+    ------
+    ProgramFileError
+        It is neither.
+    """
+    if spot.text not in ("TRUE", "FALSE"):
+        raise damaged(file, spot.line, f"{spot.text[:40]!r} is neither TRUE nor FALSE.")
+    return spot.text == "TRUE"

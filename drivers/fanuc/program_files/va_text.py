@@ -1,0 +1,284 @@
+"""Text of a controller's variables (.VA), read without losing a byte: every value knows where it stands.
+
+A file is a row of variables. Each begins with a heading at the left margin,
+``[*SYSTEM*]$DMR_GRP  Storage: SHADOW  Access: RW  : ARRAY[1] OF DMR_GRP_T``, and what follows belongs to it: fields
+with a value, fields that are arrays, elements one per line, positions over several lines. Only the variables that
+are asked for are looked into; a line that is not understood is refused there and kept everywhere else.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from math import prod
+
+from cellcal.drivers.fanuc.program_files.va_positions import PositionLines, VaPosition
+from cellcal.drivers.fanuc.program_files.va_spots import Spot, damaged
+from cellcal.drivers.programs.errors import ProgramFileError
+
+ENCODING = "cp437"  # one byte is one character, whatever the byte
+MAX_FILE_BYTES = 64 * 2**20
+MAX_LINE_BYTES = 4096
+_HEADING = re.compile(
+    r"\[([^\]]*)\](\S+)[ \t]+Storage:[ \t]*(\S+)[ \t]+Access:[ \t]*(\S+)[ \t]*:[ \t]*(\S.*?)[ \t]*\Z"
+)
+_BEGINS_HEADING = re.compile(r"^\[[^\d\s\]][^\n]*", re.MULTILINE)
+_ARRAY = re.compile(r"ARRAY\[(\d+(?:,\d+)*)\] OF (\S.*)\Z")
+_FIELD = re.compile(r"[ \t]*Field:[ \t]*(\S+)[ \t]+(\S.*)\Z")
+_SCALAR = re.compile(r"Access:[ \t]*\w+[ \t]*:[ \t]*([^=]*?)[ \t]*=[ \t]?(.*)\Z")
+_ELEMENT = re.compile(r"[ \t]*\[(\d+(?:,\d+)*)\][ \t]*=[ \t]*(.*?)[ \t]*\Z")
+_POSITIONS = ("POSITION", "Position Reg", "XYZWPREXT", "JOINTPOS")
+_UNTOUCHED = re.compile(
+    r"[ \t]*(?:<[^>]*>[ \t]*)*\Z"
+)  # blank, or what the controller's web server wraps around
+
+
+@dataclass(frozen=True, slots=True)
+class VaVariable:
+    """One variable: its values and positions by their full path, as the file spells it."""
+
+    file: str
+    name: str
+    line: int
+    values: Mapping[str, Spot]
+    positions: Mapping[str, VaPosition]
+
+    def value(self, path: str) -> Spot:
+        """Return the value at a path such as ``$DMR_GRP[1].$MASTER_COUN[3]``.
+
+        Raises
+        ------
+        ProgramFileError
+            The file does not hold it.
+        """
+        found = self.values.get(path)
+        if found is None:
+            raise ProgramFileError(
+                self.file,
+                f"{path} is not there.",
+                line=self.line,
+                remedy="Save all variables of the controller again.",
+            )
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class _Array:
+    path: str
+    shape: tuple[int, ...]
+    kind: str
+    line: int
+
+
+@dataclass(frozen=True)
+class VaFile:
+    """A .VA file: its bytes, and its variables when asked for."""
+
+    name: str
+    data: bytes = field(repr=False)
+
+    @classmethod
+    def read(cls, name: str, data: bytes) -> "VaFile":
+        """Take the bytes of a file.
+
+        Raises
+        ------
+        ProgramFileError
+            It is too large, no text of variables, or damaged where that shows without looking into a variable.
+        """
+        if len(data) > MAX_FILE_BYTES:
+            raise ProgramFileError(
+                name,
+                f"{len(data) / 2**20:.0f} MB is more than a controller writes ({MAX_FILE_BYTES >> 20} MB).",
+                remedy="Give the folder of the backup itself.",
+            )
+        file = cls(name, data)
+        file._refuse_damage()
+        return file
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the variables, in the order of the file."""
+        return tuple(name for name, _, _ in self._headings)
+
+    def has(self, variable: str) -> bool:
+        """Tell whether the file holds a variable."""
+        return variable in self.names
+
+    def variable(self, name: str) -> VaVariable:
+        """Read one variable.
+
+        Raises
+        ------
+        ProgramFileError
+            It is missing, stands there twice, or holds a line that is not understood.
+        """
+        places = [i for i, (known, _, _) in enumerate(self._headings) if known == name]
+        if not places:
+            raise ProgramFileError(self.name, f"{name} is not in this file.", remedy="Save it again, whole.")
+        if len(places) > 1:
+            line = self._line(self._headings[places[1]][1])
+            raise damaged(self.name, line, f"{name} is there a second time.")
+        _, start, kind = self._headings[places[0]]
+        end = self._headings[places[0] + 1][1] if places[0] + 1 < len(self._headings) else len(self._text)
+        return _Reader(self.name, name, kind, self._line(start)).read(self._lines(start, end))
+
+    def replaced(self, changes: Mapping[Spot, str]) -> bytes:
+        """Return the file with other text at some places; all else keeps every byte."""
+        pieces, at = [], 0
+        for spot, text in sorted(changes.items(), key=lambda change: change[0].start):
+            pieces += [self.data[at : spot.start], text.encode(ENCODING)]
+            at = spot.start + len(spot.text)
+        return b"".join([*pieces, self.data[at:]])
+
+    @cached_property
+    def _text(self) -> str:
+        return self.data.decode(ENCODING)
+
+    @cached_property
+    def _headings(self) -> tuple[tuple[str, int, str], ...]:
+        """Return name, offset and type of every variable."""
+        found = []
+        for heading in _BEGINS_HEADING.finditer(self._text):
+            parts = _HEADING.match(heading[0].rstrip("\r"))
+            if parts is None:
+                raise damaged(
+                    self.name, self._line(heading.start()), "this heading of a variable is not whole."
+                )
+            found.append((parts[2], heading.start(), parts[5]))
+        return tuple(found)
+
+    def _line(self, offset: int) -> int:
+        return self._text.count("\n", 0, offset) + 1
+
+    def _lines(self, start: int, end: int) -> Iterator[tuple[int, str]]:
+        """Yield the offset and text of each line after the heading."""
+        at = self._text.find("\n", start, end) + 1
+        while 0 < at < end:
+            stop = self._text.find("\n", at, end)
+            stop = end if stop < 0 else stop
+            yield at, self._text[at:stop].rstrip("\r")
+            at = stop + 1
+
+    def _refuse_damage(self) -> None:
+        odd = re.search(r"[\x00-\x08\x0e-\x1f]", self._text)
+        if odd is not None:
+            raise damaged(self.name, self._line(odd.start()), f"byte {ord(odd[0]):#04x} is no text.")
+        for number, line in enumerate(self._text.split("\n"), 1):
+            if len(line) > MAX_LINE_BYTES:
+                raise damaged(self.name, number, f"the line has {len(line)} characters.")
+        if not self._headings:
+            raise ProgramFileError(
+                self.name,
+                "there is no variable in it, as in a controller's .VA file.",
+                remedy="Save the variables as ASCII (.VA): FILE, BACKUP, All of above, or read MD: by FTP.",
+            )
+        for number, line in enumerate(self._text[: self._headings[0][1]].split("\n"), 1):
+            if not _UNTOUCHED.match(line.rstrip("\r")):
+                raise damaged(self.name, number, "the beginning of the first variable is missing.")
+
+
+class _Reader:
+    """Reads the lines of one variable."""
+
+    def __init__(self, file: str, name: str, kind: str, line: int) -> None:
+        self.file, self.name, self.line = file, name, line
+        self.values: dict[str, Spot] = {}
+        self.positions: dict[str, VaPosition] = {}
+        self.open: tuple[str, PositionLines] | None = None
+        self.arrays: list[_Array] = []
+        self.array: _Array | None = None
+        whole, _, value = kind.partition("=")
+        self._declare(name, whole.strip(), line)
+        if self.array is None and value.strip():
+            self.values[name] = Spot(value.strip(), -1, line)
+        elif self.array is None and whole.strip() in _POSITIONS:
+            self.open = name, PositionLines(file, line)
+
+    def read(self, lines: Iterator[tuple[int, str]]) -> VaVariable:
+        number = self.line
+        for number, (offset, text) in enumerate(lines, self.line + 1):
+            if not _UNTOUCHED.match(text):
+                self._take(offset, text, number)
+        self._close()
+        self._refuse_gaps(number)
+        return VaVariable(self.file, self.name, self.line, self.values, self.positions)
+
+    def _take(self, offset: int, text: str, line: int) -> None:
+        field_line, element = _FIELD.match(text), _ELEMENT.match(text)
+        if field_line is not None:
+            self._close()
+            self._field(field_line, offset, line)
+        elif element is not None and self.array is not None:
+            self._close()
+            self._element(element, offset, line)
+        elif self.open is None or not self.open[1].take(offset, text, line):
+            raise damaged(
+                self.file, line, f"this line of {self.name} is not understood: {text.strip()[:60]!r}."
+            )
+
+    def _field(self, found: re.Match[str], offset: int, line: int) -> None:
+        path, rest = found[1], found[2]
+        if not path.startswith((f"{self.name}.", f"{self.name}[")):
+            raise damaged(self.file, line, f"{path[:60]} stands among the fields of {self.name}.")
+        scalar = _SCALAR.match(rest)
+        self.array = None
+        if scalar is None:
+            self._declare(path, rest.strip(), line)
+            if self.array is None:
+                raise damaged(self.file, line, f"the field {path[:60]} is not understood.")
+        elif scalar[1] in _POSITIONS and not scalar[2].strip():
+            self.open = path, PositionLines(self.file, line)
+        else:
+            value = scalar[2].rstrip()
+            self._keep(path, Spot(value, offset + found.start(2) + scalar.start(2), line))
+
+    def _declare(self, path: str, kind: str, line: int) -> None:
+        found = _ARRAY.match(kind)
+        if found is None and kind.startswith("ARRAY"):
+            raise damaged(self.file, line, f"the heading of {path[:60]} is not understood: {kind[:60]!r}.")
+        if found is None:
+            return
+        self.array = _Array(path, tuple(int(n) for n in found[1].split(",")), found[2].strip(), line)
+        self.arrays.append(self.array)
+
+    def _element(self, found: re.Match[str], offset: int, line: int) -> None:
+        array = self.array
+        assert array is not None
+        index = tuple(int(n) for n in found[1].split(","))
+        fits = len(index) == len(array.shape)
+        if not fits or any(not 1 <= i <= n for i, n in zip(index, array.shape, strict=True)):
+            raise damaged(self.file, line, f"element [{found[1]}] is outside of {array.path}.")
+        path = f"{array.path}[{','.join(map(str, index))}]"
+        if array.kind in _POSITIONS:
+            self.open = path, PositionLines(self.file, line)
+            if found[2] and not self.open[1].head(found[2]):
+                raise damaged(self.file, line, f"{path} is not understood: {found[2][:60]!r}.")
+        else:
+            self._keep(path, Spot(found[2], offset + found.start(2), line))
+
+    def _keep(self, path: str, spot: Spot) -> None:
+        if path in self.values or path in self.positions:
+            raise damaged(self.file, spot.line, f"{path} is there a second time.")
+        self.values[path] = spot
+
+    def _close(self) -> None:
+        if self.open is None:
+            return
+        path, lines = self.open
+        if path in self.positions or path in self.values:
+            raise damaged(self.file, lines.line, f"{path} is there a second time.")
+        self.positions[path] = lines.position(path)
+        self.open = None
+
+    def _refuse_gaps(self, last: int) -> None:
+        held: dict[str, int] = {}
+        for path in (*self.values, *self.positions):
+            if path.endswith("]"):
+                held[path.rpartition("[")[0]] = held.get(path.rpartition("[")[0], 0) + 1
+        for array in self.arrays:
+            whole, got = prod(array.shape), held.get(array.path, 0)
+            if got not in (0, whole) or (got == 0 and not array.kind.endswith("_T")):
+                raise damaged(
+                    self.file, min(array.line + got, last), f"{array.path} has {got} of {whole} elements."
+                )

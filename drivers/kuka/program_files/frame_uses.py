@@ -1,0 +1,112 @@
+"""What the routines of a KRL program set ``$TOOL`` and ``$BASE`` to, and where that surely holds."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from cellcal.drivers.programs.barred import COMPUTED, LATER, SEVERAL
+from cellcal.drivers.programs.call_graph import Marks, reached
+
+UNKNOWN = "?"
+RESET = "~"  # what the controller begins with: BAS(#INITMOV,0) sets it, behind what the routine sets
+_CALLED = "a routine that its program calls sets another tool or base"
+_CALLER = "a routine that calls its program sets the tool or base"
+BARRED = {
+    "several": SEVERAL,
+    "computed": COMPUTED,
+    "called": _CALLED,
+    "caller": _CALLER,
+    "later": LATER,
+}
+
+Branches: TypeAlias = tuple[int, ...]  # the ifs, cases and loops that a place is inside, by where they begin
+
+
+@dataclass
+class Jumps:
+    """Where a routine jumps, and where it lands: what is set between may be jumped over."""
+
+    first: int | None = None  # GOTO or EXIT
+    landings: list[int] = field(default_factory=list)  # labels, and ends of loops, in the order of the text
+
+    def may_miss(self, place: int, until: int) -> bool:
+        """Tell whether a way leads to a place without what stands at another above it."""
+        if self.first is None or place < self.first:
+            return False
+        return bisect_right(self.landings, place) < bisect_right(self.landings, until)
+
+
+@dataclass
+class FrameUse:
+    """What a routine sets ``$TOOL`` or ``$BASE`` to, and where first."""
+
+    values: set[str] = field(default_factory=set)
+    first: dict[Branches, int] = field(default_factory=dict)  # where first in which branches
+    below: Marks = ()  # what the routine and those that it calls set, when all is read
+    above: Marks = ()  # what is set around it
+    reset_below: bool = False  # a routine that it calls resets it
+
+    def take(self, place: int, value: str, branches: "Branches") -> None:
+        """Note a value."""
+        self.first.setdefault(branches, place)
+        self.values.add(value)
+
+    def value(self, *, said_before: bool) -> str | None:
+        """Return what holds where it is set before or not: known only where the routine sets one thing."""
+        if len(self.values) != 1 or not said_before:
+            return None
+        (value,) = self.values
+        return None if value == UNKNOWN else value
+
+    def barred(self, *, said_before: bool) -> str:
+        """Return why nobody can tell what holds, with what other routines set; "" where nothing is in the way."""
+        if any(value not in self.values for value, _ in self.below) or (self.values and self.reset_below):
+            return BARRED["called"]
+        if UNKNOWN in self.values:
+            return BARRED["computed"]
+        if len(self.values) > 1:
+            return BARRED["several"]
+        if self.values and not said_before:
+            return BARRED["later"]
+        return BARRED["caller"] if self.above and not self.values else ""
+
+    def surely_before(self, place: int, branches: "Branches", jumps: Jumps) -> bool:
+        """Tell whether one is set above a place, in the branches that the place is inside."""
+        if not self.first:
+            return False
+        firsts = (self.first.get(branches[:depth], place + 1) for depth in range(len(branches) + 1))
+        return any(first <= place and not jumps.may_miss(first, place) for first in firsts)
+
+
+@dataclass
+class Routine:
+    """One DEF ... END."""
+
+    number: int
+    name: str = ""
+    shown: bool = False  # other files may call it
+    declared: set[str] = field(default_factory=set)  # names that hide those of other files
+    calls: set[str] = field(default_factory=set)
+    tool: FrameUse = field(default_factory=FrameUse)
+    base: FrameUse = field(default_factory=FrameUse)
+    jumps: Jumps = field(default_factory=Jumps)
+    resets: bool = False  # it sets both to what the controller begins with
+
+
+def reached_from(routines: Sequence[Routine]) -> None:
+    """Give every routine what is set by those of its file that it calls, and that call it."""
+    by_name: dict[str, list[int]] = {}
+    for routine in routines:
+        if routine.name:
+            by_name.setdefault(routine.name, []).append(routine.number)
+    calls = [
+        [number for name in sorted(routine.calls) for number in by_name.get(name, ())] for routine in routines
+    ]
+    resets, _ = reached(calls, [[RESET] if routine.resets else [] for routine in routines])
+    for routine, called in zip(routines, calls, strict=True):
+        routine.tool.reset_below = routine.base.reset_below = any(resets[number] for number in called)
+    for uses in ([one.tool for one in routines], [one.base for one in routines]):
+        below, above = reached(calls, [use.values for use in uses])
+        for use, its_below, its_above in zip(uses, below, above, strict=True):
+            use.below, use.above = its_below, its_above

@@ -1,0 +1,300 @@
+"""Which six numbers of a URScript program are recorded positions, and in which frame and with which tool.
+
+A position is a literal that a move goes to, directly or by the name of a variable. PolyScope's ``Waypoint_1_p`` and
+``Waypoint_1_q``, one after the other, are one position: its pose, and the joints it was taught with. A pose inside
+``pose_trans(frame, …)`` is a position in that frame if the frame is itself a literal that no move goes to; if it is
+a place of its own, the pose is a step from there, and is reported.
+"""
+
+import re
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellcal.drivers.programs.positions import Remark
+from cellcal.drivers.universal_robots.program_files.script_text import Literal, Statements
+
+BASE = "base"
+NOT_READ = "no move that is understood goes to it, and it is not changed"
+CONFLICTS = "the program goes to it in different frames"
+_SHOWN = 6
+_LONGEST_NAME, _LONGEST_LIST = 60, 100_000
+_FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
+_CALLED = re.compile(r"(\w+)[ \t]*\Z", re.ASCII)
+_OPENED = re.compile(r"\([ \t]*p\[\Z", re.ASCII)
+_NAME_BEHIND = re.compile(r"\][ \t]*,[ \t]*[A-Za-z_]", re.ASCII)
+_FRAME_WRITTEN = re.compile(r"\([ \t]*p\[", re.ASCII)
+_LIST = re.compile(r"=[ \t]*\[[^=()]*\Z", re.ASCII)
+_NO_POSITION = frozenset(
+    ("force_mode", "set_payload", "set_target_payload", "set_tcp", "path_offset_set", "set_gravity", "speedl")
+)
+_RELATIVE = ("pose_trans", "pose_add", "pose_sub", "interpolate_pose", "point_dist", "pose_inv")
+_FREE = ("speedl", "speedj", "servoj", "servoc", "force_mode", "freedrive_mode", "path_offset_set")
+_WIRES = ("socket_read_ascii_float", "socket_read_string", "socket_read_binary_integer", "rpc_factory", "get_var",
+          "read_input_float_register", "read_port_register", "modbus_get_signal_status")  # fmt: skip
+
+
+class Place(NamedTuple):
+    """One recorded position: its pose, its joints, or both."""
+
+    name: str
+    pose: Literal | None
+    joints: Literal | None
+    frame: str
+    used: tuple[int, ...]  # offsets of the moves to it
+    unread: str = ""  # why it is not changed; "" where it may be
+
+    @property
+    def start(self) -> int:
+        """Return where its first numbers stand."""
+        literal = self.pose or self.joints
+        return literal.start if literal else 0
+
+
+class Finder:
+    """Sorts the literals of a program."""
+
+    def __init__(self, found: Statements, lines: NDArray[np.intp], text: str) -> None:
+        self.found = found
+        self.lines = lines  # offsets of line feeds
+        self.given: dict[str, list[Literal]] = {}
+        for literal in found.literals:
+            if literal.role == "value":
+                self.given.setdefault(literal.name, []).append(literal)
+        self.reached = {
+            name: offsets
+            for name, uses in found.uses.items()
+            if (offsets := [at for at, role, _ in uses if role in ("target", "in_frame")])
+        }
+        roles = [(name, role) for name, uses in found.uses.items() for _, role, _ in uses]
+        self.near = {name for name, role in roles if role == "near"}
+        self.tool_names = {name for name, role in roles if role == "tool"}
+        frames = {name for name, role in roles if role == "frame"} - self.near - self.reached.keys()
+        frames -= {name for name, role in roles if role == "other"}  # a place that is gone to otherwise, too
+        self.frame_names = {name for name in frames if self._known(name) and self.given[name][0].is_pose}
+        self.functions = frozenset(_FUNCTION.findall(text))  # of the script itself
+        self.text = text
+        self.left: list[Literal] = []  # poses that no move goes to
+        self.steps: list[Literal] = []  # poses that are a step from a place
+
+    def line(self, offset: int) -> int:
+        """Return the line of an offset, from 1."""
+        return int(np.searchsorted(self.lines, offset)) + 1
+
+    def places(self) -> list[Place]:
+        """Return the recorded positions in the order of the text."""
+        found: list[Place] = []
+        literals = self.found.literals
+        i = 0
+        while i < len(literals):
+            first = literals[i]
+            second = literals[i + 1] if i + 1 < len(literals) else None
+            if second is not None and self._one_place(first, second):
+                found.append(self._pair(first, second))
+                i += 2
+                continue
+            place = self._single(first)
+            if place is not None:
+                found.append(place)
+            i += 1
+        found += [self._unread(literal) for literal in self._not_read()]
+        return self._unique(sorted(found, key=lambda place: place.start))
+
+    def _not_read(self) -> Iterator[Literal]:
+        """Yield literals that are positions, and that no move goes to in a way that is understood."""
+        for literal in (*self.left, *self.steps):
+            if not self._is_offset(literal):
+                yield literal
+        taken = {literal.start for literal in (*self.left, *self.steps)}
+        for literal in self.found.literals:
+            if not literal.is_pose and literal.start not in taken and self._is_posture(literal):
+                yield literal
+
+    def _unread(self, literal: Literal) -> Place:
+        name = literal.name if literal.role == "value" else f"line {self.line(literal.start)}"
+        pose, joints = (literal, None) if literal.is_pose else (None, literal)
+        return Place(name, pose, joints, BASE, (), NOT_READ)
+
+    def _is_offset(self, literal: Literal) -> bool:
+        """Tell whether a pose is only added to others, or a step from a place that goes along with the work."""
+        if literal.role == "value":
+            uses = self.found.uses.get(literal.name, ())
+            return bool(uses) and all(self._adds(at, role, where) for at, role, where in uses)
+        if literal.role == "in_frame":
+            return self._is_place(literal.call, literal.name)
+        function = self._function_at(literal.call)
+        first = _OPENED.search(self.text, 0, literal.start) is not None
+        if function in ("pose_add", "pose_sub", "pose_trans"):
+            return not first or (function != "pose_trans" and self._adds_to_a_name(literal))
+        return function in _NO_POSITION
+
+    def _adds(self, at: int, role: str, where: str) -> bool:
+        second = self.text[:at].rstrip()[-1:] == ","
+        if role == "in_frame":
+            return self._is_place(self.text.rfind("(", 0, at), where)
+        return (where in ("pose_add", "pose_sub", "pose_trans") and second) or where in _NO_POSITION
+
+    def _adds_to_a_name(self, literal: Literal) -> bool:
+        return _NAME_BEHIND.match(self.text, literal.end) is not None
+
+    def _is_place(self, call: int, name: str) -> bool:
+        """Tell whether a pose is a step from a place: from a variable that a move goes to, or from the arm's own."""
+        if name:
+            return name in self.reached or name in self.found.assigned
+        return _FRAME_WRITTEN.match(self.text, call) is None
+
+    def _function_at(self, call: int) -> str:
+        found = _CALLED.search(self.text, max(0, call - _LONGEST_NAME), call)
+        return found[1] if found else ""
+
+    def _is_posture(self, literal: Literal) -> bool:
+        """Tell whether six numbers without p are joints of a list, or given to a function of this script."""
+        if literal.role == "other":
+            return self._in_list(literal.start) or self._function_at(literal.call) in self.functions
+        if literal.role != "value" or literal.name in self.reached or literal.name in self.near:
+            return False
+        uses = self.found.uses.get(literal.name, ())
+        return any(self._in_list(at) or where in self.functions for at, _, where in uses)
+
+    def _in_list(self, at: int) -> bool:
+        before = self.text[:at].rstrip(" \t\r\n[")
+        return (
+            before[-1:] in ("=", ",") and _LIST.search(self.text, max(0, at - _LONGEST_LIST), at) is not None
+        )
+
+    def is_known(self, name: str) -> bool:
+        """Tell whether a variable holds one literal and nothing else."""
+        return self._known(name)
+
+    def conflicts(self, place: Place) -> bool:
+        """Tell whether moves go to a variable's pose both in a frame and without it."""
+        literal = place.pose
+        if literal is None or literal.role != "value" or place.unread:
+            return False
+        roles = {
+            (role, where if role == "in_frame" else "")
+            for _, role, where in self.found.uses.get(literal.name, ())
+        }
+        return len(roles & {one for one in roles if one[0] in ("target", "in_frame")}) > 1
+
+    def frames(self) -> dict[str, Literal]:
+        """Return the variables that are frames: given one literal pose, and never a place to go to."""
+        return {name: given[0] for name, given in self.given.items() if name in self.frame_names}
+
+    def tools(self) -> list[tuple[int, str, Literal | None]]:
+        """Return every ``set_tcp``: its offset, the tool's name, and the pose where it is a literal."""
+        calls = self.found.calls.get("set_tcp", [])
+        tools: dict[int, tuple[str, Literal | None]] = dict.fromkeys(calls, ("", None))
+        for literal in self.found.literals:
+            if literal.role == "tool" and literal.is_pose:
+                tools[literal.call] = (f"line {self.line(literal.start)}", literal)
+        for name, uses in self.found.uses.items():
+            pose = self.given[name][0] if self._known(name) else None
+            for offset, role, _ in uses:
+                if role == "tool":
+                    tools[calls[bisect_right(calls, offset) - 1]] = (name if pose else "", pose)
+        return [(offset, *tools[offset]) for offset in calls]
+
+    def remarks(self) -> Iterator[Remark]:
+        """Yield what else holds or changes positions."""
+        yield from self._grouped(
+            "relative", [each.start for each in self.steps],
+            "a pose is a step from another place; it is not changed, and follows that place",
+        )  # fmt: skip
+        yield from self._grouped(
+            "computed", [each.start for each in self.left],
+            "a pose is given that no move goes to directly; it is not changed",
+        )  # fmt: skip
+        for function in sorted({name for _, name in self.found.computed}):
+            offsets = [offset for offset, name in self.found.computed if name == function]
+            yield from self._grouped("computed", offsets, f"{function} goes where the program computes")
+        unknown = [
+            offset
+            for name, uses in self.found.uses.items()
+            if not self._known(name)
+            for offset, role, _ in uses
+            if role in ("target", "in_frame")
+        ]
+        yield from self._grouped(
+            "computed", unknown, "a move goes to a variable that holds no recorded pose, or more than that"
+        )
+        yield from self._of_functions("relative", _RELATIVE, "poses are computed from others")
+        yield from self._of_functions("computed", _FREE, "the arm moves without a recorded position")
+        yield from self._of_functions(
+            "foreign", _WIRES, "values come from elsewhere while the program runs, and may be positions"
+        )
+
+    def _of_functions(self, code: str, functions: Iterable[str], text: str) -> Iterator[Remark]:
+        for function in functions:
+            yield from self._grouped(code, self.found.calls.get(function, []), f"{function}: {text}")
+
+    def _grouped(self, code: str, offsets: list[int], text: str) -> Iterator[Remark]:
+        if offsets:
+            lines = sorted({self.line(offset) for offset in offsets})
+            more = f" and {len(lines) - _SHOWN} more" if len(lines) > _SHOWN else ""
+            where = ", ".join(map(str, lines[:_SHOWN])) + more
+            yield Remark(lines[0], code, f"{text} (line {where}).")
+
+    def _known(self, name: str) -> bool:
+        return len(self.given.get(name, ())) == 1 and name not in self.found.assigned
+
+    def _one_place(self, first: Literal, second: Literal) -> bool:
+        if not first.is_pose or second.is_pose:
+            return False
+        if first.role == "value" == second.role:
+            together = (
+                first.name[-2:] == "_p" and second.name[-2:] == "_q" and first.name[:-2] == second.name[:-2]
+            )
+            return together and first.name not in self.frame_names and first.name not in self.tool_names
+        return first.role == "target" and second.role == "near" and first.call == second.call
+
+    def _pair(self, pose: Literal, joints: Literal) -> Place:
+        if not pose.name:
+            return Place(f"line {self.line(pose.start)}", pose, joints, BASE, (pose.start,))
+        used = (*self.reached.get(pose.name, ()), *self.reached.get(joints.name, ()))
+        return Place(pose.name[:-2], pose, joints, BASE, used)
+
+    def _single(self, literal: Literal) -> Place | None:
+        pose, joints = (literal, None) if literal.is_pose else (None, literal)
+        if literal.role == "target" or (literal.role == "near" and joints):
+            return Place(f"line {self.line(literal.start)}", pose, joints, BASE, (literal.start,))
+        if literal.role == "in_frame" and literal.is_pose:
+            return self._in_frame(literal)
+        if literal.role == "value":
+            return self._variable(literal, pose, joints)
+        if literal.is_pose and literal.role not in ("tool", "frame"):
+            self.left.append(literal)
+        return None
+
+    def _in_frame(self, literal: Literal) -> Place | None:
+        if literal.name in self.frame_names:
+            return Place(f"line {self.line(literal.start)}", literal, None, literal.name, (literal.start,))
+        self.steps.append(literal)
+        return None
+
+    def _variable(self, literal: Literal, pose: Literal | None, joints: Literal | None) -> Place | None:
+        name = literal.name
+        if name in self.frame_names or name in self.tool_names:
+            return None
+        frames = {where for _, role, where in self.found.uses.get(name, ()) if role == "in_frame"}
+        used = tuple(self.reached.get(name, ()))
+        if len(frames) == 1 and literal.is_pose and frames <= self.frame_names:
+            return Place(name, literal, None, next(iter(frames)), used)
+        if not frames and (name in self.reached or name in self.near):
+            return Place(name, pose, joints, BASE, used)
+        if literal.is_pose:
+            self.left.append(literal)
+        return None
+
+    def _unique(self, places: list[Place]) -> list[Place]:
+        seen: dict[str, int] = {}
+        for i, place in enumerate(places):
+            count = seen[place.name] = seen.get(place.name, 0) + 1
+            literal = place.pose or place.joints
+            if count > 1 and literal:
+                where = "" if place.name.startswith("line ") else f"line {self.line(literal.start)}, "
+                places[i] = place._replace(name=f"{place.name} ({where}{count})")
+        return places

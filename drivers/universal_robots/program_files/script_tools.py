@@ -1,0 +1,182 @@
+"""Which tool a URScript program has where it goes to a place, and the numbers of its literals."""
+
+import re
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Mapping, Sequence
+from heapq import heappop, heappush
+from itertools import accumulate
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.drivers.programs.positions import Remark
+from cellcal.drivers.universal_robots.program_files.script_numbers import LARGEST_RAD, LONGEST_M, poses_of
+from cellcal.drivers.universal_robots.program_files.script_positions import Finder, Place
+from cellcal.drivers.universal_robots.program_files.script_text import SIX_NUMBERS, Literal, ScriptText
+
+PROGRAM = re.compile(r"^[ \t]*def[ \t]+(\w+)[ \t]*\(", re.ASCII | re.MULTILINE)
+_DEEPEST = 100  # functions that call each other
+
+
+class ScriptTools:
+    """The tool in force where the text goes to a place: the last ``set_tcp`` above it."""
+
+    def __init__(self, source: ScriptText, finder: Finder) -> None:
+        self.calls = _alike(source, finder.tools())
+        self.offsets = [offset for offset, _, _ in self.calls]
+        self.several = len({name for _, name, _ in self.calls}) > 1
+        self.line = finder.line
+        holding = [
+            b for b in source.blocks if bisect_right(self.offsets, b[0]) < bisect_left(self.offsets, b[1])
+        ]
+        self.until = _ends(self.offsets, holding, len(source.text))
+        begun = {start for start, _ in holding}
+        ends = dict(source.blocks)
+        self.functions = [  # where each begins and ends, and its calls
+            (start, ends.get(start, start), [call for call in calls if call != function.end() - 1])
+            for function in PROGRAM.finditer(source.text)
+            for calls in (finder.found.calls.get(function[1], ()),)
+            for start in (function.start() + len(function[0]) - len(function[0].lstrip()),)
+        ]
+        self.begins = [start for start, _, _ in self.functions]
+        self.around = _around(self.functions)
+        self.set_before: dict[int, bool] = {}  # functions that surely run after a set_tcp
+        # calls of functions that set a tool
+        self.setting = sorted(call for start, _, calls in self.functions if start in begun for call in calls)
+        self.set_at = sorted([*self.offsets, *self.setting])
+        blocks = [
+            b for b in source.blocks if bisect_right(self.set_at, b[0]) < bisect_left(self.set_at, b[1])
+        ]
+        self.set_until = list(accumulate(_ends(self.set_at, blocks, len(source.text)), max))
+        self.flange_tip = frames_of(source, {name: pose for _, name, pose in self.calls if pose is not None})
+
+    def of(self, place: Place) -> str | None:
+        """Return the tool's name; None where the moves to a place do not agree, or no text says."""
+        named = {name for name, _ in self._in_force(place)}
+        return (named.pop() or None) if len(named) == 1 else None
+
+    def barred(self, place: Place) -> str:
+        """Return why nobody can tell the tool of a place though the text sets one; "" where nothing is in the way."""
+        found = self._in_force(place)
+        if len({name for name, _ in found}) > 1:
+            return "the program goes to it with different tools"
+        if any(not name for name, _ in found):
+            return "its tool is computed, or set below the move to it"
+        if not all(sure for _, sure in found) and (self.several or place.pose is not None):
+            return "which tool the program has there depends on the way that it takes"
+        return ""
+
+    def _in_force(self, place: Place) -> list[tuple[str, bool]]:
+        """Return for each move to a place the tool that stands last above it, and whether it surely holds there."""
+        if not self.offsets:
+            return []
+        literal = place.pose or place.joints
+        uses = place.used or ((literal.start,) if literal else ())
+        found = []
+        for use in uses:
+            at = bisect_right(self.offsets, use)
+            since = self.offsets[at - 1] if at else 0
+            called = bisect_right(self.setting, since) < bisect_left(self.setting, use)
+            ended = at > 0 and self.until[at - 1] < use
+            sure = not called and not ended if self.several else not ended or self._is_set(use)
+            found.append((self.calls[at - 1][1] if at else "", sure))
+        return found
+
+    def _is_set(self, use: int, depth: int = 0) -> bool:
+        """Tell whether a ``set_tcp``, or a call of a function with one, surely runs before what stands here."""
+        at = bisect_left(self.set_at, use)
+        if at and self.set_until[at - 1] >= use:
+            return True
+        inside = bisect_left(self.begins, use) - 1
+        while inside >= 0 and self.functions[inside][1] < use:
+            inside = self.around[inside]
+        if inside < 0 or depth == _DEEPEST:
+            return False
+        if inside not in self.set_before:
+            self.set_before[inside] = False  # for one that calls itself
+            calls = self.functions[inside][2]
+            self.set_before[inside] = bool(calls) and all(self._is_set(call, depth + 1) for call in calls)
+        return self.set_before[inside]
+
+    def remarks(self, places: Sequence[Place]) -> Iterator[Remark]:
+        """Yield what a person must know of the tools."""
+        if self.several:
+            yield Remark(
+                self.line(self.offsets[1]), "computed",
+                "more than one tool is set: each position has the one that stands last above its move in the text.",
+            )  # fmt: skip
+        if not self.calls and places:
+            yield Remark(
+                0, "foreign", "the tool is the one that is active on the robot: no set_tcp is in this file."
+            )
+
+
+def _around(functions: Sequence[tuple[int, int, Sequence[int]]]) -> list[int]:
+    """Return the innermost function around each, -1 where there is none; functions in the order of the text."""
+    open_, found = list[int](), list[int]()
+    for index, (start, _, _) in enumerate(functions):
+        while open_ and functions[open_[-1]][1] < start:
+            open_.pop()
+        found.append(open_[-1] if open_ else -1)
+        open_.append(index)
+    return found
+
+
+def _ends(offsets: Sequence[int], blocks: Sequence[tuple[int, int]], last: int) -> list[int]:
+    """Return where the innermost block around each offset ends; offsets in the order of the text."""
+    waiting, open_, found = sorted(blocks, reverse=True), list[int](), list[int]()
+    for at in offsets:
+        while waiting and waiting[-1][0] < at:
+            heappush(open_, waiting.pop()[1])
+        while open_ and open_[0] < at:
+            heappop(open_)
+        found.append(open_[0] if open_ else last)
+    return found
+
+
+def _alike(
+    source: ScriptText, calls: Sequence[tuple[int, str, Literal | None]]
+) -> list[tuple[int, str, Literal | None]]:
+    """Return the calls, those that set one pose by the name and the literal of the first of them."""
+    first: dict[tuple[float, ...], tuple[str, Literal]] = {}
+    same: list[tuple[int, str, Literal | None]] = []
+    sixes = numbers_of(source, [pose for _, _, pose in calls]).tolist()
+    for (offset, name, pose), six in zip(calls, sixes, strict=True):
+        known = (name, None) if pose is None else first.setdefault(tuple(six), (name, pose))
+        same.append((offset, *known))
+    return same
+
+
+def numbers_of(source: ScriptText, literals: Sequence[Literal | None]) -> Array:
+    """Return (N, 6) numbers, NaN where there is no literal."""
+    six = np.full((len(literals), 6), np.nan)
+    rows = [row for row, literal in enumerate(literals) if literal]
+    some = [literal for literal in literals if literal]
+    if not some:
+        return six
+    texts = [source.text[literal.start : literal.end] for literal in some]
+    try:
+        values = np.array(list(map(float, ",".join(texts).split(",")))).reshape(-1, 6)
+    except ValueError as wrong:
+        bad = next(at for at, text in enumerate(texts) if not SIX_NUMBERS.fullmatch(text))
+        raise source.wrong(
+            some[bad].start,
+            "one of these six is no number.",
+            "Correct it on the robot, and save the program again.",
+        ) from wrong
+    limit = np.full((len(some), 6), LARGEST_RAD)
+    limit[[literal.is_pose for literal in some], :3] = LONGEST_M
+    beyond = ~(np.abs(values) <= limit).all(axis=1)
+    if beyond.any():
+        raise source.wrong(
+            some[int(np.argmax(beyond))].start, "a coordinate is beyond what an arm can have.",
+            "Lengths are in metres, angles in radians; correct it on the robot.",
+        )  # fmt: skip
+    six[rows] = values
+    return six
+
+
+def frames_of(source: ScriptText, literals: Mapping[str, Literal]) -> dict[str, Pose]:
+    """Return the poses of literals by their names."""
+    poses = poses_of(numbers_of(source, list(literals.values())))
+    return {name: Pose.from_matrix(pose) for name, pose in zip(literals, poses, strict=True)}

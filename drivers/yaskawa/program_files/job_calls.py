@@ -1,0 +1,77 @@
+"""Shifts that hold across jobs: SFTON stays on in a job that is called, and in the caller of a job that leaves it on.
+
+What a job says of this goes to the other jobs of its folder as texts under keys; `drivers.programs.across.Said`.
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import PurePath
+
+from cellcal.drivers.programs.across import Said
+
+_JOB = re.compile(r"^//NAME[ \t]+(\S+).*?^//INST(.*?)(?=^/JOB|\Z)", re.MULTILINE | re.DOTALL)
+_CALLED = re.compile(r"\bJOB:[ \t]*(\S+)")
+_LINES = re.compile(r"^[ \t]*(SFTON|SFTOF|CALL|PSTART|JUMP|\*)([^\n]*)", re.MULTILINE)
+_MADE = re.compile(r"^[ \t]*(?:MFRAME|SETTOOL|SETUF\w*)\b[^\n]*?\b(UF|TL)#\((\d{1,3}|[A-Z])", re.MULTILINE)
+_SAYS = re.compile(rb"JOB:|\b(?:SFTON|MFRAME|SETTOOL|SETUF)")
+_SHIFTED = "SFTON of {}"
+
+
+def said_by(file: str, data: bytes) -> Said:
+    """Return which jobs a file's jobs call, which of them while a shift is on, and which of its jobs leave one on.
+
+    The file need not be a sound one.
+    """
+    folder, said = PurePath(file).parent, dict[str, str]()
+    jobs = _JOB.findall(data.decode("latin-1")) if _SAYS.search(data) else ()
+    for name, instructions in jobs:
+        found = _LINES.findall(instructions)
+        jumps = any(word in ("JUMP", "*") for word, _ in found)
+        on = jumps and any(word == "SFTON" for word, _ in found)
+        for word, rest in found:
+            on = word == "SFTON" or (on and (jumps or word != "SFTOF"))
+            called = _CALLED.search(rest) if word in ("CALL", "PSTART") else None
+            if called is not None:
+                said[f"{folder} call {name} {called[1]}"] = name
+                said |= {f"{folder} shifted {called[1]}": name} if on else {}
+        for what, number in _MADE.findall(instructions):
+            said[f"{folder} makes {name} {what} {number}"] = name
+        if on:
+            said[f"{folder} leaves {name}"] = name
+    return Said(PurePath(file).stem, doubtful=said)
+
+
+def shift_from_others(file: str, job: str, said: Mapping[str, str]) -> str:
+    """Return the SFTON of another job that may be on in a job, as an instruction is named; "" where none is."""
+    calls = [
+        (caller, called) for caller, _, called in (pair.partition(" ") for pair in _keys(file, "call", said))
+    ]
+    shifted = {
+        called: said[f"{PurePath(file).parent} shifted {called}"] for called in _keys(file, "shifted", said)
+    }
+    left = set(_keys(file, "leaves", said))
+    before = -1
+    while len(shifted) + len(left) > max(before, 0):
+        before = len(shifted) + len(left)
+        for caller, called in calls:
+            if caller in shifted:
+                shifted.setdefault(called, shifted[caller])
+            if called in left:
+                left.add(caller)
+                shifted.setdefault(caller, called)
+    return _SHIFTED.format(shifted[job]) if job in shifted else ""
+
+
+def frames_from_others(file: str, job: str, said: Mapping[str, str]) -> dict[tuple[str, str], str]:
+    """Return user frames and tools that other jobs make while the cell works, by UF or TL and number; and which job.
+
+    A job that calls none and that none calls is one to set up the cell, which a person ran once.
+    """
+    working = {name for pair in _keys(file, "call", said) for name in pair.split(" ")}
+    made = (key.split(" ") for key in _keys(file, "makes", said))
+    return {(what, number): name for name, what, number in made if name in working and name != job}
+
+
+def _keys(file: str, what: str, said: Mapping[str, str]) -> list[str]:
+    begins = f"{PurePath(file).parent} {what} "
+    return [key.removeprefix(begins) for key in said if key.startswith(begins)]

@@ -1,0 +1,223 @@
+"""What a job's motions do to its positions: increments, led motions, shifts, frames made while it runs, row by row.
+
+Nothing is executed. A shift holds from SFTON to SFTOF in the order of the lines; where the job jumps, everywhere.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
+from cellcal.drivers.programs.shifts import NO_TURN, Axes, Quaternion, Shift
+from cellcal.drivers.yaskawa.program_files.job_columns import SHIFT
+from cellcal.drivers.yaskawa.program_files.job_text import ROBOT_ROWS, Job, Row
+
+Key = tuple[str, int]  # C or P, and its number
+_INCREMENT = "it is an increment: {} in line {} adds it to where the robot is"
+_LED_MOTION = "another control group leads the motion there ({} in line {})"
+_ON_CONVEYOR = "the motion there follows a conveyor ({} in line {})"
+_OTHER_MOTION = "its motion is about a point in the cell that the job does not state ({} in line {})"
+_ANY_AMOUNT = "a register chooses the variables that {} in line {} uses as amounts"
+_SET_HERE = "its job makes its user frame or tool while it runs ({} in line {})"
+_IN_TOOL = "it is stated along the axes of the tool: an amount, and no place"
+_VARIABLE_AMOUNT = (
+    "no move of its job goes to this variable, or the job computes with it: it may be an amount"
+)
+_IN_MASTER = "it is stated in the tool of a master robot, which carries the work"
+_PLAIN = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "REFP"))
+_MOTION = re.compile(r"[A-Z]*MOV[A-Z]*|REFP|SYSTART")
+_TAKEN = re.compile(r"(?<!\$)\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
+_CHOSEN = re.compile(r"\bL?PX?\[")
+_FRAME = re.compile(r"\b(BF|RF|TF|MTF|UF#)")
+_SECOND = re.compile(r"\+S?MOV")
+_MADE = re.compile(r"\b(UF|TL)#\((\d{1,3}|[A-Z])")
+_HERE = frozenset(("GETS", "GETPOS"))
+_AMOUNTS = frozenset(
+    ("SFTON", "MSHIFT", "SET", "SETE", "ADD", "SUB", "MUL", "DIV", "CNVRT", "MULMAT", "INVMAT")
+)
+_JUMPS = re.compile(r"^[ \t]*(?:JUMP\b|\*)", re.MULTILINE)
+_SPECIAL = re.compile(
+    r"\b(?:SFTON|MFRAME|SETTOOL|SETUF|SETUFRM|GETS|GETPOS|SYSTART|[A-Z]+MOV[A-Z]*)\b|\bL?PX?\["
+)
+_REASONS = (("IMOV", _INCREMENT), ("EIMOV", _INCREMENT), ("SY", _ON_CONVEYOR), ("SMOV", _LED_MOTION))
+
+
+@dataclass
+class _Found:
+    barred: dict[Key, str] = field(default_factory=dict)
+    all_variables: str = ""  # why every variable is left
+    made: list[tuple[str, str, str]] = field(default_factory=list)  # UF or TL, its number, why
+    shifts: list[tuple[Key | None, Shift]] = field(default_factory=list)
+    from_here: set[int] = field(default_factory=set)  # variables that get where the robot was
+    computed: set[int] = field(default_factory=set)  # of these, those that the job computes with
+
+
+def motions_in(jobs: Iterable[Job], positions: Positions) -> tuple[dict[int, str], tuple[Shift, ...]]:
+    """Return which rows of a file's jobs no command may change, and why; and the shifts of their points."""
+    barred: dict[int, str] = {}
+    shifts: list[Shift] = []
+    first = 0
+    for job in jobs:
+        rows = [row for row in job.rows if row.kind in ROBOT_ROWS]
+        barred |= {first + i: why for i, row in enumerate(rows) if (why := _stated(row))}
+        if _SPECIAL.search(job.instructions):
+            found = _found(job, {(row.kind, int(row.number)): row for row in rows})
+            barred |= {
+                first + i: why
+                for i, row in enumerate(rows)
+                if first + i not in barred and (why := _why(row, found))
+            }
+            keys = {(row.kind, int(row.number)): first + i for i, row in enumerate(rows)}
+            shifts += _of_rows(found.shifts, keys, positions)
+        first += len(rows)
+    amounts = {i: _VARIABLE_AMOUNT for i, kind in enumerate(positions.kinds) if kind == SHIFT}
+    return {**amounts, **barred}, tuple(shifts)
+
+
+def _stated(row: Row) -> str:
+    return {"TOOL": _IN_TOOL, "MTOOL": _IN_MASTER}.get(row.held.postype, "")
+
+
+def _why(row: Row, found: _Found) -> str:
+    if why := found.barred.get((row.kind, int(row.number))):
+        return why
+    if row.kind == "P" and found.all_variables:
+        return found.all_variables
+    if row.held.mode != "RECTAN":
+        return ""
+    user = row.held.user if row.held.postype == "USER" else None
+    for what, number, why in found.made:
+        held = user if what == "UF" else row.held.tool
+        if held is not None and (not number.isdigit() or int(number) == int(held)):
+            return why
+    return ""
+
+
+def _of_rows(
+    shifts: Iterable[tuple[Key | None, Shift]], rows: dict[Key, int], positions: Positions
+) -> Iterator[Shift]:
+    for key, shift in shifts:
+        row = rows.get(key) if key is not None else None
+        if row is None:
+            yield shift
+        elif positions.kinds[row] in (CARTESIAN, JOINTS) and positions.groups[row] == 1:
+            yield Shift(
+                shift.line, shift.what, shift.axes, (row,), translation_m=shift.translation_m,
+                quaternion=shift.quaternion,
+            )  # fmt: skip
+
+
+def _found(job: Job, rows: dict[Key, Row]) -> _Found:
+    found = _Found()
+    found.from_here, found.computed = _from_here(_instructions(job))
+    everywhere = _JUMPS.search(job.instructions) is not None
+    lines = list(_instructions(job))
+    switched_on = [
+        _shift_of(line, word, rest, found.from_here, rows) for line, word, rest in lines if word == "SFTON"
+    ]
+    anywhere = [one for one in switched_on if one is not None] if everywhere else []
+    active: list[Shift] = []
+    for line, word, rest in lines:
+        if word == "SFTON":
+            shift = _shift_of(line, word, rest, found.from_here, rows)
+            active += [] if shift is None else [shift]
+        elif word == "SFTOF":
+            active = []
+        if _MOTION.fullmatch(word):
+            _move(found, (line, word, rest), anywhere or active, rows)
+        else:
+            _compute(found, (line, word, rest))
+    return found
+
+
+def _instructions(job: Job) -> Iterator[tuple[int, str, str]]:
+    for line, text in enumerate(job.instructions.split("\n"), job.first_line):
+        content = " ".join(text.split())
+        if content and not content.startswith(("'", "/", "COMM ")):
+            word, _, rest = content.partition(" ")
+            yield line, word, rest.partition(" '")[0]
+
+
+def _from_here(instructions: Iterable[tuple[int, str, str]]) -> tuple[set[int], set[int]]:
+    """Return the variables that get where the robot is, or a taught position; and those computed from such."""
+    found: set[int] = set()
+    computing: list[list[int]] = []
+    for _, word, rest in instructions:
+        numbers = [int(each[2]) for each in _TAKEN.finditer(rest) if each[2]]
+        if word in _HERE:
+            found.update(numbers)
+        elif word in _AMOUNTS:
+            computing.append(numbers)
+    before = -1
+    while len(found) > before:
+        before = len(found)
+        found |= {numbers[0] for numbers in computing if found.intersection(numbers)}
+    return found, {numbers[0] for numbers in computing if found.intersection(numbers)}
+
+
+def _shift_of(line: int, word: str, rest: str, from_here: set[int], rows: dict[Key, Row]) -> Shift | None:
+    """Return the shift of SFTON or IMOV; None for one along the axes of the tool, which turns with its point."""
+    frame = _FRAME.search(rest)
+    if frame is not None and frame[1] == "TF":
+        return None
+    axes = Axes.USER_FRAME if frame is not None and frame[1] == "UF#" else Axes.BASE
+    turn = _turn_of(rest, rows)
+    if from_here.intersection(int(each[2]) for each in _TAKEN.finditer(rest) if each[2]):
+        turn = None  # the amount itself changes with the points
+    return Shift(line, word, axes, point=_amount(rest), quaternion=turn)
+
+
+def _amount(rest: str) -> str:
+    found = _TAKEN.search(rest)
+    return found[0] if found else rest.partition(" ")[0]
+
+
+def _turn_of(rest: str, rows: dict[Key, Row]) -> Quaternion | None:
+    """Return no turn, or None where the job states an amount that also turns."""
+    found = _TAKEN.search(rest)
+    row = rows.get(("P", int(found[2]))) if found is not None and found[2] and not found[1] else None
+    if row is None or row.held.mode != "RECTAN":
+        return NO_TURN
+    return None if any(float(text) for text in row.text.split(",")[3:6]) else NO_TURN
+
+
+def _move(
+    found: _Found, instruction: tuple[int, str, str], active: list[Shift], rows: dict[Key, Row]
+) -> None:
+    line, word, rest = instruction
+    own = rest[: second.start()] if (second := _SECOND.search(rest)) else rest
+    why = "" if word in _PLAIN else _why_no_place(word).format(word, line)
+    if why and _CHOSEN.search(own):
+        found.all_variables = found.all_variables or _ANY_AMOUNT.format(word, line)
+    for taken in _TAKEN.finditer(own):
+        key = _key(taken)
+        if why:
+            found.barred |= {} if key is None or key in found.barred else {key: why}
+        elif key in rows:
+            found.shifts += [(key, shift) for shift in active]
+        elif taken[2] and int(taken[2]) in found.computed:
+            found.shifts.append((None, Shift(line, word, Axes.BASE, point=taken[0])))
+    if "IMOV" in word and (shift := _shift_of(line, word, own, found.from_here, rows)) is not None:
+        given = _TAKEN.search(own)
+        found.shifts += [] if given is not None and _key(given) in rows else [(None, shift)]
+
+
+def _key(taken: re.Match[str]) -> Key | None:
+    """Return the row that an instruction names; None for a variable of its own."""
+    if taken[1]:
+        return None
+    return ("C", int(taken[3])) if taken[3] else ("P", int(taken[2]))
+
+
+def _why_no_place(word: str) -> str:
+    return next((text for begins, text in _REASONS if word.startswith(begins)), _OTHER_MOTION)
+
+
+def _compute(found: _Found, instruction: tuple[int, str, str]) -> None:
+    line, word, rest = instruction
+    if word in _AMOUNTS and _CHOSEN.search(rest):
+        found.all_variables = found.all_variables or _ANY_AMOUNT.format(word, line)
+    elif word in ("MFRAME", "SETTOOL", "SETUF", "SETUFRM"):
+        made = _MADE.search(rest)
+        kind = "TL" if word == "SETTOOL" else "UF"
+        found.made.append((kind, made[2] if made else "?", _SET_HERE.format(word, line)))

@@ -1,0 +1,128 @@
+"""What a job's instructions do to positions that no coordinate of the file shows. Nothing is executed."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from cellcal.drivers.programs.positions import Remark
+from cellcal.drivers.yaskawa.program_files.job_text import Job
+
+_MOVES = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "SMOVJ", "SMOVL", "SMOVC", "MOV", "REFP"))
+_VARIABLE = re.compile(r"(?<!\$)\b(L?)P(X?)(\d{3,5})\b")
+_NUMBERED = re.compile(r"\b(C|P)(\d{3,5})\b")
+_TOGETHER = re.compile(r"\+S?MOV")
+_INDIRECT = re.compile(r"\bL?(?:P|BP|EX)X?\[")
+_CONVEYED = ("SYSTART", "SYMOVJ", "SYMOVL", "SYMOVC")
+_SHIFTS = {
+    "SFTON": "{} shifts every point that follows, until SFTOF; its amount stays as written.",
+    "MSHIFT": "{} computes a shift from taught points; its amount stays as written.",
+    "IMOV": "{} moves by an increment, from wherever the arm is; its amount stays as written.",
+    **dict.fromkeys(
+        _CONVEYED,
+        "{} follows a conveyor: points hold for one place of the conveyor only; its amount stays as written.",
+    ),
+}
+_COMPUTES = frozenset(
+    (
+        "SETE",
+        "GETE",
+        "SET",
+        "ADD",
+        "SUB",
+        "MUL",
+        "DIV",
+        "GETS",
+        "GETPOS",
+        "CNVRT",
+        "MULMAT",
+        "INVMAT",
+        "MFRAME",
+    )
+)
+_SETS_FRAMES = frozenset(("MFRAME", "SETTOOL", "SETUF", "SETUFRM"))
+_LOOKS = ("VISION", "CALIB", "SEARCH", "ARCSNS", "COMARC")
+_OTHERS = frozenset(("CALL", "PSTART"))
+_WORTH_A_LOOK = re.compile(
+    r"\bL?(?:P|BP|EX)X?(?=\d{3}|\[)|\+S?MOV|"
+    rf"\b(?:{'|'.join((*_SHIFTS, *sorted(_SETS_FRAMES), *_LOOKS, *sorted(_OTHERS)))})\b"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Used:
+    """Variables by number: those that moves of this job go to, and those that are used in any other way."""
+
+    points: frozenset[int]
+    others: frozenset[int]
+    of_second_robot: frozenset[tuple[str, int]]  # rows, by kind and number, that a second robot goes to
+
+
+def remarks_of(job: Job) -> tuple[tuple[Remark, ...], Used]:
+    """Return what else carries or changes positions, and how position variables are used."""
+    remarks = list(_head(job))
+    points: set[int] = set()
+    others: set[int] = set()
+    second: set[tuple[str, int]] = set()
+    two = any(re.match(r"GROUP[2-9]", word) and "RB" in rest for _, word, rest in job.header)
+    for line, text in _lines_worth_a_look(job):
+        word, _, rest = text.partition(" ")
+        variables = _VARIABLE.findall(rest)
+        used = {int(number) for local, _, number in variables if not local}
+        (points if word in _MOVES else others).update(used)
+        remarks += _remark(line, word, rest, bool(variables))
+        if two and (plus := _TOGETHER.search(rest)) is not None:
+            second.update((kind, int(number)) for kind, number in _NUMBERED.findall(rest, plus.end()))
+    return tuple(remarks), Used(frozenset(points - others), frozenset(others), frozenset(second))
+
+
+def _lines_worth_a_look(job: Job) -> Iterable[tuple[int, str]]:
+    """Yield the instructions, without comments, that name a variable or do more than move to a taught point."""
+    text, line, counted, after = job.instructions, job.first_line, 0, 0
+    for found in _WORTH_A_LOOK.finditer(text):
+        if found.start() < after:
+            continue
+        start, stop = text.rfind("\n", 0, found.start()) + 1, text.find("\n", found.start())
+        after = stop if stop >= 0 else len(text)
+        line += text.count("\n", counted, start)
+        counted = start
+        content = " ".join(text[start:after].split())
+        if not content.startswith(("'", "/", "COMM ")):  # COMM: an instruction that is switched off
+            yield line, content
+
+
+def _head(job: Job) -> Iterable[Remark]:
+    for line, word, rest in job.header:
+        if word == "ATTR" and "RJ" in (part.strip() for part in rest.split(",")):
+            yield Remark(
+                line, "relative", "This is a relative job: its points stand in a frame, not in pulses."
+            )
+        elif word == "FRAME":
+            yield Remark(line, "relative", f"The points of this relative job belong to the frame {rest}.")
+        elif re.match(r"GROUP[2-9]", word):
+            yield Remark(line, "foreign", f"A second control group ({rest}) moves with this job.")
+
+
+def _remark(line: int, word: str, rest: str, uses_variable: bool) -> Iterable[Remark]:
+    if _INDIRECT.search(rest):
+        yield Remark(line, "indirect", f"{word} takes a position by a number that is known at run time only.")
+    if word in _SHIFTS:
+        code = "relative" if word in ("IMOV", *_CONVEYED) else "offset"
+        yield Remark(line, code, _SHIFTS[word].format(f"{word} {rest.strip()}"))
+    elif word in _SETS_FRAMES or (word in _COMPUTES and uses_variable):
+        yield Remark(
+            line, "computed", f"{word} {rest.strip()} computes a position, frame or tool at run time."
+        )
+    elif word in _MOVES and uses_variable:
+        yield Remark(
+            line,
+            "position_register",
+            f"{word} goes to a position variable: the controller's value counts, which other jobs may change.",
+        )
+    elif word in _LOOKS:
+        yield Remark(line, "vision", f"{word} {rest.strip()} corrects positions by what a sensor finds.")
+    if word in _MOVES and _TOGETHER.search(rest):
+        yield Remark(line, "foreign", f"{word} moves together with another control group.")
+    if word in _OTHERS:
+        yield Remark(
+            line, "foreign", f"{word} {rest.strip()}: the positions of that job are in its own file."
+        )

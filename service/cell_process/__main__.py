@@ -1,0 +1,87 @@
+"""The desk as a process of its own: orders on standard input, what screens see on standard output, a line each.
+
+Devices, solver and run are here, so that a page that is slow never holds up a capture. The process ends when its
+parent does; a run under way is broken off, the robot stands, and the next desk goes on with it.
+"""
+
+import asyncio
+import contextlib
+import logging
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import orjson
+from pydantic import TypeAdapter, ValidationError
+
+from cellcal.service.cell_process.cell_process import Desk
+from cellcal.service.cell_process.messages import LONGEST_LINE, Command
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.settled import settle
+
+_COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
+
+
+def main(path: str) -> None:
+    """Attend one cell until standard input ends."""
+    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="desk: %(message)s")
+    for library in ("pymodbus", "can", "canopen"):  # the drivers turn what matters into errors of ours
+        logging.getLogger(library).setLevel(logging.CRITICAL)
+    asyncio.run(_attend(Path(path)))
+
+
+async def _attend(path: Path) -> None:
+    write = _writer()
+    desk = Desk(read_cell_file(path), lambda kind, content: write({"told": kind, "content": content}))
+    settle()
+    at_work = asyncio.create_task(desk.attend(), name="desk")
+    lines = await _lines()
+    orders: set[asyncio.Task[None]] = set()
+    while line := await lines.readline():
+        order = asyncio.create_task(_obey(desk, line, write))
+        orders.add(order)
+        order.add_done_callback(orders.discard)
+    at_work.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await at_work
+
+
+async def _obey(desk: Desk, line: bytes, write: Callable[[dict[str, Any]], None]) -> None:
+    asked: Any = None
+    try:
+        asked = orjson.loads(line)
+        if asked.get("ask") == "session":
+            reply: dict[str, Any] = {"ok": True, "session": desk.session()}
+        else:
+            reply = await desk.obey(_COMMAND.validate_python(asked["command"]))
+    except (ValidationError, ValueError, KeyError, AttributeError) as error:
+        reply = {
+            "ok": False,
+            "code": "desk.not_understood",
+            "message": f"The order is not understood: {error}",
+            "remedy": "Load the page again.",
+        }
+    number = asked.get("number") if isinstance(asked, dict) else None
+    write({"number": number, "reply": reply})
+
+
+def _writer() -> Callable[[dict[str, Any]], None]:
+    stream = sys.stdout.buffer
+
+    def write(message: dict[str, Any]) -> None:
+        stream.write(orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY) + b"\n")
+        stream.flush()
+
+    return write
+
+
+async def _lines() -> asyncio.StreamReader:
+    reader = asyncio.StreamReader(limit=LONGEST_LINE)
+    loop = asyncio.get_running_loop()
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
+    return reader
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])

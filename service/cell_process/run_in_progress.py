@@ -1,0 +1,45 @@
+"""Which run was under way, so that a service that was killed goes on with it by itself."""
+
+import json
+import logging
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from cellcal.service.files import replace_file
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """A run that nobody ended."""
+
+    run_id: str
+    robot: str
+    hold_to_move: bool
+
+
+class UnderWay:
+    """One small file; gone while no run is under way."""
+
+    def __init__(self, data_dir: Path) -> None:
+        self._path = data_dir / "under_way.json"
+
+    def keep(self, run_id: str, robot: str, *, hold_to_move: bool) -> None:
+        """Note that a run began."""
+        replace_file(self._path, json.dumps(asdict(Left(run_id, robot, hold_to_move))) + "\n")
+
+    def forget(self) -> None:
+        """Note that it has ended, or that a person ended it."""
+        self._path.unlink(missing_ok=True)
+
+    def left(self) -> Left | None:
+        """Return the run that was under way when the service ended, if it can be read."""
+        try:
+            found = json.loads(self._path.read_text(encoding="utf-8"))
+            return Left(str(found["run_id"]), str(found["robot"]), bool(found["hold_to_move"]))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            _log.warning("which run was under way cannot be read and is ignored: %s", error)
+            return None

@@ -1,0 +1,90 @@
+"""The technician at a screen: questions become a prompt that anybody with the right may answer."""
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from cellcal.drivers.errors import BusyError, RefusedError
+from cellcal.drivers.interfaces import Answer, Instruction, Question
+from cellcal.procedures.shown import Page, StepKind, page_of
+
+
+@dataclass(frozen=True, slots=True)
+class Prompt:
+    """What is asked just now. ``id`` names this very asking: an answer to another one does not count."""
+
+    id: str
+    kind: str  # confirm, enter
+    key: str
+    text: str
+    unit: str
+    step: str
+    page: StepKind = "ask"
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for a screen."""
+        return {**{f.name: getattr(self, f.name) for f in fields(self)}, "data": dict(self.data)}
+
+
+class StalePromptError(RefusedError):
+    """An answer to what is no longer asked."""
+
+    code = "desk.stale"
+
+    def __init__(self) -> None:
+        super().__init__("operator", "this is no longer asked.", remedy="Look at the present step.")
+
+
+class DeskOperator:
+    """Operator. Waits for an answer from a screen; one question at a time."""
+
+    def __init__(self, changed: Callable[[], None]) -> None:
+        self._changed = changed
+        self._count = 0
+        self._answer: asyncio.Future[Answer] | None = None
+        self.prompt: Prompt | None = None
+        self.run_id = ""
+        self.step = ""
+
+    async def confirm(self, instruction: Instruction) -> Answer:
+        return await self._ask("confirm", instruction.key, instruction.text, "", page_of(instruction))
+
+    async def enter(self, question: Question) -> Answer:
+        page = Page("enter", {"count": question.count})
+        return await self._ask("enter", question.key, question.text, question.unit, page)
+
+    def answer(self, prompt_id: str, who: str, value: str) -> None:
+        """Answer what is asked; StalePromptError where something else, or nothing, is."""
+        self._asked(prompt_id).set_result(Answer(who, value))
+
+    def decline(self, prompt_id: str) -> None:
+        """Say no to what is asked."""
+        asked = self._asked(prompt_id)
+        assert self.prompt is not None
+        text = self.prompt.text
+        asked.set_exception(
+            RefusedError(
+                "operator", f"the answer was no: {text}", remedy="Resume the run when it can be done."
+            )
+        )
+
+    def _asked(self, prompt_id: str) -> "asyncio.Future[Answer]":
+        if self.prompt is None or self._answer is None or self._answer.done() or self.prompt.id != prompt_id:
+            raise StalePromptError
+        return self._answer
+
+    async def _ask(self, kind: str, key: str, text: str, unit: str, page: Page) -> Answer:
+        if self.prompt is not None:
+            raise BusyError("operator", f"{self.prompt.key!r} is being asked, {key!r} has to wait.")
+        self._count += 1
+        self._answer = asyncio.get_running_loop().create_future()
+        name = f"{self.run_id}:{self._count}"
+        self.prompt = Prompt(name, kind, key, text, unit, self.step, page.kind, page.data)
+        self._changed()
+        try:
+            return await self._answer
+        finally:
+            self.prompt, self._answer = None, None
+            self._changed()

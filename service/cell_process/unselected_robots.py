@@ -1,0 +1,86 @@
+"""The robots of the cell that are not selected: followed all the same, each over a connection of its own.
+
+What they lose, and whether they stop or are out of reach, is told beside the selected one. Nothing here moves them.
+"""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable
+from typing import Any
+
+from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.interfaces import Condition, Robot
+from cellcal.service.cell_process.live_values import Shown
+from cellcal.service.cell_process.watching import DeskWatch
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.watching.follow import Listener, follow_robot
+
+_log = logging.getLogger(__name__)
+ROLE = "other_robot"
+ELSEWHERE = "another cellcal is connected to it."
+BROKEN = "the program failed: this robot is not watched until the service is started again."
+
+
+class OtherRobots:
+    """Follows all robots but one. A task a robot, so that a slow one holds up nothing."""
+
+    def __init__(
+        self, config: CellConfig, watch: DeskWatch, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._config, self._watch, self._clock = config, watch, clock
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._shown: dict[str, Shown] = {}
+        self._listener = Listener(_log.info, self._looked, self._missed)
+
+    async def follow_all_but(self, selected: str) -> None:
+        """Follow every robot but the selected one, whose link is free when this returns."""
+        await self._leave(selected)
+        for entry in self._config.robots:
+            if entry.name != selected and entry.name not in self._tasks:
+                self._shown[entry.name] = Shown(ROLE, entry.name, live=False)
+                self._tasks[entry.name] = asyncio.create_task(
+                    self._follow(entry), name=f"follow {entry.name}"
+                )
+
+    async def end(self) -> None:
+        """Follow nobody any more."""
+        for name in list(self._tasks):
+            await self._leave(name)
+
+    def as_json(self) -> list[dict[str, Any]]:
+        """Return how they are, as devices of the live message."""
+        now_s = self._clock()
+        return [shown.as_json(now_s) for shown in self._shown.values()]
+
+    async def _leave(self, name: str) -> None:
+        task = self._tasks.pop(name, None)
+        if task is not None:
+            task.cancel()
+            await asyncio.wait({task})
+        self._shown.pop(name, None)
+
+    async def _follow(self, entry: Any) -> None:
+        try:
+            await follow_robot(self._watch.watches, entry, self._listener)
+        except Exception:  # noqa: BLE001  whatever it was, the selected robot's run goes on and the screen says so
+            _log.exception("%s is not followed any more", entry.name)
+            self._shown[entry.name].condition = None
+            self._shown[entry.name].error = BROKEN
+
+    async def _looked(self, robot: Robot, condition: Condition) -> None:
+        shown = self._shown[robot.name]
+        shown.take_condition(condition, self._clock())
+        try:
+            reading = await robot.joints()
+        except DeviceError as error:
+            shown.error, shown.value = error.message, None
+        else:
+            value = {"joints_rad": list(reading.joints_rad), "moving": reading.moving}
+            shown.take(value, self._clock())
+        await self._watch.mend(robot.name)
+
+    def _missed(self, robot: str, condition: Condition | None) -> None:
+        shown = self._shown[robot]
+        shown.condition, shown.value = condition, None
+        shown.error = ELSEWHERE if condition is None else ""

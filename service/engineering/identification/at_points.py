@@ -1,0 +1,117 @@
+"""The points of ``--at``: postures as joints, or as poses of the flange that are brought to joints first."""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, homogeneous
+from cellcal.calibration.orientation import CONVENTIONS, rotation_from
+from cellcal.service.engineering.measured.table import MeasurementError
+
+_PLACE = ("x_mm", "y_mm", "z_mm")
+_QUATERNION = ("qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True, slots=True)
+class AtOptions:
+    """Where to tell the target's place, and how poses are meant."""
+
+    path: Path
+    convention: str = ""  # of the poses' attitude; none: quaternion qw, qx, qy, qz
+    identified: bool = (
+        False  # poses that the identified arm shall reach; else those that a controller is told
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class AtPoints:
+    """The rows of such a file."""
+
+    joints_rad: Array  # (N, n); of poses, once solved
+    base_flange: Array | None  # (N, 4, 4) of a file of poses
+    words: dict[str, tuple[str, ...]]  # columns that are no numbers, such as target
+
+
+def read_points(options: AtOptions, axes: int) -> AtPoints:
+    """Read joints (q1_deg, q2_deg …), or flange poses in the robot's base (x_mm, y_mm, z_mm and an attitude).
+
+    The attitude is qw, qx, qy, qz, or with a convention its own fields in degrees (``W_deg``, ``P_deg``, ``R_deg``).
+
+    Raises
+    ------
+    MeasurementError
+        The file is not there, lacks the columns, or holds what is no finite number.
+    """
+    try:
+        with options.path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as broken:
+        raise MeasurementError(f"{options.path} cannot be read: {broken}") from broken
+    if not rows:
+        raise MeasurementError(f"{options.path} holds no rows.", remedy="Write one point a row.")
+    names, attitude = [f"q{i + 1}_deg" for i in range(axes)], _attitude(options)
+    words = {key: tuple(str(row.get(key) or "") for row in rows) for key in ("target",) if key in rows[0]}
+    if set(names) <= rows[0].keys():
+        joints = np.deg2rad(_numbers(options.path, rows, names))
+        return AtPoints(joints, None, words)
+    if not {*_PLACE, *attitude} <= rows[0].keys():
+        raise MeasurementError(
+            f"{options.path} holds neither joints nor poses.",
+            remedy=f"Joints are columns {', '.join(names)}; poses {', '.join((*_PLACE, *attitude))}.",
+        )
+    places = _numbers(options.path, rows, _PLACE) * 1e-3
+    turns = _numbers(options.path, rows, attitude)
+    turns = turns if len(attitude) == len(_QUATERNION) else np.deg2rad(turns)
+    try:
+        rotations = rotation_from(options.convention or "abb_quaternion", turns)
+    except CalibrationError as broken:
+        raise MeasurementError(f"{options.path}: {broken}") from broken
+    return AtPoints(np.zeros((len(rows), axes)), homogeneous(rotations, places), words)
+
+
+def solved(points: AtPoints, arm: Arm, known_rad: Array) -> Array:
+    """Return the joints (N, n) of all points; an arm reaches poses with its flange.
+
+    Raises
+    ------
+    MeasurementError
+        Poses that are out of reach, named.
+    """
+    if points.base_flange is None:
+        return points.joints_rad
+    found = postures_of_poses(arm, points.base_flange, known_rad)
+    if not found.reached.all():
+        lost = np.flatnonzero(~found.reached)
+        some = ", ".join(str(int(i)) for i in lost[:8]) + (" …" if len(lost) > 8 else "")
+        raise MeasurementError(
+            f"{len(lost)} poses of {len(found.reached)} cannot be reached with the flange (rows {some}, counted "
+            f"from 0; the first misses by {found.position_m[lost[0]] * 1e3:.1f} mm).",
+            remedy="Poses are of the flange in the robot's base, without a tool. See `--at-convention`.",
+        )
+    return found.joints_rad
+
+
+def _attitude(options: AtOptions) -> tuple[str, ...]:
+    if not options.convention:
+        return _QUATERNION
+    if options.convention not in CONVENTIONS:
+        raise MeasurementError(
+            f"no orientation is called {options.convention!r}.", remedy=f"There are {', '.join(CONVENTIONS)}."
+        )
+    fields = CONVENTIONS[options.convention].fields
+    return fields if len(fields) == len(_QUATERNION) else tuple(f"{field}_deg" for field in fields)
+
+
+def _numbers(path: Path, rows: list[dict[str, str]], names: list[str] | tuple[str, ...]) -> Array:
+    try:
+        numbers = np.array([[float(row[name]) for name in names] for row in rows])
+    except (KeyError, TypeError, ValueError) as broken:
+        raise MeasurementError(f"{path} needs numbers in the columns {', '.join(names)}.") from broken
+    if not np.isfinite(numbers).all():
+        raise MeasurementError(f"{path} holds numbers that are not finite.")
+    return numbers

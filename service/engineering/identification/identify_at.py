@@ -1,0 +1,160 @@
+"""How surely an identified arm says where its target is, at every point that is asked for."""
+
+import csv
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Rows
+from cellcal.calibration.identification.reading_prediction import predict_readings
+from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solved
+from cellcal.service.engineering.identification.identify import IdentifyReport
+from cellcal.service.engineering.measured.table import MeasurementError
+
+
+@dataclass(frozen=True, eq=False)
+class TipsAt:
+    """Predicted readings of the target with their uncertainty, the points in the order of the file."""
+
+    joints_rad: Array  # (N, n)
+    positions_m: Array  # (N, 3)
+    sigmas_m: Array  # (N, 3) of each coordinate of a reading: parameters, device, and what the model lacks
+    sigma_m: Array  # (N,) of the distance
+    expanded_m: Array  # (N,) radius in space that holds 95 % of readings
+    parameters_expanded_m: Array  # (N,) the same for the parameters alone, as if the model lacked nothing
+    outside: tuple[int, ...]  # points that turn a joint further than any fitted row
+    far: tuple[int, ...]  # points that are known worse than any posture among the fitted rows
+    frame: str
+    statement: tuple[str, ...]  # what the 95 % are about, and what they do not cover
+
+    def as_document(self) -> dict[str, Any]:
+        """Return the object that ``--json`` holds."""
+        columns = zip(
+            self.positions_m,
+            self.sigmas_m,
+            self.sigma_m,
+            self.expanded_m,
+            self.parameters_expanded_m,
+            strict=True,
+        )
+        return {
+            "frame": self.frame,
+            "probability": 0.95,
+            "statement": list(self.statement),
+            "points": [
+                {
+                    "joints_rad": self.joints_rad[i].tolist(),
+                    "position_m": position.tolist(),
+                    "sigmas_m": sigmas.tolist(),
+                    "sigma_m": float(sigma),
+                    "expanded_m": float(expanded),
+                    "coverage_factor": float(expanded / sigma) if sigma > 0 else 0.0,
+                    "parameters_expanded_m": float(alone),
+                    "extrapolated": i in self.outside,
+                    "far_from_rows": i in self.far,
+                }
+                for i, (position, sigmas, sigma, expanded, alone) in enumerate(columns)
+            ],
+        }
+
+
+def tips_at(options: AtOptions, report: IdentifyReport) -> TipsAt:
+    """Predict readings of the target at the joints, or flange poses, of a CSV file (see `at_points`).
+
+    Raises
+    ------
+    MeasurementError
+        The file has no points that can be read, or poses that are out of reach.
+    """
+    found = report.identification
+    state = found.state
+    points = read_points(options, state.nominal.axes)
+    arm = replace(Arm.of_state(state), flange_tip=np.eye(4)) if options.identified else Arm(state.nominal)
+    joints = solved(points, arm, found.robust.problem.observations.joints_rad)
+    readings = predict_readings(found, joints)
+    lengths = report.measurements.observations.kind == "length"
+    error = readings.model_error
+    learnt = f"{error.rows} rows held out among their neighbours"
+    if error.far_rows:
+        learnt += f" and {error.far_rows} in regions held out whole"
+    return tips_of(
+        joints,
+        readings.positions_m,
+        (readings.covariances_m2, readings.expanded_m, readings.parameters_expanded_m),
+        (np.flatnonzero(readings.beyond), np.flatnonzero(readings.far)),
+        "robot base" if lengths else "measuring device",
+        statement_of(learnt, report.rows, len(report.rejected), far=bool(readings.far.any())),
+    )
+
+
+def tips_of(
+    joints_rad: Array,
+    positions_m: Array,
+    spread: tuple[Array, Array, Array],
+    marked: tuple[Rows, Rows],
+    frame: str,
+    statement: tuple[str, ...],
+) -> TipsAt:
+    """Return predictions from their covariances (N, 3, 3) and both radii (N,), and from the points marked."""
+    covariances, expanded, alone = spread
+    outside, far = marked
+    variances = np.maximum(np.einsum("nii->ni", covariances), 0.0)
+    return TipsAt(
+        joints_rad,
+        positions_m,
+        np.sqrt(variances),
+        np.sqrt(variances.sum(axis=1)),
+        expanded,
+        alone,
+        tuple(int(i) for i in outside),
+        tuple(int(i) for i in far),
+        frame,
+        statement,
+    )
+
+
+def statement_of(learnt: str, rows: int, rejected: int, *, far: bool) -> tuple[str, ...]:
+    """Say what the 95 % are about, and what they do not cover."""
+    said = [
+        "95 %: a further reading of the same target by the same device lies within this distance in space, all "
+        f"coordinates together; parameters, device and what the model lacks are counted, the last from {learnt}."
+    ]
+    if rejected:
+        said.append(f"Not covered: readings such as the {rejected} of {rows} that were rejected.")
+    if far:
+        said.append(
+            "Points marked * turn a joint further than any fitted row, or are known worse than the postures among "
+            "the rows: what levels of the model disagree about is added there, but no row proves it."
+        )
+    said.append(
+        "Not covered: another payload, another temperature, wear, or a device or target that was moved since."
+    )
+    return tuple(said)
+
+
+def write_tips(tips: TipsAt, path: Path) -> None:
+    """Write the points as CSV: degrees and millimetres.
+
+    Raises
+    ------
+    MeasurementError
+        The file is there already.
+    """
+    if path.exists():
+        raise MeasurementError(f"{path} is there already.", remedy="Name a file that does not exist.")
+    names = [f"q{i + 1}_deg" for i in range(tips.joints_rad.shape[1])]
+    names += ["x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_mm", "u95_mm"]
+    names += ["extrapolated", "u95_parameters_mm", "far_from_rows"]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        for i, joints in enumerate(np.rad2deg(tips.joints_rad)):
+            sizes = [*tips.positions_m[i], *tips.sigmas_m[i], tips.sigma_m[i], tips.expanded_m[i]]
+            numbers = [*(f"{v:.6f}" for v in joints), *(f"{v * 1e3:.5f}" for v in sizes)]
+            marks = ["yes" if i in marked else "no" for marked in (tips.outside, tips.far)]
+            alone = f"{tips.parameters_expanded_m[i] * 1e3:.5f}"
+            writer.writerow([*numbers, marks[0], alone, marks[1]])

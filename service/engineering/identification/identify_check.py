@@ -1,0 +1,243 @@
+"""The finished model on another file, and the notes that a fit's residuals give."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification import lints
+from cellcal.calibration.identification.cross_validation import Errors, Grouping, group_rows, same_postures
+from cellcal.calibration.identification.drift_lint import order_drift, temperature_drift
+from cellcal.calibration.identification.effect_lint import misfit_notes
+from cellcal.calibration.identification.estimator import Problem, errors_m, estimate, whitened_residuals
+from cellcal.calibration.identification.identify import Identification
+from cellcal.calibration.identification.lints import Lint
+from cellcal.calibration.identification.misfit import FileNames, refuse_misfit
+from cellcal.calibration.identification.observations import Observations, Rows, with_joints, with_mounting
+from cellcal.calibration.identification.parameters import FRAMES, ArmState, make_layout
+from cellcal.calibration.identification.residual_model import errors_with
+from cellcal.calibration.identification.series_breaks import assign_mountings
+from cellcal.calibration.identification.sweep_lint import sweep_lint
+from cellcal.calibration.identification.temperature import TemperatureEffect, temperature_note
+from cellcal.calibration.identification.unrounding import unround_joints
+from cellcal.service.engineering.identification.identify_start import Start
+from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions, read_measurements
+from cellcal.service.engineering.measured.table import MeasurementError
+
+_ENOUGH_TO_PLACE = 30  # check rows
+_MOVED = 1.5  # times better with device and target placed anew: one of them was moved
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Measurements with sharpened joints, groups by the joints as written, and what was noticed."""
+
+    measurements: Measurements
+    observations: Observations
+    grouping: Grouping
+    noticed: tuple[Lint, ...]
+    effect: TemperatureEffect | None = None  # taken out of the observations
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """Errors of another file's rows, by the finished model."""
+
+    errors_m: Array  # (N,)
+    groups: Rows
+    with_residual: Errors | None
+    lints: tuple[Lint, ...]
+
+
+def prepare(path: Path, model: RobotModel, options: ReadOptions) -> Prepared:
+    """Read a file, look it over, and sharpen rounded joints with the controller's positions.
+
+    Raises
+    ------
+    MeasurementError
+        The file cannot be understood.
+    """
+    measurements = read_measurements(path, model, options)
+    raw = measurements.observations
+    noticed = [
+        *lints.sign_flips(raw.joints_rad, model.joint_names),
+        *lints.duplicates(raw.joints_rad),
+        *lints.rounding_floor(model, raw.joints_rad, measurements.joint_step_rad, measurements.value_step_m),
+    ]
+    observations = raw
+    if measurements.controller_m is not None and len(raw) >= 8:
+        known = np.isfinite(measurements.controller_m).all(axis=1)
+        if known.all():
+            sharp = unround_joints(
+                model,
+                raw.joints_rad,
+                measurements.joint_step_rad,
+                measurements.controller_m,
+                measurements.controller_step_m,
+            )
+            observations = with_joints(raw, sharp.joints_rad)
+            noticed += lints.controller_positions(
+                sharp.doubtful_rows, sharp.disagreement_m, used=sharp.useful
+            )
+    grouping = group_rows(raw.joints_rad, measurements.groups)
+    return Prepared(measurements, observations, grouping, in_file(noticed, measurements))
+
+
+def file_names(measurements: Measurements) -> FileNames:
+    """Return what a file calls its columns and units, for cures that can be typed."""
+    layout, units = measurements.layout, measurements.units
+    return FileNames(
+        layout.as_typed(layout.joints),
+        layout.as_typed(layout.position) or ("X", "Y", "Z"),
+        units.get("length" if layout.length else "position", ""),
+        units.get("joints", ""),
+    )
+
+
+def at_temperature(prepared: Prepared, effect: TemperatureEffect) -> Prepared:
+    """Return measurements brought to the temperature of an effect; without a column of temperatures as they are."""
+    temperature = prepared.measurements.temperature
+    if temperature is None:
+        return prepared
+    return replace(prepared, observations=effect.without(prepared.observations, temperature), effect=effect)
+
+
+def in_file(found: Sequence[Lint], measurements: Measurements) -> tuple[Lint, ...]:
+    """Return notes about usable rows with the rows' numbers in the file."""
+    return tuple(
+        Lint(lint.code, lint.message, tuple(int(measurements.rows[row]) for row in lint.rows))
+        for lint in found
+    )
+
+
+def seen_before(measurements: Measurements, train: Rows, held: Rows) -> list[Lint]:
+    """Name held-out rows in a posture that was fitted."""
+    postures = same_postures(measurements.observations.joints_rad)
+    again = held[np.isin(postures[held], postures[train])]
+    if not len(again):
+        return []
+    return [
+        Lint(
+            "leakage",
+            f"{len(again)} held-out rows repeat a posture that was fitted: without --train-rows such rows stay "
+            "together.",
+            tuple(int(row) for row in measurements.rows[again]),
+        )
+    ]
+
+
+def errors_of(state: ArmState, observations: Observations) -> Array:
+    """Return the errors (N,) [m] of rows by a state."""
+    return errors_m(state, Problem.of(state, observations))
+
+
+def lints_of_fit(found: Identification, before_m: Array, fitted: Prepared, train: Rows) -> tuple[Lint, ...]:
+    """Return what the residuals of a fit say about measurements and model."""
+    measurements = fitted.measurements
+    kept = np.ones(len(train), dtype=bool)
+    kept[found.rejected] = False
+    residuals = whitened_residuals(found.state, found.robust.problem)[:, kept]
+    seen = found.robust.problem.observations
+    left_m = residuals[:3] * seen.sigma_m[kept]
+    groups = found.grouping.groups[kept]
+    return (
+        *lints.not_a_measurement(before_m, measurements.value_step_m),
+        *lints.alike_neighbours(residuals),
+        *sweep_lint(
+            seen.joints_rad[kept],
+            left_m,
+            groups,
+            found.state.nominal.joint_names,
+            lengths=seen.kind == "length",
+        ),
+        *_temperature(fitted, train[kept], left_m, groups),
+        *order_drift(left_m, groups),
+        *misfit_notes(found.misfit, len(train), len(found.rejected)),
+    )
+
+
+def _temperature(fitted: Prepared, rows: Rows, left_m: Array, groups: Rows) -> list[Lint]:
+    temperature = fitted.measurements.temperature
+    if fitted.effect is not None:
+        return temperature_note(fitted.effect)
+    return temperature_drift(None if temperature is None else temperature[rows], left_m, groups)
+
+
+def lints_of_start(found: Identification, start: Start) -> list[Lint]:
+    """Name what these rows contradict of an earlier fit, whose deviations were taken as this one's priors."""
+    if not found.contradicted:
+        return []
+    worst = found.contradicted[0]
+    return [
+        Lint(
+            "arm_changed",
+            f"these rows contradict {start.name}: they want {worst.parameter} off by "
+            f"{np.rad2deg(worst.moved_rad):+.3f} deg. If that joint was mastered since, find it anew with "
+            f'--free "{worst.parameter}"; if not, one of the two measurements is wrong.',
+        )
+    ]
+
+
+def check_file(path: Path, read: ReadOptions, found: Identification, fitted: Prepared) -> Checked:
+    """Evaluate the finished model, frames included, on another file.
+
+    Raises
+    ------
+    MeasurementError
+        The file cannot be understood, or holds what another instrument measured.
+    """
+    other = prepare(path, found.state.nominal, read)
+    refuse_misfit(found.state.nominal, other.observations, file_names(other.measurements))
+    if fitted.effect is not None:
+        other = at_temperature(other, fitted.effect)
+    if (other.observations.kind == "length") != (fitted.observations.kind == "length"):
+        raise MeasurementError(
+            f"{path} holds {other.observations.kind}s, not {fitted.observations.kind}s as the fit.",
+            remedy="Check with a file of the same instrument.",
+        )
+    pair = fitted.measurements.observations.joints_rad, other.measurements.observations.joints_rad
+    noticed = [*lints.leakage(*pair), *lints.beyond_fitted_range(*pair)]
+    count = len(other.observations)
+    by_mounting = np.array(
+        [
+            errors_of(found.state, with_mounting(other.observations, np.full(count, mounting)))
+            for mounting in range(len(found.state.devices))
+        ]
+    )
+    chosen = assign_mountings(by_mounting, max(found.fit.rmse_m, 1e-6))
+    sizes = by_mounting[chosen, np.arange(count)]
+    noticed += _moved(found, other.observations, Errors.of(sizes))
+    if len(by_mounting) > 1:
+        parts = ", ".join(f"{int((chosen == i).sum())} rows on mounting {i + 1}" for i in np.unique(chosen))
+        noticed.append(
+            Lint("check_mounting", f"the device had several mountings; the check file fits {parts}.")
+        )
+    smooth = None
+    if found.residual is not None:
+        seen = with_mounting(other.observations, chosen)
+        smooth = Errors.of(errors_with(found.residual.model, found.state, seen))
+    return Checked(sizes, other.grouping.groups, smooth, tuple(noticed))
+
+
+def _moved(found: Identification, observations: Observations, stood: Errors) -> list[Lint]:
+    anew = _placed_anew(found, observations)
+    if len(observations) < _ENOUGH_TO_PLACE or stood.rmse_m <= _MOVED * anew.rmse_m:
+        return []
+    return [
+        Lint(
+            "check_moved",
+            f"with device and target placed anew the check file fits to {anew.rmse_m * 1e3:.3f} mm (RMSE), as they "
+            f"stood to {stood.rmse_m * 1e3:.3f} mm: was one of them moved between the files?",
+        )
+    ]
+
+
+def _placed_anew(found: Identification, observations: Observations) -> Errors:
+    """Return the errors of the identified arm when base or anchor, and tool, are fitted to the check rows."""
+    state = replace(found.state, devices=found.state.devices[:1])
+    layout = make_layout(state.nominal, observations.kind, 1, level=FRAMES)
+    problem = Problem.of(state, observations)
+    return Errors.of(errors_m(estimate(layout, state, problem).state, problem))

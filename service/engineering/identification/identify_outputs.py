@@ -1,0 +1,82 @@
+"""What an identification leaves behind: a parameter set of the robot, and a calibrated description."""
+
+import hashlib
+from pathlib import Path
+
+from cellcal.calibration.arm.urdf import bare_urdf
+from cellcal.calibration.identification.parameters import FRAMES
+from cellcal.service.engineering.identification.identify import IdentifyReport
+from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
+from cellcal.service.engineering.parameters.parameter_files import Who
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets
+
+
+def save_identification(report: IdentifyReport, measurements: Path, folder: Path, who: Who) -> ParameterSet:
+    """Save the identified parameters as the robot's newest version.
+
+    Raises
+    ------
+    MeasurementError
+        Nothing about the arm was identified.
+    """
+    _refuse_frames(report)
+    nominal = report.identification.state.nominal
+    digest = hashlib.sha256(measurements.read_bytes()).hexdigest()
+    draft = ParameterSet(
+        robot_serial=who.robot_serial,
+        model=nominal.name,
+        nominal_sha256=nominal_sha256(nominal),
+        made_at=who.made_at,
+        made_by=who.made_by,
+        source=f"identification: {measurements.name}, sha256 {digest}",
+        # Zero and scale belong to the wire, not to the arm.
+        values=values_of_identification(
+            (p for p in report.parameters if not p.name.startswith("wire ")),
+            report.identification.robust.fit,
+        ),
+        note=who.note,
+    )
+    return ParameterSets(folder).save(draft)
+
+
+def write_identified_urdf(report: IdentifyReport, path: Path, *, geometric_joints: bool = False) -> list[str]:
+    """Write the identified arm as a bare description; return what it cannot hold.
+
+    Raises
+    ------
+    MeasurementError
+        Nothing about the arm was identified.
+    CalibrationError
+        The arm couples joints, and ``geometric_joints`` was not asked for.
+    """
+    _refuse_frames(report)
+    state = report.identification.state
+    path.write_text(bare_urdf(state.arm, geometric_joints=geometric_joints), encoding="utf-8")
+    kinds = {"gravity": "sag", "harmonic": "ripple", "gear": "gear ratios"}
+    return sorted({kinds[term.kind] for term in state.terms})
+
+
+def refuse_to_keep(save: Path | None, urdf: Path | None) -> None:
+    """Refuse, before any work, to keep an arm whose residual model would be lost.
+
+    Raises
+    ------
+    MeasurementError
+        A parameter set or a description was asked for.
+    """
+    wanted = [option for option, path in (("--save", save), ("--urdf", urdf)) if path is not None]
+    if wanted:
+        raise MeasurementError(
+            f"a residual model cannot be kept by {' and '.join(wanted)}: parameter sets and descriptions hold the "
+            "arm's parameters only, and `program compensate` works with these alone.",
+            remedy="Leave out `--residual-model` to keep the arm, or leave out the other to see what it would gain.",
+        )
+
+
+def _refuse_frames(report: IdentifyReport) -> None:
+    if report.level == FRAMES:
+        raise MeasurementError(
+            "no parameter of the arm predicts unseen rows better than its nominal one: there is nothing to save.",
+            remedy="Measure more postures and more exactly, or ask for a `--level`.",
+        )

@@ -1,0 +1,320 @@
+"""The use case behind ``cellcal poses``: candidates, choice, prediction, order of travel. Prints nothing."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.arm.urdf import read_urdf
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.identifiability import NotIdentified
+from cellcal.calibration.identification.observations import Observations, with_mounting
+from cellcal.calibration.identification.parameters import GEOMETRY
+from cellcal.calibration.motion.collision import CollisionCheck, assumed_shape
+from cellcal.calibration.motion.description_collision import DescriptionCheck
+from cellcal.calibration.motion.motion_check import MotionLimits, WirePath
+from cellcal.calibration.poses.enough_poses import Acceptance, enough_poses
+from cellcal.calibration.poses.measurement_poses import (
+    Criterion,
+    Instrument,
+    Outlook,
+    PosePlan,
+    Prediction,
+    TestPoses,
+    choose_poses,
+    measurable_postures,
+    outlook_after,
+    outlook_on,
+    plan_efficiency,
+    predict,
+)
+from cellcal.service.configuration.cell_shapes import read_cell_shape
+from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
+
+Place = tuple[float, float, float]
+_TEST_POSES = 200
+_RANDOM_PLANS = 20
+_SAME_FLANGE_M = 0.02
+
+
+class PlanError(CellError):
+    """The request cannot be understood; the user can mend it."""
+
+    code = "usage"
+
+
+@dataclass(frozen=True, slots=True)
+class Description:
+    """A URDF whose collision shapes are those of the arm."""
+
+    path: Path
+    tip_link: str
+    mesh_folders: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class PlanRequest:
+    """What a person may ask of a plan; SI."""
+
+    robot: str
+    instrument: Instrument
+    tool_in_flange_m: Place = (0.0, 0.0, 0.0)
+    wire_range_m: float | None = None
+    poses: int = 30
+    acceptance: Acceptance | None = None  # given: as few poses as it needs, at most ``poses``
+    criterion: Criterion | None = None
+    level: int = GEOMETRY
+    drop_redundant: bool = False
+    candidates: int = 1000
+    seed: int = 1
+    after: Path | None = None
+    tests: Path | None = None
+    shape: Path | None = None
+    description: Description | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PlanReport:
+    """A plan, what it promises, and what was not checked."""
+
+    request: PlanRequest
+    plan: PosePlan | None  # None: the acceptance is not reachable
+    reason: str  # about the acceptance; empty without one
+    prediction: Prediction
+    not_identified: tuple[NotIdentified, ...]
+    before: Prediction
+    random: Prediction | None  # the median of as many poses drawn at random
+    efficiency: float | None
+    order: tuple[int, ...]  # of the plan's rows, for short ways
+    ways_free: tuple[
+        bool, ...
+    ]  # of the way to each pose in that order from the one before; the first is unknown
+    candidates: int
+    not_checked: tuple[str, ...] = field(default=())
+
+    def as_document(self) -> dict[str, Any]:
+        """Return the object that ``--json`` prints."""
+        poses = [] if self.plan is None else np.rad2deg(self.plan.joints_rad[list(self.order)]).tolist()
+        return {
+            "robot": self.request.robot,
+            "reachable": self.plan is not None,
+            "reason": self.reason,
+            "criterion": None if self.plan is None else str(self.plan.criterion),
+            "poses_deg": poses,
+            "ranks": [rank + 1 for rank in self.order],
+            "ways_free": list(self.ways_free),
+            "prediction": asdict(self.prediction),
+            "not_identified": [asdict(item) for item in self.not_identified],
+            "before": asdict(self.before),
+            "random": None if self.random is None else asdict(self.random),
+            "efficiency": self.efficiency,
+            "candidates": self.candidates,
+            "not_checked": list(self.not_checked),
+        }
+
+
+def plan_poses(request: PlanRequest) -> PlanReport:
+    """Plan measurement poses, and predict what they will tell.
+
+    Raises
+    ------
+    CellError
+        A file or a number of the request is wrong, or no posture is left.
+    """
+    if not 1 <= request.poses <= request.candidates:
+        raise PlanError(f"{request.poses} poses cannot be chosen from {request.candidates} candidates.")
+    model = load_model(request.robot)
+    outlook = _outlook(request, model)
+    limits, check = MotionLimits(wire=_wire(request)), _check(request, model)
+    described = _described(request, model, check)
+    filters = (check.free,) if described is None else (check.free, described.free)
+    tip = request.tool_in_flange_m
+    drawn = measurable_postures(
+        model, limits, request.candidates, tip_in_flange_m=tip, filters=filters, seed=request.seed
+    )
+    tests = TestPoses(_test_joints(request, model, check))
+    before = predict(outlook, tests)
+    plan, prediction, reason, after = _choose(request, outlook, drawn, tests)
+    order: tuple[int, ...] = ()
+    free: tuple[bool, ...] = ()
+    if plan is not None and len(plan.indices):
+        order = visiting_order(model, plan.joints_rad)
+        free = (True, *(bool(way) for way in check.ways_free(plan.joints_rad[list(order)])))
+    return PlanReport(
+        request,
+        plan,
+        reason,
+        prediction,
+        after.not_identified(),
+        before,
+        _random(outlook, drawn, tests, plan),
+        plan_efficiency(outlook, drawn, plan, tests) if order and plan is not None else None,
+        order,
+        free,
+        len(drawn),
+        _not_checked(check, described),
+    )
+
+
+def visiting_order(model: RobotModel, joints_rad: Array) -> tuple[int, ...]:
+    """Return an order with short ways: the next pose is the one that the slowest joint reaches soonest."""
+    left = list(range(len(joints_rad)))
+    order = [left.pop(0)]
+    while left:
+        times = np.abs(joints_rad[left] - joints_rad[order[-1]]) / model.max_speed_rad_s
+        order.append(left.pop(int(np.argmin(times.max(axis=1)))))
+    return tuple(order)
+
+
+def write_plan(path: Path, report: PlanReport) -> None:
+    """Write the poses as CSV in the order of travel; the file must not exist."""
+    if report.plan is None:
+        raise PlanError("there is no plan to write.")
+    joints = np.rad2deg(report.plan.joints_rad)
+    try:
+        file = path.open("x", newline="", encoding="utf-8")
+    except FileExistsError as taken:
+        raise PlanError(f"{path} is there already.", remedy="Choose another name.") from taken
+    with file:
+        writer = csv.writer(file)
+        writer.writerow([*(f"q{i + 1}_deg" for i in range(joints.shape[1])), "rank", "way_checked"])
+        for rank, free in zip(report.order, report.ways_free, strict=True):
+            writer.writerow([*(f"{v:.4f}" for v in joints[rank]), rank + 1, "free" if free else "blocked"])
+
+
+def read_joints(path: Path, axes: int) -> Array:
+    """Read joints from CSV with columns q1_deg, q2_deg …; others are ignored. Returns (T, n) [rad]."""
+    names = [f"q{i + 1}_deg" for i in range(axes)]
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = [[float(row[name]) for name in names] for row in csv.DictReader(file)]
+    except OSError as broken:
+        raise PlanError(f"{path} cannot be read: {broken}") from broken
+    except (KeyError, TypeError, ValueError) as broken:
+        raise PlanError(f"{path} needs numbers in the columns {', '.join(names)}.") from broken
+    if not rows or not np.isfinite(rows).all():
+        raise PlanError(f"{path} holds no rows, or numbers that are not finite.")
+    return np.deg2rad(rows)
+
+
+def _outlook(request: PlanRequest, model: RobotModel) -> Outlook:
+    if request.after is None:
+        return outlook_on(
+            model,
+            request.instrument,
+            tool_in_flange_m=request.tool_in_flange_m,
+            level=request.level,
+            drop_redundant=request.drop_redundant,
+        )
+    found = identify_file(request.after, request.robot, IdentifyOptions(level=request.level))
+    fit = found.identification.robust.fit
+    if fit.layout.kind != request.instrument.kind:
+        raise PlanError(
+            f"{request.after} holds {fit.layout.kind}s, the plan is for {request.instrument.kind}s."
+        )
+    last = len(fit.state.devices) - 1
+
+    def observe(joints_rad: Array) -> Observations:
+        seen = request.instrument.observe(joints_rad)
+        return with_mounting(seen, np.full(len(joints_rad), last, dtype=np.intp))
+
+    return outlook_after(fit, observe)
+
+
+def _wire(request: PlanRequest) -> WirePath | None:
+    if request.instrument.kind != "length":
+        return None
+    if request.wire_range_m is None:
+        raise PlanError("the range of the wire is not given.", remedy="Give --wire-range-mm.")
+    anchor = request.instrument.anchor_in_base_m
+    return WirePath(anchor, request.tool_in_flange_m, request.wire_range_m)
+
+
+def _check(request: PlanRequest, model: RobotModel) -> CollisionCheck:
+    tip, wire = request.tool_in_flange_m, _wire(request)
+    if request.shape is None:
+        shape = assumed_shape(model, tip_in_flange_m=tip, wire=wire)
+    else:
+        shape = read_cell_shape(request.shape, model, tip_in_flange_m=tip, wire=wire)
+    return CollisionCheck.prepare(model, shape)
+
+
+def _described(request: PlanRequest, model: RobotModel, check: CollisionCheck) -> DescriptionCheck | None:
+    if request.description is None:
+        return None
+    wanted = request.description
+    try:
+        arm = read_urdf(wanted.path.read_text(encoding="utf-8"), tip_link=wanted.tip_link)
+    except (OSError, UnicodeDecodeError) as broken:
+        raise PlanError(f"{wanted.path} cannot be read: {broken}") from broken
+    coupling = model.joint_coupling
+    plain = np.allclose(coupling, np.diag(np.diag(coupling)))
+    matrix = np.eye(model.axes) if plain else coupling
+    _same_arm(model, arm.model, matrix)
+    return DescriptionCheck.prepare(
+        arm, check.shape.obstacles, mesh_folders=wanted.mesh_folders, joint_matrix=matrix,
+        margin_m=check.shape.margin_m,
+    )  # fmt: skip
+
+
+def _same_arm(model: RobotModel, described: RobotModel, matrix: Array) -> None:
+    joints = np.random.default_rng(0).uniform(-1, 1, (20, model.axes))
+    if described.axes == model.axes:
+        apart = model.base_flange(joints) - described.base_flange(joints @ matrix.T)
+        if np.abs(apart[:, :3, 3]).max() < _SAME_FLANGE_M:
+            return
+    raise PlanError(
+        f"the description does not move its flange as {model.name} does.",
+        remedy="Name the link at the flange; its root must be the robot's base.",
+    )
+
+
+def _not_checked(check: CollisionCheck, described: DescriptionCheck | None) -> tuple[str, ...]:
+    if described is None:
+        return check.not_checked
+    return (*check.not_checked, *(f"in the description: {words}" for words in described.not_checked),
+            "ways between poses are not checked with the shapes of the description")  # fmt: skip
+
+
+def _test_joints(request: PlanRequest, model: RobotModel, check: CollisionCheck) -> Array:
+    if request.tests is not None:
+        return read_joints(request.tests, model.axes)
+    return measurable_postures(
+        model, MotionLimits(), _TEST_POSES, filters=(check.free,), seed=request.seed + 1
+    )
+
+
+def _choose(
+    request: PlanRequest, outlook: Outlook, drawn: Array, tests: TestPoses
+) -> tuple[PosePlan | None, Prediction, str, Outlook]:
+    if request.acceptance is None:
+        plan = choose_poses(
+            outlook, drawn, request.poses, tests, criterion=request.criterion or Criterion.TEST_POSES
+        )
+        return plan, plan.prediction, "", plan.after
+    found = enough_poses(
+        outlook, drawn, request.acceptance, tests, most=request.poses, criterion=request.criterion
+    )
+    return found.plan, found.prediction, found.reason, found.after
+
+
+def _random(outlook: Outlook, drawn: Array, tests: TestPoses, plan: PosePlan | None) -> Prediction | None:
+    if plan is None or not len(plan.indices):
+        return None
+    generator = np.random.default_rng(0)
+    draws: Sequence[Prediction] = sorted(
+        (
+            predict(
+                outlook.with_measured(drawn[generator.choice(len(drawn), len(plan.indices), replace=False)]),
+                tests,
+            )
+            for _ in range(_RANDOM_PLANS)
+        ),
+        key=lambda prediction: prediction.tip_rms_m,
+    )
+    return draws[_RANDOM_PLANS // 2]

@@ -1,0 +1,289 @@
+"""A file of rows, read by the layout of a cell: each reading becomes series of one device and one target."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.cells.cell import Cell, CellDevice, CellRobot, CellTarget, CellTool, Series
+from cellcal.calibration.cells.contact_observations import (
+    BarLengths,
+    CellObservations,
+    GuidedLengthObservations,
+    PinTouches,
+    PlaneContacts,
+    SphereContacts,
+)
+from cellcal.calibration.cells.places import Place
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import (
+    LengthObservations,
+    PointObservations,
+    PoseObservations,
+    Rows,
+)
+from cellcal.calibration.orientation import CONVENTIONS, rotation_from
+from cellcal.service.engineering.measured.cells import CellLayoutFile, Named, Reading
+from cellcal.service.engineering.measured.joint_coupling import controller_joints
+from cellcal.service.engineering.measured.no_readings import no_readings
+from cellcal.service.engineering.measured.table import MeasurementError, Table, read_table
+from cellcal.service.engineering.measured.typed_columns import columns_typed
+from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
+
+_UNITS = {**ANGLE_UNITS, **LENGTH_UNITS}
+_UNBELIEVABLE = 1e9
+
+
+@dataclass(frozen=True, eq=False)
+class CellMeasurements:
+    """A cell from a file; ``lines`` of every series say where its rows stand in the file, counted from one."""
+
+    cell: Cell
+    lines: Mapping[str, Rows]
+    read: int
+    left_out: tuple[tuple[str, int], ...]  # reading, and how many rows it did not fill
+    standings: Mapping[
+        str, tuple[str, ...]
+    ]  # of every device, what the layout calls it at each of its places
+
+
+def read_cell(path: Path, layout: CellLayoutFile, robot: str) -> CellMeasurements:
+    """Read the rows of a cell; ``robot`` is the model of every robot whose entry names none.
+
+    Raises
+    ------
+    MeasurementError
+        A column, or a name in one, that the file or the layout does not have.
+    CalibrationError
+        No such robot model; or what a `Cell` refuses.
+    """
+    table = read_table(path, sheet=layout.sheet)
+    file = _File(path, table, layout)
+    robots = layout.robots or (Named("robot", None),)
+    models = {entry.name: load_model(entry.words.get("model", robot)) for entry in robots}
+    parts = [part for reading in layout.readings for part in file.parts(reading, models)]
+    if not parts:
+        raise MeasurementError(
+            f"{path}: no reading of the layout fills a row.", remedy="Check columns and where."
+        )
+    tools = {
+        tool.name: CellTool(tool.name, tool.words.get("robot", robots[0].name), tool.place)
+        for tool in layout.tools
+    }
+    targets = [CellTarget(t.name, t.words["tool"], t.place) for t in layout.targets if t.place is not None]
+    known = {*tools, *(target.name for target in targets)}
+    for part in parts:
+        if part.target not in known:
+            tools.setdefault(part.target, CellTool(part.target, part.robot))
+    standings = _standings(path, layout, parts)
+    owner = {name: device for device, names in standings.items() for name in names}
+    entries = {device.name: device for device in layout.devices}
+    cell = Cell(
+        [CellRobot(entry.name, models[entry.name], entry.place) for entry in robots],
+        list(tools.values()),
+        [
+            CellDevice(
+                device,
+                tuple(_place(name, entries.get(name), parts) for name in names),
+                entries[device].numbers if device in entries else {},
+            )
+            for device, names in standings.items()
+        ],
+        [
+            Series(
+                part.name,
+                owner[part.device],
+                part.target,
+                _mounted(part.observations, standings[owner[part.device]].index(part.device)),
+                groups=part.groups,
+            )
+            for part in parts
+        ],
+        targets,
+    )
+    return CellMeasurements(
+        cell,
+        {part.name: part.lines for part in parts},
+        len(table),
+        tuple(file.left_out.items()),
+        standings,
+    )
+
+
+def _standings(path: Path, layout: CellLayoutFile, parts: list["_Part"]) -> dict[str, tuple[str, ...]]:
+    """Return the names under which every device stands somewhere: it and its moves, as far as rows use them."""
+    entries = {device.name: device for device in layout.devices}
+    found: dict[str, list[str]] = {}
+    for name in dict.fromkeys(part.device for part in parts):
+        device = entries[name].words.get("moved", name) if name in entries else name
+        if device in entries and "moved" in entries[device].words:
+            raise MeasurementError(
+                f"{path}: device {name!r} is moved from {device!r}, which was moved itself.",
+                remedy=f"Write moved = {entries[device].words['moved']!r}.",
+            )
+        found.setdefault(device, []).append(name)
+    return {device: tuple(names) for device, names in found.items()}
+
+
+def _mounted(seen: CellObservations, mounting: int) -> CellObservations:
+    return replace(seen, mounting=np.full(len(seen), mounting, dtype=np.intp))
+
+
+def _place(name: str, entry: Named | None, parts: list["_Part"]) -> Place:
+    """Return where a device stands; a place without attitude will do for a point, not for a frame or an axis."""
+    if entry is None:
+        return Place.unknown()
+    turning = any(part.device == name and set(part.observations.place_axes) - {0, 1, 2} for part in parts)
+    place = entry.place
+    if place is not None and turning and not entry.turned:
+        if np.isfinite(place.sigma[:3]).any():
+            raise MeasurementError(
+                f"device {name!r}: what it reads depends on its attitude, which is missing.",
+                remedy="Write quaternion = [w, x, y, z] beside place_mm, or leave known_to_mm out.",
+            )
+        place = None
+    return place or Place.unknown()
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    name: str
+    device: str
+    target: str
+    robot: str
+    observations: CellObservations
+    lines: Rows
+    groups: Rows | None
+
+
+class _File:
+    """A table with its layout."""
+
+    def __init__(self, path: Path, table: Table, layout: CellLayoutFile) -> None:
+        self._path, self._table, self._layout = path, table, layout
+        self.left_out: dict[str, int] = {}
+
+    def parts(self, reading: Reading, models: Mapping[str, RobotModel]) -> Iterator[_Part]:
+        """Yield one part for every device, target and robot that the rows of a reading name."""
+        rows = self._filled(reading)
+        words = {key: self._words(key, rows) for key in ("robot", "device", "target")}
+        named = {
+            "robot": words["robot"] or [next(iter(models))] * len(rows),
+            "device": [reading.device] * len(rows) if reading.device else words["device"],
+            "target": [reading.target] * len(rows) if reading.target else words["target"],
+        }
+        labels = list(zip(named["robot"], named["device"], named["target"], strict=True))
+        for label in dict.fromkeys(labels):
+            robot, device, target = label
+            if robot not in models:
+                raise MeasurementError(
+                    f"{self._path}: robot {robot!r} is not in the layout.",
+                    remedy="Write a [[robot]] with its model.",
+                )
+            mine = rows[[other == label for other in labels]]
+            many = len(set(labels)) > 1
+            name = f"{reading.name}: {device}, {target}" if many else reading.name
+            mine = self._with_readings(reading, mine, models[robot])
+            seen = self._observations(reading, mine, models[robot])
+            yield _Part(name, device, target, robot, seen, self._table.lines[mine], self._groups(mine))
+
+    def _filled(self, reading: Reading) -> Rows:
+        """Return the rows that the reading is about and that have all its numbers."""
+        wanted = np.ones(len(self._table), dtype=bool)
+        for column, entry in reading.where.items():
+            wanted &= self._equal(column, entry)
+        names = (*self._layout.joints, *reading.columns, *reading.rotation, *reading.joints_to)
+        with np.errstate(invalid="ignore"):
+            filled = (np.abs(self._columns(names)) < _UNBELIEVABLE).all(axis=1)
+        if bool((wanted & ~filled).any()):
+            self.left_out[reading.name] = int((wanted & ~filled).sum())
+        return np.flatnonzero(wanted & filled)
+
+    def _with_readings(self, reading: Reading, rows: Rows, model: RobotModel) -> Rows:
+        """Return the rows in which the device read something."""
+        if reading.kind not in ("point", "pose", "length", "guided length") or not reading.columns:
+            return rows
+        flange = model.tip_positions(self._joints(self._layout.joints, model)[rows], np.zeros(3))
+        silent = list(no_readings(self._columns(reading.columns)[rows], flange))
+        if silent:
+            self.left_out[reading.name] = self.left_out.get(reading.name, 0) + len(silent)
+        return np.delete(rows, silent)
+
+    def _equal(self, column: str, entry: str | float) -> np.typing.NDArray[np.bool_]:
+        self._known((column,))
+        if isinstance(entry, str):
+            return np.array([word == entry for word in self._table.words(column)], dtype=bool)
+        return np.asarray(self._table.column(column) == entry)
+
+    def _words(self, key: str, rows: Rows) -> list[str]:
+        column = self._layout.names_in.get(key)
+        if column is None:
+            return []
+        self._known((column,))
+        words = self._table.words(column)
+        return [words[row] for row in rows]
+
+    def _groups(self, rows: Rows) -> Rows | None:
+        words = self._words("group", np.arange(len(self._table)))
+        return np.unique(words, return_inverse=True)[1].reshape(-1)[rows] if words else None
+
+    def _columns(self, names: tuple[str, ...]) -> Array:
+        """Return columns as they are typed, a turned sign included."""
+        typed = columns_typed(self._table.names, names)
+        return np.column_stack([column.sign * self._table.column(column.name) for column in typed])
+
+    def _joints(self, names: tuple[str, ...], model: RobotModel) -> Array:
+        """Return the joints of all rows as the controller counts them [rad]."""
+        zeros = [column.zero_deg for column in columns_typed(self._table.names, names)]
+        unit = _UNITS[self._layout.units["joints"]]
+        angles = self._columns(names) * unit + np.deg2rad(zeros)
+        return controller_joints(angles, model, self._layout.joint_coupling)
+
+    def _known(self, names: tuple[str, ...]) -> None:
+        for name in names:
+            if name not in self._table.names:
+                raise MeasurementError(
+                    f"{self._path} has no column {name!r}.", remedy=f"It has {', '.join(self._table.names)}."
+                )
+
+    def _observations(  # noqa: PLR0911  # one for each kind
+        self, reading: Reading, rows: Rows, model: RobotModel
+    ) -> CellObservations:
+        layout, count = self._layout, len(rows)
+        unit = _UNITS[layout.units["readings"]]
+        joints = self._joints(layout.joints, model)[rows]
+        sigma, once = np.full(count, reading.sigma_m), np.zeros(count, dtype=np.intp)
+        values = np.full((count, 1), reading.nominal_m)
+        if reading.columns:
+            values = self._columns(reading.columns)[rows] * unit
+        one = values[:, 0]
+        if reading.kind == "point":
+            return PointObservations(joints, values, sigma, once)
+        if reading.kind == "pose":
+            sigma_rad = np.full(count, reading.sigma_rad)
+            return PoseObservations(joints, values, sigma, once, self._attitudes(reading, rows), sigma_rad)
+        if reading.kind == "bar":
+            return BarLengths(joints, one, sigma, once, self._joints(reading.joints_to, model)[rows])
+        if reading.kind == "pin":
+            return PinTouches.of(joints, sigma, once)
+        if reading.kind == "plane":
+            return PlaneContacts(joints, one, sigma, once)
+        if reading.kind == "sphere":
+            return SphereContacts(joints, one, sigma, once)
+        kind = GuidedLengthObservations if reading.kind == "guided length" else LengthObservations
+        return kind(joints, one, sigma, once)
+
+    def _attitudes(self, reading: Reading, rows: Rows) -> Array:
+        convention = CONVENTIONS[self._layout.convention]
+        turns = self._columns(reading.rotation)[rows]
+        if turns.shape[1] != len(convention.fields):
+            raise MeasurementError(
+                f"{self._path}: {self._layout.convention} has {len(convention.fields)} numbers, not {turns.shape[1]}."
+            )
+        if len(convention.fields) == 3:
+            turns = turns * _UNITS[self._layout.units["rotation"]]
+        else:
+            turns = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+        return rotation_from(self._layout.convention, turns)

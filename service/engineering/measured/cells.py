@@ -1,0 +1,319 @@
+"""Layout files of several devices, targets or robots: what one file of rows says about a whole cell."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellcal.calibration.cells.cell import Scalar
+from cellcal.calibration.cells.places import Place
+from cellcal.calibration.geometry import Array, homogeneous, rotation_from_quaternion
+from cellcal.calibration.orientation import CONVENTIONS
+from cellcal.service.engineering.measured.layouts import layout_data, refuse_unknown
+from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
+
+_PLACE = ("name", "place_mm", "quaternion", "known_to_mm", "known_to_deg")
+_NUMBERS = ("zero_mm", "zero_known_to_mm", "scale", "scale_known_to", "radius_mm", "radius_known_to_mm")
+_KEYS: Mapping[str, tuple[str, ...]] = {
+    "robot": (*_PLACE, "model"),
+    "tool": (*_PLACE, "robot"),
+    "target": (*_PLACE, "tool"),
+    "device": (*_PLACE, *_NUMBERS, "moved"),
+    "reading": (
+        *("name", "kind", "columns", "rotation", "joints_to", "device", "target"),
+        *("sigma_mm", "sigma_deg", "nominal_mm", "where"),
+    ),
+}
+_COLUMNS = ("joints", "robot", "device", "target", "group")
+_UNITS = {
+    "joints": tuple(ANGLE_UNITS),
+    "rotation": ("deg", "rad"),
+    "readings": tuple(LENGTH_UNITS),
+}
+KINDS = {"point": 3, "pose": 3, "length": 1, "guided length": 1, "bar": 1, "plane": 0, "sphere": 0, "pin": 0}
+_FRAME, _POINT = "frame", "point"
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A robot, tool, target or device of a layout."""
+
+    name: str
+    place: Place | None
+    words: Mapping[str, str] = field(default_factory=dict)  # model, robot, tool, moved
+    numbers: Mapping[str, Scalar] = field(default_factory=dict)
+    turned: bool = True  # its attitude is given, too
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """Columns that one device fills: which rows, of which target, and how well."""
+
+    name: str
+    kind: str
+    columns: tuple[str, ...]
+    rotation: tuple[str, ...]
+    joints_to: tuple[str, ...]
+    device: str  # empty: named by a column
+    target: str  # empty: named by a column
+    sigma_m: float
+    sigma_rad: float
+    nominal_m: float
+    where: Mapping[str, str | float]
+
+
+@dataclass(frozen=True, eq=False)
+class CellLayoutFile:
+    """All that a layout says about a cell."""
+
+    joints: tuple[str, ...]
+    names_in: Mapping[str, str]  # robot, device, target, group -> column
+    units: Mapping[str, str]
+    convention: str
+    sheet: str | None
+    joint_coupling: str  # empty, controller or geometric
+    robots: tuple[Named, ...]
+    tools: tuple[Named, ...]
+    targets: tuple[Named, ...]
+    devices: tuple[Named, ...]
+    readings: tuple[Reading, ...]
+
+
+def describes_a_cell(path: Path) -> bool:
+    """Tell whether a layout names readings of a cell, rather than the columns of one device."""
+    return "reading" in layout_data(path)
+
+
+def read_cell_layout(path: Path) -> CellLayoutFile:
+    """Read the layout of a cell.
+
+    Raises
+    ------
+    MeasurementError
+        No such file, no TOML, or an entry that no layout has; with what it may be.
+    """
+    data = layout_data(path)
+    refuse_unknown(path, data, ("columns", "units", "convention", "sheet", "joint_coupling", *_KEYS))
+    columns, units = dict(data.get("columns", {})), dict(data.get("units", {}))
+    refuse_unknown(path, columns, _COLUMNS)
+    for meaning, unit in units.items():
+        if unit not in _UNITS.get(meaning, ()):
+            known = "; ".join(f"{key} in {', '.join(names)}" for key, names in _UNITS.items())
+            raise MeasurementError(f"{path}: {meaning} cannot be in {unit!r}.", remedy=f"Units: {known}.")
+    if not columns.get("joints"):
+        raise MeasurementError(f"{path} names no joints.", remedy='Write `[columns]`, `joints = ["q1", …]`.')
+    convention = str(data.get("convention", ""))
+    if convention and convention not in CONVENTIONS:
+        raise MeasurementError(
+            f"{path}: no orientation is called {convention!r}.", remedy=f"There are {', '.join(CONVENTIONS)}."
+        )
+    tables = {key: [_Entry(path, key, entry) for entry in _tables(path, data, key)] for key in _KEYS}
+    readings = tuple(_reading(entry, columns, convention) for entry in tables["reading"])
+    return CellLayoutFile(
+        tuple(columns.pop("joints")),
+        columns,
+        {"joints": "deg", "rotation": "deg", "readings": "mm", **units},
+        convention,
+        data.get("sheet"),
+        _joint_coupling(path, data),
+        tuple(_named(entry, _FRAME, ("model",)) for entry in tables["robot"]),
+        tuple(_named(entry, _POINT, ("robot",)) for entry in tables["tool"]),
+        tuple(_target(entry) for entry in tables["target"]),
+        tuple(_device(entry) for entry in tables["device"]),
+        readings,
+    )
+
+
+def _joint_coupling(path: Path, data: Mapping[str, Any]) -> str:
+    word = data.get("joint_coupling", "")
+    if word not in ("", "controller", "geometric"):
+        raise MeasurementError(
+            f"{path}: joints cannot be {word!r}.",
+            remedy="joint_coupling is controller (as on the pendant) or geometric.",
+        )
+    return str(word)
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """One table of a layout, such as a ``[[device]]``."""
+
+    path: Path
+    kind: str
+    data: Mapping[str, Any]
+
+    def error(self, what: str, remedy: str = "") -> MeasurementError:
+        """Return an error that names the entry."""
+        return MeasurementError(
+            f"{self.path}: {self.kind} {self.data.get('name', '')!r}: {what}.", remedy=remedy
+        )
+
+    def word(self, key: str, *, needed: bool = False) -> str:
+        """Return a text."""
+        value = self.data.get(key, "")
+        if not isinstance(value, str) or (needed and not value):
+            raise self.error(f"{key} is no text", f'Write {key} = "…".')
+        return value
+
+    def words(self, key: str) -> tuple[str, ...]:
+        """Return a list of texts."""
+        value = self.data.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(word, str) for word in value):
+            raise self.error(f"{key} is no list of column names")
+        return tuple(value)
+
+    def number(self, key: str, otherwise: float) -> float:
+        """Return a finite number."""
+        value = self.data.get(key, otherwise)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.error(f"{key} is no number")
+        if key in self.data and not np.isfinite(value):
+            raise self.error(f"{key} is not finite")
+        return float(value)
+
+    def deviation(self, key: str, otherwise: float) -> float:
+        """Return a number of zero or more."""
+        value = self.number(key, otherwise)
+        if value < 0:
+            raise self.error(f"{key} is below zero")
+        return value
+
+    def vector(self, key: str, size: int) -> Array | None:
+        """Return so many finite numbers, or None."""
+        if key not in self.data:
+            return None
+        value = self.data[key]
+        numbers = isinstance(value, list) and all(
+            isinstance(v, int | float) and not isinstance(v, bool) for v in value
+        )
+        if not numbers or len(value) != size or not np.isfinite(value).all():
+            raise self.error(f"{key} is no list of {size} numbers")
+        return np.array(value, dtype=float)
+
+
+def _tables(path: Path, data: Mapping[str, Any], key: str) -> Sequence[Mapping[str, Any]]:
+    found = data.get(key, [])
+    if not isinstance(found, list) or not all(isinstance(entry, dict) for entry in found):
+        raise MeasurementError(f"{path}: {key} is no list of tables.", remedy=f"Write `[[{key}]]`.")
+    for entry in found:
+        refuse_unknown(path, entry, _KEYS[key])
+    return found
+
+
+def _reading(entry: _Entry, columns: Mapping[str, Any], convention: str) -> Reading:
+    kind, names = entry.word("kind", needed=True), entry.words("columns")
+    _refuse_unfit(entry, kind, convention)
+    for key in ("device", "target"):
+        if not entry.word(key) and key not in columns:
+            raise entry.error(f"it names no {key}", f'Write {key} = "…", or name the column that does.')
+    where = entry.data.get("where", {})
+    if not isinstance(where, dict) or not all(isinstance(v, str | int | float) for v in where.values()):
+        raise entry.error("where is no table of column = entry")
+    sigma = entry.deviation("sigma_mm", 0.0), entry.deviation("sigma_deg", 0.01)
+    if not min(sigma) > 0:
+        raise entry.error(
+            "sigma_mm is missing", "Give one standard deviation of the device, from its certificate."
+        )
+    return Reading(
+        entry.word("name", needed=True),
+        kind,
+        names,
+        entry.words("rotation"),
+        entry.words("joints_to"),
+        entry.word("device"),
+        entry.word("target"),
+        sigma[0] * 1e-3,
+        float(np.deg2rad(sigma[1])),
+        entry.number("nominal_mm", 0.0) * 1e-3,
+        where,
+    )
+
+
+def _refuse_unfit(entry: _Entry, kind: str, convention: str) -> None:
+    """Refuse a reading that lacks what its kind needs."""
+    if kind not in KINDS:
+        raise entry.error(f"there is no kind {kind!r}", f"Kinds are {', '.join(KINDS)}.")
+    count, nominal = len(entry.words("columns")), "nominal_mm" in entry.data
+    wants = {KINDS[kind]} | ({0} if nominal else set()) | ({1} if kind == "plane" else set())
+    if count not in wants:
+        raise entry.error(f"a {kind} has {KINDS[kind]} columns, not {count}")
+    needed = {
+        "pose": (
+            bool(entry.words("rotation")) and bool(convention),
+            "rotation columns and a convention on top",
+        ),
+        "sphere": (nominal, "nominal_mm: the ball's radius plus that of the tip"),
+        "bar": (bool(entry.words("joints_to")), "joints_to, the columns of the second posture"),
+    }
+    there, what = needed.get(kind, (True, ""))
+    if not there:
+        raise entry.error(f"a {kind} needs {what}")
+
+
+def _named(entry: _Entry, shape: str, words: tuple[str, ...]) -> Named:
+    found = {key: entry.word(key) for key in words if key in entry.data}
+    return Named(entry.word("name", needed=True), _place(entry, shape), found)
+
+
+def _target(entry: _Entry) -> Named:
+    place = _place(entry, _POINT)
+    if place is None:
+        raise entry.error(
+            "its place in the tool is missing", "Write place_mm = [x, y, z], or drop the entry."
+        )
+    if "known_to_mm" not in entry.data:
+        place = Place(place.pose, np.zeros(6))
+    return Named(entry.word("name", needed=True), place, {"tool": entry.word("tool", needed=True)})
+
+
+def _device(entry: _Entry) -> Named:
+    numbers = {
+        "zero_m": _scalar(entry, "zero_mm", 0.0, "zero_known_to_mm", 1e-3),
+        "scale": _scalar(entry, "scale", 1.0, "scale_known_to", 1.0),
+        # What is stated of a ball is in nominal_mm: the device holds what it is larger by.
+        "radius_m": _scalar(entry, "radius_mm", 0.0, "radius_known_to_mm", 1e-3),
+    }
+    known = {key: scalar for key, scalar in numbers.items() if scalar is not None}
+    words = {"moved": entry.word("moved", needed=True)} if "moved" in entry.data else {}
+    if words and known:
+        raise entry.error(
+            f"its numbers are those of {words['moved']!r}", f"Write {', '.join(_NUMBERS[::2])} there only."
+        )
+    return Named(
+        entry.word("name", needed=True), _place(entry, _POINT), words, known, "quaternion" in entry.data
+    )
+
+
+def _scalar(entry: _Entry, key: str, usual: float, spread: str, unit: float) -> Scalar | None:
+    if key not in entry.data and spread not in entry.data:
+        return None
+    return Scalar(entry.number(key, usual) * unit, entry.deviation(spread, 0.0) * unit)
+
+
+def _place(entry: _Entry, shape: str) -> Place | None:
+    """Return a place that is known to a deviation, or roughly; None if nothing is said of it."""
+    position, quaternion = entry.vector("place_mm", 3), entry.vector("quaternion", 4)
+    known = "known_to_mm" in entry.data
+    if position is None:
+        return None
+    if quaternion is None:
+        if shape == _FRAME and not known:
+            return None  # without its attitude a rough frame is worse than the fit's own guess
+        if shape == _FRAME:
+            raise entry.error("a known frame needs its quaternion", "Write quaternion = [w, x, y, z].")
+        point = position * 1e-3
+        return (
+            Place.known_point(point, entry.deviation("known_to_mm", 0.0) * 1e-3)
+            if known
+            else Place.unknown_point(point)
+        )
+    if not abs(float(np.linalg.norm(quaternion)) - 1.0) < 1e-3:
+        raise entry.error("its quaternion is not of unit length")
+    pose = homogeneous(rotation_from_quaternion(quaternion / np.linalg.norm(quaternion)), position * 1e-3)
+    if not known:
+        return Place.unknown(pose)
+    spread = entry.deviation("known_to_mm", 0.0) * 1e-3, np.deg2rad(entry.deviation("known_to_deg", 0.0))
+    return Place.known(pose, spread[0], float(spread[1]))

@@ -1,0 +1,329 @@
+"""Which column of a table is which: joints, what the device read, what the controller printed."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from cellcal.service.engineering.measured.headings import plain_name, unit_of
+from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.table_heads import are_numbered
+from cellcal.service.engineering.measured.typed_columns import TypedColumn, columns_typed
+
+_MEASURED = {
+    "measurement", "measured", "meas", "tracker", "laser", "camera", "optical", "mocap", "observed", "obs",
+    "leica", "faro", "vicon", "ndi", "marker", "smr", "probe", "tmac", "optitrack", "instrument",
+}  # fmt: skip
+_CONTROLLER = {
+    "goal", "cmd", "command", "commanded", "nominal", "nom", "set", "setpoint", "desired", "target", "robot",
+    "controller", "tcp", "flange", "ctrl", "reported", "planned", "program", "programmed", "ref", "reference",
+    "fk", "theoretical", "theo", "cad", "model", "ideal", "expected", "design",
+}  # fmt: skip
+_SPREAD = {
+    "std", "sigma", "sd", "stdev", "stddev", "uncertainty", "unc", "rms", "var", "error", "err", "residual",
+    "u", "u95", "mpe", "variance", "precision",
+}  # fmt: skip
+_DIFFERENCE = {
+    "delta", "dev", "deviation", "deviations", "diff", "difference", "offset", "correction", "corr", "tol",
+    "tolerance", "tolplus", "tolminus", "min", "max", "upper", "lower", "range", "velocity", "vel", "speed",
+    "acceleration", "acc", "force", "torque", "test", "out", "d",
+}  # fmt: skip
+_ATTITUDE = {
+    "rot", "rotation", "orientation", "ori", "orient", "quat", "quaternion", "q", "attitude", "euler", "normal",
+    "angle", "rotvec", "rpy", "normalised", "direction", "vector", "vec",
+}  # fmt: skip
+_PLACE = {
+    "pos",
+    "position",
+    "p",
+    "point",
+    "location",
+    "translation",
+    "trans",
+    "xyz",
+    "coordinate",
+    "coord",
+    "t",
+}
+_GROUP = {"group", "series", "session", "run", "block", "trial", "batch", "set_id", "path"}
+_LENGTHS = {
+    "l", "length", "len", "distance", "dist", "wire", "cable", "wire_length", "cable_length", "draw_wire",
+    "rope", "rope_length", "range", "d",
+}  # fmt: skip
+_QUATERNION = ("w", "x", "y", "z")
+_TURNS = (
+    ("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"), ("e0", "e1", "e2", "e3"),
+    ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
+    ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
+)  # fmt: skip
+_STEMS = ("joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a",
+          "theta", "th", "ax", "achse", "angle", "rax", "jt", "gelenk", "axe", "eje")  # fmt: skip
+_JOINT = re.compile(rf"^(?P<before>(?:.*_)?)(?P<stem>{'|'.join(_STEMS)})_?(?P<number>\d)(?P<after>\D.*)?$")
+_BY_MAKER = (
+    ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
+    ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+    ("s", "l", "u", "r", "b", "t"),
+    ("s_axis", "l_axis", "u_axis", "r_axis", "b_axis", "t_axis"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Column names by meaning, and the units that the names themselves tell."""
+
+    joints: tuple[str, ...]
+    position: tuple[str, ...] = ()  # measured x, y, z
+    spread: tuple[str, ...] = ()  # its standard deviations
+    turn: tuple[str, ...] = ()  # measured attitude
+    turn_fields: tuple[str, ...] = ()  # what the attitude's columns are called, without prefixes
+    length: str = ""
+    controller: tuple[str, ...] = ()  # the controller's own x, y, z
+    temperature: str = ""
+    group: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)  # meaning -> unit
+    typed: Mapping[str, TypedColumn] = field(default_factory=dict)  # columns whose sign or zero was named
+
+    def sign(self, name: str) -> float:
+        """Return what a column is to be multiplied with."""
+        return self.typed[name].sign if name in self.typed else 1.0
+
+    def zero_deg(self, name: str) -> float:
+        """Return what is to be added to a joint's column [deg]."""
+        return self.typed[name].zero_deg if name in self.typed else 0.0
+
+    def as_typed(self, names: Sequence[str]) -> tuple[str, ...]:
+        """Return columns as ``--columns`` takes them."""
+        return tuple(self.typed[name].text if name in self.typed else name for name in names)
+
+
+def detect_layout(
+    names: Sequence[str], joint_names: Sequence[str], columns: Mapping[str, Sequence[str]] | None = None
+) -> Layout:
+    """Find out what each column is; ``columns`` names those that the user knows better.
+
+    Raises
+    ------
+    MeasurementError
+        Joints or measurements are not found, with the option that names them.
+    """
+    typed = _given(names, columns or {})
+    given = {meaning: tuple(column.name for column in found) for meaning, found in typed.items()}
+    plain = {name: plain_name(name) for name in names}
+    joints = given.get("joints") or _joints(names, plain, joint_names)
+    rest = [name for name in names if name not in joints]
+    length = "".join(given.get("length", ())) or _length(rest, plain)
+    measured, controller = _positions(rest, plain, has_length=bool(length))
+    measured = given.get("position") or measured
+    controller = given.get("controller") or controller
+    if length:
+        measured = ()
+    if not measured and not length:
+        raise MeasurementError(
+            f"no measurement found among the columns {', '.join(names)}.",
+            remedy="Name it: `--columns position=X,Y,Z` or `--columns length=L`; numbers count the columns from 1.",
+        )
+    turn, fields = _turn(rest, plain, measured) if measured else ((), ())
+    chosen = given.get("rotation") or turn
+    layout = {
+        "joints": joints,
+        "position": measured,
+        "rotation": chosen,
+        "controller": controller,
+        "length": (length,) if length else (),
+    }
+    return Layout(
+        joints=joints,
+        position=measured,
+        spread=_spread(rest, plain, measured or ((length,) if length else ())),
+        turn=chosen,
+        turn_fields=fields if chosen == turn else tuple(plain[name] for name in chosen),
+        length=length,
+        controller=controller,
+        temperature=next((n for n in rest if "temp" in plain[n]), ""),
+        group="".join(given.get("group", ())) or next((n for n in rest if plain[n] in _GROUP), ""),
+        units={key: unit for key, found in layout.items() if (unit := _common_unit(found))},
+        typed={column.name: column for found in typed.values() for column in found if column.changes},
+    )
+
+
+def _given(names: Sequence[str], columns: Mapping[str, Sequence[str]]) -> dict[str, tuple[TypedColumn, ...]]:
+    known = {"joints", "position", "length", "controller", "rotation", "group"}
+    for meaning in columns:
+        if meaning not in known:
+            raise MeasurementError(
+                f"--columns knows no {meaning!r}.", remedy=f"It knows {', '.join(sorted(known))}."
+            )
+    return {meaning: columns_typed(names, wanted) for meaning, wanted in columns.items()}
+
+
+def _common_unit(names: Sequence[str]) -> str:
+    """Return the unit that the names tell; a column without one goes with the others."""
+    units = {unit_of(name) for name in names} - {""}
+    if len(units) > 1:
+        raise MeasurementError(
+            f"the columns {', '.join(names)} are in different units: {', '.join(sorted(units))}.",
+            remedy="Write them in one unit, and say so in their headings.",
+        )
+    return units.pop() if units else ""
+
+
+def _joints(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequence[str]) -> tuple[str, ...]:
+    by_plain = {text: name for name, text in plain.items()}
+    for wanted in (joint_names, *_BY_MAKER):
+        if len(wanted) == len(joint_names) and all(plain_name(text) in by_plain for text in wanted):
+            return tuple(by_plain[plain_name(text)] for text in wanted)
+    families: dict[tuple[str, str, str], dict[int, str]] = {}
+    for name in names:
+        match = _JOINT.match(plain[name])
+        if match:
+            key = (match["before"], match["stem"], match["after"] or "")
+            families.setdefault(key, {})[int(match["number"])] = name
+    full = [
+        (key, numbered)
+        for key, numbered in families.items()
+        if _first_number(numbered, len(joint_names)) >= 0
+    ]
+    if not full:
+        raise MeasurementError(
+            f"no {len(joint_names)} joint columns found among {', '.join(names)}.",
+            remedy=_joints_remedy(names, plain, len(joint_names)),
+        )
+    _, numbered = min(full, key=lambda item: _rank(item[0]))
+    first = _first_number(numbered, len(joint_names))
+    return tuple(numbered[first + i] for i in range(len(joint_names)))
+
+
+def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], count: int) -> str:
+    """Return what helps where joints are missing: what the file is tells what it can be used for."""
+    places = _triples(names, plain, "xyz")
+    if places and len(names) < count + 3:
+        return (
+            "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
+            "for an identification every row needs the joints, too."
+        )
+    if are_numbered(names):
+        joints = ",".join(str(at + 1) for at in range(count))
+        return (
+            f"It has no heading: say which columns are which by their numbers, such as `--columns joints={joints}` "
+            f"`--columns position={count + 1},{count + 2},{count + 3}`."
+        )
+    return "Name them in order: `--columns joints=q1,q2,…` (or by their numbers), and check --robot."
+
+
+def _first_number(numbered: Mapping[int, str], count: int) -> int:
+    for first in (1, 0):
+        if all(first + i in numbered for i in range(count)):
+            return first
+    return -1
+
+
+def _rank(key: tuple[str, str, str]) -> int:
+    """Prefer the joints that the arm really had to those that it was told, and positions to anything else."""
+    words = set(f"{key[0]}_{key[2]}".split("_"))
+    order = _STEMS.index(key[1])
+    wrong = bool(
+        words & (_SPREAD | {"vel", "qd", "velocity", "current", "torque", "temp", "speed", "moment", "acc"})
+    )
+    return (
+        1000 * wrong
+        + 100 * bool(words & _CONTROLLER)
+        - 50 * bool(words & {"actual", "act", "measured"})
+        + order
+    )
+
+
+def _triples(
+    names: Sequence[str], plain: Mapping[str, str], axes: Sequence[str]
+) -> dict[tuple[str, str], tuple[str, ...]]:
+    """Return the columns that spell one word for each of the axes, by what surrounds it."""
+    families: dict[tuple[str, str], dict[str, str]] = {}
+    for name in names:
+        for axis in axes:
+            match = re.match(rf"^(?P<before>(?:.*_)?(?:pos|p|t)?){axis}(?P<after>\d*(?:_.*)?)$", plain[name])
+            if match:
+                families.setdefault((match["before"], match["after"]), {}).setdefault(axis, name)
+    return {
+        key: tuple(found[axis] for axis in axes) for key, found in families.items() if len(found) == len(axes)
+    }
+
+
+def _words(key: tuple[str, str]) -> set[str]:
+    return set(re.split(r"[_\d]+", "_".join(key))) - {""}
+
+
+def _is_place(key: tuple[str, str]) -> bool:
+    """Tell whether a triple of x, y, z may be a place: no deviation, no uncertainty, no part of an attitude."""
+    return not _words(key) & (_SPREAD | _DIFFERENCE | _ATTITUDE)
+
+
+def _positions(
+    names: Sequence[str], plain: Mapping[str, str], *, has_length: bool
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return measured and controller positions: called a measurement, else not called a command."""
+    triples = {key: names for key, names in _triples(names, plain, "xyz").items() if _is_place(key)}
+    measured = [found for key, found in triples.items() if _words(key) & _MEASURED]
+    told = [found for key, found in triples.items() if _words(key) & _CONTROLLER and found not in measured]
+    neutral = [found for found in triples.values() if found not in measured and found not in told]
+    actual = {found for key, found in triples.items() if _words(key) & {"actual", "act"}}
+    neutral.sort(key=lambda found: found not in actual)
+    if has_length:
+        return (), (*told, *neutral, ())[0]
+    if not measured:
+        measured, neutral = neutral[:1], neutral[1:]
+    return (*measured, ())[0], (*told, *neutral, ())[0]
+
+
+def _length(names: Sequence[str], plain: Mapping[str, str]) -> str:
+    exact = [name for name in names if plain[name] in _LENGTHS]
+    worded = [
+        name
+        for name in names
+        if set(plain[name].split("_")) & {"length", "distance", "wire", "cable"}
+        and not set(plain[name].split("_")) & (_SPREAD | _CONTROLLER)
+    ]
+    return (*exact, *worded, "")[0]
+
+
+def _turn(
+    names: Sequence[str], plain: Mapping[str, str], measured: tuple[str, ...]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the attitude that belongs to the measured position: the one whose names are built alike."""
+    places = _triples(names, plain, "xyz")
+    wanted = next((key for key, found in places.items() if found == measured), None)
+    for fields in _TURNS:
+        for key, found in _triples(names, plain, fields).items():
+            if key == wanted:
+                return found, fields
+    if wanted is None:
+        return (), ()
+    return _worded_turn(names, plain, _words(wanted) - _PLACE)
+
+
+def _worded_turn(
+    names: Sequence[str], plain: Mapping[str, str], place: set[str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return an attitude that is told by a word: ``rot_x`` to ``rot_w``, ``orientation.w``, ``quat x``."""
+    for axes, fields in (
+        (_QUATERNION, ("qw", "qx", "qy", "qz")),
+        (_QUATERNION[1:], ("rx", "ry", "rz")),
+        *((f, f) for f in _TURNS),
+    ):
+        found = {
+            key: columns
+            for key, columns in _triples(names, plain, axes).items()
+            if (_words(key) & _ATTITUDE or axes == fields)
+            and not _words(key) & (_SPREAD | _DIFFERENCE | {"normal", "direction", "vector", "vec"})
+        }
+        alike = [columns for key, columns in found.items() if _words(key) - _ATTITUDE - _PLACE == place]
+        if alike:
+            return alike[0], fields
+    return (), ()
+
+
+def _spread(names: Sequence[str], plain: Mapping[str, str], of: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the columns named like the measured ones with a word for standard deviation between."""
+    by_words = {tuple(sorted(plain[name].split("_"))): name for name in names}
+    for word in ("std", "sigma", "sd", "stdev", "stddev", "uncertainty", "unc"):
+        keys = [tuple(sorted([*plain[name].split("_"), word])) for name in of]
+        if all(key in by_words for key in keys):
+            return tuple(by_words[key] for key in keys)
+    return ()

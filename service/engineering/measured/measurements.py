@@ -1,0 +1,334 @@
+"""Measurements from a file, in SI: joints, what the device read, and every guess that was made on the way."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, log_rotation, mean_rotation
+from cellcal.calibration.identification.first_guess import first_guess
+from cellcal.calibration.identification.misfit_units import unit_of_lengths, unit_of_points
+from cellcal.calibration.identification.observations import (
+    LengthObservations,
+    Observations,
+    PointObservations,
+    Rows,
+    pose_from_points,
+)
+from cellcal.calibration.identification.unrounding import resolution
+from cellcal.calibration.orientation import CONVENTIONS, rotation_from
+from cellcal.service.engineering.measured.columns import Layout, detect_layout
+from cellcal.service.engineering.measured.joint_coupling import controller_joints
+from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
+from cellcal.service.engineering.measured.table import MeasurementError, Table, read_table
+from cellcal.service.engineering.measured.unit_choice import UnitChoice
+
+_LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
+_SIGMA_RAD = 2e-3
+_CONSISTENT_RAD = float(np.deg2rad(2.0))
+UNREAD, OUTLIER = "no reading", "outlier"
+_LIKELY = ("ur_rotation_vector", "ros_rpy", "instrument_xyz")  # of equal formulas, the first is named
+_ROUNDED = 0.01
+_ENOUGH_ROWS = 20_000  # to tell a unit by
+_UNBELIEVABLE = 1e9  # in any unit that instruments write
+_EQUAL = 1.001
+_DISTINCT = 0.5  # the best orientation convention must be twice as consistent as the next
+
+
+@dataclass(frozen=True, slots=True)
+class RejectedRow:
+    """A data row, counted from 0, that takes no part, and why."""
+
+    row: int
+    reason: str
+    kind: str = UNREAD  # or OUTLIER: it was read, and the fit does not believe it
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """What the user knows better than any guess."""
+
+    columns: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)  # joints, position, length, controller, rotation
+    convention: str = ""  # of the measured attitude; "none" leaves it out
+    sheet: str | None = None
+    joint_coupling: str = ""  # "controller", or "geometric": every angle is turned against the link before
+
+
+@dataclass(frozen=True, eq=False)
+class Measurements:
+    """Usable rows of a file; ``rows`` are their numbers in the file, data rows counted from 0."""
+
+    observations: Observations
+    rows: Rows
+    read: int
+    rejected: tuple[RejectedRow, ...]
+    joint_step_rad: Array  # (n,)
+    controller_m: Array | None  # (N, 3)
+    controller_step_m: float
+    value_step_m: float  # resolution of what was measured
+    temperature: Array | None
+    groups: Rows | None
+    guesses: tuple[str, ...]
+    layout: Layout
+    units: Mapping[str, str]  # meaning -> unit, stated or guessed
+    convention: str  # of the attitude; empty if none is used
+
+
+def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None = None) -> Measurements:
+    """Read a file of measurements of this robot.
+
+    Raises
+    ------
+    MeasurementError
+        The file, its columns or its numbers cannot be understood; the remedy names the option that helps.
+    """
+    options = options or ReadOptions()
+    table = read_table(path, sheet=options.sheet)
+    layout = detect_layout(table.names, model.joint_names, options.columns)
+    names = [name for name in (*layout.joints, *layout.position, *layout.turn, layout.length) if name]
+    numbers = {name: table.column(name) for name in (*names, *layout.spread, *layout.controller)}
+    good, rejected = _usable(table, names, numbers)
+    _refuse_none(path, good, rejected)
+    _refuse_mostly_text(path, rejected, len(table))
+    guesses = [table.dialect] if table.dialect else []
+    units = UnitChoice({**layout.units, **options.units}, guesses)
+    raw = np.column_stack([numbers[name][good] for name in layout.joints])
+    unit = units.angle("joints", layout.joints, raw)
+    joints = controller_joints(_as_typed(raw * unit, layout), model, options.joint_coupling)
+    good, joints, silent = _with_readings(table, good, joints, (layout, numbers, model))
+    rejected = tuple(sorted([*rejected, *silent], key=lambda item: item.row))
+    _refuse_none(path, good, rejected)
+    numbers = {name: values[good] * layout.sign(name) for name, values in numbers.items()}
+    raw = np.column_stack([numbers[name] for name in layout.joints])
+    source = _Source(layout, numbers, model, options, units, joints)
+    controller, controller_step = source.controller()
+    observations, value_step = source.observations()
+    rows = np.flatnonzero(good)
+    return Measurements(
+        observations=observations,
+        rows=rows,
+        read=len(table),
+        rejected=rejected,
+        joint_step_rad=np.array([resolution(column) for column in raw.T]) * unit,
+        controller_m=controller,
+        controller_step_m=controller_step,
+        value_step_m=value_step,
+        temperature=table.column(layout.temperature)[rows] if layout.temperature else None,
+        groups=_groups(table, layout.group, rows),
+        guesses=tuple(guesses),
+        layout=layout,
+        units={key: unit for key, unit in units.used.items() if key != "convention"},
+        convention=units.used.get("convention", ""),
+    )
+
+
+def _as_typed(joints_rad: Array, layout: Layout) -> Array:
+    """Return joints with the signs and zeros that were typed with their columns."""
+    signs = np.array([layout.sign(name) for name in layout.joints])
+    typed: Array = joints_rad * signs + np.deg2rad([layout.zero_deg(name) for name in layout.joints])
+    return typed
+
+
+def _refuse_none(path: Path, good: np.typing.NDArray[np.bool_], rejected: tuple[RejectedRow, ...]) -> None:
+    if not good.any():
+        first = f"row {rejected[0].row}: {rejected[0].reason}" if rejected else "it has no rows"
+        raise MeasurementError(f"{path} has no usable row; {first}.", remedy="Name columns with `--columns`.")
+
+
+def _with_readings(
+    table: Table,
+    good: np.typing.NDArray[np.bool_],
+    joints_rad: Array,
+    known: tuple[Layout, Mapping[str, Array], RobotModel],
+) -> tuple[np.typing.NDArray[np.bool_], Array, list[RejectedRow]]:
+    """Return usable rows and their joints without those in which the device read nothing."""
+    layout, numbers, model = known
+    names = (layout.length,) if layout.length else layout.position
+    values = np.column_stack([numbers[name][good] for name in names])
+    found = no_readings(values, model.tip_positions(joints_rad, np.zeros(3)))
+    if not found:
+        return good, joints_rad, []
+    rows = np.flatnonzero(good)
+    silent = [
+        RejectedRow(int(rows[at]), f"line {table.lines[rows[at]]}: {', '.join(names)}: {why}")
+        for at, why in found.items()
+    ]
+    return usable_without(good, list(found)), np.delete(joints_rad, list(found), axis=0), silent
+
+
+def _usable(
+    table: Table, names: Sequence[str], numbers: Mapping[str, Array]
+) -> tuple[np.typing.NDArray[np.bool_], tuple[RejectedRow, ...]]:
+    wanted = np.column_stack([numbers[name] for name in names])
+    missing = ~(np.abs(wanted) < _UNBELIEVABLE)  # and what is no number at all
+    good: np.typing.NDArray[np.bool_] = np.logical_not(missing.any(axis=1))
+    rejected = []
+    for row in np.flatnonzero(~good).tolist():
+        name = names[int(np.argmax(missing[row]))]
+        cell = table.texts.get((row, table.names.index(name)), "")
+        what = f"holds {cell!r}, which is no number" if cell else "is empty"
+        if not np.isnan(numbers[name][row]):
+            what = f"holds {numbers[name][row]:g}, which nobody measured"
+        rejected.append(RejectedRow(row, f"line {table.lines[row]}: column {name!r} {what}"))
+    return good, tuple(rejected)
+
+
+def _refuse_mostly_text(path: Path, rejected: tuple[RejectedRow, ...], rows: int) -> None:
+    """Refuse a file that is half words where numbers should be; a device that lost its target leaves cells empty."""
+    words = [row for row in rejected if not row.reason.endswith("is empty")]
+    if 2 * len(words) > rows:
+        raise MeasurementError(
+            f"{len(words)} of {rows} rows of {path} cannot be read; {words[0].reason}.",
+            remedy="Write numbers with a decimal point and no thousands marks, or name other `--columns`.",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """The usable numbers of a file with what is known about them."""
+
+    layout: Layout
+    numbers: Mapping[str, Array]
+    model: RobotModel
+    options: ReadOptions
+    units: UnitChoice
+    joints_rad: Array
+
+    def columns(self, names: Sequence[str]) -> Array:
+        """Return some columns side by side (N, k)."""
+        return np.column_stack([self.numbers[name] for name in names])
+
+    def spread_m(self) -> float:
+        """Return how far the nominal flange moved about its mean (RMS) [m]."""
+        some = self.joints_rad[:: 1 + len(self.joints_rad) // _ENOUGH_ROWS]
+        reach = self.model.tip_positions(some, np.zeros(3))
+        return float(np.sqrt(((reach - reach.mean(axis=0)) ** 2).sum(axis=1).mean()))
+
+    def controller(self) -> tuple[Array | None, float]:
+        """Return the controller's own positions and their resolution [m]."""
+        if not self.layout.controller:
+            return None, 0.0
+        raw = self.columns(self.layout.controller)
+        if not np.isfinite(raw).all():
+            return None, 0.0
+        unit = self.units.length("controller", self.layout.controller, raw, self.spread_m())
+        return raw * unit, max(resolution(column) for column in raw.T) * unit
+
+    def observations(self) -> tuple[Observations, float]:
+        """Return what the device read, and its resolution [m]."""
+        layout, count = self.layout, len(self.joints_rad)
+        once = np.zeros(count, dtype=np.intp)
+        if layout.length:
+            raw = self.numbers[layout.length]
+            unit = self.units.length(
+                "length",
+                (layout.length,),
+                raw[:, None],
+                0.0,
+                lambda units: unit_of_lengths(self.model, self.joints_rad, raw, units),
+            )
+            sigma = self._sigma(unit)
+            return LengthObservations(self.joints_rad, raw * unit, sigma, once), resolution(raw) * unit
+        raw = self.columns(layout.position)
+        unit = self.units.length(
+            "position",
+            layout.position,
+            raw,
+            self.spread_m(),
+            lambda units: unit_of_points(self.model, self.joints_rad, raw, units),
+        )
+        points = PointObservations(self.joints_rad, raw * unit, self._sigma(unit), once)
+        step = max(resolution(column) for column in raw.T) * unit
+        if not layout.turn or self.options.convention == "none":
+            return points, step
+        return self._with_attitudes(points), step
+
+    def _sigma(self, unit: float) -> Array:
+        """Return one sigma a row [m]: the instrument's own, and what any arm adds to it."""
+        count = len(self.joints_rad)
+        names = self.layout.spread
+        own = np.nan_to_num(self.columns(names)) ** 2 if names else np.zeros((count, 1))
+        sigma: Array = np.sqrt(_LEAST_SIGMA_M**2 + own.mean(axis=1) * unit**2)
+        return sigma
+
+    def _with_attitudes(self, points: PointObservations) -> Observations:
+        """Add attitudes if one convention makes the tool sit still in the flange; else leave them out."""
+        written = ", ".join(self.layout.turn)
+        try:
+            expected, read = _expected_attitudes(self.model, points), self._rotations()
+            wobble = {name: _wobble_rad(expected, rotations) for name, rotations in read.items()}
+        except CalibrationError as error:
+            self.units.guesses.append(f"attitudes ({written}) left out: {error.message}")
+            return points
+        best = min(wobble, key=lambda name: wobble[name])
+        rivals = [value for value in wobble.values() if value > wobble[best] * _EQUAL]
+        if wobble[best] > _CONSISTENT_RAD or (rivals and wobble[best] > _DISTINCT * min(rivals)):
+            angle = np.rad2deg(wobble[best])
+            self.units.guesses.append(
+                f"no orientation convention fits {written} (best {best}, {angle:.2f} deg): "
+                "attitudes left out; `--convention` names it"
+            )
+            return points
+        self.units.used["convention"] = best
+        self.units.guesses.append(f"attitude ({written}) read as {best}: {CONVENTIONS[best].formula}")
+        return pose_from_points(points, read[best], np.full(len(points), _SIGMA_RAD))
+
+    def _rotations(self) -> Mapping[str, Array]:
+        """Return the attitudes (N, 3, 3) by every convention that they may be written in."""
+        turns, wanted = self.columns(self.layout.turn), self.options.convention
+        if wanted and wanted not in CONVENTIONS:
+            raise MeasurementError(
+                f"no orientation is called {wanted!r}.",
+                remedy=f"--convention takes none, {', '.join(CONVENTIONS)}.",
+            )
+        if len(self.layout.turn) == 4:
+            return self._quaternions(turns)
+        turns = turns * self.units.angle("rotation", self.layout.turn, turns)
+        others = (n for n, c in CONVENTIONS.items() if len(c.fields) == 3 and n not in _LIKELY)
+        return {n: rotation_from(n, turns) for n in ([wanted] if wanted else [*_LIKELY, *others])}
+
+    def _quaternions(self, turns: Array) -> Mapping[str, Array]:
+        """Return attitudes from quaternions: by their names; numbered ones may begin or end with the scalar."""
+        fields, wanted = self.layout.turn_fields, self.options.convention
+        # Printed quaternions are rounded; anything further from unit length is refused later.
+        length = np.linalg.norm(turns, axis=1, keepdims=True)
+        turns = np.where(np.abs(length - 1.0) < _ROUNDED, turns / np.maximum(length, _ROUNDED), turns)
+        if "qw" in fields:
+            order = [fields.index(f) for f in ("qw", "qx", "qy", "qz")]
+            return {"abb_quaternion": rotation_from("abb_quaternion", turns[:, order])}
+        first = [fields.index(f) for f in sorted(fields)]
+        orders = {"abb_quaternion": first, "ros_quaternion": [first[3], *first[:3]]}
+        return {
+            name: rotation_from("abb_quaternion", turns[:, order])
+            for name, order in orders.items()
+            if wanted in ("", name)
+        }
+
+
+def _groups(table: Table, name: str, rows: Rows) -> Rows | None:
+    if not name:
+        return None
+    cells = table.words(name)
+    codes = np.unique([cells[row] for row in rows], return_inverse=True)[1].reshape(-1)
+    count = int(codes.max()) + 1
+    return codes if 2 < count <= len(rows) // 2 else None
+
+
+def _expected_attitudes(model: RobotModel, points: PointObservations) -> Array:
+    start = first_guess(model, points)[0]
+    expected: Array = start.devices[0].device_base[:3, :3] @ model.base_flange(points.joints_rad)[:, :3, :3]
+    return expected
+
+
+def _wobble_rad(expected: Array, measured: Array) -> float:
+    """Return how much the tool turns in the flange, median over the rows [rad]."""
+    relative = np.swapaxes(expected, 1, 2) @ measured
+    try:
+        mean = mean_rotation(relative)
+    except CalibrationError:
+        return float(np.pi)
+    return float(np.median(np.linalg.norm(log_rotation(mean.T @ relative), axis=1)))

@@ -1,0 +1,212 @@
+"""A table as instruments write it: separators, decimal commas, preambles and units are found out."""
+
+import csv
+import math
+import re
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain, islice
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from cellcal.calibration.errors import CellError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import Rows
+from cellcal.service.engineering.measured.encodings import encoding_of
+from cellcal.service.engineering.measured.table_heads import (
+    doubled_name,
+    heading_names,
+    is_remark,
+    names_without_heading,
+)
+
+_SEPARATORS = (";", "\t", ",", "|", " ")
+_LOOK_AHEAD = 200  # lines, to find separator and decimal mark
+_HEAD = 2000  # lines, to find the column names
+_FEWEST_COLUMNS = 3
+_GROUP_MARKS = re.compile("[ \u2009\u202f'\u2019]")
+_GROUPED = re.compile(r"^[+-]?\d{1,3}([ \u2009\u202f'\u2019]\d{3})+([.,]\d+)?$")
+_THOUSANDS = re.compile(r"^[+-]?\d{1,3}(,\d{3})+\.\d+$")  # without a point, a comma is a decimal mark
+_UNIT_APART = re.compile(r"[ \t]+([\[(][^\s\])]*[\])])")  # J1 [deg] is one name between blanks
+_EXCEL = {".xlsx", ".xlsm"}
+
+
+class MeasurementError(CellError):
+    """A file of measurements cannot be understood; the remedy names the option that helps."""
+
+    code = "measurements"
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Names and cells; a cell is a number, or the text that is not one. Rows may have been ragged."""
+
+    names: tuple[str, ...]
+    numbers: Array  # (N, k): not a number where there is a text, or nothing
+    texts: Mapping[tuple[int, int], str]
+    lines: Rows  # (N,) of the file, counted from one
+    dialect: str  # for people
+    has_heading: bool = True  # else the names are numbers of columns, or from a remark
+
+    def __len__(self) -> int:
+        return len(self.lines)
+
+    def column(self, name: str) -> Array:
+        """Return the numbers of a column."""
+        found: Array = self.numbers[:, self.names.index(name)]
+        return found
+
+    def words(self, name: str) -> list[str]:
+        """Return the cells of a column as text."""
+        at = self.names.index(name)
+        return [
+            self.texts.get((row, at), "" if math.isnan(number) else str(number))
+            for row, number in enumerate(self.numbers[:, at].tolist())
+        ]
+
+
+def read_table(path: Path, *, sheet: str | None = None) -> Table:
+    """Read a CSV file or the first usable sheet of an Excel file.
+
+    Raises
+    ------
+    MeasurementError
+        No such file, no table of numbers in it, no header, or names that occur twice.
+    """
+    if not path.is_file():
+        raise MeasurementError(f"there is no file {path}.", remedy="Check the name.")
+    if path.suffix.lower() in _EXCEL:
+        return _read_excel(path, sheet)
+    encoding = encoding_of(path)
+    with path.open(encoding=encoding, errors="replace") as file:
+        separator, comma = _dialect(
+            list(islice((line for line in file if line.strip() and not is_remark([line])), _LOOK_AHEAD))
+        )
+    mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
+    with path.open(encoding=encoding, errors="replace") as file:
+        cells = ([_cell(cell, comma) for cell in _split(line, separator)] for line in file)
+        return _assemble(path, cells, f"separated by {mark}, decimal {'comma' if comma else 'point'}")
+
+
+def _split(line: str, separator: str) -> list[str]:
+    if separator == " ":
+        return _UNIT_APART.sub(r"\1", line).split()
+    # One line, one row: a quotation mark that is never closed must not swallow the rest of the file.
+    return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
+
+
+def _dialect(lines: Sequence[str]) -> tuple[str, bool]:
+    """Return separator and whether the decimal mark is a comma: those that make most numbers of most rows."""
+    best: tuple[float, str, bool] = (0.0, ",", False)
+    for separator in _SEPARATORS:
+        for comma in (False, True):
+            if separator == "," and comma:
+                continue
+            counts = [
+                sum(isinstance(_cell(cell, comma), float) for cell in _split(line, separator))
+                for line in lines
+            ]
+            common, often = (
+                Counter(count for count in counts if count >= _FEWEST_COLUMNS).most_common(1)[0]
+                if any(count >= _FEWEST_COLUMNS for count in counts)
+                else (0, 0)
+            )
+            score = float(common * often)
+            if score > best[0]:
+                best = (score, separator, comma)
+    return best[1], best[2]
+
+
+def _cell(text: str, comma: bool) -> float | str:
+    cleaned = text.strip().strip('"').strip()
+    number = cleaned.replace("\u2212", "-").replace("\u00a0", "")
+    if _GROUPED.match(number):
+        number = _GROUP_MARKS.sub("", number)
+    if comma:
+        number = number.replace(".", "").replace(",", ".") if "," in number else number
+    elif _THOUSANDS.match(number):
+        number = number.replace(",", "")
+    if number[:1].isalpha() or "_" in number:  # float() would take nan, infinity and 1_000
+        return cleaned
+    try:
+        value = float(number)
+    except ValueError:
+        return cleaned
+    return value if math.isfinite(value) else cleaned
+
+
+def _assemble(path: Path, cells: Iterable[list[float | str]], dialect: str) -> Table:
+    rows = iter(cells)
+    head = list(islice(rows, _HEAD))
+    counts = [0 if is_remark(row) else sum(isinstance(cell, float) for cell in row) for row in head]
+    widths = Counter(count for count in counts if count >= _FEWEST_COLUMNS)
+    if not widths:
+        raise MeasurementError(
+            f"{path} holds no table of numbers.",
+            remedy="A file of measurements has one row a posture: joints, and what the device read.",
+        )
+    usual = widths.most_common(1)[0][0]
+    first = next(i for i, count in enumerate(counts) if count >= max(_FEWEST_COLUMNS, 0.5 * usual))
+    names = heading_names(head[:first], _width(head[first]))
+    has_heading = names is not None
+    if names is None:
+        remarks = [",".join(str(cell) for cell in row) for row in head[:first]]
+        names = names_without_heading(head[first][: _width(head[first])], remarks)
+    if twice := doubled_name(names):
+        raise MeasurementError(
+            f"{path}: the column name {twice!r} occurs twice.", remedy="Rename one of them."
+        )
+    numbers, texts, lines = array("d"), dict[tuple[int, int], str](), array("q")
+    for line, row in enumerate(chain(head[first:], rows), start=first + 1):
+        if not any(cell != "" for cell in row) or is_remark(row):
+            continue
+        padded = [*row[: len(names)], *[""] * (len(names) - len(row))]
+        for at, cell in enumerate(padded):
+            if isinstance(cell, str) and cell:
+                texts[len(lines), at] = cell
+        numbers.extend(cell if isinstance(cell, float) else math.nan for cell in padded)
+        lines.append(line)
+    shaped = np.frombuffer(numbers, dtype=float).reshape(-1, len(names))
+    return Table(names, shaped, texts, np.frombuffer(lines, dtype=np.int64), dialect, has_heading)
+
+
+def _width(row: list[float | str]) -> int:
+    """Return how many cells of a row hold something; separators at its end make no columns."""
+    return max((at + 1 for at, cell in enumerate(row) if cell != ""), default=0)
+
+
+def _read_excel(path: Path, sheet: str | None) -> Table:
+    import warnings  # noqa: PLC0415  # openpyxl takes 100 ms that a CSV file need not pay
+
+    from openpyxl import load_workbook  # noqa: PLC0415
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # about styles and validations, which hold no measurement
+        try:
+            book = load_workbook(path, read_only=True, data_only=True)
+        except (OSError, KeyError, ValueError, BadZipFile) as error:
+            raise MeasurementError(f"{path} is no Excel file.", remedy="Save it as CSV.") from error
+    try:
+        if sheet is not None and sheet not in book.sheetnames:
+            raise MeasurementError(
+                f"{path} has no sheet {sheet!r}.", remedy=f"Sheets: {', '.join(book.sheetnames)}."
+            )
+        for name in [sheet] if sheet is not None else book.sheetnames:
+            cells = [[_excel_cell(value) for value in row] for row in book[name].iter_rows(values_only=True)]
+            if sum(sum(isinstance(c, float) for c in row) >= _FEWEST_COLUMNS for row in cells) >= 2:
+                return _assemble(path, cells, f"Excel sheet {name!r}")
+    finally:
+        book.close()
+    raise MeasurementError(f"{path} holds no table of numbers.", remedy="Name the sheet with `--sheet`.")
+
+
+def _excel_cell(value: object) -> float | str:
+    if value is None or isinstance(value, bool):
+        return "" if value is None else str(value)
+    if isinstance(value, int | float):
+        return float(value) if math.isfinite(value) else str(value)
+    return _cell(str(value), "," in str(value) and "." not in str(value))

@@ -1,0 +1,97 @@
+"""What stands above the numbers of a table: names, units, groups of columns, or nothing but remarks."""
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+
+from cellcal.service.engineering.measured.headings import unit_named
+
+_BRACKETS = "[]()\uff08\uff09 "
+_MARKS = ("//", "#", "%")
+_OTHER_UNITS = frozenset(
+    {"", "degc", "°c", "℃", "c", "s", "sec", "ms", "-", "1", "k", "mbar", "hpa", "%", "n", "nm", "v"}
+)
+_AXES = re.compile(r"AXES\s*=\s*CARTESIAN\s*:\s*X\s*,\s*Y\s*,\s*Z\s*\(([^)]*)\)", re.IGNORECASE)
+
+Cells = list[float | str]
+
+
+def is_remark(row: Sequence[float | str]) -> bool:
+    """Tell whether a line is a remark: it begins with a mark that no number and no name begins with."""
+    first = next((cell for cell in row if cell != ""), "")
+    return isinstance(first, str) and first.lstrip().startswith(_MARKS)
+
+
+def heading_names(above: Sequence[Cells], width: int) -> tuple[str, ...] | None:
+    """Return the header above the numbers, with a line of units or of groups if there is one; None without any."""
+    lines = [[str(cell).strip() for cell in row] for row in above if any(str(cell).strip() for cell in row)]
+    lines = [_without_mark(row) for row in lines]
+    header = [at for at, row in enumerate(lines) if len(row) >= width or sum(map(bool, row)) >= width]
+    if not header:
+        return None
+    at = header[-1]
+    names, units = lines[at], [""] * len(lines[at])
+    if len(header) > 1 and _are_units(lines[at]):
+        names, units, at = lines[header[-2]], lines[at], header[-2]
+    if _doubled(names):
+        names = _with_groups(names, lines[:at])
+    joined = [
+        f"{n} [{u.strip(_BRACKETS)}]" if u and u not in n else n
+        for n, u in zip(names, [*units, *[""] * len(names)], strict=False)
+    ]
+    return tuple(name or f"column {i + 1}" for i, name in enumerate(joined))
+
+
+def doubled_name(names: Sequence[str]) -> str:
+    """Return a name that occurs twice; empty if none does."""
+    return next(iter(_doubled(names)), "")
+
+
+def names_without_heading(first: Cells, lines: Sequence[str]) -> tuple[str, ...]:
+    """Return names of a table that has none: by their numbers, or as a remark of the exporting program has them."""
+    names = [f"column {i + 1}" for i in range(len(first))]
+    axes = next((match for line in lines if (match := _AXES.search(line))), None)
+    numbers = [at for at, cell in enumerate(first) if isinstance(cell, float)]
+    if axes is None or len(numbers) < 3:
+        return tuple(names)
+    unit = unit_named(axes[1])
+    for axis, at in zip("XYZ", numbers, strict=False):
+        names[at] = f"{axis} [{unit}]" if unit else axis
+    if numbers[0] > 0:
+        names[numbers[0] - 1] = "Point Name"
+    return tuple(names)
+
+
+def _doubled(names: Sequence[str]) -> list[str]:
+    return [name for name, count in Counter(n for n in names if n).items() if count > 1]
+
+
+def _with_groups(names: list[str], above: Sequence[list[str]]) -> list[str]:
+    """Return names that occur twice with the groups that a line above them has: Nominal, Actual over X, Y, Z."""
+    for groups in reversed(above):
+        if sum(map(bool, groups)) < 2 or len(groups) > len(names):
+            continue
+        filled, last = [], ""
+        for at, name in enumerate(names):
+            last = groups[at] if at < len(groups) and groups[at] else last
+            filled.append(f"{last} {name}".strip())
+        if not _doubled(filled):
+            return filled
+    return names
+
+
+def _without_mark(row: list[str]) -> list[str]:
+    """Drop the comment mark of a header such as ``# q1 q2``."""
+    if row and row[0] in _MARKS:
+        return row[1:]
+    return [re.sub(r"^(//|[#%])\s*", "", row[0]), *row[1:]] if row else row
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    cells = [cell.strip(_BRACKETS).lower() for cell in row]
+    return any(cells) and all(cell in _OTHER_UNITS or bool(unit_named(cell)) for cell in cells)
+
+
+def are_numbered(names: Sequence[str]) -> bool:
+    """Tell whether names only count the columns of a table without heading."""
+    return any(re.fullmatch(r"column \d+", name) for name in names[:1])

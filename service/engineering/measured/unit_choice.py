@@ -1,0 +1,67 @@
+"""Units of a file: those that names or the user state, and guesses for the rest, which the fit checks."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array
+from cellcal.service.engineering.measured.table import MeasurementError
+from cellcal.service.engineering.measured.units import ANGLE_UNITS, LENGTH_UNITS
+
+_MOST_RADIANS = 8.2  # a turn and a third: beyond, angles are degrees
+_BY_SIZE = ("m", "mm", "cm", "inch")
+
+FitUnit = Callable[[Mapping[str, float]], str]
+
+
+@dataclass(frozen=True, slots=True)
+class UnitChoice:
+    """What was stated, what was guessed, and the guesses in words."""
+
+    known: Mapping[str, str]
+    guesses: list[str]
+    used: dict[str, str] = field(default_factory=dict)
+
+    def angle(self, meaning: str, columns: Sequence[str], values: Array) -> float:
+        """Return rad per unit: degrees if any angle is beyond a turn and a third."""
+        if meaning in self.known:
+            return self._stated(meaning, ANGLE_UNITS)
+        name = "deg" if float(np.abs(values).max()) > _MOST_RADIANS else "rad"
+        self._note(meaning, columns, name)
+        return ANGLE_UNITS[name]
+
+    def length(
+        self,
+        meaning: str,
+        columns: Sequence[str],
+        values: Array,
+        spread_m: float,
+        by_fit: FitUnit | None = None,
+    ) -> float:
+        """Return m per unit: the one that fits the arm, else in which the values spread as wide as it moved."""
+        if meaning in self.known:
+            return self._stated(meaning, LENGTH_UNITS)
+        name = by_fit(LENGTH_UNITS) if by_fit is not None else ""
+        if not name and spread_m > 0:
+            spread = float(np.sqrt(((values - values.mean(axis=0)) ** 2).sum(axis=1).mean()))
+            misfits = {n: abs(np.log(max(spread * LENGTH_UNITS[n], 1e-12) / spread_m)) for n in _BY_SIZE}
+            name = min(misfits, key=lambda n: misfits[n])
+        elif not name:
+            name = "mm" if float(np.median(np.abs(values))) > 20.0 else "m"
+        self._note(meaning, columns, name)
+        return LENGTH_UNITS[name]
+
+    def _stated(self, meaning: str, table: Mapping[str, float]) -> float:
+        unit = self.known[meaning]
+        if unit not in table:
+            raise MeasurementError(
+                f"{meaning} cannot be in {unit!r}.",
+                remedy=f"`--units {meaning}=UNIT` takes {', '.join(table)}.",
+            )
+        self.used[meaning] = unit
+        return table[unit]
+
+    def _note(self, meaning: str, columns: Sequence[str], unit: str) -> None:
+        self.used[meaning] = unit
+        self.guesses.append(f"{meaning} ({', '.join(columns)}) taken as {unit}")

@@ -1,0 +1,67 @@
+"""From a kept robot calibration to a version of the robot's parameter set, for `cellcal parameters keep`."""
+
+from dataclasses import replace
+
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.poses.calibrated_arm import CalibratedArm
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256, values_of_identification
+from cellcal.service.engineering.parameters.parameter_files import Who
+from cellcal.service.engineering.parameters.parameter_sets import (
+    ParameterSet,
+    ParameterSetError,
+    ParameterSets,
+    Value,
+)
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import open_journal
+
+
+def keep_calibration(
+    config: CellConfig, robot: str | None, sets: ParameterSets, who: str, made_at: str
+) -> ParameterSet:
+    """Save what the robot's newest calibration found as its next version.
+
+    Raises
+    ------
+    ParameterSetError
+        No calibration of this robot was kept, or the newest is saved already.
+    """
+    serial = config.robot(robot).serial
+    with open_journal(config) as journal:
+        arm = Store(journal).calibrated_arm(serial)
+    if arm is None:
+        raise ParameterSetError(
+            f"no calibration of robot {serial} was kept.",
+            remedy="Run `cellcal run robot_calibration` first.",
+            code="usage",
+        )
+    draft = draft_of(arm, Who(serial, who, made_at))
+    if serial in sets.robots() and sets.load(serial).source == draft.source:
+        raise ParameterSetError(
+            f"the newest calibration of robot {serial} is version {sets.load(serial).version} already.",
+            code="usage",
+        )
+    return sets.save(draft)
+
+
+def draft_of(arm: CalibratedArm, who: Who) -> ParameterSet:
+    """Return a kept calibration as a parameter set that has no version yet."""
+    nominal = load_model(arm.model)
+    return ParameterSet(
+        robot_serial=who.robot_serial,
+        model=arm.model,
+        nominal_sha256=nominal_sha256(nominal),
+        made_at=who.made_at,
+        made_by=who.made_by,
+        source=f"robot_calibration with {arm.device}, sha256 {arm.sha256}",
+        values=_correlated(values_of_identification(arm.parameters), arm.correlations),
+        note="for the mastering that the robot had then" if arm.counts_at_zero else "",
+    )
+
+
+def _correlated(values: tuple[Value, ...], correlations: tuple[tuple[float, ...], ...]) -> tuple[Value, ...]:
+    """Return values with their correlations, without which nobody can say how surely a point will be hit."""
+    if not correlations:
+        return values
+    return tuple(replace(value, correlations=rho) for value, rho in zip(values, correlations, strict=True))

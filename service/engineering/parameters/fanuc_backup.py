@@ -1,0 +1,145 @@
+"""``cellcal mastering import BACKUP``: the mastering record that a FANUC controller's .VA files can tell.
+
+Counts at zero, drives, and the quick-master reference where it belongs to this mastering. What the files cannot tell
+is named and left empty, never filled in: wire lengths, places, and the encoder epoch.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.calibration.mastering.counts import MasteringRecord
+from cellcal.drivers.fanuc.program_files.va_backup import DRIVES, MASTERING, FanucBackup, read_backup
+from cellcal.drivers.fanuc.program_files.va_edits import count_edits, instructions
+from cellcal.drivers.fanuc.program_files.va_mastering import Drives, GroupMastering
+from cellcal.procedures.mastering_record import seal
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.mastering_files import RecordFileError, kept_as
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import open_journal
+
+_UNTOLD = (
+    "wire lengths and places: lost turns cannot be found with this record",
+    "the encoder epoch: whether the encoders kept counting since the backup was saved",
+    "whose robot it is: a .VA file holds no serial number of the arm",
+)
+_NO_REFERENCE = "a reference pose: the backup has no quick-master reference of this mastering"
+
+
+class Arm(Protocol):
+    """Whose backup it is; robot None: the only one of the cell."""
+
+    @property
+    def robot(self) -> str | None: ...
+    @property
+    def group(self) -> int: ...
+
+
+@dataclass(frozen=True, slots=True)
+class BackupImport:
+    """What an import brought in, and what the backup cannot tell or says against itself."""
+
+    robot: str
+    record: MasteringRecord
+    was_known: bool
+    untold: tuple[str, ...]
+    findings: tuple[str, ...]
+
+
+def import_backup(
+    config: CellConfig, folder: Path, *, who: str, of: Arm, replace: bool = False
+) -> BackupImport:
+    """Make a mastering record from a folder of .VA files, as the one in force.
+
+    Raises
+    ------
+    RecordFileError
+        The mastering in it is not valid or not whole, it is of another model, or another record is in force and
+        ``replace`` was not said.
+    ProgramFileError
+        A file is damaged.
+    """
+    if of.robot is None and len(config.robots) > 1:
+        raise RecordFileError(
+            f"this cell has {len(config.robots)} robots, and a backup does not say whose it is.",
+            remedy=f"Say --robot with one of {', '.join(entry.name for entry in config.robots)}.",
+            code="usage",
+        )
+    entry = config.robot(of.robot)
+    backup = read_backup(folder)
+    mastering, drives = _valid(backup, of.group)
+    _refuse_other_axes(entry.model, mastering)
+    record = _record(entry.serial, entry.model, mastering, drives)
+    known = kept_as(config, record, who=who, replace=replace)
+    untold = (*_UNTOLD, *(() if record.reference_counts else (_NO_REFERENCE,)))
+    return BackupImport(entry.name, record, known, untold, mastering.findings)
+
+
+def edits_to(config: CellConfig, folder: Path, of: Arm) -> tuple[str, ...]:
+    """Return what an operator types to give the controller the counts of the record in force.
+
+    Raises
+    ------
+    RecordFileError
+        There is no record.
+    """
+    entry = config.robot(of.robot)
+    with open_journal(config) as journal:
+        record = Store(journal).mastering_record(entry.serial)
+    if record is None:
+        raise RecordFileError(
+            f"there is no mastering record of {entry.name} (serial {entry.serial}).",
+            remedy="Import one, or take it with `cellcal run mastering_record` while the robot is healthy.",
+        )
+    return instructions(count_edits(read_backup(folder), of.group, record.counts_at_zero))
+
+
+def _valid(backup: FanucBackup, group: int) -> tuple[GroupMastering, Drives]:
+    for name in (MASTERING, DRIVES):
+        if name not in backup.files:
+            raise RecordFileError(
+                f"{name} is not in {backup.folder}; a mastering record needs {MASTERING} and {DRIVES}.",
+                remedy="Save the system variables of the controller as ASCII once more, all of them.",
+            )
+    mastering = backup.mastering.get(group)
+    if mastering is None:
+        there = ", ".join(map(str, backup.mastering)) or "none"
+        raise RecordFileError(
+            f"group {group} has no axes in {backup.folder}; there are: {there}.", code="usage"
+        )
+    if mastering.drives is None or not mastering.mastered or 0 in mastering.states:
+        raise RecordFileError(
+            f"{backup.folder} was not imported: {'; '.join(mastering.findings)}.",
+            remedy="Take a backup from a time when the robot was mastered on every axis.",
+        )
+    return mastering, mastering.drives
+
+
+def _refuse_other_axes(model: str, mastering: GroupMastering) -> None:
+    axes = load_model(model).axes
+    if axes != len(mastering.counts_at_zero):
+        raise RecordFileError(
+            f"a {model} has {axes} axes, group {mastering.group} of the backup {len(mastering.counts_at_zero)}.",
+            remedy="Say which motion group is this robot's (--group), or correct the model in the cell file.",
+            code="usage",
+        )
+
+
+def _record(serial: str, model: str, mastering: GroupMastering, drives: Drives) -> MasteringRecord:
+    holds = mastering.reference_holds
+    record = MasteringRecord(
+        robot_serial=serial,
+        model=model,
+        epoch=0,
+        drive=drives.train(),
+        counts_at_zero=mastering.counts_at_zero,
+        reference_joints_rad=mastering.reference_rad if holds else (),
+        reference_counts=mastering.reference_counts if holds else (),
+        captures=(),
+        wire=None,
+        prior=None,
+        taken_by="controller backup 1",
+        sha256="",
+    )
+    return seal(record)

@@ -1,0 +1,265 @@
+"""Parameter sets in from identifications and makers' files, and out as descriptions and makers' files."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.arm.standard_dh import standard_dh
+from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.calibration.arm.urdf import bare_urdf
+from cellcal.calibration.geometry import log_transform
+from cellcal.service.engineering.identification.identify import IdentifiedParameter
+from cellcal.service.engineering.parameters.calibrated_models import (
+    CalibratedModel,
+    calibrated_description,
+    calibrated_model,
+    nominal_sha256,
+    values_of_identification,
+    values_of_model,
+)
+from cellcal.service.engineering.parameters.parameter_sets import (
+    ParameterSet,
+    ParameterSetError,
+    ParameterSets,
+    Value,
+    parse,
+    to_text,
+)
+from cellcal.service.engineering.parameters.ur_files import (
+    LINEARISED,
+    RosKinematics,
+    UrKinematics,
+    model_of_ros,
+    read_calibration_conf,
+    read_primary_kinematics,
+    read_ros_kinematics,
+    ros_frames,
+    write_calibration_conf,
+    write_primary_kinematics,
+    write_ros_kinematics,
+)
+
+_REST_WORTH_SAYING = 1e-9  # m and rad
+
+
+class FileKind(StrEnum):
+    """Forms in which a calibrated arm leaves the house."""
+
+    TOML = "toml"
+    URDF = "urdf"
+    CALIBRATION_CONF = "calibration-conf"
+    PRIMARY = "primary"
+    ROS_YAML = "ros-yaml"
+
+
+@dataclass(frozen=True, slots=True)
+class Who:
+    """Which robot, and who says so."""
+
+    robot_serial: str
+    made_by: str
+    made_at: str  # ISO 8601
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """A saved set, and what a person should know about it."""
+
+    parameter_set: ParameterSet
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """A description to be corrected, rather than a bare one written."""
+
+    text: str
+    tip_link: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Content:
+    values: tuple[Value, ...]
+    what: str
+    factory_hash: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: Who) -> Imported:
+    """Save what a file says about an arm as the newest version.
+
+    It may be the JSON of ``cellcal identify``, a parameter set, a UR controller's ``calibration.conf``, bytes
+    of its primary interface, or the YAML of ``ur_calibration``.
+
+    Raises
+    ------
+    CalibrationError
+        The file is none of these, or of another robot; a YAML is of another arm than the controller's table.
+    """
+    data = path.read_bytes()
+    content = _read(data, nominal)
+    known = _factory_hash(sets, who.robot_serial)
+    if content.factory_hash and known and content.factory_hash != known:
+        raise ParameterSetError(
+            f"{path} belongs to another arm: it is {content.factory_hash}, robot {who.robot_serial} is {known}.",
+            remedy="Check the serial number; fetch the table from this controller again.",
+        )
+    digest = hashlib.sha256(data).hexdigest()
+    draft = ParameterSet(
+        robot_serial=who.robot_serial,
+        model=nominal.name,
+        nominal_sha256=nominal_sha256(nominal),
+        made_at=who.made_at,
+        made_by=who.made_by,
+        source=f"{content.what}: {path.name}, sha256 {digest}",
+        values=content.values,
+        note=who.note,
+        factory_hash=content.factory_hash or known,
+    )
+    calibrated_model(nominal, draft)
+    return Imported(sets.save(draft), content.notes)
+
+
+def export_set(
+    item: ParameterSet,
+    nominal: RobotModel,
+    kind: FileKind,
+    *,
+    template: Template | None = None,
+    geometric_joints: bool = False,
+) -> tuple[bytes, tuple[str, ...]]:
+    """Return the content of a file, and sentences about what it could not hold."""
+    found = calibrated_model(nominal, item)
+    notes = [f"a rigid arm cannot hold: {', '.join(found.left_out)}"] if found.left_out else []
+    if kind is FileKind.TOML:
+        return to_text(item).encode(), ()
+    if kind is FileKind.URDF:
+        text = _urdf(found, nominal, template, geometric_joints=geometric_joints)
+        return text.encode(), tuple(notes)
+    if not nominal.name.startswith("ur"):
+        raise ParameterSetError(
+            f"{kind} is a form of Universal Robots, {nominal.name} is none of theirs.",
+            remedy="Export URDF.",
+            code="usage",
+        )
+    written, more = _UR_WRITERS[kind](found.model, nominal, item.factory_hash)
+    return written, (*notes, *more)
+
+
+def _urdf(
+    found: CalibratedModel, nominal: RobotModel, template: Template | None, *, geometric_joints: bool
+) -> str:
+    if template is None:
+        return bare_urdf(found.model, geometric_joints=geometric_joints)
+    return calibrated_description(template.text, template.tip_link, nominal, found.model)
+
+
+def _factory_hash(sets: ParameterSets, robot_serial: str) -> str:
+    if robot_serial not in sets.robots():
+        return ""
+    return sets.load(robot_serial).factory_hash
+
+
+def _read(data: bytes, nominal: RobotModel) -> _Content:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return _of_table(read_primary_kinematics(data), nominal, "primary interface")
+    start = text.lstrip()
+    if start.startswith("{"):
+        return _of_identification(text, nominal)
+    if "delta_theta" in text:
+        return _of_table(read_calibration_conf(text, nominal), nominal, "calibration.conf")
+    if "[[parameter]]" in text:
+        return _of_set(parse(text), nominal)
+    if "kinematics:" in text:
+        ros = read_ros_kinematics(text)
+        return _Content(values_of_model(nominal, model_of_ros(ros, nominal)), "ur_calibration", ros.hash)
+    return _of_table(read_primary_kinematics(data), nominal, "primary interface")
+
+
+def _of_table(kinematics: UrKinematics, nominal: RobotModel, what: str) -> _Content:
+    notes: tuple[str, ...] = ()
+    if kinematics.status != LINEARISED:
+        notes = (
+            "the controller says that this table is not linearised: it may be nominal, or another arm's",
+        )
+    model = factory_model(nominal, kinematics.table)
+    return _Content(values_of_model(nominal, model), what, kinematics.hash, notes)
+
+
+def _of_set(item: ParameterSet, nominal: RobotModel) -> _Content:
+    calibrated_model(nominal, item)
+    return _Content(
+        item.values, f"parameter set {item.robot_serial} version {item.version}", item.factory_hash
+    )
+
+
+def _of_identification(text: str, nominal: RobotModel) -> _Content:
+    try:
+        document = json.loads(text)
+        robot = document["robot"]
+        found = [IdentifiedParameter(**each) for each in document["parameters"]]
+    except (ValueError, KeyError, TypeError) as broken:
+        raise ParameterSetError(
+            "this JSON is not a result of an identification.",
+            remedy="Write it with `cellcal identify --json`.",
+        ) from broken
+    if robot != nominal.name:
+        raise ParameterSetError(f"the identification is of a {robot}, not of a {nominal.name}.")
+    values = values_of_identification(p for p in found if not p.name.startswith("wire "))
+    return _Content(values, "identification")
+
+
+def _write_conf(model: RobotModel, nominal: RobotModel, _: str) -> tuple[bytes, tuple[str, ...]]:
+    kinematics, notes = _controller_table(model, nominal)
+    return write_calibration_conf(kinematics, nominal).encode(), notes
+
+
+def _write_primary(model: RobotModel, nominal: RobotModel, _: str) -> tuple[bytes, tuple[str, ...]]:
+    kinematics, notes = _controller_table(model, nominal)
+    return write_primary_kinematics(kinematics), notes
+
+
+def _controller_table(model: RobotModel, nominal: RobotModel) -> tuple[UrKinematics, tuple[str, ...]]:
+    found = standard_dh(model, nominal)
+    rest = log_transform(found.flange_rest)
+    return UrKinematics(found.table), _said(rest)
+
+
+def _write_ros(model: RobotModel, nominal: RobotModel, factory_hash: str) -> tuple[bytes, tuple[str, ...]]:
+    if not factory_hash:
+        raise ParameterSetError(
+            "nobody knows by which hash ROS names this arm.",
+            remedy="Import the controller's calibration.conf first: the hash of its table is that name.",
+        )
+    text = write_ros_kinematics(RosKinematics(ros_frames(model), factory_hash))
+    back = model_of_ros(read_ros_kinematics(text), nominal)
+    still = np.zeros((1, nominal.axes))
+    rest = log_transform(np.linalg.inv(back.base_flange(still)[0]) @ model.base_flange(still)[0])
+    return text.encode(), _said(rest)
+
+
+def _said(rest: np.ndarray) -> tuple[str, ...]:
+    if np.abs(rest).max() < _REST_WORTH_SAYING:
+        return ()
+    shift, turn = rest[:3] * 1e3, np.rad2deg(rest[3:])
+    return (
+        "such a file cannot hold how the flange sits on the last axis; put it into the tool: "
+        f"x y z {', '.join(f'{v:.4f}' for v in shift)} mm, "
+        f"rotation vector {', '.join(f'{v:.5f}' for v in turn)} deg",
+    )
+
+
+_UR_WRITERS: dict[FileKind, Callable[[RobotModel, RobotModel, str], tuple[bytes, tuple[str, ...]]]] = {
+    FileKind.CALIBRATION_CONF: _write_conf,
+    FileKind.PRIMARY: _write_primary,
+    FileKind.ROS_YAML: _write_ros,
+}

@@ -1,0 +1,350 @@
+"""Parameter sets of robots: text files with versions that nobody overwrites, and that tell when they were touched.
+
+One folder a robot, one TOML file a version. A file holds deviations from a nominal model in SI, their standard
+uncertainties, where they come from, the hash of the version before, and its own. Going back is a new version
+that names the old one: nothing is ever removed.
+"""
+
+import hashlib
+import json
+import math
+import os
+import re
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cellcal.calibration.errors import CalibrationError
+
+FORMAT = 1
+_SUFFIXES = {"rad": "_rad", "m": "_m", "rad/m": "_rad_per_m", "1": ""}
+_HEADER = (
+    "# Parameter set of one robot, written by cellcal: deviations from the nominal model, SI units.\n"
+    "# Import a changed copy as a new version instead of editing: the hash would no longer fit.\n"
+)
+_WORDS = ("robot_serial", "model", "nominal_sha256", "made_at", "made_by", "source")
+_OPTIONAL = ("note", "previous_sha256", "factory_hash")
+_SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+class ParameterSetError(CalibrationError):
+    """A parameter set is missing, damaged, or does not belong where it is."""
+
+    code = "parameters"
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """One deviation from nominal, with its standard uncertainty where somebody knows it."""
+
+    name: str
+    unit: str  # rad | m | rad/m | 1
+    value: float
+    standard_uncertainty: float | None = None
+    correlations: tuple[float, ...] = ()  # with the values before it in the set, from the first on
+    determined: bool = True  # False: the measurement left it where it was assumed, and it is no result
+
+    def __post_init__(self) -> None:
+        spread = 0.0 if self.standard_uncertainty is None else self.standard_uncertainty
+        if not all(-1.0 <= rho <= 1.0 for rho in self.correlations):
+            raise ParameterSetError(f"{self.name}: a correlation is between -1 and 1")
+        if self.unit not in _SUFFIXES or not (
+            math.isfinite(self.value) and math.isfinite(spread) and spread >= 0
+        ):
+            raise ParameterSetError(f"{self.name}: a value is finite, in rad, m, rad/m or 1")
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterSet:
+    """One version. ``version`` 0 is a draft: the store numbers it."""
+
+    robot_serial: str
+    model: str
+    nominal_sha256: str
+    made_at: str  # ISO 8601
+    made_by: str
+    source: str
+    values: tuple[Value, ...]
+    note: str = ""
+    factory_hash: str = ""  # by which ROS names the arm's own table
+    version: int = 0
+    previous_sha256: str = ""
+    rolls_back_to: int = 0
+
+    def __post_init__(self) -> None:
+        try:
+            "".join([getattr(self, key) for key in (*_WORDS, *_OPTIONAL)]).encode()
+        except UnicodeEncodeError as broken:
+            raise ParameterSetError("a parameter set holds text that cannot be written") from broken
+        names = [value.name for value in self.values]
+        if not names or len(set(names)) != len(names):
+            raise ParameterSetError("a parameter set holds at least one parameter, and none twice")
+
+    @property
+    def sha256(self) -> str:
+        """The hash that the file carries."""
+        return hashlib.sha256(_text(self).encode()).hexdigest()
+
+    def value(self, name: str) -> Value | None:
+        """Return a value by name."""
+        return next((value for value in self.values if value.name == name), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """One value in two sets; ``None`` where a set does not have it."""
+
+    name: str
+    unit: str
+    before: Value | None
+    after: Value | None
+
+    @property
+    def determined(self) -> bool:
+        """Whether a measurement speaks for what is in each of the two sets."""
+        return all(value.determined for value in (self.before, self.after) if value is not None)
+
+    @property
+    def difference(self) -> float:
+        """After minus before; a value that is not there is nominal."""
+        return (self.after.value if self.after else 0.0) - (self.before.value if self.before else 0.0)
+
+    @property
+    def deviations(self) -> float | None:
+        """The difference in combined standard uncertainties; None where neither is known, or one is no result."""
+        if not self.determined:
+            return None
+        spreads = [v.standard_uncertainty for v in (self.before, self.after) if v is not None]
+        known = [spread for spread in spreads if spread]
+        return abs(self.difference) / math.hypot(*known) if known else None
+
+
+class ParameterSets:
+    """A folder of parameter sets."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def robots(self) -> tuple[str, ...]:
+        """Return the serials of all robots that have sets."""
+        if not self._folder.is_dir():
+            return ()
+        return tuple(sorted(item.name for item in self._folder.iterdir() if _versions(item)))
+
+    def history(self, robot_serial: str) -> tuple[ParameterSet, ...]:
+        """Return all versions, oldest first, each proved to follow the one before.
+
+        Raises
+        ------
+        ParameterSetError
+            No such robot; or a file that is missing, damaged or from elsewhere.
+        """
+        folder = self._folder / _serial(robot_serial)
+        numbers = _versions(folder)
+        if not numbers:
+            known = ", ".join(self.robots()) or "none"
+            raise ParameterSetError(
+                f"there are no parameter sets of robot {robot_serial}.",
+                remedy=f"Robots with sets here: {known}.",
+                code="usage",
+            )
+        sets: list[ParameterSet] = []
+        for number in range(1, numbers[-1] + 1):
+            path = folder / _file_name(number)
+            if number not in numbers:
+                raise ParameterSetError(f"{path} is missing.", remedy="Restore it from a backup.")
+            found = parse(path.read_text(encoding="utf-8"), str(path))
+            before = sets[-1].sha256 if sets else ""
+            if (found.version, found.robot_serial, found.previous_sha256) != (number, robot_serial, before):
+                raise ParameterSetError(
+                    f"{path} does not follow version {number - 1} of robot {robot_serial}.",
+                    remedy="Restore the folder from a backup; import a foreign file as a new version.",
+                )
+            sets.append(found)
+        return tuple(sets)
+
+    def load(self, robot_serial: str, version: int | None = None) -> ParameterSet:
+        """Return a version, or the newest."""
+        sets = self.history(robot_serial)
+        if version is None:
+            return sets[-1]
+        if not 1 <= version <= len(sets):
+            raise ParameterSetError(
+                f"robot {robot_serial} has no version {version}.",
+                remedy=f"There are versions 1 to {len(sets)}.",
+                code="usage",
+            )
+        return sets[version - 1]
+
+    def save(self, draft: ParameterSet) -> ParameterSet:
+        """Write a draft as the next version, whole or not at all; another writer is never overwritten."""
+        folder = self._folder / _serial(draft.robot_serial)
+        before = self.load(draft.robot_serial) if _versions(folder) else None
+        saved = replace(
+            draft,
+            version=before.version + 1 if before else 1,
+            previous_sha256=before.sha256 if before else "",
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_new(folder / _file_name(saved.version), to_text(saved))
+        return saved
+
+    def rollback(
+        self, robot_serial: str, version: int, *, made_by: str, made_at: str, note: str = ""
+    ) -> ParameterSet:
+        """Write the values of an old version as a new one that names it."""
+        old = self.load(robot_serial, version)
+        draft = replace(
+            old,
+            made_by=made_by,
+            made_at=made_at,
+            note=note,
+            rolls_back_to=version,
+        )
+        return self.save(draft)
+
+
+def diff(before: ParameterSet, after: ParameterSet) -> tuple[Change, ...]:
+    """Return every value that is not the same in both, in the order of the newer set."""
+    names = [value.name for value in after.values]
+    names += [value.name for value in before.values if value.name not in set(names)]
+    changes = []
+    for name in names:
+        old, new = before.value(name), after.value(name)
+        if old != new:
+            unit = (new or old or Value(name, "1", 0.0)).unit
+            changes.append(Change(name, unit, old, new))
+    return tuple(changes)
+
+
+def to_text(parameter_set: ParameterSet) -> str:
+    """Return the text of a file, with its hash."""
+    head, tables = _text(parameter_set).split("\n[[parameter]]", maxsplit=1)
+    return f'{head}sha256 = "{parameter_set.sha256}"\n\n[[parameter]]{tables}'
+
+
+def parse(text: str, where: str = "parameter set") -> ParameterSet:
+    """Read the text of a file and prove its hash.
+
+    Raises
+    ------
+    ParameterSetError
+        Not such a file, an unknown key, or changed since it was written.
+    """
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as broken:
+        raise ParameterSetError(f"{where} is not a parameter set: {broken}") from broken
+    found = _from_data(data, where)
+    if data.get("sha256") != found.sha256:
+        raise ParameterSetError(
+            f"{where} was changed after it was written: its hash does not fit.",
+            remedy="Restore it from a backup, or import the values as a new version.",
+        )
+    return found
+
+
+def _from_data(data: dict[str, Any], where: str) -> ParameterSet:
+    known = {*_WORDS, *_OPTIONAL, "format", "version", "rolls_back_to", "sha256", "parameter"}
+    missing = {*_WORDS, "version", "sha256", "parameter"} - data.keys()
+    if data.get("format") != FORMAT or missing or data.keys() - known:
+        raise ParameterSetError(
+            f"{where} is not a parameter set of format {FORMAT}: "
+            f"missing {sorted(missing)}, unknown {sorted(data.keys() - known)}"
+        )
+    words = {key: data.get(key, "") for key in (*_WORDS, *_OPTIONAL)}
+    numbers = {"version": data["version"], "rolls_back_to": data.get("rolls_back_to", 0)}
+    tables = data["parameter"]
+    valid = all(isinstance(v, str) for v in words.values()) and all(type(v) is int for v in numbers.values())
+    if not valid or not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
+        raise ParameterSetError(f"{where}: a word, a number or a table is of the wrong kind")
+    values = tuple(_value(table, where) for table in tables)
+    return ParameterSet(values=values, **words, **numbers)
+
+
+def _value(table: dict[str, Any], where: str) -> Value:
+    for unit, suffix in _SUFFIXES.items():
+        key, spread = f"value{suffix}", f"standard_uncertainty{suffix}"
+        if {"name", key} <= table.keys() <= {"name", key, spread, "correlations", "determined"}:
+            rho = table.get("correlations", [])
+            numbers = [table[key], table.get(spread, 0.0), *(rho if isinstance(rho, list) else [None])]
+            told = table.get("determined", True)
+            words = isinstance(table["name"], str) and isinstance(told, bool)
+            if words and all(type(v) in (int, float) for v in numbers):
+                uncertainty = float(table[spread]) if spread in table else None
+                return Value(
+                    table["name"], unit, float(table[key]), uncertainty, tuple(map(float, rho)), told
+                )
+    raise ParameterSetError(
+        f"{where}: a parameter has a name, a value and a standard uncertainty of one unit"
+    )
+
+
+def _text(item: ParameterSet) -> str:
+    """Return the text that is hashed: the file without its hash."""
+    lines = [f"format = {FORMAT}", f"version = {item.version}"]
+    lines += [f"{key} = {_quoted(getattr(item, key))}" for key in _WORDS]
+    lines += [f"{key} = {_quoted(getattr(item, key))}" for key in _OPTIONAL if getattr(item, key)]
+    if item.rolls_back_to:
+        lines.append(f"rolls_back_to = {item.rolls_back_to}")
+    tables = [_table(value) for value in item.values]
+    return _HEADER + "\n".join(lines) + "\n" + "".join(tables)
+
+
+def _table(value: Value) -> str:
+    suffix = _SUFFIXES[value.unit]
+    lines = ["", "[[parameter]]", f"name = {_quoted(value.name)}", f"value{suffix} = {float(value.value)!r}"]
+    if value.standard_uncertainty is not None:
+        lines.append(f"standard_uncertainty{suffix} = {float(value.standard_uncertainty)!r}")
+    if value.correlations:
+        lines.append(f"correlations = [{', '.join(f'{rho:.9g}' for rho in value.correlations)}]")
+    if not value.determined:
+        lines.append("determined = false")
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    """Return a TOML string; JSON's are, but for one control character that it does not escape."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _serial(text: str) -> str:
+    if not _SERIAL.fullmatch(text):
+        raise ParameterSetError(
+            f"{text!r} cannot name a robot.",
+            remedy="Use letters, digits, dot, dash and underscore.",
+            code="usage",
+        )
+    return text
+
+
+def _file_name(version: int) -> str:
+    return f"v{version:04d}.toml"
+
+
+def _versions(folder: Path) -> Sequence[int]:
+    if not folder.is_dir():
+        return ()
+    names = [re.fullmatch(r"v(\d{4,})\.toml", item.name) for item in folder.iterdir()]
+    return sorted(int(name[1]) for name in names if name)
+
+
+def _write_new(path: Path, text: str) -> None:
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    draft = Path(name)
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        draft.chmod(0o644)
+        os.link(draft, path)  # fails if somebody else wrote this version meanwhile
+    except FileExistsError as taken:
+        raise ParameterSetError(
+            f"{path} was written by somebody else just now.", remedy="Try again."
+        ) from taken
+    finally:
+        draft.unlink()

@@ -1,0 +1,132 @@
+"""Where in its reach the arm was measured, how far off it was there, and how well it will be known elsewhere."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import FigureBase
+
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.observations import LengthObservations
+from cellcal.service.engineering.plots.evidence import Evidence, thinned
+from cellcal.service.engineering.plots.style import DOUBT_MAP, ERROR_MAP, tidy, title_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_CELLS = 24  # along the longer side of a view
+_DENSE = 1500
+_FEW = 150  # rows: dots rather than cells
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """One look at the cell: what lies across and up [m], of the reach and of the measured places."""
+
+    words: tuple[str, str, str]  # title, across, up
+    reach: tuple[Array, Array]
+    seen: tuple[Array, Array]
+
+    def extent(self) -> tuple[float, float, float, float]:
+        """Return left, right, bottom, top: of the whole reach, so that a small box of measurements looks small."""
+        low_high = []
+        for reach, seen in zip(self.reach, self.seen, strict=True):
+            both = np.concatenate([reach, seen])
+            margin = 0.03 * float(np.ptp(both)) + 1e-3
+            low_high += [float(both.min()) - margin, float(both.max()) + margin]
+        left, right, bottom, top = low_high
+        return left, right, bottom, top
+
+    def cells(self) -> tuple[int, int]:
+        """Return how many hexagons across and up make them regular."""
+        left, right, bottom, top = self.extent()
+        size = max(right - left, top - bottom) / _CELLS
+        return max(round((right - left) / size), 1), max(round((top - bottom) / size / np.sqrt(3)), 1)
+
+
+def error_map(figure: FigureBase, evidence: Evidence) -> None:
+    """Draw the maps with a title."""
+    title_of(figure, f"{evidence.report.robot}: error and predicted uncertainty over the workspace")
+    draw_maps(figure, evidence)
+
+
+def draw_maps(figure: FigureBase, evidence: Evidence) -> None:
+    """Draw held-out errors where they were measured, and predicted uncertainty over the reach; side and top."""
+    widths = [view.extent()[1] - view.extent()[0] for view in _views(evidence)]
+    grid = figure.subplots(2, 2, width_ratios=widths)
+    measured(grid[0], evidence)
+    predicted(grid[1], evidence)
+
+
+def measured(panels: "Sequence[Axes] | Array", evidence: Evidence) -> None:
+    """Draw the held-out error where the target was: the mean of a cell, or each row if there are few."""
+    errors = evidence.report.held_out_m * 1e3
+    few = len(errors) <= _FEW
+    drawn: list[PathCollection | PolyCollection] = []
+    for panel, view in zip(panels, _views(evidence), strict=True):
+        if few:
+            drawn.append(panel.scatter(*view.seen, c=errors, s=18, cmap=ERROR_MAP, lw=0))
+        else:
+            cells, extent = view.cells(), view.extent()
+            drawn.append(
+                panel.hexbin(*view.seen, C=errors, gridsize=cells, extent=extent, cmap=ERROR_MAP, lw=0.1)
+            )
+        _frame(panel, view)
+    shown = np.concatenate([np.asarray(each.get_array()) for each in drawn])
+    norm = Normalize(0.0, max(float(np.percentile(shown, 98)), 1e-6))
+    for each in drawn:
+        each.set_norm(norm)
+    words = "held-out error (mm)" if few else "held-out error,\nmean of a cell (mm)"
+    _bar(panels, ScalarMappable(norm, ERROR_MAP), words, extend="max")
+
+
+def predicted(panels: "Sequence[Axes] | Array", evidence: Evidence) -> None:
+    """Draw the predicted uncertainty of the target's place in cells of the reach, the measured places as dots."""
+    sigma = evidence.reach.sigma_m * 1e3
+    low, high = np.percentile(sigma, (2, 98))
+    norm = Normalize(float(low), max(float(high), float(low) + 1e-9))
+    some = thinned(np.zeros(len(evidence.held_out_places_m)))
+    for panel, view in zip(panels, _views(evidence), strict=True):
+        panel.hexbin(
+            *view.reach, C=sigma, gridsize=view.cells(), extent=view.extent(), reduce_C_function=np.median,
+            cmap=DOUBT_MAP, norm=norm, lw=0.1,
+        )  # fmt: skip
+        x, y = (values[some] for values in view.seen)
+        fast = len(some) > _DENSE
+        panel.plot(x, y, ".", color="white", ms=4.5, mew=0, rasterized=fast)
+        panel.plot(x, y, ".", color="black", ms=2.2, mew=0, rasterized=fast)
+        _frame(panel, view)
+    frame = " in a user frame" if isinstance(evidence.fitted, LengthObservations) else ""
+    words = f"predicted uncertainty{frame},\nmedian of all attitudes (mm, k = 1); dots: rows"
+    _bar(panels, ScalarMappable(norm, DOUBT_MAP), words, extend="both")
+
+
+def _views(evidence: Evidence) -> tuple[_View, _View]:
+    (x, y, z), (seen_x, seen_y, seen_z) = evidence.reach.places_m.T, evidence.held_out_places_m.T
+    side = ("from the side", "distance from J1's axis (m)", "height z (m)")
+    above = ("from above", "x (m)", "y (m)")
+    return (
+        _View(side, (np.hypot(x, y), z), (np.hypot(seen_x, seen_y), seen_z)),
+        _View(above, (x, y), (seen_x, seen_y)),
+    )
+
+
+def _frame(panel: "Axes", view: _View) -> None:
+    left, right, bottom, top = view.extent()
+    panel.set_xlim(left, right)
+    panel.set_ylim(bottom, top)
+    panel.set_aspect("equal")
+    panel.plot(0, 0, "+", color="black", ms=9, clip_on=False)
+    title, across, up = view.words
+    panel.set_title(title, loc="left")
+    panel.set_xlabel(across)
+    panel.set_ylabel(up)
+    tidy(panel)
+
+
+def _bar(panels: "Sequence[Axes] | Array", shown: ScalarMappable, label: str, *, extend: str) -> None:
+    panels[0].figure.colorbar(shown, ax=list(panels), label=label, extend=extend, shrink=0.85)

@@ -1,0 +1,341 @@
+"""Positions of many programs side by side, and the tool and frame of each in a cell."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.programs.transfer import same_place
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNTAUGHT, Positions, ProgramFile
+from cellcal.service.engineering.programs.makes import base_of, flange_of, make_of
+from cellcal.service.engineering.programs.other_axes import (
+    BESIDE_EXTERNAL,
+    EXTERNAL,
+    OTHER_JOINTS,
+    beside_external_values,
+    has_external_values,
+    of_another_arm,
+)
+from cellcal.service.engineering.programs.project import Project, Tool
+from cellcal.service.engineering.programs.project_pulses import MISSING, PULSES
+
+Rows = NDArray[np.intp]
+Some = TypeVar("Some", bound=np.generic)
+Entry = TypeVar("Entry")
+CASELESS = frozenset(("abb", "kuka"))  # brands whose languages take a name in any case
+
+_ALWAYS = {"yaskawa": ("BASE", "ROBOT")}  # a file may hold these, but does not bring them
+_ALIKE_M, _ALIKE_RAD = 1e-5, np.radians(0.01)  # what a pendant shows of one pose and another
+_NEAREST_M = 5e-3  # all points of a program within this of their frame's origin: another unit
+_FEWEST = 3
+_COMPARED, _ANOTHER_ARM_M = 7, 1e-4
+_FARTHEST = 3.0  # times the arm's length
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """N positions of some programs, one after the other."""
+
+    programs: tuple[ProgramFile, ...]
+    of: Rows  # (N,) whose
+    row: Rows  # (N,) of its positions
+    cartesian: NDArray[np.bool_]
+    frame_tip: Array  # (N, 4, 4)
+    joints: Array  # (N, n)
+    texts: tuple[str, ...]  # configurations
+    tools: tuple[str | None, ...]
+    user_frames: tuple[str | None, ...]
+    stays: NDArray[np.bool_]  # (N,) not meant to change
+    reasons: list[str]  # (N,) why a point is left, "" while nothing speaks against it
+
+    def __len__(self) -> int:
+        return len(self.row)
+
+    def refuse(self, rows: Rows, why: str | Callable[[int], str]) -> None:
+        """Leave points, for the first reason that was found."""
+        for i in rows.tolist():
+            self.reasons[i] = self.reasons[i] or (why if isinstance(why, str) else why(i))
+
+    def taught_before(self, rows: Rows) -> Array:
+        """Return joints (K, n) taught in the same program after the row before each of K rows, else NaN."""
+        taught = np.flatnonzero(np.isfinite(self.joints).all(axis=1))
+        taught = taught[[not self.reasons[i] for i in taught.tolist()]]
+        found = np.full((len(rows), self.joints.shape[1]), np.nan)
+        if not len(taught):
+            return found
+        last = np.searchsorted(taught, rows) - 1
+        at = taught[np.maximum(last, 0)]
+        previous = np.concatenate([[-1], rows[:-1]])
+        there = (last >= 0) & (self.of[at] == self.of[rows]) & (at > previous)
+        found[there] = self.joints[at[there]]
+        return found
+
+    def open(self) -> Rows:
+        """Return the points that nothing speaks against."""
+        return np.array([i for i, reason in enumerate(self.reasons) if not reason], dtype=np.intp)
+
+
+def points_of(programs: Sequence[ProgramFile], axes: int) -> Points:
+    """Put the positions of programs side by side.
+
+    Raises
+    ------
+    ProgramFileError
+        A program of an arm with another number of joints: every joint position says so.
+    """
+    other_arms = [of_another_arm(program, axes) for program in programs]
+    all_of = [program.positions for program in programs]
+    count = [len(positions) for positions in all_of]
+    points = Points(
+        programs=tuple(programs),
+        of=np.repeat(np.arange(len(programs)), count).astype(np.intp),
+        row=side_by_side([np.arange(n, dtype=np.intp) for n in count], np.zeros(0, dtype=np.intp)),
+        cartesian=np.array([kind == CARTESIAN for p in all_of for kind in p.kinds], dtype=bool),
+        frame_tip=side_by_side([p.frame_tip for p in all_of], np.zeros((0, 4, 4))),
+        joints=side_by_side([joints_of(p, axes) for p in all_of], np.zeros((0, axes))),
+        texts=tuple(text for p in all_of for text in p.configurations),
+        tools=tuple(name for p in all_of for name in p.tools),
+        user_frames=tuple(name for p in all_of for name in p.user_frames),
+        stays=np.zeros(sum(count), dtype=bool),
+        reasons=[
+            _first_reason(kind, p.barred.get(row, ""), axes)
+            for p in all_of
+            for row, kind in enumerate(p.kinds)
+        ],
+    )
+    groups = side_by_side([p.groups for p in all_of], np.zeros(0, dtype=np.int64))
+    points.refuse(np.flatnonzero(groups != 1), "belongs to another motion group than the robot")
+    for flags, why in (
+        (other_arms, OTHER_JOINTS.format(axes)),
+        ([has_external_values(p) for p in all_of], EXTERNAL),
+        ([beside_external_values(p, axes) for p in all_of], BESIDE_EXTERNAL),
+    ):
+        points.refuse(np.flatnonzero(side_by_side(flags, np.zeros(0, dtype=bool))), why)
+    return points
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Points that share tool and frame."""
+
+    rows: Rows
+    tool: str | None
+    frame: str | None
+
+
+def groups_of(points: Points, programs_apart: bool) -> tuple[Group, ...]:
+    """Return the points by tool and frame; by program too where programs bring tools and frames of their own."""
+    found: dict[tuple[str | None, str | None, int], list[int]] = {}
+    for i in points.open().tolist():
+        whose = int(points.of[i]) if programs_apart else -1
+        found.setdefault((points.tools[i], points.user_frames[i], whose), []).append(i)
+    return tuple(Group(np.array(rows, dtype=np.intp), key[0], key[1]) for key, rows in found.items())
+
+
+def bring_their_own(programs: Sequence[ProgramFile]) -> bool:
+    """Tell whether any program holds tools or frames itself."""
+    return any(tools or bases for p in programs for tools, bases in [_brought(p, at_home=True)])
+
+
+def _brought(program: ProgramFile, *, at_home: bool) -> tuple[Mapping[str, Pose], Mapping[str, Pose]]:
+    """Return tools and frames that a program brings; ``at_home`` those of its cell's other files, too."""
+    frames = program.frames
+    if not at_home or not (frames.cell_flange_tip or frames.cell_base_frame):
+        return frames.flange_tip, frames.base_frame
+    return {**frames.cell_flange_tip, **frames.flange_tip}, {**frames.cell_base_frame, **frames.base_frame}
+
+
+def tool_of(project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True) -> Tool | None:
+    """Return the tool that a position names: of the project, of the program, or what every controller has.
+
+    ``at_home`` says that the project is the cell where the program is from.
+    """
+    named = name if name is not None else project.unsaid_tool
+    if named is None:
+        return None
+    entered = entry_named(project.tools, named, program.brand)
+    if entered is not None:
+        return entered
+    pose = _own(_brought(program, at_home=at_home)[0], named, flange_of(program.brand), program.brand)
+    return None if pose is None else Tool(pose, pose)
+
+
+def frame_of(
+    project: Project, program: ProgramFile, name: str | None, *, at_home: bool = True
+) -> Array | None:
+    """Return the user frame (4, 4) that a position names; ``at_home`` as for `tool_of`."""
+    named = name if name is not None else project.unsaid_frame
+    if named is None:
+        return None
+    entered = entry_named(project.frames, named, program.brand)
+    if entered is not None:
+        return entered
+    return _own(_brought(program, at_home=at_home)[1], named, base_of(program.brand), program.brand)
+
+
+def entry_named(entries: Mapping[str, Entry], name: str, brand: str) -> Entry | None:
+    """Return the entry of a name; a language that ignores case finds it in any case."""
+    if name in entries or brand not in CASELESS:
+        return entries.get(name)
+    return next((entry for key, entry in entries.items() if key.lower() == name.lower()), None)
+
+
+def name_in(project: Project, program: ProgramFile, name: str | None) -> str | None:
+    """Return a user frame's name as the project spells it, where the program's language ignores case."""
+    if name is None or program.brand not in CASELESS:
+        return name
+    return next((key for key in project.frames if key.lower() == name.lower()), name)
+
+
+def in_no_frame(program: ProgramFile, name: str | None) -> bool:
+    """Tell whether a position names no user frame, or only the robot's base."""
+    return name is None or _alike(name, base_of(program.brand), program.brand)
+
+
+def contradiction(
+    project: Project, program: ProgramFile, tool: str | None, frame: str | None, *, at_home: bool = True
+) -> str:
+    """Return why points are left whose tool or frame the program brings along, and the cell has another; or ""."""
+    tools, frames = _brought(program, at_home=at_home)
+    tool = tool if tool is not None else project.unsaid_tool
+    frame = frame if frame is not None else project.unsaid_frame
+    brand = program.brand
+    known = None if tool is None else entry_named(project.tools, tool, brand)
+    entered = None if known is None else known.entered
+    pairs = (
+        ("tool", tool, entered, tools, (flange_of(brand),)),
+        (
+            "user frame",
+            frame,
+            entry_named(project.frames, frame or "", brand),
+            frames,
+            (base_of(brand), *_ALWAYS.get(brand, ())),
+        ),
+    )
+    for what, name, cells, files, always in pairs:
+        own = None if name is None else entry_named(files, name, brand)
+        if own is None or cells is None or any(_alike(name or "", one, brand) for one in always):
+            continue
+        apart, turned = same_place(own.matrix()[None], cells[None])
+        if apart[0] > _ALIKE_M or turned[0] > _ALIKE_RAD:
+            return (
+                f"the program brings its own {what} {name}, {apart[0] * 1e3:.2f} mm and "
+                f"{np.degrees(turned[0]):.2f} deg from that of {project.path.name}: make them one"
+            )
+    return ""
+
+
+def missing(what: str, name: str | None, project: Project) -> str:
+    """Return why a point is left whose tool or frame nobody knows."""
+    if name is None:
+        key = "tool" if what == "tool" else "frame"
+        return f"the program does not say which {what}, and {project.path.name} has no [unsaid] {key}"
+    return f"no {what} {name} in {project.path.name}"
+
+
+def refuse_foreign(program: ProgramFile, project: Project) -> None:
+    """Refuse a program of another make, or written in another unit, before any point of it is computed.
+
+    Raises
+    ------
+    ProgramFileError
+        With the cure.
+    """
+    name, model = program.name, project.nominal
+    make = make_of(model)
+    if make is not None and make.brand != program.brand:
+        raise ProgramFileError(
+            name,
+            f"this is a program of {program.brand}, the robot of {project.path.name} is a {model.name}.",
+            remedy="Name the project of the robot that this program is for.",
+        )
+    _refuse_other_kinematics(program, project)
+    places = program.positions.frame_tip[:, :3, 3]
+    places = places[~np.isnan(places[:, 0])]  # a position that is no pose holds none
+    if not len(places):
+        return
+    sizes = np.sqrt((places * places).sum(axis=1))
+    reach = arm_length(model)
+    if sizes.min() > _FARTHEST * reach and sizes.min() > _FARTHEST * (reach + _farthest_frame(project)):
+        raise ProgramFileError(
+            name,
+            f"its nearest point is {sizes.min():.0f} m from its frame, the arm reaches {reach:.1f} m.",
+            remedy="Numbers look a thousand times too large: millimetres written where metres belong?",
+        )
+    if len(places) >= _FEWEST and sizes.max() < _NEAREST_M:
+        raise ProgramFileError(
+            name,
+            f"all its {len(places)} points are within {sizes.max() * 1e3:.1f} mm of their frame's origin.",
+            remedy="Numbers look a thousand times too small: metres written where millimetres belong?",
+        )
+
+
+def _farthest_frame(project: Project) -> float:
+    return max((float(np.linalg.norm(pose[:3, 3])) for pose in project.frames.values()), default=0.0)
+
+
+def _refuse_other_kinematics(program: ProgramFile, project: Project) -> None:
+    """Compare the arm that a file says it was taught on with that of the project's controller."""
+    own = program.frames.kinematics
+    if own is None or own.axes != project.controller.axes:
+        return
+    still = np.linspace(-1.5, 1.5, _COMPARED)[:, None] * np.ones(own.axes)
+    apart = own.base_flange(still)[:, :3, 3] - project.controller.base_flange(still)[:, :3, 3]
+    most = float(np.linalg.norm(apart, axis=1).max())
+    if most > _ANOTHER_ARM_M:
+        cure = "Name the project of the robot it was taught on."
+        if not project.factory_known:
+            cure = "Name the controller's calibration.conf as factory under [robot]."
+        raise ProgramFileError(
+            program.name,
+            f"it holds the kinematics of an arm that is up to {most * 1e3:.1f} mm away from what the controller of "
+            f"{project.path.name} computes.",
+            remedy=cure,
+        )
+
+
+def arm_length(model: RobotModel) -> float:
+    """Return the length of the stretched arm [m]."""
+    places = model.placements[:, :3, 3]
+    return float(np.sqrt((places * places).sum(axis=1)).sum())
+
+
+def side_by_side(parts: Sequence[NDArray[Some]], empty: NDArray[Some]) -> NDArray[Some]:
+    """Return columns of some programs one after the other."""
+    return parts[0] if len(parts) == 1 else np.concatenate([empty, *parts])  # a large file is not copied
+
+
+def _own(poses: Mapping[str, Pose], name: str, always: str, brand: str) -> Array | None:
+    pose = entry_named(poses, name, brand)
+    if pose is not None:
+        return pose.matrix()
+    return np.eye(4) if _alike(name, always, brand) else None
+
+
+def _alike(name: str, other: str, brand: str) -> bool:
+    return name == other or (brand in CASELESS and name.lower() == other.lower())
+
+
+def joints_of(positions: Positions, axes: int) -> Array:
+    """Return the joints (N, axes) of a program's positions, NaN where it holds none."""
+    joints = positions.joints
+    if joints.shape[1] == axes:
+        return joints
+    wide = np.full((len(joints), axes), np.nan)
+    wide[:, : min(axes, joints.shape[1])] = joints[:, :axes]
+    return wide
+
+
+def _first_reason(kind: str, barred: str, axes: int) -> str:
+    if barred:
+        return barred
+    if kind == UNTAUGHT:
+        return "not taught"
+    if kind == PULSES:
+        return MISSING
+    return "" if kind in (CARTESIAN, JOINTS) else f"holds {kind}, which is no position of {axes} joints"

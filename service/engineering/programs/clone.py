@@ -1,0 +1,127 @@
+"""A program of the master's cell for the clone's: Eq. 9 to 12 with both robots' identified models."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.points.joint_bases import bases_together
+from cellcal.calibration.programs.transfer import Way
+from cellcal.drivers.programs.brands import ConfigurationRule
+from cellcal.drivers.programs.positions import ProgramFile
+from cellcal.service.engineering.programs.carry import Carrier, Passage
+from cellcal.service.engineering.programs.expected import Expectation
+from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.project_poses import ProjectError
+from cellcal.service.engineering.programs.result import ProgramResult
+
+
+@dataclass(frozen=True, eq=False)
+class CloneRoute:
+    """From the master's real robot to the clone's, through the fixture that both are aligned with."""
+
+    source: Project
+    target: Project
+    change: Array  # (4, 4) the master's base seen from the clone's, Eq. 9
+    change_covariance: Array  # (6, 6) of its right twist
+
+    @classmethod
+    def between(cls, master: Project, clone: Project) -> "CloneRoute":
+        """Find the master's base in the clone's from the alignments of both.
+
+        Raises
+        ------
+        ProjectError
+            An alignment or parameters are missing, the fixtures are different ones, or found in different shapes.
+        """
+        for project in (master, clone):
+            if project.alignment is None:
+                raise ProjectError(
+                    f"{project.path}: no alignment is named.",
+                    remedy="Measure the fixture in this cell and name the file under [fixture].",
+                )
+            if project.identified is None:
+                raise ProjectError(
+                    f"{project.path}: no parameters of {project.serial} are named.",
+                    remedy="Calibrate the robot and name its parameter set: base shift alone misses by millimetres.",
+                )
+        if master.nominal.name != clone.nominal.name:
+            raise ProjectError(
+                f"{master.path.name} has a {master.nominal.name}, {clone.path.name} a {clone.nominal.name}.",
+                remedy="A program is cloned between robots of one type.",
+            )
+        assert master.alignment is not None
+        assert clone.alignment is not None
+        _refuse_other_gears(master, clone)
+        if master.alignment.fixture != clone.alignment.fixture:
+            raise ProjectError(
+                f"the alignments are of two fixtures: {master.alignment.fixture} and {clone.alignment.fixture}."
+            )
+        try:
+            both = bases_together([clone.alignment, master.alignment])
+        except CalibrationError as refused:
+            raise ProjectError(f"{clone.path}: {refused.message}", remedy=refused.remedy) from refused
+        if not both.consistent():
+            raise ProjectError(
+                f"{master.serial} and {clone.serial} found {clone.alignment.fixture} in two shapes "
+                f"(chi square {both.chi_square:.0f} at {both.degrees_of_freedom} degrees of freedom).",
+                remedy="See that its alignment points are whole and the same in both cells; measure it again.",
+            )
+        base = both.bases[0]
+        return cls(master, clone, base.other_base_base.matrix(), np.array(base.covariance))
+
+    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
+        """Every point is cloned."""
+        return True
+
+    def way(self, passage: Passage) -> Way:
+        """Real robot to real robot, written for the clone's controller."""
+        return Way(
+            source=self.source.real_arm(passage.source_tool.real),
+            change=self.change,
+            target=self.target.real_arm(passage.target_tool.real),
+            written=Arm(self.target.controller, passage.target_tool.entered),
+        )
+
+    def expectation(self, passage: Passage) -> Expectation:
+        """Both arms and both alignments."""
+        return Expectation(self.source, self.target, self.change, self.change_covariance)
+
+
+def _refuse_other_gears(master: Project, clone: Project) -> None:
+    """Refuse two ratios for one type of robot: a clone's job is written with the master's."""
+    here, there = master.pulses_per_rad, clone.pulses_per_rad
+    if here is not None and there is not None and not np.array_equal(here, there):
+        raise ProjectError(
+            f"{master.path} and {clone.path} give different pulses per radian.",
+            remedy="Robots of one type have the same gears: see the parameters of both controllers.",
+        )
+
+
+def cloning(master: Project, clone: Project, rule: ConfigurationRule | None) -> Carrier:
+    """Return what clones programs of one brand; it may be used for many, one after the other or together.
+
+    Raises
+    ------
+    ProjectError
+        The projects do not hold what a clone needs.
+    """
+    return Carrier(CloneRoute.between(master, clone), rule)
+
+
+def clone_programs(
+    programs: Sequence[ProgramFile], master: Project, clone: Project, rule: ConfigurationRule | None
+) -> tuple[ProgramResult, ...]:
+    """Clone programs of one brand; ``rule`` is the brand's `ProgramBrand.configurations`.
+
+    Raises
+    ------
+    ProjectError
+        The projects do not hold what a clone needs.
+    ProgramFileError
+        A program of another robot, or in another unit.
+    """
+    return cloning(master, clone, rule).carry(programs)

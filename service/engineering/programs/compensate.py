@@ -1,0 +1,70 @@
+"""A program corrected for the errors of its own robot, and a taught one brought back to the nominal world."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellcal.calibration.compensation.compensate import Direction
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.programs.transfer import Way
+from cellcal.drivers.programs.brands import ConfigurationRule
+from cellcal.service.engineering.programs.carry import Carrier, Passage
+from cellcal.service.engineering.programs.expected import Expectation
+from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.project_poses import ProjectError
+
+
+@dataclass(frozen=True, eq=False)
+class CompensationRoute:
+    """From where the controller believes its tip to be to where the real one is, or back."""
+
+    project: Project
+    direction: Direction
+
+    @property
+    def source(self) -> Project:
+        """Return the cell."""
+        return self.project
+
+    @property
+    def target(self) -> Project:
+        """Return the cell."""
+        return self.project
+
+    @property
+    def change(self) -> Array:
+        """Return that nothing of the work moves."""
+        return np.eye(4)
+
+    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
+        """Every point is corrected."""
+        return True
+
+    def way(self, passage: Passage) -> Way:
+        """Upload: the real tip shall be where the program says. Download: the program shall say where it is."""
+        tool = passage.source_tool
+        believed = Arm(self.project.controller, tool.entered)
+        real = self.project.real_arm(tool.real)
+        ends = (believed, real) if self.direction is Direction.UPLOAD else (real, believed)
+        return Way(ends[0], np.eye(4), ends[1], believed)
+
+    def expectation(self, passage: Passage) -> Expectation:
+        """One arm against a computed place."""
+        return Expectation(self.project, self.project, np.eye(4), nominal=True)
+
+
+def compensating(project: Project, direction: Direction, rule: ConfigurationRule | None) -> Carrier:
+    """Return what compensates programs of one brand.
+
+    Raises
+    ------
+    ProjectError
+        The project names no parameters.
+    """
+    if project.identified is None:
+        raise ProjectError(
+            f"{project.path}: no parameters of {project.serial} are named.",
+            remedy="Calibrate the robot and name its parameter set under [robot].",
+        )
+    return Carrier(CompensationRoute(project, Direction(direction)), rule)

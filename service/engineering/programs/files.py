@@ -1,0 +1,333 @@
+"""Program files as they are named on the command line, and the new place that the changed ones are written to.
+
+A source is never written. What cannot be used is refused by name with the cure; the other files go on.
+"""
+
+import errno
+import os
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from itertools import takewhile
+from pathlib import Path, PurePath
+from typing import IO
+
+from cellcal.calibration.errors import CellError
+from cellcal.drivers.program_registry import SUFFIXES, brand_of
+from cellcal.drivers.programs.across import Across
+from cellcal.drivers.programs.brands import Telling
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.service.engineering.programs.drafts import draft_beside, remove_left_behind
+
+LARGEST_BYTES = 64 << 20  # no controller keeps a program of this size: what is larger is not one
+_WRITERS = 8
+_WILD = frozenset("*?[")
+
+
+class FilesError(CellError):
+    """Where programs come from or go to cannot be used at all."""
+
+    code = "usage"
+
+
+@dataclass(eq=False)
+class Siblings:
+    """The programs that were named together, and what they say of each other once it was read."""
+
+    sources: tuple["Source", ...] = ()
+    across: Across | None = None
+    read: dict[str, Telling] = field(default_factory=dict)  # of a small batch: programs not asked for yet
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One program file, and its place below any folder that it is written to."""
+
+    path: Path
+    place: PurePath
+    siblings: Siblings | None = field(default=None, compare=False, repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A file that was left out, why, and the cure."""
+
+    file: str
+    message: str
+    remedy: str
+
+    @classmethod
+    def because(cls, file: object, error: CellError) -> "Refused":
+        """Return what an error says about a file, without the file's name twice."""
+        message, name = error.message, str(file)
+        known = message.removeprefix(name).lstrip(":").strip() if message.startswith(name) else message
+        return cls(name, known, error.remedy.strip())
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Sources in the order of their names, and what was named but cannot be used."""
+
+    sources: tuple[Source, ...]
+    refused: tuple[Refused, ...]
+    passed_over: tuple[Path, ...] = ()  # below a folder, with a program's suffix, and no program inside
+
+
+def find_programs(named: Sequence[str], *, out: Path | None = None) -> Found:
+    """Return the programs that files, patterns and folders name; a folder gives those of its subfolders too.
+
+    A file that is named is always a source, whatever it is. Below a folder, other files are passed over, and so
+    is ``out``, where an earlier run wrote.
+    """
+    if not named:
+        raise FilesError("No program was named.", remedy="Name files, folders, or patterns in quotes.")
+    sources: dict[str, Source] = {}
+    refused: list[Refused] = []
+    passed: list[Path] = []
+    real_folders: dict[Path, str] = {}  # of thousands of files in a few folders
+    for name in named:
+        try:
+            for source in _of_name(name, out, passed):
+                sources.setdefault(_real(source.path, real_folders), source)
+        except ProgramFileError as error:
+            refused.append(Refused.because(name, error))
+        except OSError as error:
+            refused.append(Refused(name, f"{error.strerror or error}.", "Give a folder that may be read."))
+    apart, clashing = _without_clashes(sources.values())
+    siblings = Siblings()
+    siblings.sources = tuple(replace(source, siblings=siblings) for source in apart)
+    return Found(siblings.sources, (*refused, *clashing), tuple(passed))
+
+
+def _real(path: Path, real_folders: dict[Path, str]) -> str:
+    """Return a file's place without symbolic links; its folder's is looked up once."""
+    if path.is_symlink():
+        return os.path.realpath(path)
+    folder = path.parent
+    if folder not in real_folders:
+        real_folders[folder] = os.path.realpath(folder)
+    return f"{real_folders[folder]}{os.sep}{path.name}"
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return a program file's bytes.
+
+    Raises
+    ------
+    ProgramFileError
+        It cannot be read, is empty, or larger than any program.
+    """
+    try:
+        with path.open("rb") as file:
+            data = file.read(LARGEST_BYTES + 1)
+    except OSError as error:
+        raise ProgramFileError(
+            str(path), f"it cannot be read: {error.strerror}.", remedy="Give a file that may be read."
+        ) from error
+    if not data:
+        raise ProgramFileError(
+            str(path), "the file is empty.", remedy="Save the program from the controller again."
+        )
+    if len(data) > LARGEST_BYTES:
+        raise ProgramFileError(
+            str(path),
+            f"it is larger than {LARGEST_BYTES >> 20} MB, as no program is.",
+            remedy="Give the program itself, not an archive or a backup image.",
+        )
+    return data
+
+
+class NewPlace:
+    """A folder that programs are written to, whole or not at all, and never over a source."""
+
+    def __init__(self, folder: Path, sources: Iterable[Source], *, replace: bool = False) -> None:
+        self._folder, self._replace = folder, replace
+        self._kept = {_identity(source.path) for source in sources}
+        self._made: set[Path] = set()  # folders that are there
+        if folder.exists() and not folder.is_dir():
+            raise FilesError(f"{folder} is a file.", remedy="Give --out a folder.")
+        remove_left_behind(folder)
+
+    def path_of(self, source: Source) -> Path:
+        """Return where a program goes.
+
+        Raises
+        ------
+        ProgramFileError
+            A source is there, or another file that shall not be replaced.
+        """
+        path = self._folder / source.place
+        if os.path.lexists(path):
+            self.refuse_source(path)
+            if not self._replace:
+                raise ProgramFileError(
+                    str(source.path),
+                    f"{path} is there already.",
+                    remedy="Write to another folder, or say --replace.",
+                )
+        return path
+
+    def refuse_source(self, path: Path) -> None:
+        """Refuse a path that is one of the sources, by whatever name.
+
+        Raises
+        ------
+        ProgramFileError
+            It is one.
+        """
+        if path.exists() and _identity(path) in self._kept:
+            raise ProgramFileError(
+                str(path),
+                "this is a source, and a source is never written over.",
+                remedy="Give another folder with --out.",
+            )
+
+    def write_all(self, programs: Sequence[tuple[Source, bytes]]) -> list[Path | ProgramFileError]:
+        """Write programs and return where each is, or why it is not; while one waits for the disk, others go on."""
+        with ThreadPoolExecutor(min(_WRITERS, max(len(programs), 1))) as writers:
+            return list(writers.map(lambda one: self._written(*one), programs))
+
+    def _written(self, source: Source, data: bytes) -> Path | ProgramFileError:
+        try:
+            return self.write(source, data)
+        except ProgramFileError as error:
+            return error
+
+    def write(self, source: Source, data: bytes) -> Path:
+        """Write a program and return where it is."""
+        path = self.path_of(source)
+        try:
+            if path.parent not in self._made:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                self._made.add(path.parent)
+            with whole_file(path, replace=self._replace) as file:
+                file.write(data)
+        except OSError as error:
+            raise ProgramFileError(
+                str(source.path),
+                f"{path} cannot be written: {error.strerror}.",
+                remedy="Give --out a folder that may be written, with room on its disk.",
+            ) from error
+        return path
+
+
+@contextmanager
+def whole_file(path: Path, *, replace: bool) -> Iterator[IO[bytes]]:
+    """Give a file to write to that is at its place when all went well; without ``replace``, what has come is kept.
+
+    Raises
+    ------
+    OSError
+        It cannot be written, or (FileExistsError) is there already.
+    """
+    draft = draft_beside(path)
+    try:
+        with open(draft, "xb") as file:  # noqa: PTH123
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+            os.chmod(draft, 0o644)  # noqa: PTH101
+        if replace:
+            os.replace(draft, path)  # noqa: PTH105
+        else:
+            _put_where_nothing_is(draft, path)
+    finally:
+        with suppress(FileNotFoundError):
+            os.unlink(draft)  # noqa: PTH108
+
+
+def _put_where_nothing_is(draft: str, path: Path) -> None:
+    try:
+        os.link(draft, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a stick or a network drive without hard links
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, "it is there already", str(path)) from None
+        os.replace(draft, path)  # noqa: PTH105
+
+
+def _of_name(name: str, out: Path | None, passed: list[Path]) -> list[Source]:
+    path = Path(name)
+    if path.is_file():
+        return [Source(path, PurePath(path.name))]
+    if path.is_dir():
+        return _below(path, out, passed)
+    if path.exists():
+        return [_one(path)]
+    if not _WILD & set(name):
+        raise ProgramFileError(name, "there is no such file or folder.", remedy="Mend the name.")
+    base = Path(path.anchor)
+    pattern = str(path.relative_to(base)) if path.anchor else name
+    fixed = Path(*takewhile(lambda part: not _WILD & set(part), path.parts))
+    found = [item for item in sorted(base.glob(pattern)) if item.is_file() and not _earlier(item, fixed, out)]
+    if not found:
+        raise ProgramFileError(name, "no file matches this pattern.", remedy="Mend the pattern.")
+    return [_one(item) for item in found]
+
+
+def _one(path: Path) -> Source:
+    if not path.is_file():  # a pipe or a device would be waited for
+        raise ProgramFileError(str(path), "this is not an ordinary file.", remedy="Name a program file.")
+    return Source(path, PurePath(path.name))
+
+
+def _below(folder: Path, out: Path | None, passed: list[Path]) -> list[Source]:
+    suffixes = {suffix for its in SUFFIXES.values() for suffix in its}
+    named = [
+        path
+        for path in sorted(folder.rglob("*"))
+        if path.suffix.lower() in suffixes and not _earlier(path, folder, out) and path.is_file()
+    ]
+    found = [Source(path, path.relative_to(folder)) for path in named if _is_program(path)]
+    taken = {source.path for source in found}
+    passed += [path for path in named if path not in taken]
+    if not found:
+        raise ProgramFileError(
+            str(folder),
+            "there is no robot program in this folder.",
+            remedy=f"Programs end in {', '.join(sorted(suffixes))}.",
+        )
+    return found
+
+
+def _is_program(path: Path) -> bool:
+    """Tell whether a brand takes a file; one that cannot be read is a source, so that it is refused by name."""
+    try:
+        return brand_of(path.name, read_bytes(path)) is not None
+    except ProgramFileError:
+        return True
+
+
+def _earlier(path: Path, folder: Path, out: Path | None) -> bool:
+    """Tell whether a file below a folder was written by an earlier run, to a folder inside it."""
+    if out is None:
+        return False
+    there = out.resolve()
+    inside = there != folder.resolve() and there.is_relative_to(folder.resolve())
+    return inside and path.resolve().is_relative_to(there)
+
+
+def _without_clashes(sources: Iterable[Source]) -> tuple[list[Source], list[Refused]]:
+    """Refuse files that would be written to one place; controllers do not tell upper from lower case."""
+    by_place: defaultdict[str, list[Source]] = defaultdict(list)
+    for source in sources:
+        by_place[str(source.place).casefold()].append(source)
+    refused = [
+        Refused(
+            str(source.path),
+            f"{next(o.path for o in same if o is not source)} has the same name, and one place cannot hold both.",
+            "Name the folder above both, which keeps the subfolders, or run them one after the other.",
+        )
+        for same in by_place.values()
+        if len(same) > 1
+        for source in same
+    ]
+    return [same[0] for same in by_place.values() if len(same) == 1], refused
+
+
+def _identity(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_dev, found.st_ino

@@ -1,0 +1,103 @@
+"""Cells that programs are made for: this service's robot, or a project. Used in the process that computes."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel, load_model
+from cellcal.calibration.geometry import Array, Pose
+from cellcal.calibration.motion.collision import CellShape
+from cellcal.procedures.motion.surroundings import NOTHING_KNOWN, cell_shape
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSets
+from cellcal.service.engineering.programs.project import SMALLEST_SIGMA, Project, Tool
+from cellcal.service.engineering.programs.project_arms import IdentifiedArm, identified_arm
+
+_IN_SPACE = 2.8  # the radius that holds 95 % of a tip, in standard deviations of one coordinate
+
+
+def cell_here(config: CellConfig, given: Mapping[str, Any]) -> Project:
+    """Return a robot of this service's cell with its newest parameters, and tools and frames as runs left them.
+
+    ``given`` is what a page asked for, with ``sets``, the folder of all parameters beside the cell file, and with
+    ``measured``, what runs of this cell kept. What a person entered goes before what a run measured.
+
+    Raises
+    ------
+    CellError
+        There is no such robot, or its parameters cannot be used.
+    """
+    robot = config.robot(given["name"] or None)
+    model = load_model(robot.model)
+    tools, frames = _measured(given["measured"])
+    tools |= {each["name"]: Tool(pose_given(each), pose_given(each)) for each in given["tools"]}
+    frames |= {each["name"]: pose_given(each) for each in given["frames"]}
+    return Project(
+        path=Path(f"{config.cell.name}, {robot.name}"),
+        name=f"{config.cell.name}, {robot.name}",
+        serial=robot.serial,
+        nominal=model,
+        controller=model,
+        factory_known=False,
+        identified=_identified(config, given["sets"], robot.serial, model),
+        tools=tools,
+        frames=frames,
+        unsaid_tool=_only(given["tools"]),
+        unsaid_frame=_only(given["frames"]),
+        alignment=None,
+        shapes=_shapes(config, robot.name, model),
+        smallest_sigma=SMALLEST_SIGMA,
+        master=None,
+        programs=(),
+    )
+
+
+def _identified(config: CellConfig, sets: str, serial: str, model: RobotModel) -> IdentifiedArm | None:
+    folder = Path(config.path).parent
+    if serial not in ParameterSets(folder / sets).robots():
+        return None
+    return identified_arm({"parameter_store": sets}, folder, model, serial, "this cell")
+
+
+def _measured(found: Sequence[Mapping[str, Any]]) -> tuple[dict[str, Tool], dict[str, Array]]:
+    tools: dict[str, Tool] = {}
+    frames: dict[str, Array] = {}
+    for kept in found:
+        value = kept["value"]
+        if kept["what"] == "tool_frame":
+            entered, real = (pose_given(value[key]) for key in ("read_back", "flange_tool"))
+            tools[kept["subject"]] = Tool(entered, real, _tip_sigma_m(value), measured=True)
+        elif kept["what"] == "user_frame":
+            frames[kept["subject"]] = pose_given(value["read_back"])
+    return tools, frames
+
+
+def _tip_sigma_m(tool: Mapping[str, Any]) -> float:
+    within = tool["tip"]["tip_u_in_space_m"] if "tip" in tool else tool["tip_u_m"]
+    return float(within) / _IN_SPACE
+
+
+def _shapes(config: CellConfig, robot: str, model: RobotModel) -> CellShape | None:
+    around = config.motion_of(robot).surroundings
+    return None if around == NOTHING_KNOWN else cell_shape(model, around)
+
+
+def _only(entered: Sequence[Mapping[str, Any]]) -> str | None:
+    """Return the one that a person entered, if it is one: programs that do not say mean it."""
+    return str(entered[0]["name"]) if len(entered) == 1 else None
+
+
+def pose_given(told: Mapping[str, Any]) -> Array:
+    """Return a pose (4, 4); a quaternion that a page sent need not be of unit length.
+
+    Raises
+    ------
+    CalibrationError
+        It is no pose.
+    """
+    x, y, z = (float(v) for v in told["position_m"])
+    turn = np.array([float(v) for v in told["quaternion"]])
+    w, qx, qy, qz = (float(v) for v in turn / max(float(np.linalg.norm(turn)), 1e-12))
+    return Pose((x, y, z), (w, qx, qy, qz)).matrix()

@@ -1,0 +1,171 @@
+"""A program for a workpiece or fixture that was moved: Eq. 7 and 8, with the robot's errors where they are known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.errors import CalibrationError
+from cellcal.calibration.geometry import Array, inverse_transform, is_rigid
+from cellcal.calibration.orientation import CONVENTIONS, values_from
+from cellcal.calibration.points.alignment import Alignment
+from cellcal.calibration.programs.transfer import Way
+from cellcal.drivers.programs.brands import ConfigurationRule
+from cellcal.service.engineering.programs.carry import Carrier, Passage
+from cellcal.service.engineering.programs.expected import Expectation
+from cellcal.service.engineering.programs.joint_points import UNDECIDED, JointPoints
+from cellcal.service.engineering.programs.makes import Make, make_of
+from cellcal.service.engineering.programs.project import Project
+
+
+@dataclass(frozen=True, eq=False)
+class MoveRoute:
+    """One cell in which the work has moved; ``base_change`` carries every place of the work to its new one."""
+
+    project: Project
+    base_change: Array  # (4, 4) in the base: new place = change @ old place
+    frame: str | None = None  # only points of this user frame; None: all
+    joints: JointPoints | None = (
+        None  # points in joint angles; None: those whose program names no frame are left
+    )
+
+    @property
+    def source(self) -> Project:
+        """Return the cell."""
+        return self.project
+
+    @property
+    def target(self) -> Project:
+        """Return the cell."""
+        return self.project
+
+    @property
+    def change(self) -> Array:
+        """Return the motion of the work."""
+        return self.base_change
+
+    def takes(self, frame: str | None, *, bare_joints: bool, in_joints: bool = False) -> bool | str:
+        """Return whether points of a user frame move; the option for joint angles goes before what a file says."""
+        if in_joints and (self.joints == "keep" or (bare_joints and self.joints == "move")):
+            return self.joints == "move"
+        named = frame if frame is not None else self.project.unsaid_frame
+        if self.frame is not None and named != self.frame:
+            return False
+        if bare_joints and self.joints is None:
+            return UNDECIDED
+        return True
+
+    def way(self, passage: Passage) -> Way:
+        """Carry the real tip along with the work; without parameters the controller's arm stands for the real one."""
+        tool = passage.source_tool
+        real = self.project.real_arm(tool.real)
+        return Way(real, self.base_change, real, Arm(self.project.controller, tool.entered))
+
+    def expectation(self, passage: Passage) -> Expectation:
+        """One arm at two places; how the move was measured is not in it."""
+        return Expectation(self.project, self.project, self.base_change, one_cell=True)
+
+
+def change_of_frame(base_frame: Array, frame_offset: Array) -> Array:
+    """Return the change in the base for an offset ``UF_T_UF'`` (4, 4) of a user frame: ``UF offset UF^-1``.
+
+    Raises
+    ------
+    CalibrationError
+        A pose that is not a finite rigid transform.
+    """
+    if not (is_rigid(base_frame) and is_rigid(frame_offset)):
+        raise CalibrationError("a frame's offset is a rigid transform (4, 4) of finite numbers")
+    change: Array = base_frame @ frame_offset @ inverse_transform(base_frame)
+    return change
+
+
+def change_between(before: Alignment, after: Alignment) -> Array:
+    """Return the change in the base between two alignments of one fixture by one robot.
+
+    Raises
+    ------
+    CalibrationError
+        Of two robots or two fixtures.
+    """
+    if (before.robot_serial, before.fixture) != (after.robot_serial, after.fixture):
+        raise CalibrationError(
+            f"the alignments are of {before.fixture} from {before.robot_serial} and of {after.fixture} from "
+            f"{after.robot_serial}.",
+            remedy="A moved fixture is measured twice by one robot.",
+        )
+    change: Array = after.base_fixture.matrix() @ inverse_transform(before.base_fixture.matrix())
+    return change
+
+
+def moving(
+    project: Project,
+    base_change: Array,
+    rule: ConfigurationRule | None,
+    *,
+    frame: str | None = None,
+    joints: JointPoints | None = None,
+) -> Carrier:
+    """Return what moves the points of programs of one brand; programs then run with the frame as it was entered.
+
+    Raises
+    ------
+    ProjectError
+        The project does not know the frame.
+    CalibrationError
+        A change that is not a rigid transform.
+    """
+    if not is_rigid(base_change):
+        raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
+    if frame is not None:
+        project.frame_named(frame)  # or it is refused
+    return Carrier(MoveRoute(project, base_change, frame, joints), rule)
+
+
+def redefined_frame(project: Project, frame: str, base_change: Array) -> tuple[Array, str]:
+    """Return a user frame's new pose (4, 4) for the controller, and what to type: programs then stay as they are.
+
+    Nothing is told of the frame that is the robot's base: nobody can enter another one.
+
+    The frame is entered where the work is, so only the robot's errors at the new place remain uncorrected.
+
+    Raises
+    ------
+    ProjectError
+        The project does not know the frame.
+    """
+    if not is_rigid(base_change):
+        raise CalibrationError("a move is a rigid transform (4, 4) of finite numbers")
+    make = make_of(project.nominal)
+    moved: Array = base_change @ project.frame_named(frame)
+    if make is not None and frame == make.base:
+        return moved, ""
+    return moved, f"user frame {frame} at {_as_typed(make, moved)}"
+
+
+def instead_of_moving(project: Project, frame: str, base_change: Array) -> str:
+    """Return what could be entered into the controller so that programs stay as they are; "" where nothing can.
+
+    Raises
+    ------
+    ProjectError
+        The project does not know the frame.
+    """
+    told = redefined_frame(project, frame, base_change)[1]
+    if not told:
+        return ""
+    return f"Instead of running the moved programs, the old ones could run with {told}. Never do both."
+
+
+def _as_typed(make: Make | None, pose: Array) -> str:
+    """Return a pose with the letters and units of the robot's maker."""
+    name = "ur_rotation_vector" if make is None else make.orientation
+    values = values_from(name, pose[:3, :3])
+    unit, digits = {"ur_rotation_vector": (" rad", 6), "abb_quaternion": ("", 6)}.get(name, (" deg", 4))
+    shown = np.degrees(values) if unit == " deg" else values
+    place = ", ".join(f"{axis} {v:.3f}" for axis, v in zip("XYZ", pose[:3, 3] * 1e3, strict=True))
+    turn = ", ".join(
+        f"{key} {round(v, digits) + 0.0:.{digits}f}"
+        for key, v in zip(CONVENTIONS[name].fields, shown, strict=True)
+    )
+    return f"{place} mm, {turn}{unit}"

@@ -1,0 +1,52 @@
+"""Axes beside the arm's own: extended axes, other motion groups, positions with another number of joints.
+
+Such an axis may carry the arm, and no program says so. Points where it stands at zero are left together with the
+others of their program: half of a program that goes along is worse than none.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.drivers.programs.positions import Positions, ProgramFile
+
+EXTERNAL = "carries external axes, and the project does not know what they move"
+BESIDE_EXTERNAL = "its program carries external axes elsewhere, and the project does not know what they move"
+OTHER_JOINTS = "holds another number of joints than the robot's {}"
+
+
+def of_another_arm(program: ProgramFile, axes: int) -> NDArray[np.bool_]:
+    """Return (N,) which positions of the robot's group hold another number of joints than the robot has.
+
+    Raises
+    ------
+    ProgramFileError
+        All that hold joints do.
+    """
+    held = np.isfinite(program.positions.joints)
+    robots = held.any(axis=1) & (program.positions.groups == 1)
+    other: NDArray[np.bool_] = robots & (
+        held[:, axes:].any(axis=1) | ~held[:, :axes].all(axis=1) | (held.shape[1] < axes)
+    )
+    if other.any() and (other == robots).all():
+        raise ProgramFileError(
+            program.name,
+            f"its positions hold another number of joints than the robot's {axes}.",
+            remedy="Name the project of the robot that this program is for.",
+        )
+    return other
+
+
+def has_external_values(positions: Positions) -> NDArray[np.bool_]:
+    """Return (N,) which positions hold an extended axis that is not at zero."""
+    moved: NDArray[np.bool_] = np.abs(np.nan_to_num(positions.external)).max(axis=1, initial=0.0) > 0
+    return moved
+
+
+def beside_external_values(positions: Positions, axes: int) -> NDArray[np.bool_]:
+    """Return (N,) all points of a program in which an axis beside the arm leaves zero; none of any other program."""
+    held = np.isfinite(positions.joints)
+    other = (positions.groups != 1) & held.any(axis=1) & ~held[:, axes - 1 : axes].any(axis=1)
+    carries = bool((np.abs(np.nan_to_num(positions.joints[other])) > 0).any())
+    carries |= bool(has_external_values(positions)[positions.groups == 1].any())
+    return np.full(len(positions), carries)

@@ -1,0 +1,146 @@
+"""The two arms of a project: the one that its controller computes with, and the one that stands in the cell."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import DhTable, RobotModel
+from cellcal.calibration.arm.robot_models import parse_model
+from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.identification.free_parameters import StartingPoint, state_of
+from cellcal.calibration.identification.parameters import GEOMETRY, ArmState, Layout, make_layout
+from cellcal.service.engineering.parameters.calibrated_models import calibrated_model, covariance_of
+from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, parse
+from cellcal.service.engineering.parameters.ur_files import (
+    model_of_ros,
+    read_calibration_conf,
+    read_ros_kinematics,
+)
+from cellcal.service.engineering.programs.project_poses import ProjectError, number, word
+
+_OF_PLACES = ("base", "anchor", "tool", "wire")  # of the measuring, and no part of the arm
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedArm:
+    """A robot's parameter set as an arm, with what is known of its uncertainty."""
+
+    state: ArmState  # without a tool
+    sha256: str  # of the parameter set
+    version: int
+    layout: Layout | None  # names the free parameters of `covariance`; None where no covariance is kept
+    covariance: Array | None  # (p, p)
+    held_out_rms_m: float | None  # what the identification missed of readings that it had not seen
+
+
+def nominal_arm(path: Path, name: str) -> RobotModel:
+    """Return the arm of a model file of the user's own, written as those that ship.
+
+    Raises
+    ------
+    ProjectError
+        No such file, or one that lacks something.
+    """
+    try:
+        fields = parse_model(name, _text(path))
+        return RobotModel.from_dh(DhTable.from_rows(fields.pop("rows")), name=name, **fields)
+    except CalibrationError as refused:
+        raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
+    except (tomllib.TOMLDecodeError, TypeError, ValueError) as broken:
+        raise ProjectError(f"{path} is no model of a robot: {broken}") from broken
+
+
+def factory_arm(path: Path, nominal: RobotModel) -> RobotModel:
+    """Return the arm that a controller computes with, from its ``calibration.conf``, ROS's file of it, or a set.
+
+    Raises
+    ------
+    ProjectError
+        None of these, or of another arm.
+    """
+    text = _text(path)
+    try:
+        if "delta_theta" in text:
+            return factory_model(nominal, read_calibration_conf(text, nominal).table)
+        if "[[parameter]]" in text:
+            return calibrated_model(nominal, parse(text, str(path))).model
+        if "kinematics:" in text:
+            return model_of_ros(read_ros_kinematics(text), nominal)
+    except CellError as refused:
+        raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
+    raise ProjectError(
+        f"{path} is no factory calibration.",
+        remedy="Name a calibration.conf, the file of ur_calibration, or an exported parameter set.",
+    )
+
+
+def identified_arm(
+    robot: Mapping[str, Any], folder: Path, nominal: RobotModel, serial: str, where: str
+) -> IdentifiedArm | None:
+    """Return the arm of the set that a project names, or None where it names none.
+
+    Raises
+    ------
+    ProjectError
+        A set of another robot, or a value that its arm has no place for.
+    """
+    found = _parameter_set(robot, folder, serial, where)
+    if found is None:
+        return None
+    if found.robot_serial != serial:
+        raise ProjectError(
+            f"{where}: the parameters are of robot {found.robot_serial}, the project is of {serial}.",
+            remedy="Export the set of this robot, or mend the serial.",
+        )
+    rms = number(robot, "held_out_rms_mm", where)
+    try:
+        calibrated_model(nominal, found)
+        values = {v.name: v.value for v in found.values if not v.name.startswith(_OF_PLACES)}
+        state = state_of(nominal, StartingPoint(values), (), np.eye(4), ())
+        layout, covariance = _spread(found, state)
+    except CellError as refused:
+        raise ProjectError(f"{where}: {refused.message}", remedy=refused.remedy) from refused
+    held_out = None if rms is None else rms / 1e3
+    return IdentifiedArm(state, found.sha256, found.version, layout, covariance, held_out)
+
+
+def _parameter_set(robot: Mapping[str, Any], folder: Path, serial: str, where: str) -> ParameterSet | None:
+    file, store = word(robot, "parameters", where), word(robot, "parameter_store", where)
+    version = robot.get("parameter_version")
+    if file is not None and store is not None:
+        raise ProjectError(f"{where}: parameters and parameter_store exclude each other")
+    if version is not None and (type(version) is not int or store is None):
+        raise ProjectError(f"{where}: parameter_version is a whole number, beside parameter_store")
+    if file is not None:
+        path = (folder / file).resolve()
+        return parse(_text(path), str(path))
+    return None if store is None else ParameterSets((folder / store).resolve()).load(serial, version)
+
+
+def _spread(found: ParameterSet, state: ArmState) -> tuple[Layout | None, Array | None]:
+    """Return the parameters of the arm that the set knows with all correlations, and their covariance."""
+    whole = covariance_of(found)
+    if whole is None:
+        return None, None
+    nominal = state.nominal
+    layout = make_layout(nominal, "point", 1, level=GEOMETRY, terms=state.terms)
+    names = [value.name for value in found.values]
+    at = [i for i, name in enumerate(names) if not name.startswith(_OF_PLACES)]
+    order = {p.name: i for i, p in enumerate(layout.parameters)}
+    rows = np.array([order[names[i]] for i in at])
+    covariance = np.zeros((len(layout), len(layout)))
+    covariance[np.ix_(rows, rows)] = whole[np.ix_(at, at)]
+    return layout, covariance
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as broken:
+        raise ProjectError(f"{path} cannot be read: {broken}") from broken

@@ -1,0 +1,87 @@
+"""Frames and tools of a project as its controller's own backup holds them, so that nobody types them off."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.geometry import Array
+from cellcal.calibration.programs.transfer import same_place
+from cellcal.drivers.programs.errors import ProgramFileError
+from cellcal.service.engineering.programs.project_poses import ProjectError, pose_of, word
+
+_MAKE = "fanuc_"
+_GROUP = 1  # programs of other motion groups are not carried
+_ALIKE_M, _ALIKE_RAD = 1e-5, np.radians(0.01)  # a pendant shows three decimals
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What a controller keeps, by the number that programs write; empty where the project names no backup."""
+
+    frames: Mapping[str, Array] = field(default_factory=dict)  # (4, 4) base_frame
+    tools: Mapping[str, Array] = field(default_factory=dict)  # (4, 4) flange_tip
+    folder: Path | None = None  # of the backup
+
+
+def kept_by_controller(robot: Mapping[str, Any], folder: Path, nominal: RobotModel, where: str) -> Kept:
+    """Return the user frames and tools of the backup that ``[robot] backup`` names.
+
+    Raises
+    ------
+    ProjectError
+        Another make's robot, or a folder without a readable SYSFRAME.VA.
+    """
+    name = word(robot, "backup", where)
+    if name is None:
+        return Kept()
+    if not nominal.name.startswith(_MAKE):
+        raise ProjectError(
+            f"{where}: backup is a folder of FANUC's .VA files, and the robot is a {nominal.name}.",
+            remedy="Enter tools and frames under [tools] and [frames].",
+        )
+    # a project without a backup does not wait for the patterns of these files
+    from cellcal.drivers.fanuc.program_files.va_backup import FRAMES, read_backup  # noqa: PLC0415
+
+    place = (folder / name).resolve()
+    try:
+        backup = read_backup(place)
+    except ProgramFileError as refused:
+        raise ProjectError(f"{where}: {place}: {refused.message}", remedy=refused.remedy) from refused
+    if FRAMES in backup.missing:
+        raise ProjectError(
+            f"{where}: {place} holds no {FRAMES}, in which a controller keeps its frames and tools.",
+            remedy="Save all of the controller's files as text (.VA) and name that folder.",
+        )
+    its = backup.frames(_GROUP)
+    return Kept(
+        {number: pose.matrix() for number, pose in its.base_frame.items()},
+        {number: pose.matrix() for number, pose in its.flange_tip.items()},
+        place,
+    )
+
+
+def pose_as_kept(table: Mapping[str, Any], kept: Array | None, where: str) -> Array:
+    """Return a pose as the project or the controller's backup has it; where both have it, they must agree.
+
+    Raises
+    ------
+    ProjectError
+        Neither has it, they differ, or the project's is no pose.
+    """
+    if kept is None:
+        return pose_of(table, where)
+    if not table:
+        return kept
+    said = pose_of(table, where)
+    apart, turned = same_place(kept[None], said[None])
+    if apart[0] > _ALIKE_M or turned[0] > _ALIKE_RAD:
+        raise ProjectError(
+            f"{where}: what is written here is {apart[0] * 1e3:.3f} mm and {np.degrees(turned[0]):.3f} deg from what "
+            "the controller's backup holds.",
+            remedy="Remove it here where the backup is newer; else save the backup again.",
+        )
+    return said

@@ -1,0 +1,149 @@
+"""Whether a cell's arm can go to a program's points, and how far from the truth it will then be."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.geometry import Array, inverse_transform
+from cellcal.calibration.programs.transfer import smallest_sigma, tips
+from cellcal.drivers.program_registry import brand_named
+from cellcal.drivers.programs.positions import ProgramFile
+from cellcal.service.engineering.programs.cell_of_program import (
+    Group,
+    Points,
+    bring_their_own,
+    contradiction,
+    frame_of,
+    groups_of,
+    missing,
+    points_of,
+    refuse_foreign,
+    tool_of,
+)
+from cellcal.service.engineering.programs.expected import Ends, Expectation
+from cellcal.service.engineering.programs.postures import PostureSearch
+from cellcal.service.engineering.programs.project import Project, Tool
+from cellcal.service.engineering.programs.project_pulses import in_joints
+
+_ROUNDED_RAD = 1e-6  # a joint may be taught at its limit
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """N points of a program in a cell; NaN for what nobody knows."""
+
+    joints_rad: Array  # (N, n) that the controller computes
+    base_place_m: Array  # (N, 3) where the controller believes the tip to be
+    why: tuple[str, ...]  # (N,) what is wrong with a point, or why it cannot be told; "" where nothing is
+    failed: NDArray[np.bool_]  # (N,) the arm cannot go there; what cannot be told is no failure
+    miss_m: (
+        Array  # (N,) how far the real tip is from where the controller believes it, by the identified model
+    )
+    expected_m: Array  # (N,) k = 2, how surely the identified model knows the real tip
+
+
+def reach_of(programs: Sequence[ProgramFile], cell: Project) -> tuple[Reach, ...]:
+    """Return what a cell's arm makes of programs of one brand.
+
+    Raises
+    ------
+    CellError
+        A program of another robot, or in another unit.
+    """
+    programs = in_joints(programs, cell.pulses_per_rad)
+    for program in programs:
+        refuse_foreign(program, cell)
+    axes = cell.nominal.axes
+    points = points_of(programs, axes)
+    rule = brand_named(programs[0].brand).configurations
+    search = PostureSearch(cell.nominal, cell.controller, rule)
+    found = _Columns.empty(len(points), axes)
+    for group in groups_of(points, bring_their_own(programs) or rule is None):
+        _of_group(group, points, cell, search, found)
+    return tuple(found.of(np.flatnonzero(points.of == number), points) for number in range(len(programs)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """The columns of all points, while they are filled in."""
+
+    joints_rad: Array
+    base_place_m: Array
+    failed: NDArray[np.bool_]
+    miss_m: Array
+    expected_m: Array
+
+    @classmethod
+    def empty(cls, count: int, axes: int) -> "_Columns":
+        return cls(
+            np.full((count, axes), np.nan),
+            np.full((count, 3), np.nan),
+            np.zeros(count, dtype=bool),
+            np.full(count, np.nan),
+            np.full(count, np.nan),
+        )
+
+    def of(self, rows: NDArray[np.intp], points: Points) -> Reach:
+        return Reach(
+            self.joints_rad[rows],
+            self.base_place_m[rows],
+            tuple(points.reasons[i] for i in rows.tolist()),
+            self.failed[rows],
+            self.miss_m[rows],
+            self.expected_m[rows],
+        )
+
+
+def _of_group(group: Group, points: Points, cell: Project, search: PostureSearch, found: _Columns) -> None:
+    """Fill in the points that share tool and frame."""
+    program, rows = points.programs[points.of[group.rows[0]]], group.rows
+    tool, frame = tool_of(cell, program, group.tool), frame_of(cell, program, group.frame)
+    taught = np.isfinite(points.joints[rows]).all(axis=1)
+    found.joints_rad[rows[taught]] = points.joints[rows[taught]]
+    posed = rows[~taught]
+    if other := contradiction(cell, program, group.tool, group.frame):
+        points.refuse(rows, other)
+        return
+    if tool is None:
+        points.refuse(rows, missing("tool", group.tool, cell))
+        return
+    if frame is None:
+        points.refuse(posed, missing("user frame", group.frame, cell))
+        posed = posed[:0]
+    if frame is not None and len(posed):
+        base_flange = frame @ points.frame_tip[posed] @ inverse_transform(tool.entered)
+        texts = [points.texts[i] for i in posed.tolist()]
+        joints, why = search.joints(base_flange, texts, points.taught_before(posed))
+        found.joints_rad[posed] = joints
+        _fail(points, posed, why, found)
+    _judge(rows[np.isfinite(found.joints_rad[rows]).all(axis=1)], points, cell, tool, found)
+
+
+def _judge(rows: NDArray[np.intp], points: Points, cell: Project, tool: Tool, found: _Columns) -> None:
+    """Look at the joints of some points: limits, singularities, accuracy."""
+    if not len(rows):
+        return
+    joints, model = found.joints_rad[rows], cell.controller
+    beyond = (joints < model.lower_rad - _ROUNDED_RAD) | (joints > model.upper_rad + _ROUNDED_RAD)
+    names = [", ".join(f"J{j + 1}" for j in np.flatnonzero(one)) for one in beyond]
+    _fail(points, rows, [f"{name} beyond its limit" if name else "" for name in names], found)
+    near = smallest_sigma(model, joints, cell.smallest_sigma) < cell.smallest_sigma
+    _fail(points, rows, ["too near to a singularity" if one else "" for one in near.tolist()], found)
+    believed = tips(Arm(model, tool.entered), joints)
+    found.base_place_m[rows] = believed[:, :3, 3]
+    if cell.identified is None:
+        return
+    real = tips(cell.real_arm(tool.real), joints)
+    found.miss_m[rows] = np.linalg.norm(real[:, :3, 3] - believed[:, :3, 3], axis=1)
+    known = Expectation(cell, cell, np.eye(4), nominal=True)
+    found.expected_m[rows] = known.errors_m(Ends(joints, joints, tool, tool))
+
+
+def _fail(points: Points, rows: NDArray[np.intp], why: Sequence[str], found: _Columns) -> None:
+    bad = np.array([bool(reason) for reason in why], dtype=bool)
+    found.failed[rows[bad]] = True
+    told = dict(zip(rows.tolist(), why, strict=True))
+    points.refuse(rows[bad], lambda i: told[i])

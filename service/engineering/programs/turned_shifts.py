@@ -1,0 +1,151 @@
+"""What a change costs where a program shifts points, while it runs, in axes that the change turns.
+
+With F the change in the user frame, F = u'^-1 E u, and D the shift, the work asks for F D p, and the changed program
+goes to D F p. The findings tell how far these two are apart.
+"""
+
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from cellcal.calibration.geometry import Array, inverse_transform, log_rotation
+from cellcal.drivers.programs.positions import ProgramFile
+from cellcal.drivers.programs.shifts import Axes, Shift
+from cellcal.service.engineering.programs.cell_of_program import Points, frame_of, name_in
+from cellcal.service.engineering.programs.project import Project
+from cellcal.service.engineering.programs.result import Finding
+
+_LEAST_M, _LEAST_RAD = 1e-5, math.radians(0.005)  # what a pendant shows of a place and an orientation
+_TOO_FAR_M = (
+    1.0  # no shift of a program is longer; a turn counts where it costs this length the least distance
+)
+_SHOWN_M = 0.1
+_COSTS = (
+    "{what} shifts {point} in axes that this change turns by {angle} deg: the point then misses by {distance} mm "
+    "and {turn} deg. Turn the shift in the program, too, or teach the point there."
+)
+_COSTS_EACH_TIME = (
+    "{what} shifts {point} in axes that this change turns by {angle} deg: the point then misses by {distance} mm "
+    "for each time that this runs. Turn the shift in the program, too, or teach the point there."
+)
+_SIZE_UNREADABLE = (
+    "{what} shifts {point} in axes that this change turns by {angle} deg; the size of the shift is not readable, "
+    "and each 100 mm of it may miss by {distance} mm. Turn the shift in the program, too, or teach the point there."
+)
+
+
+class Changing(Protocol):
+    """What is asked of a route."""
+
+    @property
+    def source(self) -> Project: ...
+    @property
+    def target(self) -> Project: ...
+    @property
+    def change(self) -> Array: ...
+    def takes(self, frame: str | None, *, bare_joints: bool) -> bool | str: ...
+
+
+class _Turned(NamedTuple):
+    """The change as one frame sees it, and that frame before it; ``exact`` where the frame is known."""
+
+    change: Array
+    frame: Array
+    exact: bool
+
+
+def find_turned_shifts(points: Points, route: Changing) -> list[tuple[Finding, ...]]:
+    """Return for each program its shifted points that the change does not bring to where they belong."""
+    starts = np.searchsorted(points.of, np.arange(len(points.programs)))
+    return [
+        tuple(_findings_of(points, number, int(start), route)) if program.positions.shifts else ()
+        for number, (program, start) in enumerate(zip(points.programs, starts, strict=True))
+    ]
+
+
+def _findings_of(points: Points, number: int, start: int, route: Changing) -> list[Finding]:
+    program = points.programs[number]
+    known: dict[str | None, _Turned] = {}
+    found: list[Finding] = []
+    for shift in program.positions.shifts:
+        if not shift.rows:
+            frame = name_in(route.source, program, shift.user_frame)
+            if frame is None or route.takes(frame, bare_joints=False) is True:
+                found.append(
+                    _finding(shift, shift.point, -1, None, _turned(known, program, frame, shift, route))
+                )
+            continue
+        for row in shift.rows:
+            at = start + row
+            if points.reasons[at] or points.stays[at]:
+                continue  # it is named already, or does not go along
+            seen = _turned(known, program, points.user_frames[at], shift, route)
+            pose = points.frame_tip[at] if points.cartesian[at] else None
+            found.append(_finding(shift, program.positions.names[row], row, pose, seen))
+    return [one for one in found if one.text]
+
+
+def _turned(
+    known: dict[str | None, _Turned], program: ProgramFile, frame: str | None, shift: Shift, route: Changing
+) -> _Turned:
+    if frame not in known:
+        before = frame_of(route.source, program, frame)
+        after = frame_of(route.target, program, frame, at_home=route.source is route.target)
+        if before is None or after is None:
+            known[frame] = _Turned(route.change, np.eye(4), False)
+        else:
+            known[frame] = _Turned(inverse_transform(after) @ route.change @ before, before, True)
+    seen = known[frame]
+    return _Turned(route.change, seen.frame, True) if shift.axes is Axes.BASE else seen
+
+
+def _finding(shift: Shift, point: str, row: int, pose: Array | None, seen: _Turned) -> Finding:
+    """Return what a shift costs at one point; without a text where it costs nothing."""
+    change = seen.change
+    angle = float(np.linalg.norm(log_rotation(change[:3, :3])))
+    if _size_counts(shift, seen) or (pose is None and shift.quaternion not in (None, (1.0, 0.0, 0.0, 0.0))):
+        text = _text(_SIZE_UNREADABLE, shift, point, angle, _SHOWN_M * _chord(angle), 0.0)
+        return Finding(shift.line, point, shift.what, angle, math.nan, math.nan, text, row)
+    if not seen.exact:
+        distance = float(np.linalg.norm(np.nan_to_num(shift.translation_m))) * _chord(angle)
+        turn = 0.0
+    else:
+        tip = np.eye(4) if pose is None else pose
+        tip = seen.frame @ tip if shift.axes is Axes.BASE else tip
+        wanted, reached = change @ shift.matrix() @ tip, shift.matrix() @ change @ tip
+        distance = float(np.linalg.norm(wanted[:3, 3] - reached[:3, 3]))
+        turn = float(np.linalg.norm(log_rotation(wanted[:3, :3].T @ reached[:3, :3])))
+    costs = distance > _LEAST_M or turn > _LEAST_RAD
+    text = (
+        _text(_COSTS_EACH_TIME if shift.each_time else _COSTS, shift, point, angle, distance, turn)
+        if costs
+        else ""
+    )
+    return Finding(shift.line, point, shift.what, angle, distance, turn, text, row)
+
+
+def _size_counts(shift: Shift, seen: _Turned) -> bool:
+    """Tell whether a part of the shift that is not readable costs something."""
+    change = seen.change
+    if shift.quaternion is None and (np.abs(change - np.eye(4)) > _LEAST_M).any():
+        return True
+    unread = np.isnan(shift.translation_m)
+    apart = change[:3, :3] - np.eye(3)
+    costs = np.linalg.norm(apart if seen.exact else np.full((3, 3), np.abs(apart).max()), axis=0)
+    return bool((costs[unread] * _TOO_FAR_M > _LEAST_M).any())
+
+
+def _chord(angle_rad: float) -> float:
+    """Return how far a turn takes the end of a unit length across its axis."""
+    return 2.0 * math.sin(min(angle_rad, math.pi) / 2.0)
+
+
+def _text(form: str, shift: Shift, point: str, angle: float, distance_m: float, turn: float) -> str:
+    return form.format(
+        what=shift.what,
+        point=point,
+        angle=f"{math.degrees(angle):.2f}",
+        distance=f"{distance_m * 1e3:.2f}",
+        turn=f"{math.degrees(turn):.2f}",
+    )

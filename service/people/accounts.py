@@ -1,0 +1,295 @@
+"""Who is known here: people, enrolled devices, wrong guesses, and what was changed by whom; one SQLite file.
+
+Nothing is deleted: a person who left keeps the name, so that a signature of last year names one person only.
+Every call opens the file anew: what `cellcal people` changes counts in the running service at once.
+"""
+
+import hashlib
+import os
+import secrets
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cellcal.service.people.errors import PeopleError, TooManyGuessesError, WrongSecretError
+from cellcal.service.people.naming import clean_name, folded
+from cellcal.service.people.rate_limits import DAY_S, DEVICE, PERSON, STATION, wait_s
+from cellcal.service.people.roles import Role
+
+REGISTER_NAME = "people.db"
+ENROL_S = 600.0
+_BUSY_S = 5.0
+_VERSION = 1
+_TABLES = """
+CREATE TABLE person (name TEXT PRIMARY KEY, folded TEXT NOT NULL UNIQUE, role TEXT NOT NULL, kept TEXT NOT NULL,
+    epoch INTEGER NOT NULL, removed_at REAL) STRICT;
+CREATE TABLE device (id TEXT PRIMARY KEY, name TEXT NOT NULL, key BLOB NOT NULL, enrolled_at REAL NOT NULL,
+    revoked_at REAL) STRICT;
+CREATE TABLE enrolment (token TEXT PRIMARY KEY, name TEXT NOT NULL, until REAL NOT NULL) STRICT;
+CREATE TABLE failure (id INTEGER PRIMARY KEY, at REAL NOT NULL, person TEXT NOT NULL, device TEXT NOT NULL,
+    cleared INTEGER NOT NULL DEFAULT 0) STRICT;
+CREATE TABLE event (at REAL NOT NULL, who TEXT NOT NULL, what TEXT NOT NULL) STRICT;
+CREATE TABLE mark (pepper TEXT NOT NULL) STRICT;
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A person. ``epoch`` grows when the PIN or the role changes: sessions of an earlier one have ended."""
+
+    name: str
+    role: Role
+    kept: str
+    epoch: int
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """An enrolled device: the public half of a key that never leaves its browser."""
+
+    id: str
+    name: str
+    key: bytes
+    enrolled_at: float
+
+
+class Register:
+    """The file, read and written in short transactions; ``clock`` is the time of day in seconds."""
+
+    def __init__(self, data_dir: Path, clock: Callable[[], float] = time.time) -> None:
+        self.path = data_dir / REGISTER_NAME
+        self._clock = clock
+
+    # people
+
+    def people(self) -> tuple[Known, ...]:
+        """Return everybody who may sign in, by name."""
+        rows = self._read(
+            "SELECT name, role, kept, epoch FROM person WHERE removed_at IS NULL ORDER BY folded"
+        )
+        return tuple(Known(name, Role(role), kept, epoch) for name, role, kept, epoch in rows)
+
+    def person(self, name: str) -> Known | None:
+        """Return one person, None when nobody of that name may sign in."""
+        sought = folded(name)
+        return next((each for each in self.people() if folded(each.name) == sought), None)
+
+    def add(self, name: str, role: Role, kept: str, by: str) -> str:
+        """Add a person; return the name as it is kept. A name is never given twice, not even after years."""
+        clean = clean_name(name)
+        with self._write(by, f"add {role} {clean}") as at:
+            taken = at.execute("SELECT removed_at FROM person WHERE folded = ?", (folded(clean),)).fetchone()
+            if taken is not None:
+                left = " (left since)" if taken[0] is not None else ""
+                raise PeopleError(
+                    f"there is a {clean} already{left}.",
+                    remedy="Give another name: names stand in signatures.",
+                )
+            at.execute("INSERT INTO person VALUES (?, ?, ?, ?, 1, NULL)", (clean, folded(clean), role, kept))
+        return clean
+
+    def remove(self, name: str, by: str) -> None:
+        """Let a person sign in no longer; what runs goes on."""
+        self._change(name, by, "remove", "removed_at = ?", (self._clock(),))
+
+    def reset(self, name: str, role: Role, kept: str, by: str) -> None:
+        """Set a person's PIN and role anew and forget wrong guesses."""
+        known = self._change(name, by, f"reset to {role}", "kept = ?, role = ?", (kept, role))
+        with self._write(by, f"clear guesses of {known.name}") as at:
+            at.execute("DELETE FROM failure WHERE person = ?", (folded(known.name),))
+
+    def _change(self, name: str, by: str, what: str, change: str, values: tuple[object, ...]) -> Known:
+        known = self.person(name)
+        if known is None:
+            raise PeopleError(f"there is no {name!r} here.", remedy="`cellcal people list` names everybody.")
+        with self._write(by, f"{what} {known.name}") as at:
+            at.execute(f"UPDATE person SET {change}, epoch = epoch + 1 WHERE name = ?", (*values, known.name))
+        return known
+
+    # the pepper
+
+    def hold_to_pepper(self, mark: str) -> None:
+        """Note the first pepper; refuse another: with it every right PIN would look wrong.
+
+        Raises
+        ------
+        PeopleError
+            The PINs were kept with another pepper.
+        """
+        noted = self._read("SELECT pepper FROM mark")
+        if not noted:
+            with self._write("cellcal", "first pepper") as at:
+                at.execute("INSERT INTO mark VALUES (?)", (mark,))
+        elif noted[0][0] != mark:
+            raise PeopleError(
+                f"the PINs in {self.path} were kept with another pepper.",
+                remedy="Restore the pepper from the backup, or set every PIN anew in a new register.",
+            )
+
+    # devices
+
+    def enrolment(self, name: str, by: str) -> str:
+        """Return a token with which one device can be enrolled once, within ten minutes."""
+        token = secrets.token_urlsafe(32)
+        clean = clean_name(name)
+        with self._write(by, f"invite device {clean}") as at:
+            at.execute("DELETE FROM enrolment WHERE until < ?", (self._clock(),))
+            at.execute(
+                "INSERT INTO enrolment VALUES (?, ?, ?)", (_hash(token), clean, self._clock() + ENROL_S)
+            )
+        return token
+
+    def enrol(self, token: str, key: bytes) -> Device:
+        """Keep a device's public key and use its token up.
+
+        Raises
+        ------
+        WrongSecretError
+            The token is unknown, used or too old.
+        """
+        with self._write("enrolment", "enrol a device") as at:
+            row = at.execute(
+                "DELETE FROM enrolment WHERE token = ? AND until >= ? RETURNING name",
+                (_hash(token), self._clock()),
+            ).fetchone()
+            if row is None:
+                raise WrongSecretError(
+                    "the enrolment", "Let an administrator run `cellcal people enrol-device` again."
+                )
+            device = Device(secrets.token_hex(8), row[0], key, self._clock())
+            at.execute(
+                "INSERT INTO device VALUES (?, ?, ?, ?, NULL)",
+                (device.id, device.name, device.key, device.enrolled_at),
+            )
+        return device
+
+    def devices(self) -> tuple[Device, ...]:
+        """Return every device that may be used, oldest first."""
+        rows = self._read(
+            "SELECT id, name, key, enrolled_at FROM device WHERE revoked_at IS NULL ORDER BY enrolled_at"
+        )
+        return tuple(Device(*row) for row in rows)
+
+    def device(self, device_id: str) -> Device | None:
+        """Return one device, None when it is unknown or revoked."""
+        return next((each for each in self.devices() if each.id == device_id), None)
+
+    def revoke(self, device_id: str, by: str) -> Device:
+        """Let a device in no longer; its sessions end at once."""
+        device = self.device(device_id)
+        if device is None:
+            raise PeopleError(
+                f"there is no device {device_id!r}.", remedy="`cellcal people list` names them."
+            )
+        with self._write(by, f"revoke device {device.id} {device.name}") as at:
+            at.execute("UPDATE device SET revoked_at = ? WHERE id = ?", (self._clock(), device.id))
+        return device
+
+    # guesses
+
+    def guess(self, name: str, device_id: str) -> int:
+        """Note a guess as failed before it is looked at, so that many at once gain nothing; return its number.
+
+        Raises
+        ------
+        TooManyGuessesError
+            The person, the device or the whole station has used up what is allowed.
+        """
+        now = self._clock()
+        with self._write(None, "") as at:
+            at.execute("DELETE FROM failure WHERE at < ?", (now - DAY_S,))
+            at.execute("UPDATE failure SET at = ? WHERE at > ?", (now, now))  # the clock was set back
+            rows = at.execute("SELECT at, person, device, cleared FROM failure ORDER BY at, id").fetchall()
+            mine = [row for row in rows if row[1] == folded(name)]
+            here = [row for row in rows if row[2] == device_id]
+            wait = max(
+                wait_s([row[0] for row in mine], sum(not row[3] for row in mine), PERSON, now),
+                wait_s([row[0] for row in here], len(here), DEVICE, now),
+                wait_s([row[0] for row in rows], len(rows), STATION, now),
+            )
+            if wait > 0.0:
+                raise TooManyGuessesError(wait)
+            noted = at.execute(
+                "INSERT INTO failure (at, person, device) VALUES (?, ?, ?)", (now, folded(name), device_id)
+            )
+            return int(noted.lastrowid or 0)
+
+    def guessed_right(self, guess: int, name: str) -> None:
+        """Take a guess back, and let the person begin to count anew."""
+        with self._write(None, "") as at:
+            at.execute("DELETE FROM failure WHERE id = ?", (guess,))
+            at.execute("UPDATE failure SET cleared = 1 WHERE person = ?", (folded(name),))
+
+    # the log
+
+    def note(self, who: str, what: str) -> None:
+        """Write down what happened at the door."""
+        with self._write(who, what):
+            pass
+
+    def events(self) -> tuple[tuple[float, str, str], ...]:
+        """Return what was changed and who came in: time, by whom, what; oldest first."""
+        return tuple(self._read("SELECT at, who, what FROM event ORDER BY rowid"))
+
+    # the file
+
+    def _read(self, query: str) -> list[Any]:
+        if not self.path.exists():
+            return []
+        with self._open() as database:
+            return database.execute(query).fetchall()
+
+    @contextmanager
+    def _write(self, who: str | None, what: str) -> Iterator[sqlite3.Connection]:
+        with self._open() as database:
+            database.execute("BEGIN IMMEDIATE")
+            try:
+                yield database
+                if who is not None:
+                    database.execute("INSERT INTO event VALUES (?, ?, ?)", (self._clock(), who, what))
+                database.execute("COMMIT")
+            except BaseException:
+                database.execute("ROLLBACK")
+                raise
+
+    @contextmanager
+    def _open(self) -> Iterator[sqlite3.Connection]:
+        try:
+            if not self.path.exists():
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                os.close(os.open(self.path, os.O_CREAT | os.O_RDWR, 0o600))
+            with closing(sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None)) as database:
+                database.execute("PRAGMA synchronous = FULL")
+                self._make(database)
+                yield database
+        except (OSError, sqlite3.Error) as error:
+            raise PeopleError(
+                f"the register of people {self.path} cannot be used: {error}.",
+                remedy="Restore it from a backup, and let the user who runs cellcal read and write it.",
+            ) from error
+
+    def _make(self, database: sqlite3.Connection) -> None:
+        if _version(database) == _VERSION:
+            return
+        database.execute("BEGIN IMMEDIATE")
+        if _version(database) == 0:
+            for statement in _TABLES.split(";\n"):
+                database.execute(statement)
+            database.execute(f"PRAGMA user_version = {_VERSION}")
+        database.execute("COMMIT")
+        if _version(database) != _VERSION:
+            raise PeopleError(
+                f"{self.path} was written by another version of cellcal.", remedy="Use that version."
+            )
+
+
+def _version(database: sqlite3.Connection) -> int:
+    return int(database.execute("PRAGMA user_version").fetchone()[0])
+
+
+def _hash(token: str) -> str:
+    return hashlib.sha256(token.encode()).hexdigest()

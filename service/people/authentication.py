@@ -1,0 +1,243 @@
+"""The entrance: from a token, a device's signature or a PIN to a session, and from a session to a person."""
+
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from cellcal.service.people.accounts import Device, Known, Register
+from cellcal.service.people.device_keys import Challenges, is_signed, public_key_of, signed_text
+from cellcal.service.people.errors import NotSignedInError, WrongSecretError
+from cellcal.service.people.naming import LOCAL
+from cellcal.service.people.pin_hashing import Hasher, pepper_of
+from cellcal.service.people.roles import RIGHTS, Need, Right, Role
+from cellcal.service.people.sessions import CONSOLE, Session, Sessions
+
+_MIND = "Try again; mind how many tries there are: five, then one an hour."
+
+
+@dataclass(frozen=True, slots=True)
+class Person:
+    """Who sits at a screen.
+
+    ``role`` counts at this moment: somebody whose screen was left alone looks on as a viewer until the PIN comes.
+    ``alone`` is whoever holds this computer's console while nobody is set up: there is no PIN and nobody else.
+    """
+
+    name: str
+    role: Role
+    locked: bool = False
+    fresh_pin: bool = False
+    alone: bool = False
+    seat: str = ""  # of the session; none where everybody is let in unasked
+
+    def may(self, right: Right) -> bool:
+        """Whether it is allowed."""
+        return self.alone or right in RIGHTS[self.role]
+
+    def may_by_itself(self, need: Need) -> bool:
+        """Whether what an order takes is there without another person."""
+        return self.may(need.right) and (not need.writes or self.may(Right.WRITE_ALONE))
+
+
+LOCAL_PERSON = Person(LOCAL, Role.TECHNICIAN, fresh_pin=True, alone=True)
+
+
+@dataclass
+class Entrance:
+    """What the web's door asks. ``open_access`` lets everybody in as the local technician: for demos on loopback."""
+
+    data_dir: Path
+    open_access: bool = False
+    clock: Callable[[], float] = time.monotonic  # of sessions and challenges
+    wall_clock: Callable[[], float] = time.time  # of what is kept
+    make_hasher: Callable[[bytes], Hasher] = Hasher
+    on_console_token: Callable[[str], None] | None = None
+    register: Register = field(init=False)
+    sessions: Sessions = field(init=False)
+    _console: str | None = field(init=False, default=None)
+
+    def __post_init__(self) -> None:
+        self.register = Register(self.data_dir, self.wall_clock)
+        self.sessions = Sessions(self.clock)
+        self._challenges = Challenges(self.clock)
+        self._hashing = threading.Lock()  # one at a time: each takes 64 MiB and four threads
+
+    # who is there
+
+    def present(self, token: str | None) -> Person:
+        """Return who has this session.
+
+        Raises
+        ------
+        NotSignedInError
+            There is no such session, or its device was revoked.
+        """
+        session = self._session(token)
+        if session is None:
+            if self.open_access:
+                return LOCAL_PERSON
+            raise NotSignedInError
+        return replace(self._who_sits(session), seat=session.seat)
+
+    def is_in_charge(self, seat: str) -> bool:
+        """Whether somebody sits there who may run procedures just now."""
+        session = self.sessions.at(seat)
+        return session is not None and self._who_sits(session).may(Right.RUN)
+
+    def _who_sits(self, session: Session) -> Person:
+        people = self.register.people()
+        if session.person is None:
+            if session.device == CONSOLE and (self.open_access or not people):
+                return LOCAL_PERSON
+            return Person(self._device_name(session), Role.VIEWER)
+        known = next((each for each in people if each.name == session.person), None)
+        if known is None or known.epoch != session.epoch or not self._is_known(session):
+            return Person(self._device_name(session), Role.VIEWER)
+        if self.sessions.locked(session):
+            return Person(known.name, Role.VIEWER, locked=True)
+        return Person(known.name, known.role, fresh_pin=self.sessions.fresh(session))
+
+    def busy(self, token: str | None) -> None:
+        """Note that whoever has this session does something."""
+        session = self._session(token)
+        if session is not None:
+            self.sessions.use(session)
+
+    def _session(self, token: str | None) -> Session | None:
+        session = self.sessions.find(token)
+        if session is None or self._is_known(session):
+            return session
+        assert token is not None
+        self.sessions.end(token)
+        return None
+
+    def _is_known(self, session: Session) -> bool:
+        return session.device == CONSOLE or self.register.device(session.device) is not None
+
+    def _device_name(self, session: Session) -> str:
+        device = self.register.device(session.device)
+        return CONSOLE if device is None else device.name
+
+    def seat(self, token: str | None) -> str | None:
+        """Give a browser that is let in unasked a seat of its own; return its new token, None where it needs none."""
+        if not self.open_access or self._session(token) is not None:
+            return None
+        return self.sessions.begin(CONSOLE)
+
+    # this computer's console
+
+    def console_token(self) -> str:
+        """Return a token that opens one session at this computer; the one before it is void."""
+        self._console = secrets.token_urlsafe(32)
+        return self._console
+
+    def from_console(self, token: str) -> str:
+        """Use the console's token up and return a session's.
+
+        Raises
+        ------
+        WrongSecretError
+            It is not the token, or it was used.
+        """
+        good = self._console is not None and secrets.compare_digest(token.encode(), self._console.encode())
+        if not good:
+            raise WrongSecretError("the address", "Use the newest address that `cellcal serve` printed.")
+        self._console = None
+        if self.on_console_token is not None:
+            self.on_console_token(self.console_token())
+        return self.sessions.begin(CONSOLE)
+
+    # enrolled devices
+
+    def enrol(self, token: str, spki: str) -> Device:
+        """Enrol a browser with its public key (SPKI, base64url) and a token of ten minutes."""
+        return self.register.enrol(token, public_key_of(spki))
+
+    def challenge(self) -> str:
+        """Return what a device has to sign."""
+        return self._challenges.ask()
+
+    def from_device(self, device_id: str, challenge: str, signature: str, origin: str) -> str:
+        """Return a session's token to a device that proved its key.
+
+        Raises
+        ------
+        WrongSecretError
+            It did not: unknown, revoked, too late, or another key.
+        """
+        in_time, device = self._challenges.answered(challenge), self.register.device(device_id)
+        if (
+            not in_time
+            or device is None
+            or not is_signed(device.key, signature, signed_text(origin, challenge))
+        ):
+            raise WrongSecretError("this device's proof", "Let an administrator enrol the device again.")
+        return self.sessions.begin(device.id)
+
+    # people
+
+    def sign_in(self, token: str | None, name: str, secret: str) -> str:
+        """Let a person in on a device's session; return the new token. Takes a fifth of a second; call in a thread.
+
+        Raises
+        ------
+        NotSignedInError
+            The device has no session.
+        WrongSecretError, TooManyGuessesError
+            The name or the PIN is wrong, or may not be guessed just now.
+        """
+        session = self._session(token)
+        if token is None or session is None:
+            raise NotSignedInError
+        known = self._proven(session, name, secret)
+        if self.sessions.find(token) is not session:
+            raise NotSignedInError  # it ended meanwhile
+        self.register.note(known.name, f"signed in at {self._device_name(session)}")
+        return self.sessions.enter(token, known.name, known.epoch)
+
+    def confirm(self, token: str | None, secret: str) -> None:
+        """Take the PIN of whoever has this session once more: it unlocks, and counts for an approval."""
+        session = self._session(token)
+        if session is None or session.person is None:
+            raise NotSignedInError
+        known = self._proven(session, session.person, secret)
+        if known.epoch != session.epoch:
+            raise NotSignedInError
+        self.sessions.confirm(session)
+
+    def vouched(self, token: str | None, name: str, secret: str) -> Person:
+        """Return a second person, who gives name and PIN at somebody's screen for one approval; call in a thread.
+
+        Raises
+        ------
+        NotSignedInError, WrongSecretError, TooManyGuessesError
+            As `sign_in` does.
+        """
+        session = self._session(token)
+        if session is None:
+            raise NotSignedInError
+        known = self._proven(session, name, secret)
+        self.register.note(known.name, f"gave the PIN for an approval at {self._device_name(session)}")
+        return Person(known.name, known.role, fresh_pin=True, seat=session.seat)
+
+    def leave(self, token: str | None) -> str:
+        """Let the person go; the device looks on."""
+        if token is None or self._session(token) is None:
+            raise NotSignedInError
+        return self.sessions.leave(token)
+
+    def _proven(self, session: Session, name: str, secret: str) -> Known:
+        guess = self.register.guess(name, session.device)
+        with self._hashing:
+            hasher = self.make_hasher(pepper_of(self.data_dir))
+            self.register.hold_to_pepper(hasher.pepper_mark)
+            known = self.register.person(name)
+            if known is None:
+                hasher.hashed(secret)  # a name that is unknown takes as long as a wrong PIN
+        if known is None or not hasher.is_right(known.kept, secret):
+            raise WrongSecretError("the name or the PIN", _MIND)
+        self.register.guessed_right(guess, name)
+        return known

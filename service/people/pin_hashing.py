@@ -1,0 +1,109 @@
+"""PINs at rest: argon2id over a value that only who holds the pepper can compute.
+
+All six-digit PINs can be tried within two days on one computer; a stolen list of people is worthless without the
+pepper, so keep that apart: a systemd credential named ``cellcal-pepper``, or a file for its owner only.
+"""
+
+import hashlib
+import hmac
+import os
+import secrets
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from argon2 import PasswordHasher
+from argon2.exceptions import InvalidHashError, VerificationError
+
+from cellcal.service.people.errors import PeopleError
+
+PEPPER_BYTES = 32
+PEPPER_NAME = "pepper.key"
+CREDENTIAL = "cellcal-pepper"
+MEMORY_KIB, PASSES, LANES = 64 * 1024, 3, 4
+
+
+def argon2id() -> PasswordHasher:
+    """Return the hasher: argon2id, 64 MiB, 3 passes, 4 lanes."""
+    return PasswordHasher(time_cost=PASSES, memory_cost=MEMORY_KIB, parallelism=LANES)
+
+
+@dataclass(frozen=True)
+class Hasher:
+    """Hashes and checks what people know."""
+
+    pepper: bytes
+    argon2: PasswordHasher = field(default_factory=argon2id)
+
+    @property
+    def pepper_mark(self) -> str:
+        """What tells this pepper from another without telling the pepper."""
+        return hmac.new(self.pepper, b"cellcal pepper mark", hashlib.sha256).hexdigest()
+
+    def hashed(self, secret: str) -> str:
+        """Return what to keep of a PIN or passphrase."""
+        return self.argon2.hash(self._peppered(secret))
+
+    def is_right(self, kept: str, secret: str) -> bool:
+        """Whether a PIN or passphrase is the one that was kept."""
+        try:
+            return self.argon2.verify(kept, self._peppered(secret))
+        except (VerificationError, InvalidHashError):
+            return False
+
+    def _peppered(self, secret: str) -> bytes:
+        return hmac.new(self.pepper, secret.encode(), hashlib.sha256).digest()
+
+
+def pepper_of(data_dir: Path) -> bytes:
+    """Return the installation's pepper; create the file at first use, never over another.
+
+    Raises
+    ------
+    PeopleError
+        It cannot be read, other users may read it, or it is no pepper.
+    """
+    given = os.environ.get("CREDENTIALS_DIRECTORY")
+    credential = Path(given) / CREDENTIAL if given else None
+    try:
+        if credential is not None and credential.exists():
+            return _whole(credential, credential.read_bytes())
+        path = data_dir / PEPPER_NAME
+        if not path.exists():
+            _create(path)
+        if path.stat().st_mode & 0o077:
+            raise PeopleError(
+                f"other users of this computer may read {path}.", remedy=f"Run: chmod 600 {path}"
+            )
+        return _whole(path, path.read_bytes())
+    except OSError as error:
+        raise PeopleError(
+            f"the pepper in {data_dir} cannot be used: {error.strerror}.",
+            remedy="Let the user who runs cellcal read and write this folder.",
+        ) from error
+
+
+def _whole(path: Path, pepper: bytes) -> bytes:
+    if len(pepper) != PEPPER_BYTES:
+        raise PeopleError(
+            f"{path} holds {len(pepper)} bytes, not the {PEPPER_BYTES} of a pepper.",
+            remedy="Restore it from a backup; without it every PIN has to be set anew.",
+        )
+    return pepper
+
+
+def _create(path: Path) -> None:
+    """Write it beside its place, then link it: whole or not there, and never over the one of a quicker process."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # mode 0600
+    draft = Path(name)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(secrets.token_bytes(PEPPER_BYTES))
+            file.flush()
+            os.fsync(file.fileno())
+        path.hardlink_to(draft)
+    except FileExistsError:
+        return
+    finally:
+        draft.unlink(missing_ok=True)

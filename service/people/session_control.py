@@ -1,0 +1,116 @@
+"""Whose hands the session is in: one screen orders, the others look on and may ask to take over.
+
+A stop needs no control, and letting the hold button go needs none. Control is free until somebody orders, and again
+when its holder signs out, is locked out by idling, or may no longer run anything. A request that the holder leaves
+unanswered for half a minute is granted when the page that made it asks again: one that left meanwhile gets nothing.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from cellcal.service.people.errors import ElsewhereError
+
+ASKED_S = 30.0
+_KEPT_S = 15.0  # beyond that nobody is waiting any more
+
+
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """A browser with somebody at it. ``id`` is that of its session, never its token."""
+
+    id: str
+    name: str
+
+
+@dataclass
+class Control:
+    """Who has it, and who asks for it. ``is_in_charge`` tells whether a seat may still order anything."""
+
+    clock: Callable[[], float] = time.monotonic
+    asked_s: float = ASKED_S
+    _holder: Seat | None = field(init=False, default=None)
+    _asking: tuple[Seat, float] | None = field(init=False, default=None)  # and since when
+
+    def settle(self, is_in_charge: Callable[[str], bool]) -> None:
+        """Forget a holder who may order nothing any more, and whoever asked and left."""
+        if self._holder is not None and not is_in_charge(self._holder.id):
+            self._holder = None
+        if self._asking is not None:
+            seat, since_s = self._asking
+            if self.clock() - since_s > self.asked_s + _KEPT_S or not is_in_charge(seat.id):
+                self._asking = None
+
+    @property
+    def holder(self) -> Seat | None:
+        """Who has control, None while nobody has."""
+        return self._holder
+
+    @property
+    def asks(self) -> Seat | None:
+        """Who asks to take over, None while nobody does."""
+        return None if self._asking is None else self._asking[0]
+
+    def take(self, seat: Seat) -> None:
+        """Let a seat order: it has control, or takes it where nobody has.
+
+        Raises
+        ------
+        ElsewhereError
+            Another seat has it.
+        """
+        if self._holder is not None and self._holder.id != seat.id:
+            raise ElsewhereError(self._holder.name)
+        self._holder = seat
+
+    def ask(self, seat: Seat) -> None:
+        """Ask to take over; asked again after half a minute without an answer, it is given.
+
+        Raises
+        ------
+        ElsewhereError
+            A third seat is asking already.
+        """
+        if self._holder is None or self._holder.id == seat.id:
+            self._holder, self._asking = seat, None
+        elif self._asking is None:
+            self._asking = (seat, self.clock())
+        elif self._asking[0].id != seat.id:
+            raise ElsewhereError(self._asking[0].name)
+        elif self._remaining_s() <= 0.0:
+            self._holder, self._asking = seat, None
+
+    def withdraw(self, seat_id: str) -> None:
+        """Ask no longer."""
+        if self._asking is not None and self._asking[0].id == seat_id:
+            self._asking = None
+
+    def answer(self, seat_id: str, *, give: bool) -> None:
+        """Hand control over to whoever asks, or refuse; only the holder can."""
+        if self._holder is None or self._holder.id != seat_id or self._asking is None:
+            return
+        if give:
+            self._holder = self._asking[0]
+        self._asking = None
+
+    def release(self, seat_id: str) -> None:
+        """Give control up, and ask no longer."""
+        self.withdraw(seat_id)
+        if self._holder is not None and self._holder.id == seat_id:
+            self._holder = None
+
+    def told(self, seat_id: str) -> dict[str, Any]:
+        """Return it as the screen of one seat shows it."""
+        asking = self.asks
+        return {
+            "mine": self._holder is not None and self._holder.id == seat_id,
+            "holder": None if self._holder is None else self._holder.name,
+            "asking": None if asking is None else asking.name,
+            "asking_mine": asking is not None and asking.id == seat_id,
+            "remaining_s": None if asking is None else max(self._remaining_s(), 0.0),
+        }
+
+    def _remaining_s(self) -> float:
+        assert self._asking is not None
+        return self._asking[1] + self.asked_s - self.clock()

@@ -1,0 +1,330 @@
+"""The journal: append-only events in SQLite, durable when ``append`` returns, each chained to the one before.
+
+State is a fold over events and nothing else is authoritative. The file is opened with WAL and
+``synchronous=FULL``: an acknowledged event survives kill -9 and a power cut (tests/e2e/test_power_cut.py and
+tests/e2e/test_kill_nine.py).
+"""
+
+import hashlib
+import os
+import sqlite3
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Protocol, Self
+from uuid import NAMESPACE_URL, uuid5
+
+from cellcal.calibration.errors import CellError
+from cellcal.procedures.canonical import canonical_json
+
+_GENESIS = bytes(32)
+_BUSY_MS = 5000
+# No CHECK(json_valid(body)): SQLite 3.40 refuses it while the schema is not trusted; canonical_json() and the
+# hash say more.
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS event(
+  seq INTEGER PRIMARY KEY, run_id TEXT NOT NULL, idx INTEGER NOT NULL, kind TEXT NOT NULL,
+  idem TEXT UNIQUE,
+  body TEXT NOT NULL,
+  wall_utc TEXT NOT NULL, mono_ns INTEGER NOT NULL, boot_id TEXT NOT NULL,
+  actor TEXT NOT NULL, prev BLOB NOT NULL, hash BLOB NOT NULL,
+  UNIQUE(run_id, idx)) STRICT
+"""
+_PRAGMAS = (
+    f"PRAGMA busy_timeout={_BUSY_MS}",
+    "PRAGMA journal_mode=WAL",
+    "PRAGMA synchronous=FULL",
+    "PRAGMA foreign_keys=ON",
+    "PRAGMA trusted_schema=OFF",
+)
+_COLUMNS = "seq, run_id, idx, kind, idem, body, wall_utc, mono_ns, boot_id, actor, prev, hash"
+
+
+class StoreError(CellError):
+    """The journal cannot store or read a fact; ``safe_points`` findings of the run are stored."""
+
+    code = "store"
+
+    def __init__(
+        self, message: str, *, remedy: str = "", code: str | None = None, safe_points: int | None = None
+    ) -> None:
+        super().__init__(message, remedy=remedy, code=code)
+        self.safe_points = safe_points
+
+
+class Rows(Protocol):
+    """What a statement returns."""
+
+    def fetchall(self) -> list[Any]: ...
+
+
+class Database(Protocol):
+    """The part of a sqlite3 connection (autocommit) that the journal uses; tests lend a failing disk."""
+
+    def execute(self, sql: str, parameters: Sequence[Any] = ..., /) -> Rows: ...
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class NewEvent:
+    """A fact to be stored. The same ``key`` in the same run is stored once."""
+
+    kind: str
+    body: Mapping[str, Any]
+    key: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """One stored fact. ``body`` is the canonical JSON text; ``fact()`` of the store parses it."""
+
+    seq: int
+    run_id: str
+    idx: int
+    kind: str
+    idem: str | None
+    body: str
+    wall_utc: str
+    mono_ns: int
+    boot_id: str
+    actor: str
+    prev: bytes
+    hash: bytes
+
+    def expected_hash(self) -> bytes:
+        """Return sha256(prev, canonical row): what ``hash`` must be."""
+        row = [self.seq, self.run_id, self.idx, self.kind, self.idem, self.body]
+        row += [self.wall_utc, self.mono_ns, self.boot_id, self.actor]
+        return hashlib.sha256(self.prev + canonical_json(row).encode()).digest()
+
+
+@dataclass(frozen=True, slots=True)
+class Damage:
+    """Where the journal stops being trustworthy."""
+
+    after_seq: int
+    reason: str
+
+
+def open_database(path: Path) -> Database:
+    """Connect in autocommit mode: transactions are written out in the journal itself."""
+    return sqlite3.connect(path, isolation_level=None, timeout=_BUSY_MS / 1000)
+
+
+class Journal:
+    """Append-only events of one cell.
+
+    A damaged journal opens read-only: ``damage`` says where the good prefix ends and only that is returned.
+    After a failed write nothing more is accepted: a second fsync may report success over lost pages.
+    """
+
+    def __init__(self, path: Path, *, connect: Callable[[Path], Database] = open_database) -> None:
+        self.path = path
+        self.damage: Damage | None = None
+        self._broken: StoreError | None = None
+        self._boot_id = _boot_id()
+        self._database = connect(path)
+        try:
+            for pragma in _PRAGMAS:
+                self._database.execute(pragma).fetchall()
+            self._database.execute(_SCHEMA).fetchall()
+            self.damage = self._check()
+        except sqlite3.DatabaseError as error:
+            if _code(error) not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+                raise StoreError(f"the journal {path} cannot be opened: {error}", code="store.io") from error
+            self.damage = Damage(0, f"not a readable database: {error}")
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Open or create the journal file and make its directory entry durable."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        journal = cls(path)
+        _sync_directory(path.parent)
+        return journal
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        self._database.close()
+
+    def append(
+        self, run_id: str, kind: str, body: Mapping[str, Any], *, key: str = "", actor: str = "service"
+    ) -> Event:
+        """Store one fact durably and return it; a ``key`` already used in the run returns the stored one."""
+        return self.append_all(run_id, [NewEvent(kind, body, key)], actor=actor)[0]
+
+    def append_all(self, run_id: str, events: Iterable[NewEvent], *, actor: str = "service") -> list[Event]:
+        """Store several facts in one transaction: all or none.
+
+        Raises
+        ------
+        StoreError
+            A body holds NaN, a key was used for another fact, the disk is full or failing, or the journal
+            is damaged.
+        """
+        prepared = [(event, _checked_body(event)) for event in events]
+        self._refuse_if_broken()
+        try:
+            self._database.execute("BEGIN IMMEDIATE").fetchall()
+            try:
+                stored = [self._insert(run_id, event, body, actor) for event, body in prepared]
+                self._database.execute("COMMIT").fetchall()
+            except BaseException:
+                self._rollback()
+                raise
+        except sqlite3.Error as error:
+            raise self._store_error(run_id, error) from error
+        return stored
+
+    def events(self, run_id: str | None = None) -> list[Event]:
+        """Return the trustworthy events in order, of one run or of all."""
+        limit = self.damage.after_seq if self.damage is not None else None
+        where = ["1"] + ["run_id = ?"] * (run_id is not None) + ["seq <= ?"] * (limit is not None)
+        values = [value for value in (run_id, limit) if value is not None]
+        sql = f"SELECT {_COLUMNS} FROM event WHERE {' AND '.join(where)} ORDER BY seq"
+        if limit == 0:
+            return []
+        return [Event(*row) for row in self._database.execute(sql, values).fetchall()]
+
+    def head(self) -> bytes:
+        """Return the hash of the last event: printed on certificates, it also betrays a truncated journal."""
+        return self._tail()[1]
+
+    def verify(self) -> Damage | None:
+        """Check the whole chain; None when every event is as it was written."""
+        last, prev = 0, _GENESIS
+        try:
+            for row in self._database.execute(f"SELECT {_COLUMNS} FROM event ORDER BY seq").fetchall():
+                event = Event(*row)
+                if event.seq != last + 1:
+                    return Damage(last, f"event {last + 1} is missing")
+                if event.prev != prev or event.hash != event.expected_hash():
+                    return Damage(last, f"event {event.seq} is not what was written")
+                last, prev = event.seq, event.hash
+        except sqlite3.DatabaseError as error:
+            return Damage(last, f"cannot be read after event {last}: {error}")
+        return None
+
+    def _check(self) -> Damage | None:
+        found = self._database.execute("PRAGMA quick_check").fetchall()
+        chain = self.verify()
+        if chain is None and [tuple(row) for row in found] != [("ok",)]:
+            return Damage(self._tail()[0], f"the file is damaged: {found[0][0]}")
+        return chain
+
+    def _insert(self, run_id: str, event: NewEvent, body: str, actor: str) -> Event:
+        idem = str(uuid5(NAMESPACE_URL, f"{run_id}/{event.key}")) if event.key else None
+        known = self._stored(idem) if idem else None
+        if known is not None:
+            if (known.kind, known.body) != (event.kind, body):
+                raise StoreError(
+                    f"the key {event.key!r} of this run already holds another fact",
+                    code="store.conflict",
+                    remedy="Two programs may be writing the same run: end one of them.",
+                )
+            return known
+        seq, prev = self._tail()
+        rows = self._database.execute("SELECT max(idx) FROM event WHERE run_id = ?", (run_id,)).fetchall()
+        idx = 0 if rows[0][0] is None else rows[0][0] + 1
+        clocks = (datetime.now(UTC).isoformat(timespec="milliseconds"), time.monotonic_ns(), self._boot_id)
+        draft = Event(seq + 1, run_id, idx, event.kind, idem, body, *clocks, actor, prev, b"")
+        row = replace(draft, hash=draft.expected_hash())
+        marks = ", ".join("?" * 12)
+        self._database.execute(f"INSERT INTO event({_COLUMNS}) VALUES({marks})", _values(row)).fetchall()
+        return row
+
+    def _stored(self, idem: str) -> Event | None:
+        rows = self._database.execute(f"SELECT {_COLUMNS} FROM event WHERE idem = ?", (idem,)).fetchall()
+        return Event(*rows[0]) if rows else None
+
+    def _tail(self) -> tuple[int, bytes]:
+        rows = self._database.execute("SELECT seq, hash FROM event ORDER BY seq DESC LIMIT 1").fetchall()
+        return (rows[0][0], rows[0][1]) if rows else (0, _GENESIS)
+
+    def _rollback(self) -> None:
+        try:
+            self._database.execute("ROLLBACK").fetchall()
+        except sqlite3.Error:
+            return  # a full disk has already rolled back
+
+    def _refuse_if_broken(self) -> None:
+        if self._broken is not None:
+            raise self._broken
+        self.refuse_damaged()
+
+    def refuse_damaged(self) -> None:
+        """Refuse what a damaged journal cannot tell: the newest of anything may stand behind the damage.
+
+        Raises
+        ------
+        StoreError
+            It is damaged; the message says after which event.
+        """
+        if self.damage is not None:
+            raise StoreError(
+                f"the journal is damaged after event {self.damage.after_seq}: {self.damage.reason}",
+                code="store.damaged",
+                remedy="It is open for reading only. Export what is good, then restore a backup.",
+            )
+
+    def _store_error(self, run_id: str, error: sqlite3.Error) -> StoreError:
+        if isinstance(error, sqlite3.IntegrityError) or _code(error) == sqlite3.SQLITE_BUSY:
+            return StoreError(f"the journal is in use by another program: {error}", code="store.busy")
+        safe = self._safe_points(run_id)
+        points = "everything stored before is safe" if safe is None else f"your {safe} points are safe"
+        if _code(error) == sqlite3.SQLITE_FULL:
+            text, code = f"disk full: nothing more can be saved, {points}.", "store.full"
+        else:
+            text, code = f"the disk refuses to store ({error}): {points}.", "store.io"
+        self._broken = StoreError(
+            text, code=code, remedy="Free or repair the disk, then resume.", safe_points=safe
+        )
+        return self._broken
+
+    def _safe_points(self, run_id: str) -> int | None:
+        sql = "SELECT count(*) FROM event WHERE run_id = ? AND kind = 'finding'"
+        try:
+            return int(self._database.execute(sql, (run_id,)).fetchall()[0][0])
+        except sqlite3.Error:
+            return None
+
+
+def _values(event: Event) -> tuple[Any, ...]:
+    return (
+        *(event.seq, event.run_id, event.idx, event.kind, event.idem, event.body),
+        *(event.wall_utc, event.mono_ns, event.boot_id, event.actor, event.prev, event.hash),
+    )
+
+
+def _checked_body(event: NewEvent) -> str:
+    try:
+        return canonical_json(event.body)
+    except (ValueError, TypeError) as error:
+        raise StoreError(
+            f"a {event.kind!r} event cannot be stored: {error}", code="store.not_a_fact"
+        ) from error
+
+
+def _code(error: sqlite3.Error) -> int:
+    # extended codes carry the primary one in their low byte; Python's own errors carry none
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF
+
+
+def _boot_id() -> str:
+    path = Path("/proc/sys/kernel/random/boot_id")
+    return path.read_text().strip() if path.exists() else ""
+
+
+def _sync_directory(directory: Path) -> None:
+    descriptor = os.open(directory, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

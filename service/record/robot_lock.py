@@ -1,0 +1,105 @@
+"""One run at a time per robot: a lock that the operating system takes back when its holder dies."""
+
+import fcntl
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from cellcal.calibration.errors import CellError
+
+
+class LeaseHeldError(CellError):
+    """Somebody else is working on this robot."""
+
+    code = "busy"
+
+
+class LeaseLostError(CellError):
+    """The right to command this robot went to somebody else while it was used."""
+
+    code = "lease_lost"
+
+
+@dataclass(frozen=True, slots=True)
+class Lease:
+    """A right that is held: its file, and the token that was written into it. No two holders have the same."""
+
+    path: Path
+    descriptor: int
+    token: int
+
+    def hold(self) -> None:
+        """Raise LeaseLostError where the file was taken away, or carries the token of another holder."""
+        if not self._is_ours():
+            raise LeaseLostError(
+                "somebody else has taken the right to command this robot",
+                remedy="Look at the robot. Find out who else works on it, end one of the two, then resume.",
+            )
+
+    def _is_ours(self) -> bool:
+        try:
+            here, there = os.fstat(self.descriptor), self.path.stat()
+            return os.path.samestat(here, there) and _token(self.descriptor) == self.token
+        except OSError:
+            return False
+
+
+DEVICES = " devices"  # the right to connect to a robot and its gauge; without it, to run procedures on them
+
+
+@contextmanager
+def lease(directory: Path, robot: str, holder: str, right: str = "") -> Iterator[Lease]:
+    """Hold the exclusive right to run procedures on a robot, or to connect to it (``DEVICES``).
+
+    Raises
+    ------
+    LeaseHeldError
+        Another run holds it, in this process or another.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    path = _path(directory, robot + right)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            other = os.read(descriptor, 200).decode(errors="replace").partition("\n")[0] or "somebody"
+            raise LeaseHeldError(
+                f"{other} is working on robot {robot}",
+                remedy="Wait until that run has ended, or end it there.",
+            ) from error
+        token = _token(descriptor) + 1  # fencing: every holder has a higher one than those before
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{holder}\n{token}\n".encode(), 0)
+        yield Lease(path, descriptor, token)
+    finally:
+        os.close(descriptor)
+
+
+def is_held(directory: Path, robot: str, right: str = "") -> bool:
+    """Tell whether somebody runs a procedure on a robot now, or is connected to it (``DEVICES``)."""
+    try:
+        descriptor = os.open(_path(directory, robot + right), os.O_RDWR | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def _token(descriptor: int) -> int:
+    """Return the token of the last holder; 0 where there was none."""
+    _, _, rest = os.pread(descriptor, 400, 0).decode(errors="replace").partition("\n")
+    number = rest.strip()
+    return int(number) if number.isdecimal() else 0
+
+
+def _path(directory: Path, robot: str) -> Path:
+    return directory / f"{re.sub(r'[^A-Za-z0-9_-]', '_', robot)}.lock"

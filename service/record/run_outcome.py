@@ -1,0 +1,64 @@
+"""How a run ended: its verdict, its result or evidence, and what to do next."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from cellcal.calibration.errors import CalibrationError, CellError
+from cellcal.procedures.entry import Entry
+from cellcal.procedures.run import (
+    DeclinedError,
+    NeedsUnmetError,
+    OutOfToleranceError,
+    RefusalError,
+    ReplayMismatchError,
+)
+from cellcal.service.record.run_store import RunView
+
+
+class Verdict(StrEnum):
+    """How a run ended."""
+
+    PASSED = "passed"
+    OUT_OF_TOLERANCE = "out_of_tolerance"
+    REFUSED = "refused"
+    CELL_FAILED = "cell_failed"
+    CANCELLED = "cancelled"
+    DECLINED = "declined"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The end of a run. ``result`` is the procedure's result, or the evidence of a refusal."""
+
+    run_id: str
+    procedure: str
+    verdict: Verdict
+    result: Any = None
+    reason: str = ""
+    remedy: str = ""
+    code: str = ""
+    judgement: Any = None  # what a finished procedure claims (procedures/verdict.py), as JSON values
+
+
+def failed_outcome(run_id: str, procedure: str, error: CellError) -> Outcome:
+    """Return the end of a run by an error; a refusal brings its evidence."""
+    evidence = error.evidence if isinstance(error, RefusalError) else None
+    return Outcome(run_id, procedure, _verdict_of(error), evidence, error.message, error.remedy, error.code)
+
+
+def _verdict_of(error: CellError) -> Verdict:
+    if isinstance(error, DeclinedError):
+        return Verdict.DECLINED
+    if isinstance(error, OutOfToleranceError):
+        return Verdict.OUT_OF_TOLERANCE
+    if isinstance(error, RefusalError | ReplayMismatchError | NeedsUnmetError | CalibrationError):
+        return Verdict.REFUSED
+    return Verdict.CELL_FAILED
+
+
+def stored_outcome(view: RunView, entry: Entry) -> Outcome:
+    """Return the end of a run that passed before."""
+    result = entry.result_codec().validate_python(view.result)
+    state = Verdict(view.state)
+    return Outcome(view.run_id, view.procedure, state, result, view.reason, judgement=view.judgement)

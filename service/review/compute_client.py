@@ -1,0 +1,114 @@
+"""A process of its own for what takes computing: the web's loop stays free for screens and for held buttons.
+
+It is started with the first question, answers one after the other, and ends when the service does, however that ends:
+its input closes.
+"""
+
+import asyncio
+import contextlib
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from cellcal.calibration.errors import CellError
+
+LONGEST_LINE = 16 * 1024 * 1024
+ANSWER_S = 30.0
+_MOST_WAITING = 8
+_LEAVE_S = 3.0
+
+
+class SolverError(CellError):
+    """What was asked could not be computed; the remedy says whether it is worth asking again."""
+
+    code = "solver"
+
+
+class SolverBusyError(SolverError):
+    """Too much is being computed, or it took too long."""
+
+    code = "solver.busy"
+
+    def __init__(self) -> None:
+        super().__init__("the service is computing other things just now.", remedy="Ask again in a moment.")
+
+
+class Solver:
+    """Keeps the process for one cell file."""
+
+    def __init__(self, cell_file: Path) -> None:
+        self._cell_file = cell_file
+        self._turn = asyncio.Lock()
+        self._waiting = 0
+        self._process: asyncio.subprocess.Process | None = None
+
+    async def ask(self, question: str, **given: Any) -> Any:
+        """Return the answer to one of the questions of ``service.review.compute_worker``.
+
+        Raises
+        ------
+        SolverBusyError
+            Too many others wait, or there was no answer in time.
+        SolverError
+            The question has no answer; the message says why.
+        """
+        if self._waiting >= _MOST_WAITING:
+            raise SolverBusyError
+        self._waiting += 1
+        try:
+            async with self._turn:
+                told = await self._answer(orjson.dumps({"question": question, "given": given}) + b"\n")
+        finally:
+            self._waiting -= 1
+        if told["ok"]:
+            return told["answer"]
+        raise SolverError(told["message"], remedy=told["remedy"], code=told["code"])
+
+    async def _answer(self, line: bytes) -> dict[str, Any]:
+        process = await self._started()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        answered = False
+        try:
+            async with asyncio.timeout(ANSWER_S):
+                process.stdin.write(line)
+                await process.stdin.drain()
+                told = await process.stdout.readline()
+            answered = bool(told)
+        except (TimeoutError, ConnectionError):
+            raise SolverBusyError from None
+        finally:
+            if (
+                not answered
+            ):  # an answer that nobody waits for must not be taken for that of the next question
+                await self.leave()
+        if not told:
+            raise SolverBusyError
+        found: dict[str, Any] = orjson.loads(told)
+        return found
+
+    async def _started(self) -> asyncio.subprocess.Process:
+        if self._process is None or self._process.returncode is not None:
+            self._process = await asyncio.create_subprocess_exec(
+                sys.executable, "-m", "cellcal.service.review.compute_worker", str(self._cell_file),
+                stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+                limit=LONGEST_LINE, start_new_session=True,  # Ctrl-C is for the service
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            )  # fmt: skip
+        return self._process
+
+    async def leave(self) -> None:
+        """End the process; the next question starts another."""
+        process, self._process = self._process, None
+        if process is None or process.returncode is not None:
+            return
+        if process.stdin is not None:
+            process.stdin.close()
+        with contextlib.suppress(ProcessLookupError):
+            process.kill()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_LEAVE_S):
+                await process.wait()

@@ -1,0 +1,57 @@
+"""The solver's process: one question a line in, one answer a line out. Heavy imports happen here and nowhere else."""
+
+import logging
+import sys
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import orjson
+from pydantic_core import to_jsonable_python
+
+from cellcal.calibration.errors import CellError
+from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
+from cellcal.service.review.displacement import displacement
+from cellcal.service.review.reviewer import Reviewer
+from cellcal.service.review.tcp_uncertainty import tool_doubt
+
+_log = logging.getLogger(__name__)
+_BROKEN = {
+    "code": "solver",
+    "message": "The computation failed; the service's log has the cause.",
+    "remedy": "",
+}
+
+
+def questions(config: CellConfig) -> Mapping[str, Callable[..., Any]]:
+    """Return what can be asked, by name."""
+    reviewer = Reviewer(config)
+    return {
+        "review": reviewer.review,
+        "displacement": lambda **given: displacement(config, **given),
+        "tool doubt": lambda **given: tool_doubt(config, reviewer, **given),
+    }
+
+
+def answer_to(known: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str, Any]:
+    """Return the answer to one line, or why there is none."""
+    asked = orjson.loads(line)
+    try:
+        return {"ok": True, "answer": to_jsonable_python(known[asked["question"]](**asked["given"]))}
+    except CellError as error:
+        return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
+    except Exception:  # noqa: BLE001  whatever it was, the next question is answered
+        _log.exception("%s broke", asked["question"])
+        return {"ok": False, **_BROKEN}
+
+
+def main() -> None:
+    """Answer until the input ends."""
+    logging.basicConfig(level=logging.WARNING)
+    known = questions(read_cell_file(sys.argv[1]))
+    for line in sys.stdin.buffer:
+        sys.stdout.buffer.write(orjson.dumps(answer_to(known, line)) + b"\n")
+        sys.stdout.buffer.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,96 @@
+"""What a judged run looks like on a page: points of a fit, errors at poses that were not fitted, a map."""
+
+from dataclasses import dataclass
+
+from cellcal.calibration.errors import CellError
+
+Triple = tuple[float, float, float]
+
+
+class ReviewError(CellError):
+    """Something was asked of a run that it cannot tell."""
+
+    code = "review"
+
+
+@dataclass(frozen=True, slots=True)
+class ReviewPoint:
+    """One reading of a fit: what it misses the fit by, whether it took part, and whether it looks like it should."""
+
+    step: str
+    used: bool
+    outlier: bool
+    residual_m: float  # of a length with its sign, measured minus computed; else a distance
+    deviations: float  # in standard deviations of what it may be
+    reason: str  # why the run itself did not use it
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Errors of several readings as three figures, and how surely the RMS is known."""
+
+    mean_m: float
+    rms_m: float
+    max_m: float
+    u_m: float  # of the RMS, k = 2
+
+
+@dataclass(frozen=True, slots=True)
+class CheckPoint:
+    """One pose that took no part in a fit."""
+
+    step: str
+    before_m: float
+    after_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """The same readings, none of them fitted, before and after."""
+
+    before: Spread
+    after: Spread
+    points: tuple[CheckPoint, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """One posture that stands for the work, and where the target is then."""
+
+    in_base_m: Triple
+    error_m: (
+        float  # of the nominal arm, as the fit has it; what a frame set over the work takes away left out
+    )
+    u_m: float  # how surely the fitted arm is known there, k = 2
+
+
+@dataclass(frozen=True, slots=True)
+class ReviewValue:
+    """One figure of what was fitted, with these points and as it was signed."""
+
+    name: str
+    unit: str
+    value: float
+    signed: float
+
+
+@dataclass(frozen=True, slots=True)
+class Review:
+    """A run, judged as it was signed, or with another choice of readings: that one is a what-if and nothing more."""
+
+    run_id: str
+    along: (
+        str  # wire: lengths, with a sign; distances: space, of a target; touch, of a tip; place, of a point
+    )
+    signed: bool
+    least: int  # readings that such a fit takes
+    points: tuple[ReviewPoint, ...] = ()
+    rms_m: float | None = None  # of the used points
+    max_m: float | None = None
+    u_m: float | None = None  # of what the run is about, k = 2 or 95 % …
+    u_of: str = "target"  # … over the work; or the tip, the origin, the hook
+    signed_rms_m: float | None = None
+    signed_u_m: float | None = None
+    values: tuple[ReviewValue, ...] = ()
+    validation: Validation | None = None
+    places: tuple[Place, ...] = ()

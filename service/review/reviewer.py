@@ -1,0 +1,78 @@
+"""From a run's id to its review: read from the journal once, asked many times."""
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.run_store import RunView, Store
+from cellcal.service.review.arm_review import ArmSeries, chosen_rows, review_arm, series_of, spread_of
+from cellcal.service.review.fit_review import FitSeries, fit_of_run, review_fit
+from cellcal.service.review.review_models import CheckPoint, Review, Validation
+from cellcal.service.runs.open_cell import open_journal
+
+CALIBRATION, ACCURACY = "robot_calibration", "accuracy_check"
+_KEPT = 4
+
+
+class Reviewer:
+    """Remembers the series of the runs that were looked at last."""
+
+    def __init__(self, config: CellConfig) -> None:
+        self._config = config
+        self._known: OrderedDict[str, tuple[bytes, Any]] = OrderedDict()
+
+    def review(self, run_id: str, used: Sequence[str] | None = None) -> Review:
+        """Return the review of a run; ``used`` are the readings of a what-if.
+
+        Raises
+        ------
+        CellError
+            There is no such run; it has no result; the readings do not determine one.
+        """
+        series = self.series(run_id)
+        if isinstance(series, ArmSeries):
+            return review_arm(series, chosen_rows(series.steps, used))
+        if isinstance(series, FitSeries):
+            return review_fit(series, chosen_rows(series.steps, used))
+        found: Review = series
+        return found
+
+    def series(self, run_id: str) -> Any:
+        """Return what was measured in a run."""
+        with open_journal(self._config) as journal:
+            head = journal.head()
+            if self._known.get(run_id, (b"", None))[0] == head:
+                return self._known[run_id][1]
+            store = Store(journal)
+            view = store.run(store.newest(run_id))
+        found = _read(view)
+        self._known[run_id] = head, found
+        while len(self._known) > _KEPT:
+            self._known.popitem(last=False)
+        return found
+
+
+def _read(view: RunView) -> Any:
+    if view.procedure == CALIBRATION and isinstance(view.result, dict):
+        return series_of(view)
+    fit = fit_of_run(view)
+    if fit is not None:
+        return fit
+    validation = _accuracy(view.result) if view.procedure == ACCURACY else None
+    return Review(view.run_id, "space", signed=True, least=0, validation=validation)
+
+
+def _accuracy(result: Any) -> Validation | None:
+    """Return an accuracy check by both models: its poses took part in the fit of neither."""
+    if not isinstance(result, dict) or not result.get("identified"):
+        return None
+    tests = [result[model]["poses"] for model in ("nominal", "identified")]
+    before, after = (np.array([float(pose["ap_m"]) for pose in poses]) for poses in tests)
+    points = tuple(
+        CheckPoint(f"pose {k}", float(b), float(a))
+        for k, (b, a) in enumerate(zip(before, after, strict=True), 1)
+    )
+    return Validation(spread_of(before, len(before)), spread_of(after, len(after)), points)

@@ -1,0 +1,141 @@
+"""Reach every device of a cell and say what is missing, before anybody relies on it."""
+
+import asyncio
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.interfaces import Device, Readiness, Robot
+from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
+from cellcal.service.certificates.journal_end import missing_end
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.journal import Damage
+from cellcal.service.record.robot_lock import DEVICES, is_held
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import leases, open_journal
+
+IN_USE = "in use"
+OTHER_MODEL = "another model"
+_FIRST_SCREEN = (
+    "No mastering record of {robot} is stored. Take it now, while the robot is healthy: "
+    "`cellcal run mastering_record --cell {path}`. Without it a lost turn cannot be restored exactly."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceReport:
+    """What one device said."""
+
+    name: str
+    state: str
+    message: str
+    remedy: str = ""
+    serial: str = ""
+    keeps_mastering: bool = False
+
+    @property
+    def ready(self) -> bool:
+        """Whether a procedure could use it now."""
+        return self.state == Readiness.READY
+
+
+@dataclass(frozen=True, slots=True)
+class CellReport:
+    """A whole cell. ``damage`` tells where the journal stops being trustworthy."""
+
+    cell: str
+    devices: tuple[DeviceReport, ...]
+    advice: tuple[str, ...]
+    damage: str = ""
+
+    @property
+    def all_reached(self) -> bool:
+        """Whether every device answered as the one that the file names."""
+        return all(device.state not in (Readiness.UNREACHABLE, OTHER_MODEL) for device in self.devices)
+
+    @property
+    def in_use(self) -> bool:
+        """Whether a device was left alone because somebody works with it."""
+        return any(device.state == IN_USE for device in self.devices)
+
+    def as_object(self) -> dict[str, Any]:
+        """Return the report for ``--json``."""
+        return {**asdict(self), "all_reached": self.all_reached}
+
+
+async def check_cell(config: CellConfig) -> CellReport:
+    """Reach all devices at once; an unreachable one is a line of the report, not an end."""
+    pairs: list[tuple[Any, str]] = [(robot, robot.serial) for robot in config.robots]
+    pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.gauges]
+    pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.trackers]
+    pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.probes]
+    devices = await asyncio.gather(*(_check_device(*pair, leases(config)) for pair in pairs))
+    with open_journal(config) as journal:
+        damage = told_damage(journal.damage) if journal.damage else missing_end(config, journal)
+        if damage:
+            return CellReport(config.cell.name, tuple(devices), (), damage)
+        store = Store(journal)
+        advice = tuple(
+            _FIRST_SCREEN.format(robot=device.name, path=config.path)
+            for device in devices
+            if device.keeps_mastering and store.mastering_record(device.serial) is None
+        )
+    return CellReport(config.cell.name, tuple(devices), advice)
+
+
+def told_damage(damage: Damage) -> str:
+    """Return in words what is wrong with a journal, and what to do."""
+    return (
+        f"The journal is damaged after event {damage.after_seq}: {damage.reason}. Nothing is written to it any more. "
+        "Restore a backup of data_dir."
+    )
+
+
+async def _check_device(config: Any, robot: str, directory: Path) -> DeviceReport:
+    if is_held(directory, robot, DEVICES):
+        return DeviceReport(
+            config.name,
+            IN_USE,
+            "Another cellcal works with it now; it was left alone.",
+            "Wait until that has ended.",
+        )
+    try:
+        async with config.open() as device:
+            report = await _ask(device)
+            return report if not report.ready else await _hold_against_model(device, config, report)
+    except DeviceError as error:
+        return DeviceReport(config.name, Readiness.UNREACHABLE, error.message, error.remedy)
+
+
+async def _hold_against_model(device: Any, config: Any, report: DeviceReport) -> DeviceReport:
+    """Compare where the controller sees its flange with where the file's model puts it."""
+    name = getattr(config, "model", None)
+    if name is None:
+        return report
+    joints = await device.joints()
+    error_m = model_error_m(load_model(name), joints.joints_rad, await device.flange_pose())
+    if joints.moving or error_m <= MODEL_TOLERANCE_M:
+        return report
+    return replace(
+        report,
+        state=OTHER_MODEL,
+        message=f"{report.message} Its flange is {error_m * 1e3:.0f} mm from where a {name} has it.",
+        remedy="Correct the robot's model in the cell file.",
+    )
+
+
+async def _ask(device: Device | Robot) -> DeviceReport:
+    identity = await device.identify()
+    condition = await device.condition()
+    who = f"{identity.vendor} {identity.model}, serial {identity.serial}, {identity.firmware}"
+    capabilities = getattr(device, "capabilities", None)
+    return DeviceReport(
+        name=device.name,
+        state=condition.readiness,
+        message=f"{who}. {condition.message}".strip(),
+        remedy=condition.remedy,
+        serial=identity.serial,
+        keeps_mastering=getattr(capabilities, "writes_mastering", False),
+    )

@@ -1,0 +1,97 @@
+"""A run on a cell from its file: journal, devices, spec, and what the service must remember afterwards."""
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+from cellcal.drivers.errors import DeviceError
+from cellcal.drivers.interfaces import Operator, Readiness
+from cellcal.procedures.cell import Cell
+from cellcal.procedures.progress import ignore
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.run_outcome import Outcome, Verdict
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.old import agree_if_old
+from cellcal.service.runs.open_cell import lend_record, open_cell, open_journal
+from cellcal.service.runs.redo import discard_from
+from cellcal.service.runs.run_procedure import Conditions, OnEvent, resume, run_procedure
+from cellcal.service.runs.settings import build_spec
+from cellcal.service.watching.watch import LastHealthyCounts, remember_healthy
+
+_LOG = logging.getLogger(__name__)
+_LEAVES_HEALTHY = ("mastering_record", "mastering_recovery")
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """One robot of one cell, and who answers and listens."""
+
+    config: CellConfig
+    operator: Operator
+    robot: str | None = None
+    on_event: OnEvent = ignore
+    actor: str = "service"  # who began it
+
+
+async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outcome:
+    """Run a procedure from its beginning."""
+    # what is misspelt reaches no device
+    spec = build_spec(where.config, where.config.robot(where.robot).name, procedure, settings)
+    async with open_cell(where.config, where.operator, where.robot) as cell:
+        how = Conditions(where.on_event, actor=where.actor)
+        return await start_on(where.config, cell, procedure, spec, how)
+
+
+async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outcome:
+    """Resume a run; ``last`` is the newest. ``redo_from`` is a step whose finding and all after it are done again.
+
+    Raises
+    ------
+    DeclinedError
+        The person did not agree to what would be discarded, or to go on with a run that stood still for long.
+    """
+    async with open_cell(where.config, where.operator, where.robot) as cell:
+        return await go_on_with(where.config, cell, run_id, Conditions(where.on_event), redo_from=redo_from)
+
+
+async def start_on(config: CellConfig, cell: Cell, procedure: str, spec: Any, how: Conditions) -> Outcome:
+    """Run a procedure with its spec (`build_spec`) on a cell that is connected already."""
+    with open_journal(config) as journal:
+        lent = await lend_record(cell, journal)
+        outcome = await run_procedure(lent, procedure, spec, journal, how=how)
+        await _remember(config, cell, outcome)
+        return outcome
+
+
+async def go_on_with(
+    config: CellConfig, cell: Cell, run_id: str, how: Conditions, *, redo_from: str | None = None
+) -> Outcome:
+    """Resume a run on a cell that is connected already; as `go_on`."""
+    with open_journal(config) as journal:
+        lent = await lend_record(cell, journal)
+        run_id = Store(journal).newest(run_id)
+        if redo_from is not None:
+            await discard_from(cell.operator, journal, run_id, redo_from)
+        await agree_if_old(cell.operator, journal, run_id)
+        ended_before = Store(journal).run(run_id).state == Verdict.PASSED
+        outcome = await resume(lent, run_id, journal, how=how)
+        if not ended_before:  # what the motors count today tells nothing of the day when it passed
+            await _remember(config, cell, outcome)
+        return outcome
+
+
+async def _remember(config: CellConfig, cell: Cell, outcome: Outcome) -> None:
+    """Keep the counts that a run has left healthy. The run is over: what goes wrong here takes nothing from it."""
+    passed = outcome.verdict is Verdict.PASSED and outcome.procedure in _LEAVES_HEALTHY
+    if not passed or cell.mastering is None:
+        return
+    try:
+        if (await cell.robot.condition()).readiness is Readiness.POSITION_LOST:
+            return
+        await remember_healthy(cell.robot.name, cell.mastering, LastHealthyCounts(config.cell.data_dir))
+    except (DeviceError, OSError) as error:
+        _LOG.warning(
+            "the counts of %s were not kept as healthy: %s. The watch keeps them at its next look.",
+            cell.robot.name,
+            error,
+        )

@@ -1,0 +1,207 @@
+"""The composition root: a cell file becomes drivers, and drivers become the Cell that procedures are lent."""
+
+import os
+import sqlite3
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+from cellcal.calibration.arm.kinematics import load_model
+from cellcal.drivers.interfaces import (
+    DistanceGauge,
+    GaugeCapabilities,
+    JogsAxes,
+    KnowsActiveFrames,
+    KnowsMode,
+    KnowsSpeedOverride,
+    MasteringStore,
+    Operator,
+    Robot,
+    ToolFrameStore,
+    UserFrameStore,
+)
+from cellcal.procedures.cell import Cell, GaugeSetup, HeldCertificate, MotionLimits, ProbeSetup, TrackerSetup
+from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry, ProbeEntry, TrackerEntry
+from cellcal.service.record.journal import Journal, StoreError
+from cellcal.service.record.robot_lock import DEVICES, lease
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.pendant_programs import program_shelf
+
+
+@asynccontextmanager
+async def open_cell(config: CellConfig, operator: Operator, robot: str | None = None) -> AsyncIterator[Cell]:
+    """Connect to one robot of the cell, its gauge, its tracker and its probes; disconnect at the end.
+
+    A second connection can take a gauge or a program away from the first, in the middle of a run: so one at a
+    time.
+
+    Raises
+    ------
+    LeaseHeldError
+        Another cellcal is connected to them.
+    DeviceError
+        A device cannot be reached, or is not the one that the file names.
+    """
+    entry = config.robot(robot)
+    async with AsyncExitStack() as devices:
+        holder = f"another cellcal (process {os.getpid()})"
+        devices.enter_context(lease(leases(config), entry.serial, holder, DEVICES))
+        arm: Any = await devices.enter_async_context(entry.open())
+        gauge_entry = config.gauge_for(entry.name)
+        gauge: DistanceGauge | None = None
+        if gauge_entry is not None:
+            gauge = await devices.enter_async_context(_opened(gauge_entry.device, operator))
+        cell = _lend(config, entry, arm, operator, gauge, gauge_entry)
+        tracker_entry = config.tracker_for(entry.name)
+        if tracker_entry is not None:
+            tracker = await devices.enter_async_context(_opened(tracker_entry.device, operator))
+            cell = replace(cell, tracker=tracker, tracker_setup=_tracker_setup(tracker_entry))
+        for probe_entry in config.probes_for(entry.name):
+            probe = await devices.enter_async_context(_opened(probe_entry.device, operator))
+            cell = _with_probe(cell, probe, probe_entry)
+        yield cell
+
+
+@dataclass(frozen=True, slots=True)
+class PaperDevice:
+    """What the cell file says of a device. It cannot be asked anything: nobody is connected."""
+
+    name: str
+    capabilities: Any = None
+
+
+def on_paper(config: CellConfig, robot: str | None = None) -> Cell:
+    """Return the cell as its file describes it, without reaching a device: to plan with, never to run."""
+    entry = config.robot(robot)
+    arm: Any = PaperDevice(entry.name, entry.capabilities)
+    gauge_entry, tracker_entry = config.gauge_for(entry.name), config.tracker_for(entry.name)
+    nobody: Any = None
+    cell = _lend(config, entry, arm, nobody, _paper_gauge(gauge_entry), gauge_entry)
+    if tracker_entry is not None:
+        device = tracker_entry.device
+        tracker: Any = PaperDevice(device.name, device.capabilities)
+        cell = replace(cell, tracker=tracker, tracker_setup=_tracker_setup(tracker_entry))
+    for probe_entry in config.probes_for(entry.name):
+        cell = _with_probe(cell, PaperDevice(probe_entry.device.name), probe_entry)
+    return cell
+
+
+def _paper_gauge(entry: GaugeEntry | None) -> Any:
+    if entry is None:
+        return None
+    device = entry.device
+    return PaperDevice(device.name, GaugeCapabilities(device.range_m, 0.0, device.sigma_m))
+
+
+async def lend_record(cell: Cell, journal: Journal) -> Cell:
+    """Return the cell with what the journal holds of its very robot, and all alignments."""
+    return Store(journal).lend(cell, (await cell.robot.identify()).serial)
+
+
+def journal_path(config: CellConfig) -> Path:
+    """Return where the cell's journal lives."""
+    return config.cell.data_dir / "journal.db"
+
+
+def leases(config: CellConfig) -> Path:
+    """Return where it is kept who works on which robot."""
+    return config.cell.data_dir / "leases"
+
+
+def open_journal(config: CellConfig) -> Journal:
+    """Open the cell's journal, or create it.
+
+    Raises
+    ------
+    StoreError
+        The folder that the cell file names cannot be used.
+    """
+    path = journal_path(config)
+    remedy = "See that data_dir of the cell file is a folder that may be written, on a disk with room."
+    try:
+        return Journal.open(path)
+    except (OSError, sqlite3.Error) as error:
+        raise StoreError(
+            f"the journal {path} cannot be opened: {error}", remedy=remedy, code="store.io"
+        ) from error
+    except StoreError as error:
+        raise StoreError(error.message, remedy=error.remedy or remedy, code=error.code) from error
+
+
+def _opened(device: Any, operator: Operator) -> Any:
+    """Open a device; one without a wire asks the operator."""
+    return device.open(operator) if device.driver == "file_import" else device.open()
+
+
+def _lend(
+    config: CellConfig,
+    entry: Any,
+    arm: Robot,
+    operator: Operator,
+    gauge: DistanceGauge | None,
+    at: GaugeEntry | None,
+) -> Cell:
+    can, motion = arm.capabilities, config.motion_of(entry.name)
+    return Cell(
+        name=config.cell.name,
+        robot=arm,
+        operator=operator,
+        jogs=cast(JogsAxes, arm) if can.jogs_single_axes else None,
+        mastering=cast(MasteringStore, arm) if can.writes_mastering else None,
+        tool_frames=cast(ToolFrameStore, arm) if can.writes_tool_frame else None,
+        user_frames=cast(UserFrameStore, arm) if can.writes_user_frame else None,
+        frames=cast(KnowsActiveFrames, arm) if can.tells_active_frames else None,
+        mode=cast(KnowsMode, arm) if can.tells_mode else None,
+        override=cast(KnowsSpeedOverride, arm) if can.tells_speed_override else None,
+        named_frames=motion.active,
+        gauge=gauge,
+        gauge_setup=None if at is None else _setup(at),
+        certificates=_held(config, entry.name),
+        model=load_model(entry.model),
+        limits=MotionLimits(speed_rad_s=entry.speed_limit_rad_s, settle_s=getattr(entry, "settle_s", 1.0)),
+        level=motion.level,
+        surroundings=motion.surroundings,
+        programs=program_shelf(config, entry),
+        config_sha256=config.sha256,
+    )
+
+
+def _held(config: CellConfig, robot: str) -> dict[str, HeldCertificate]:
+    named = ((role, entry.setup.certificate) for role, entry in config.instruments_for(robot).items())
+    return {
+        role: HeldCertificate(held.number, held.issued.isoformat(), held.due.isoformat())
+        for role, held in named
+        if held is not None
+    }
+
+
+def _setup(entry: GaugeEntry) -> GaugeSetup:
+    setup = entry.setup
+    return GaugeSetup(
+        anchor_in_base_m=setup.anchor_in_base_m,
+        hook_in_flange_m=setup.hook_in_flange_m,
+        sigma_anchor_m=setup.anchor_sigma_mm * 1e-3,
+        sigma_hook_m=setup.hook_sigma_mm * 1e-3,
+        mouth_at_m=None if setup.mouth_at_mm is None else _metres(setup.mouth_at_mm),
+    )
+
+
+def _metres(millimetres: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = millimetres
+    return (x * 1e-3, y * 1e-3, z * 1e-3)
+
+
+def _tracker_setup(entry: TrackerEntry) -> TrackerSetup:
+    setup = entry.setup
+    return TrackerSetup(setup.target_in_flange_m, setup.target_sigma_mm * 1e-3)
+
+
+def _with_probe(cell: Cell, probe: Any, entry: ProbeEntry) -> Cell:
+    x, y, z = entry.setup.tip_in_flange_mm
+    tip_in_flange_m = (x * 1e-3, y * 1e-3, z * 1e-3)
+    setup = ProbeSetup(tip_in_flange_m, entry.setup.tip_sigma_mm * 1e-3, entry.setup.axis_in_flange)
+    if entry.role == "probe":
+        return replace(cell, probe=probe, probe_setup=setup)
+    return replace(cell, dial=probe, dial_setup=setup)

@@ -1,0 +1,46 @@
+"""Small motion programs for a pendant (level L1): written here, loaded, compared and started by a person."""
+
+import re
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from cellcal.drivers.interfaces import Joints
+from cellcal.drivers.registry import PROGRAM_WRITERS
+from cellcal.drivers.wire.program_file import Header, ProgramWriter
+from cellcal.service.configuration.cell_file import CellConfig
+
+NO_SAFETY_FUNCTION = (
+    "This software performs no safety function. Emergency stop, protective stop, enabling device, speed and space "
+    "monitoring are functions of the robot controller and the cell. Do not rely on this screen to stop the robot."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Programs:
+    """The folder in which programs for one robot are put; each carries a token that names its very moves."""
+
+    folder: Path
+    robot: str
+    serial: str
+    writer: ProgramWriter
+
+    def put(self, way_rad: tuple[Joints, ...], speed_rad_s: float) -> str:
+        """Write joint moves along a way; the same moves give the same file."""
+        token = sha256(repr((self.serial, way_rad, speed_rad_s)).encode()).hexdigest()[:8].upper()
+        name = f"CC{token}"
+        self.folder.mkdir(parents=True, exist_ok=True)
+        header = Header(name, token, f"robot {self.robot}, serial {self.serial}", NO_SAFETY_FUNCTION)
+        path = self.folder / f"{name}{self.writer.suffix}"
+        path.write_text(self.writer.write(header, way_rad, speed_rad_s), encoding="ascii", errors="replace")
+        return str(path)
+
+
+def program_shelf(config: CellConfig, entry: Any) -> Programs | None:
+    """Return where programs for a robot are put; None where nobody knows its language."""
+    writer = PROGRAM_WRITERS.get(getattr(entry, "profile", entry.driver))
+    if writer is None:
+        return None
+    folder = config.cell.data_dir / "programs" / re.sub(r"[^A-Za-z0-9_-]", "_", entry.name)
+    return Programs(folder, entry.name, entry.serial, writer)

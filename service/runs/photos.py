@@ -1,0 +1,168 @@
+"""Photos of a run, such as of witness marks: checked to be pictures, freed of what a camera adds, hashed, kept.
+
+The picture lies beside the journal, its SHA-256 stands in it: a picture that was altered is not shown any more.
+"""
+
+import hashlib
+import json
+import struct
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from cellcal.calibration.errors import CellError
+from cellcal.procedures.past import Kind
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.files import replace_file
+from cellcal.service.record.journal import Event
+from cellcal.service.record.run_store import Store
+from cellcal.service.runs.open_cell import open_journal
+
+MOST_BYTES = 180 * 1024  # what a page may send holds it as base64
+MOST_A_RUN = 12
+_JPEG, _PNG = b"\xff\xd8\xff", b"\x89PNG\r\n\x1a\n"
+TYPES = {"image/jpeg": ".jpg", "image/png": ".png"}
+_KEPT_CHUNKS = frozenset(
+    {b"IHDR", b"PLTE", b"IDAT", b"IEND", b"tRNS", b"gAMA", b"sRGB", b"cHRM", b"sBIT", b"bKGD"}
+)
+_KEPT_MARKERS = frozenset(
+    {0xE0, 0xEE}
+)  # JFIF and Adobe: how colours are stored; the other APPs and comments go
+_SCAN, _COMMENT, _APPS = 0xDA, 0xFE, range(0xE0, 0xF0)
+
+
+class PictureError(CellError):
+    """A picture cannot be taken in, or is not what was taken in."""
+
+    code = "picture"
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One photo of a run, as the journal names it."""
+
+    sha256: str
+    media_type: str
+    bytes: int
+    what: str
+    who: str
+    at_utc: str
+
+
+def keep_picture(config: CellConfig, run_id: str, raw: bytes, *, what: str, who: str) -> Picture:
+    """Keep a picture beside a run that has not ended; the same one sent twice is kept once.
+
+    Raises
+    ------
+    PictureError
+        No JPEG or PNG, too large, too many, or the run has ended: its certificate may be out.
+    StoreError
+        There is no such run.
+    """
+    media_type, plain = plain_picture(raw)
+    sha256 = hashlib.sha256(plain).hexdigest()
+    with open_journal(config) as journal:
+        view = Store(journal).run(run_id)
+        kept = list(pictures_of_run(journal.events(run_id)))
+        same = next((one for one in kept if one.sha256 == sha256), None)
+        if same is not None:
+            return same
+        if view.state != "interrupted" or len(kept) >= MOST_A_RUN:
+            raise PictureError(
+                "this run takes no more pictures.", remedy="Take them while the run is under way."
+            )
+        path = _path(config, run_id, sha256, media_type)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        replace_file(path, plain)  # before it is named: what the journal names is there
+        body = {"sha256": sha256, "media_type": media_type, "bytes": len(plain), "what": what, "who": who}
+        event = journal.append(run_id, Kind.PICTURE, body, key=f"picture {sha256}", actor=who)
+    return Picture(**body, at_utc=event.wall_utc)  # type: ignore[arg-type]
+
+
+def pictures_of_run(events: Iterable[Event]) -> Iterator[Picture]:
+    """Yield the pictures that the journal names, oldest first."""
+    for event in events:
+        if event.kind == Kind.PICTURE:
+            yield Picture(**json.loads(event.body), at_utc=event.wall_utc)
+
+
+def told_pictures(events: Iterable[Event]) -> list[dict[str, Any]]:
+    """Return the same for a certificate."""
+    return [asdict(one) for one in pictures_of_run(events)]
+
+
+def read_picture(config: CellConfig, run_id: str, picture: Picture) -> bytes:
+    """Return a picture's bytes.
+
+    Raises
+    ------
+    PictureError
+        It is gone, or not what was taken in.
+    """
+    path = _path(config, run_id, picture.sha256, picture.media_type)
+    raw = path.read_bytes() if path.is_file() else b""
+    if hashlib.sha256(raw).hexdigest() != picture.sha256:
+        raise PictureError("the picture is not what was taken in.", remedy="Restore data_dir from a backup.")
+    return raw
+
+
+def plain_picture(raw: bytes) -> tuple[str, bytes]:
+    """Return a picture's type by its first bytes, and the picture without place, camera or comments.
+
+    Raises
+    ------
+    PictureError
+        Too large, or no whole JPEG or PNG.
+    """
+    if len(raw) > MOST_BYTES:
+        raise PictureError(f"a picture has at most {MOST_BYTES >> 10} KiB.", remedy="Take a smaller one.")
+    try:
+        if raw.startswith(_JPEG):
+            return "image/jpeg", b"".join(_jpeg_parts(raw))
+        if raw.startswith(_PNG):
+            return "image/png", _PNG + b"".join(_png_parts(raw))
+    except (struct.error, IndexError) as error:
+        raise PictureError("the picture did not arrive whole.", remedy="Take it again.") from error
+    raise PictureError("that is no picture: JPEG and PNG are taken.", remedy="Take it with the camera.")
+
+
+def _jpeg_parts(raw: bytes) -> Iterator[bytes]:
+    yield raw[:2]
+    place = 2
+    while True:
+        lead, marker, length = struct.unpack_from(">BBH", raw, place)
+        if lead != 0xFF or length < 2 or place + 2 + length > len(raw):
+            raise IndexError
+        if marker == _SCAN:
+            yield _to_its_end(raw[place:])
+            return
+        if marker in _KEPT_MARKERS or (marker != _COMMENT and marker not in _APPS):
+            yield raw[place : place + 2 + length]
+        place += 2 + length
+
+
+def _to_its_end(scans: bytes) -> bytes:
+    """Return what follows up to the end mark: what a camera hangs behind it, such as a preview, goes."""
+    end = scans.rfind(b"\xff\xd9")
+    if end < 0:
+        raise IndexError
+    return scans[: end + 2]
+
+
+def _png_parts(raw: bytes) -> Iterator[bytes]:
+    place = len(_PNG)
+    while True:
+        length, name = struct.unpack_from(">I4s", raw, place)
+        end = place + 12 + length
+        if end > len(raw):
+            raise IndexError
+        if name in _KEPT_CHUNKS:
+            yield raw[place:end]
+        if name == b"IEND":
+            return
+        place = end
+
+
+def _path(config: CellConfig, run_id: str, sha256: str, media_type: str) -> Path:
+    return config.cell.data_dir / "pictures" / run_id / f"{sha256}{TYPES[media_type]}"

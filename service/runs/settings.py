@@ -1,0 +1,112 @@
+"""A procedure's settings as the service completes them: what was typed, and what only it remembers."""
+
+from dataclasses import asdict, fields, is_dataclass, replace
+from typing import Any, get_type_hints
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
+
+from cellcal.calibration.errors import CellError
+from cellcal.procedures.arm.arm_bench import Method
+from cellcal.procedures.catalogue import entry_named
+from cellcal.procedures.motion.plans import Room
+from cellcal.procedures.motion.surroundings import NOTHING_KNOWN, Surroundings
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.configuration.usual_settings import bool_became_number, is_finite
+from cellcal.service.engineering.parameters.simulated_cells import with_files
+from cellcal.service.watching.watch import LastHealthyCounts
+
+
+def build_spec(config: CellConfig, robot: str, procedure: str, settings: dict[str, Any]) -> Any:
+    """Return the procedure's spec.
+
+    Raises
+    ------
+    CellError
+        A setting is unknown or out of its type; every fault is named.
+    """
+    valid = _settings_of(procedure, settings)
+    if "last_counts" in valid and "last_counts" not in settings:
+        healthy = LastHealthyCounts(config.cell.data_dir).load(robot)
+        settings = settings | {"last_counts": None if healthy is None else healthy.counts}
+    settings = chosen_by_cell(config, robot, procedure) | settings
+    spec = spec_of(procedure, settings)
+    try:
+        return _in_the_cell(spec, config.motion_of(robot).surroundings)
+    except ValueError as error:  # a corner of the workspace from here, the other one from the cell file
+        raise _wrong(procedure, str(error)) from error
+
+
+def chosen_by_cell(config: CellConfig, robot: str, procedure: str) -> dict[str, Any]:
+    """Return the settings whose usual value follows from the cell: its devices, and what its file says."""
+    takes = get_type_hints(entry_named(procedure).spec_type)
+    wired, tracked = config.gauge_for(robot) is not None, config.tracker_for(robot) is not None
+    chosen: dict[str, Any] = {}
+    if "evidence" in takes and not wired:
+        chosen["evidence"] = "places"  # without a draw-wire, by touched points, a seat or targets
+    if takes.get("method") == Method and wired != tracked:
+        chosen["method"] = "wire" if wired else "tracker"
+    return chosen | dict(config.usual.get(robot, {}).get(procedure, {}))
+
+
+def spec_of(procedure: str, settings: dict[str, Any]) -> Any:
+    """Return a procedure's spec from settings alone; those that name files are read.
+
+    Raises
+    ------
+    CellError
+        A setting is unknown or out of its type, or a file cannot be read.
+    """
+    kind = entry_named(procedure).spec_type
+    _settings_of(procedure, settings)
+    settings = with_files(kind, settings)
+    try:
+        spec: Any = TypeAdapter(kind).validate_python(settings)
+    except ValidationError as error:
+        faults = "; ".join(f"{'.'.join(map(str, e['loc']))}: {_said(e)}" for e in error.errors())
+        raise _wrong(procedure, faults) from error
+    became = asdict(spec)
+    endless = [key for key, value in became.items() if not is_finite(value)]
+    if endless:
+        raise _wrong(procedure, f"{', '.join(endless)}: not a finite number")
+    yes_or_no = [key for key, value in settings.items() if bool_became_number(value, became[key])]
+    if yes_or_no:
+        raise _wrong(procedure, f"{', '.join(yes_or_no)}: true and false are no numbers")
+    return spec
+
+
+def _settings_of(procedure: str, settings: dict[str, Any]) -> set[str]:
+    """Return the settings that a procedure has; refuse others."""
+    valid = {field.name for field in fields(entry_named(procedure).spec_type)}
+    unknown = sorted(set(settings) - valid)
+    if unknown:
+        raise CellError(
+            f"{procedure} has no setting {', '.join(unknown)}.",
+            remedy=f"It has: {', '.join(sorted(valid)) or 'none'}.",
+            code="usage",
+        )
+    return valid
+
+
+def _in_the_cell(spec: Any, surroundings: Surroundings) -> Any:
+    """Return the spec with every room in it knowing what stands in the cell, unless it was told otherwise."""
+    changed: dict[str, Any] = {}
+    for entry in fields(spec):
+        value = getattr(spec, entry.name)
+        if isinstance(value, Room):
+            if value.surroundings == NOTHING_KNOWN:
+                changed[entry.name] = replace(value, surroundings=surroundings)
+        elif is_dataclass(value):
+            changed[entry.name] = _in_the_cell(value, surroundings)
+    return replace(spec, **changed) if changed else spec
+
+
+def _wrong(procedure: str, faults: str) -> CellError:
+    remedy = f"Correct --set; `cellcal procedures {procedure}` shows what each setting takes."
+    return CellError(f"{procedure} cannot be run so: {faults}.", remedy=remedy, code="usage")
+
+
+def _said(fault: ErrorDetails) -> str:
+    if fault["type"] == "value_error":  # our own words, without the word that pydantic puts before them
+        return str(fault["ctx"]["error"])
+    return "must be given" if fault["type"] == "missing" else fault["msg"]

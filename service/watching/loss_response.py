@@ -1,0 +1,122 @@
+"""What is done about a loss: journalled, prepared, and started alone only where the cell file allows it.
+
+A recovery that was started alone is told by WATCH as who began it. What the cell file answers in it, and what waits
+for a person, stands in `standing_answers.py`.
+"""
+
+import logging
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Any
+from uuid import uuid4
+
+from pydantic_core import to_jsonable_python
+
+from cellcal.procedures.cell import MotionLevel
+from cellcal.procedures.past import Kind
+from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.record.journal import StoreError
+from cellcal.service.record.run_store import Store, stored_body
+from cellcal.service.runs.open_cell import journal_path, open_journal
+from cellcal.service.watching.watch import PositionLoss
+
+_LOG = logging.getLogger(__name__)
+DETECTION = "loss_detection"
+WATCH = "watch"  # who began a run that no person has started
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedAnswer:
+    """The procedure that answers a loss, the command to type, and why it is not started alone (empty: it is)."""
+
+    procedure: str | None
+    settings: dict[str, Any]
+    command: str
+    reasons: tuple[str, ...]
+
+    @property
+    def starts_alone(self) -> bool:
+        """Whether the service may start it by itself."""
+        return self.procedure is not None and not self.reasons
+
+
+def answer_to(config: CellConfig, loss: PositionLoss) -> tuple[PreparedAnswer, str]:
+    """Prepare the answer to a loss and journal what was seen; return it and the entry's id (empty: there is none)."""
+    answer = prepare_answer(config, loss)
+    try:
+        return answer, journal_detection(config, loss)
+    except StoreError as error:  # the eyes on the encoders matter more
+        _LOG.warning("a loss of %s could not be journalled: %s", loss.robot, error)
+        hindrances = (*answer.reasons, "it could not be journalled")
+        return replace(answer, reasons=hindrances), ""
+
+
+def prepare_answer(config: CellConfig, loss: PositionLoss) -> PreparedAnswer:
+    """Prepare the answer to a loss. The last healthy counts are among a recovery's settings already."""
+    suspicion = loss.suspicion
+    settings: dict[str, Any] = dict(suspicion.settings())
+    procedure = suspicion.procedure
+    told = "".join(
+        f" --set {key}={value if isinstance(value, str) else list(value)}".replace(", ", ",")
+        for key, value in settings.items()
+    )
+    command = f"cellcal run {procedure} --cell {config.path} --robot {loss.robot}{told}" if procedure else ""
+    return PreparedAnswer(procedure, settings, command, tuple(_hindrances(config, loss)))
+
+
+def journal_detection(config: CellConfig, loss: PositionLoss) -> str:
+    """Keep what was seen, durably; return the id of the entry."""
+    serial = config.robot(loss.robot).serial
+    seen = {
+        "detected_by": loss.detected_by,
+        "mode": loss.suspicion.mode.value,
+        "words": loss.suspicion.words,
+        "axes": list(loss.suspicion.axes),
+        "alarms": to_jsonable_python(loss.alarms),
+        "last_healthy": to_jsonable_python(loss.last_healthy),
+    }
+    name = f"watch-{uuid4().hex[:12]}"
+    with open_journal(config) as journal:
+        journal.append(name, Kind.STORED, stored_body(DETECTION, loss.robot, serial, seen), actor=WATCH)
+    return name
+
+
+def _hindrances(config: CellConfig, loss: PositionLoss) -> list[str]:
+    """Say what keeps the recovery from being started without a person."""
+    motion, watch, seen = config.motion_of(loss.robot), config.watch, loss.suspicion
+    hindrances = (
+        (seen.record_differs, "somebody may have mastered the robot on purpose"),
+        (not (seen.record_differs or seen.may_run_alone), f"{seen.mode.value} needs a person's judgement"),
+        (loss.follows_another, "what was reported before it has not been cleared by anybody"),
+        (seen.not_known, f"nobody here knows the alarm {', '.join(seen.not_known)}"),
+        (loss.during_run, "a run had the robot when it was lost: who works there has to judge"),
+        (loss.last_healthy is None, "nobody saw the robot healthy before"),
+        (
+            _met_before(config, loss),
+            "it was reported or answered before, and the robot was not seen healthy since",
+        ),
+        (not watch.recover_alone, "[watch] recover_alone is not set"),
+        (not watch.cell_closed, "[watch] cell_closed is not confirmed"),
+        (
+            motion.level is not MotionLevel.COMMANDED,
+            f'the robot\'s motion is "{motion.level}", not "commanded"',
+        ),
+        (not motion.surroundings.known, "nobody said what stands in the cell ([robot.space])"),
+    )
+    return [why for stands, why in hindrances if stands]
+
+
+def _met_before(config: CellConfig, loss: PositionLoss) -> bool:
+    """Tell whether something was seen or begun since the robot was healthy last: a restart must not forget it."""
+    procedure, healthy = loss.suspicion.procedure, loss.last_healthy
+    if procedure is None or healthy is None or not journal_path(config).exists():
+        return False
+    serial = config.robot(loss.robot).serial
+    try:
+        with open_journal(config) as journal:
+            store = Store(journal)
+            met = (store.last_begun_utc(procedure, serial), store.last_kept_utc(DETECTION, serial))
+    except StoreError:  # what a damaged journal does not tell may have been
+        return True
+    healthy_utc = datetime.fromisoformat(healthy.seen_utc)
+    return any(at_utc is not None and datetime.fromisoformat(at_utc) > healthy_utc for at_utc in met)

@@ -1,0 +1,130 @@
+"""The web process's line to the desk's process: orders out, what screens see in."""
+
+import asyncio
+import contextlib
+import itertools
+import logging
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from cellcal.calibration.errors import CellError
+from cellcal.service.cell_process.messages import LONGEST_LINE
+
+_log = logging.getLogger(__name__)
+ANSWER_S = 10.0
+_LEAVE_S = 5.0
+_RESTART_S = 1.0
+_JUST_NOW_S = 0.25  # live values come ten times a second; older ones say nothing of now
+
+
+class DeskGoneError(CellError):
+    """The desk's process does not answer."""
+
+    code = "desk.gone"
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the cell's process does not answer just now; it is started again.",
+            remedy="Wait a few seconds. If it stays away, look into the service's log.",
+        )
+
+
+class DeskLink:
+    """Keeps a desk running for one cell file. A desk that dies is started again; screens are told meanwhile.
+
+    ``heard`` is called with ("session" or "live", content) for everything that the desk tells.
+    """
+
+    def __init__(self, cell_file: Path, heard: Callable[[str, dict[str, Any]], None]) -> None:
+        self._cell_file, self._heard = cell_file, heard
+        self._numbers = itertools.count(1)
+        self._waiting: dict[int, asyncio.Future[dict[str, Any]]] = {}
+        self._process: asyncio.subprocess.Process | None = None
+        self.session: dict[str, Any] | None = None
+        self._live: tuple[float, dict[str, Any]] | None = None
+
+    async def keep(self) -> None:
+        """Run the desk until cancelled, then let it end its run and leave."""
+        try:
+            while True:
+                await self._run_once()
+                self.session = self._live = None
+                self._heard("gone", {})
+                await asyncio.sleep(_RESTART_S)
+        finally:
+            await self._leave()
+
+    @property
+    def live(self) -> dict[str, Any] | None:
+        """The newest live values, None where none came just now: a desk that hangs must not look alive."""
+        heard_s, content = self._live or (float("-inf"), {})
+        return content if time.monotonic() - heard_s < _JUST_NOW_S else None
+
+    async def order(self, command: dict[str, Any]) -> dict[str, Any]:
+        """Send a command and return the desk's reply; DeskGoneError where there is none."""
+        return await self._ask({"command": command})
+
+    async def _ask(self, message: dict[str, Any]) -> dict[str, Any]:
+        process = self._process
+        if process is None or process.returncode is not None or process.stdin is None:
+            raise DeskGoneError
+        number = next(self._numbers)
+        answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
+        self._waiting[number] = answer
+        try:
+            process.stdin.write(orjson.dumps({"number": number, **message}) + b"\n")
+            await process.stdin.drain()
+            async with asyncio.timeout(ANSWER_S):
+                return await answer
+        except (TimeoutError, ConnectionError) as error:
+            raise DeskGoneError from error
+        finally:
+            self._waiting.pop(number, None)
+
+    async def _run_once(self) -> None:
+        self._process = process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "cellcal.service.cell_process", str(self._cell_file),
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+            limit=LONGEST_LINE, start_new_session=True,  # Ctrl-C is for the service, which lets it leave
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )  # fmt: skip
+        assert process.stdout is not None
+        with contextlib.suppress(ConnectionError):
+            while line := await process.stdout.readline():
+                self._take(orjson.loads(line))
+        code = await process.wait()
+        _log.warning("the desk of %s ended with code %s", self._cell_file, code)
+        for answer in self._waiting.values():
+            if not answer.done():
+                answer.set_exception(DeskGoneError())
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if "told" in message:
+            if message["told"] == "session":
+                self.session = message["content"]
+            elif message["told"] == "live":
+                self._live = (time.monotonic(), message["content"])
+            self._heard(message["told"], message["content"])
+            return
+        answer = self._waiting.get(message["number"] or 0)
+        if answer is not None and not answer.done():
+            answer.set_result(message["reply"])
+
+    async def _leave(self) -> None:
+        process = self._process
+        if process is None or process.returncode is not None:
+            return
+        if process.stdin is not None:
+            process.stdin.close()
+        try:
+            async with asyncio.timeout(_LEAVE_S):
+                await process.wait()
+        except TimeoutError:
+            process.kill()
+            await process.wait()

@@ -1,0 +1,55 @@
+"""What a browser is told when something was refused or not understood."""
+
+from typing import Any
+
+from fastapi import Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
+
+from cellcal.calibration.errors import CellError
+from cellcal.service.people.errors import PeopleError
+from cellcal.service.web.cell_client import DeskGoneError
+
+
+class Refused(BaseModel):
+    """Why a request was refused or not understood, and what to do about it."""
+
+    code: str
+    message: str
+    remedy: str
+
+
+class RefusedOrder(Refused):
+    """The same of an order; where the page was behind, with the session as it is."""
+
+    session: dict[str, Any] | None = None
+
+
+# what every route may answer; those whose answer is no JSON name its kind in `responses`, or this would have it too
+REFUSALS: dict[int | str, dict[str, Any]] = {
+    422: {"model": Refused, "description": "not understood, or not possible, and what to do"},
+    "default": {"model": Refused, "description": "refused, and what to do"},
+}
+
+
+def told(_: Request, error: Exception) -> JSONResponse:
+    """Say what happened and what to do."""
+    assert isinstance(error, CellError)
+    body = {"code": error.code, "message": error.message, "remedy": error.remedy}
+    if isinstance(error, PeopleError):
+        wait = {} if error.retry_after_s is None else {"retry-after": str(error.retry_after_s)}
+        return JSONResponse(body, status_code=error.status, headers=wait)
+    return JSONResponse(body, status_code=503 if isinstance(error, DeskGoneError) else 422)
+
+
+def not_understood(_: Request, error: Exception) -> JSONResponse:
+    """Say which field is wrong, without sending back what was sent: it may be huge, or no JSON at all."""
+    assert isinstance(error, RequestValidationError)
+    faults = "; ".join(f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors()[:5])
+    body = {
+        "code": "request",
+        "message": f"The request is not understood: {faults}",
+        "remedy": "See /openapi.json.",
+    }
+    return JSONResponse(body, status_code=422)

@@ -1,0 +1,1 @@
+"""Calibration of industrial robot cells."""

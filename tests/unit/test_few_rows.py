@@ -1,0 +1,94 @@
+"""With few rows deviations are wide enough, the geometry is chosen with its priors, and misfits are named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cellcal.calibration.identification.effect_lint import misfit_notes
+from cellcal.calibration.identification.effect_mixture import KINDS, average_over_misfits
+from cellcal.calibration.identification.identify import identify
+from cellcal.calibration.identification.parameters import FRAMES, GEOMETRY
+from cellcal.calibration.identification.selection import Options
+from tests.soak.few_rows import EFFECTS, identify_few, share_inside, world
+
+
+@pytest.mark.parametrize("rows", [8, 20, 60])
+def test_two_stated_deviations_hold_with_few_rows(rows):
+    shares = [identify_few(effect, rows, seed).inside for effect in EFFECTS for seed in range(2)]
+    assert 0.9 < np.nanmean(shares) < 0.99
+
+
+def test_the_geometry_with_its_priors_is_chosen_for_eight_rows():
+    there = world("none", 8, np.random.default_rng(4))
+    found = identify(there.truth.nominal, there.observations, options=Options(judge=False))
+    assert found.level == GEOMETRY
+    joints = np.random.default_rng(5).uniform(-1.0, 1.0, (50, 6))
+    places = there.truth.seen_from(0).base_flange(joints)[:, :3, 3]
+    errors = {
+        state: np.linalg.norm(state.seen_from(0).base_flange(joints)[:, :3, 3] - places, axis=1)
+        for state in (found.state, found.frames)
+    }
+    assert errors[found.state].mean() < 0.4 * errors[found.frames].mean()
+
+
+@pytest.mark.parametrize(
+    ("effect", "kind"),
+    [("compliance", "joints"), ("ripple", "joints"), ("backlash", "play"), ("drift", "order")],
+)
+def test_what_the_model_lacks_is_told_by_kind(effect, kind):
+    there = world(effect, 40, np.random.default_rng(11))
+    options = Options(judge=False, level=GEOMETRY, find_breaks=False)
+    found = identify(there.truth.nominal, there.observations, options=options)
+    chances = dict(zip(KINDS, found.misfit.probability, strict=True))
+    assert chances[kind] > 0.9
+    assert max(chances, key=chances.get) == kind
+    assert [note.code for note in misfit_notes(found.misfit, 40, 0)].count("misfit") >= 1
+
+
+def test_clean_rows_have_no_misfit_and_eight_rows_leave_it_open():
+    there = world("none", 60, np.random.default_rng(12))
+    found = identify(there.truth.nominal, there.observations, options=Options(judge=False, find_breaks=False))
+    assert max(found.misfit.probability) < 0.1
+    assert found.misfit.noise_m == pytest.approx(5e-5, rel=0.3)
+    assert misfit_notes(found.misfit, 60, 0) == []
+    there = world("none", 8, np.random.default_rng(12))
+    found = identify(there.truth.nominal, there.observations, options=Options(judge=False, find_breaks=False))
+    assert [note.code for note in misfit_notes(found.misfit, 8, 0)] == ["misfit_open"]
+
+
+def test_blunders_are_a_note_of_their_own():
+    assert [note.code for note in misfit_notes(None, 40, 3)] == ["outliers"]
+    assert misfit_notes(None, 400, 3) == []
+
+
+def test_many_rows_keep_their_own_deviations():
+    there = world("none", 61, np.random.default_rng(3))
+    found = identify(there.truth.nominal, there.observations, options=Options(judge=False, level=GEOMETRY))
+    assert found.misfit is None
+
+
+def test_a_device_that_was_moved_is_seen_though_no_level_helps():
+    there = world("none", 40, np.random.default_rng(3))
+    places = there.observations.positions_m + np.where(np.arange(40) < 20, 0.0, 0.05)[:, None]
+    found = identify(
+        there.truth.nominal, replace(there.observations, positions_m=places), options=Options(judge=False)
+    )
+    assert found.level == FRAMES or found.breaks
+    chances = dict(zip(KINDS, found.misfit.probability, strict=True))
+    assert chances["order"] > 0.9
+    assert "order of measuring" in " ".join(note.message for note in misfit_notes(found.misfit, 40, 0))
+
+
+def test_deviations_of_few_rows_do_not_depend_on_the_stated_size_of_noise():
+    there = world("none", 30, np.random.default_rng(8))
+    options = Options(judge=False, level=GEOMETRY, find_breaks=False)
+    found = identify(there.truth.nominal, there.observations, options=options)
+    louder = replace(there.observations, sigma_m=5 * there.observations.sigma_m)
+    again = average_over_misfits(
+        identify(there.truth.nominal, louder, options=options).robust, there.observations
+    )
+    assert np.sqrt(np.diag(again.covariance)) == pytest.approx(
+        np.sqrt(np.diag(found.robust.fit.covariance)), rel=0.2
+    )
+    assert share_inside(found, there.truth) > 0.8
