@@ -18,15 +18,13 @@ import sys
 from pathlib import Path
 from typing import Any, Self
 
-import cellcal
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.wire.child import HEADER, LONGEST_FRAME, pack
 
 _log = logging.getLogger(__name__)
 
-_ROOT = str(
-    Path(cellcal.__file__).resolve().parents[1]
-)  # the child must find the same packages, wherever we run
+# Where `cellcal` is imported from: the child must find the same packages, wherever we run.
+_ROOT = str(Path(__file__).absolute().parents[3])
 _KEPT_BYTES = 4096
 _LEAVE_S = 0.5
 _REAP_S = 5.0
