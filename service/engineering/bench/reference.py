@@ -14,7 +14,7 @@ from cellcal.calibration.geometry import Array, exp_rotation, homogeneous
 from cellcal.calibration.reference_data import load_reference, reference_names
 from cellcal.service.engineering.bench.reference_solvers import SOLVERS, Given
 
-UNIT = 1e3  # millimetres
+UNIT = 3.280839895013123  # feet: an arm in millimetres is refused
 WORLD = homogeneous(exp_rotation(np.array([0.4, -1.9, 1.2])), np.array([2.5, -1.5, 0.7]))
 
 Answers: TypeAlias = dict[str, Array]
