@@ -4,13 +4,14 @@ The rules are those of web/src/lib/say.svelte.ts. The English sentence is the ke
 "{1}" for a hole as in the source. What has no entry, or no table because the pages are not built, stays English.
 """
 
-import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
+
+from calibration.documents.json_text import parse_json
 
 Locale: TypeAlias = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)
@@ -52,7 +53,7 @@ class Sayings:
         table: dict[str, str] = {}
         for file in (folder / kind / f"{locale}.json" for kind in _KINDS):
             if file.is_file():
-                table |= json.loads(file.read_text(encoding="utf-8"))
+                table |= parse_json(file.read_text(encoding="utf-8"))
         return cls.of(locale, table, commas=locale in _COMMA)
 
     @classmethod

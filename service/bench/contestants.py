@@ -1,6 +1,5 @@
 """Who takes part, where each is found, and how one runs: alone in a process, single-threaded."""
 
-import json
 import os
 import subprocess
 import sys
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from calibration.geometry import Array
 from service.bench.child import MISSING
@@ -115,6 +115,6 @@ def _reason(contestant: Contestant, code: int, errors: str) -> str:
     last = errors.strip().splitlines()[-1] if errors.strip() else f"exit code {code}"
     if code != MISSING:
         return f"failed: {last}"
-    missing = json.loads(last)["missing"]
+    missing = parse_json(last)["missing"]
     option = f"--peer-python {contestant.name}=PATH/bin/python"
     return f"not installed: {missing} ({contestant.wants}; in a venv of its own: {option})"

@@ -6,12 +6,12 @@ The content is a function of the journal and of the cell file of that run, so th
 bytes whenever it is asked for.
 """
 
-import json
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any
 
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from procedures.catalogue import entry_named
 from procedures.entry import Entry
@@ -166,7 +166,7 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
 
 def _refusal(events: list[Event]) -> dict[str, str]:
     """Return why a run was refused and what to do next, as its end was journalled."""
-    body = json.loads(_ended(events).body)
+    body = parse_json(_ended(events).body)
     return {key: str(body[key]) for key in ("code", "reason", "remedy")}
 
 

@@ -12,7 +12,6 @@ To check one without this program: parse it, take "signature" out, write the res
 blanks, and verify that text with the public key (hexadecimal, 32 bytes).
 """
 
-import json
 import os
 import tempfile
 from collections.abc import Mapping
@@ -25,6 +24,7 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from procedures.canonical import canonical_json, sha256_of
 
@@ -216,7 +216,7 @@ def _is_signed(signature: dict[str, Any], signed: bytes) -> bool:
 
 def _parsed(raw: bytes) -> dict[str, Any] | None:
     try:
-        document = json.loads(raw.decode())
+        document = parse_json(raw.decode())
     except (ValueError, RecursionError):  # also what is no text, and whole numbers without end
         return None
     if not isinstance(document, dict) or document.keys() != _PARTS:

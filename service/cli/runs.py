@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from calibration.documents.json_text import parse_json
+
 if TYPE_CHECKING:
     from service.configuration.cell_file import CellConfig
     from service.runs.outcome import Outcome
@@ -239,9 +241,8 @@ def _tell_damage(damage: str) -> int:
 
 
 def _step_of(body: str) -> str:
-    import json
 
-    return str(json.loads(body).get("step", ""))
+    return str(parse_json(body).get("step", ""))
 
 
 def _short(value: Any) -> str:

@@ -10,7 +10,6 @@ import json
 import math
 import os
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date
@@ -20,6 +19,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 
 from calibration.arm.robot_models import model_names
+from calibration.documents import DocumentError
+from calibration.documents.toml_text import parse_toml
 from calibration.errors import CellError
 from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
 from service.configuration.device_keys import CHOICES, keys_of, nearest, wrong_choice
@@ -239,8 +240,8 @@ def read_cell_file(path: str | os.PathLike[str]) -> CellConfig:
     path = Path(path)
     text = _text_of(path)
     try:
-        document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        document = parse_toml(text)
+    except (DocumentError, RecursionError) as error:
         raise ConfigError(path, [("file", f"is not valid TOML: {error}")]) from error
     return _Reader(path, text).read(document)
 

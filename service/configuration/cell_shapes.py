@@ -1,6 +1,5 @@
 """The shapes of arm and cell from a TOML file, in millimetres and degrees as people measure them."""
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +7,8 @@ import numpy as np
 
 from calibration.arm.kinematics import RobotModel
 from calibration.arm.robot_models import model_names
+from calibration.documents import DocumentError
+from calibration.documents.toml_text import parse_toml
 from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Pose, homogeneous
 from calibration.motion.collision import Capsule, CellShape, Plane, Sphere
@@ -58,8 +59,8 @@ def read_cell_shape(
         Not such a file; a key that is missing, unknown, or of the wrong kind.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as broken:
+        data = parse_toml(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, DocumentError) as broken:
         raise CellShapeError(f"{path} cannot be read: {broken}") from broken
     try:
         return cell_shape(model, surroundings_of(data, str(path)), wire, tip_in_flange_m)

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from service.demo.door import Door
 from service.demo.furniture import FURNITURE, USUAL
@@ -159,7 +160,7 @@ async def _ready_line(process: asyncio.subprocess.Process) -> dict[str, Any]:
     with suppress(TimeoutError, ValueError):
         async with asyncio.timeout(_START_S):
             line = await process.stdout.readline()
-            ready: dict[str, Any] = json.loads(line)
+            ready: dict[str, Any] = parse_json(line)
             return ready
     raise CellError(
         "the fake devices did not start; the line above says why.",

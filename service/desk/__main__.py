@@ -15,6 +15,7 @@ from typing import Any
 import orjson
 from pydantic import TypeAdapter, ValidationError
 
+from calibration.documents.json_text import parse_json
 from service.configuration.cell_file import read_cell_file
 from service.desk.desk import Desk
 from service.desk.messages import LONGEST_LINE, Command
@@ -50,7 +51,7 @@ async def _attend(path: Path) -> None:
 async def _obey(desk: Desk, line: bytes, write: Callable[[dict[str, Any]], None]) -> None:
     asked: Any = None
     try:
-        asked = orjson.loads(line)
+        asked = parse_json(line)
         if asked.get("ask") == "session":
             reply: dict[str, Any] = {"ok": True, "session": desk.session()}
         else:

@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from service.certificates.points import readings
 from service.configuration.cell_file import CellConfig
@@ -76,7 +77,7 @@ def _messages(view: RunView, events: list[Event]) -> Iterator[tuple[str, int, di
     yield "run", _ns(view.started_utc), {**head, "spec": view.spec, "cell": view.cell}
     for event in events:
         told = {"seq": event.seq, "idx": event.idx, "kind": event.kind, "actor": event.actor}
-        yield "events", _ns(event.wall_utc), {**told, "body": json.loads(event.body)}
+        yield "events", _ns(event.wall_utc), {**told, "body": parse_json(event.body)}
     for taken in readings(events, view.judgement):
         message = {key: taken.get(key) for key in ("step", "used", "reason", "value")}
         yield "readings", _ns(taken["at_utc"]), message

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
+from calibration.documents.json_text import parse_json
 from service.export.webhook_target import WebhookError
 from service.site.alarms import Alarm
 
@@ -81,7 +82,7 @@ class WebhookOutbox:
     def up(self) -> list[Alarm]:
         """Return the alarms that were up at the last change."""
         rows = self._database.execute("SELECT alarm FROM up ORDER BY rowid").fetchall()
-        return [Alarm(**json.loads(row[0])) for row in rows]
+        return [Alarm(**parse_json(row[0])) for row in rows]
 
     def put(self, cell: str, changes: Sequence[tuple[Alarm, bool]]) -> None:
         """Keep alarms that were raised or cleared, all or none."""

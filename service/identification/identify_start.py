@@ -1,6 +1,5 @@
 """Where an identification starts: from nominal, from a stored parameter set, or from an earlier report."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from calibration.arm.kinematics import RobotModel
+from calibration.documents.json_text import parse_json
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
 from calibration.identification.free_parameters import Places, StartingPoint
@@ -80,7 +80,7 @@ def _of_set(found: Any, nominal: RobotModel, free: tuple[str, ...]) -> Start:
 def _of_report(path: Path, text: str, nominal: RobotModel, what: tuple[str, tuple[str, ...]]) -> Start:
     kind, free = what
     try:
-        document = json.loads(text)
+        document = parse_json(text)
         robot, parameters = document["robot"], document["parameters"]
         values = {item["name"]: float(item["value"]) for item in parameters}
         sigmas = {item["name"]: float(item["sigma"]) for item in parameters}

@@ -1,10 +1,11 @@
 """A file that says how measurements are written: columns, units, conventions, where guessing is not enough."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from calibration.documents import DocumentError
+from calibration.documents.toml_text import parse_toml
 from service.measured.measurements import Measurements, ReadOptions
 from service.measured.table import MeasurementError
 
@@ -24,8 +25,8 @@ def layout_data(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise MeasurementError(f"there is no layout file {path}.", remedy="Check the name.")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as broken:
+        return parse_toml(path.read_text(encoding="utf-8-sig"))
+    except (DocumentError, UnicodeDecodeError) as broken:
         raise MeasurementError(f"{path} is no TOML: {broken}.", remedy=_EXAMPLE) from broken
 
 

@@ -1,12 +1,12 @@
 """Mastering records on their way between computers: exported signed, imported only whole and for the same robot."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from calibration.mastering.counts import MasteringRecord
 from procedures.mastering_record import seal_of
@@ -195,7 +195,7 @@ def _stored(journal: Journal, serial: str) -> Event | None:
     found = None
     for event in journal.events():
         if event.kind == Kind.STORED:
-            body = json.loads(event.body)
+            body = parse_json(event.body)
             found = event if (body["what"], body["robot_serial"]) == (RECORD, serial) else found
     return found
 

@@ -1,7 +1,6 @@
 """Parameter sets in from identifications and makers' files, and out as descriptions and makers' files."""
 
 import hashlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -13,6 +12,7 @@ from calibration.arm.kinematics import RobotModel
 from calibration.arm.standard_dh import standard_dh
 from calibration.arm.ur_factory import factory_model
 from calibration.arm.urdf import bare_urdf
+from calibration.documents.json_text import parse_json
 from calibration.geometry import log_transform
 from service.identification.identify import IdentifiedParameter
 from service.parameters.calibrated_models import (
@@ -204,7 +204,7 @@ def _of_set(item: ParameterSet, nominal: RobotModel) -> _Content:
 
 def _of_identification(text: str, nominal: RobotModel) -> _Content:
     try:
-        document = json.loads(text)
+        document = parse_json(text)
         robot = document["robot"]
         found = [IdentifiedParameter(**each) for each in document["parameters"]]
     except (ValueError, KeyError, TypeError) as broken:

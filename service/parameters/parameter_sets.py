@@ -11,12 +11,13 @@ import math
 import os
 import re
 import tempfile
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from calibration.documents import DocumentError
+from calibration.documents.toml_text import parse_toml
 from calibration.errors import CalibrationError
 
 FORMAT = 1
@@ -235,8 +236,8 @@ def parse(text: str, where: str = "parameter set") -> ParameterSet:
         Not such a file, an unknown key, or changed since it was written.
     """
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as broken:
+        data = parse_toml(text)
+    except DocumentError as broken:
         raise ParameterSetError(f"{where} is not a parameter set: {broken}") from broken
     found = _from_data(data, where)
     if data.get("sha256") != found.sha256:

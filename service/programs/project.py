@@ -4,7 +4,6 @@ The file's keys, with an example, stand in this room's README. Everything that i
 kept as plain values in SI.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +14,8 @@ import numpy as np
 from calibration.arm.kinematics import RobotModel, load_model
 from calibration.arm.robot_models import model_names
 from calibration.compensation.pose_gap import Arm
+from calibration.documents import DocumentError
+from calibration.documents.toml_text import parse_toml
 from calibration.errors import CellError
 from calibration.geometry import Array
 from calibration.identification.parameters import ArmState
@@ -172,8 +173,8 @@ def replace_limits(model: RobotModel, limits: RobotModel) -> RobotModel:
 
 def _loaded(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as broken:
+        return parse_toml(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, DocumentError) as broken:
         raise ProjectError(
             f"{path} cannot be read as a project: {broken}", remedy="The README beside the code shows one."
         ) from broken

@@ -1,6 +1,5 @@
 """The two arms of a project: the one that its controller computes with, and the one that stands in the cell."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from calibration.arm.kinematics import DhTable, RobotModel
 from calibration.arm.robot_models import parse_model
 from calibration.arm.ur_factory import factory_model
+from calibration.documents import DocumentError
 from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Array
 from calibration.identification.free_parameters import StartingPoint, state_of
@@ -48,7 +48,7 @@ def nominal_arm(path: Path, name: str) -> RobotModel:
         return RobotModel.from_dh(DhTable.from_rows(fields.pop("rows")), name=name, **fields)
     except CalibrationError as refused:
         raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
-    except (tomllib.TOMLDecodeError, TypeError, ValueError) as broken:
+    except (DocumentError, TypeError, ValueError) as broken:
         raise ProjectError(f"{path} is no model of a robot: {broken}") from broken
 
 

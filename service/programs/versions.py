@@ -7,7 +7,6 @@ the same points in another text are the clone, saved again, and that is said.
 import datetime
 import hashlib
 import json
-import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -18,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from calibration.documents.json_text import parse_json
+from calibration.documents.toml_text import parse_toml
 from calibration.errors import CellError
 from drivers.program_registry import read_program
 from drivers.programs.positions import ProgramFile
@@ -147,7 +148,7 @@ def find_projects(named: Sequence[str]) -> list[Path]:
 
 def _names_a_master(path: Path) -> bool:
     try:
-        return "master" in tomllib.loads(path.read_text(encoding="utf-8"))
+        return "master" in parse_toml(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
 
@@ -267,7 +268,7 @@ def _note(made: Made, *, resaved: bool) -> str:
 
 def _read(path: Path) -> list[Made]:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = parse_json(path.read_text(encoding="utf-8"))
         if document["format"] != _FORMAT:
             raise ValueError(f"format {document['format']}")
         names = {field.name for field in fields(Made)}

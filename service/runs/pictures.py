@@ -4,13 +4,13 @@ The picture lies beside the journal, its SHA-256 stands in it: a picture that wa
 """
 
 import hashlib
-import json
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from procedures.past import Kind
 from service.configuration.cell_file import CellConfig
@@ -84,7 +84,7 @@ def pictures_of_run(events: Iterable[Event]) -> Iterator[Picture]:
     """Yield the pictures that the journal names, oldest first."""
     for event in events:
         if event.kind == Kind.PICTURE:
-            yield Picture(**json.loads(event.body), at_utc=event.wall_utc)
+            yield Picture(**parse_json(event.body), at_utc=event.wall_utc)
 
 
 def told_pictures(events: Iterable[Event]) -> list[dict[str, Any]]:

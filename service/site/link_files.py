@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import zenoh
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from calibration.documents.json_text import parse_json
 from service.site.keys import SiteError
 
 ROUTER_FILE, CELL_FILE, MONITOR_FILE = "router.json5", "cell.json5", "monitor.json5"
@@ -91,7 +92,7 @@ def read_link_folder(folder: Path, name: str) -> LinkFolder:
     """
     path = folder / name
     try:
-        config = json.loads(path.read_text(encoding="utf-8"))
+        config = parse_json(path.read_text(encoding="utf-8"))
         tls = config["transport"]["link"]["tls"]
         files = {key: (folder / tls[key]).absolute() for key in _TLS_FILES}
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -5,7 +5,6 @@ of the rest. ``key`` is the key it was published under: a message is good there 
 outbox that counted ``seq``: a cell that lost its outbox begins a later epoch, and nothing is taken for a repetition.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,6 +13,7 @@ from typing import Any
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
+from calibration.documents.json_text import parse_json
 from procedures.canonical import canonical_json
 from service.certificates.signing import StationKey
 
@@ -91,7 +91,7 @@ def opened(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -> Mess
     if len(raw) > LONGEST_MESSAGE:
         return Flaw(key, f"a message of {len(raw)} bytes is longer than any of ours")
     try:
-        told = json.loads(raw, parse_constant=_not_finite)
+        told = parse_json(raw)
     except (ValueError, RecursionError):
         return Flaw(key, "a message is no JSON")
     if not isinstance(told, dict) or told.keys() != _PARTS or not _typed(told):

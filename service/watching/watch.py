@@ -20,6 +20,7 @@ from typing import Protocol
 
 import numpy as np
 
+from calibration.documents.json_text import parse_json
 from calibration.mastering.counts import DriveTrain
 from drivers.errors import DeviceError
 from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
@@ -74,7 +75,7 @@ class LastHealthyCounts:
     def load(self, robot: str) -> HealthyCounts | None:
         """Return what was seen last, or None where nothing (readable) is stored."""
         try:
-            document = json.loads(self._path(robot).read_text(encoding="utf-8"))
+            document = parse_json(self._path(robot).read_text(encoding="utf-8"))
             counts = tuple(int(count) for count in document["counts"])
             return HealthyCounts(
                 str(document["robot"]), counts, int(document["epoch"]), str(document["seen_utc"])

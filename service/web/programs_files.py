@@ -1,11 +1,11 @@
 """Files of a job: what a page brought along, put into a folder of its own under plain names and no other."""
 
 import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from calibration.documents.toml_text import parse_toml
 from calibration.errors import CellError
 from service.measured.carried import content_of, plain_name
 from service.web.programs_shapes import MOST_FILE_BYTES, Carried, ProgramsFault, RefusedFile
@@ -134,7 +134,7 @@ def _refuse_elsewhere(path: Path, table: dict[str, Any]) -> None:
 
 def _table(path: Path) -> dict[str, Any] | None:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_toml(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
 

@@ -17,8 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import orjson
-
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from service.configuration.cell_file import CellConfig
 from service.web.overlays import all_kept
@@ -227,7 +226,7 @@ class Jobs:
         assert process.stdout is not None
         try:
             while line := await process.stdout.readline():
-                _take(work, orjson.loads(line))
+                _take(work, parse_json(line))
         finally:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()

@@ -1,7 +1,6 @@
 """What a page shows of programs that were made, as files of a job: a summary, pages of points, the archive."""
 
 import itertools
-import json
 import os
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic_core import to_json
 
+from calibration.documents.json_text import parse_json
 from service.programs.project import Project
 from service.programs.report import ProgramEntry, Report, largest
 from service.programs.report_html import points_to_draw
@@ -51,7 +51,7 @@ class Made:
 
 def write_preview(made: Made, folder: Path) -> None:
     """Write everything that a page may ask for."""
-    told = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    told = parse_json((folder / "report.json").read_text(encoding="utf-8"))
     verdicts = counted(point["reason"] for program in told["programs"] for point in program["points"])
     order = made.report.programs_worst_first()
     by_file = {program["source"]: program for program in told["programs"]}

@@ -14,6 +14,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from calibration.compensation.compensate import Direction
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from drivers.program_registry import brand_named
 from drivers.programs.brands import ConfigurationRule
@@ -213,7 +214,7 @@ def main() -> None:
     config = read_cell_file(Path(sys.argv[1]).resolve())
     os.chdir(sys.argv[2])
     try:
-        make(config, json.loads(Path(ASKED).read_text(encoding="utf-8")))
+        make(config, parse_json(Path(ASKED).read_text(encoding="utf-8")))
     except CellError as error:
         tell(end="failed", message=error.message, remedy=error.remedy)
     except Exception:  # noqa: BLE001  whatever it was, the page is told

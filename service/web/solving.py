@@ -8,6 +8,7 @@ from typing import Any
 import orjson
 from pydantic_core import to_jsonable_python
 
+from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.web.displacement import displacement
@@ -34,7 +35,7 @@ def questions(config: CellConfig) -> Mapping[str, Callable[..., Any]]:
 
 def answer_to(known: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str, Any]:
     """Return the answer to one line, or why there is none."""
-    asked = orjson.loads(line)
+    asked = parse_json(line)
     try:
         return {"ok": True, "answer": to_jsonable_python(known[asked["question"]](**asked["given"]))}
     except CellError as error:

@@ -1,6 +1,5 @@
 """Nominal robots as data: one TOML file a model, each group of numbers with its source."""
 
-import tomllib
 from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
@@ -8,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from calibration.documents.toml_text import parse_toml
 from calibration.errors import CalibrationError
 
 _KEYS = {
@@ -35,7 +35,7 @@ def model_fields(name: str) -> dict[str, Any]:
 
 def parse_model(name: str, text: str) -> dict[str, Any]:
     """Read the text of a model file; refuses unknown keys, missing sources and columns of another length."""
-    data = tomllib.loads(text)
+    data = parse_toml(text)
     missing = _KEYS - {"sign", "interaction", "interaction_source"} - data.keys()
     if missing or data.keys() - _KEYS:
         raise CalibrationError(
