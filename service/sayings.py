@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias, get_args
 
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_text
 
 Locale: TypeAlias = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)
@@ -53,7 +54,7 @@ class Sayings:
         table: dict[str, str] = {}
         for file in (folder / kind / f"{locale}.json" for kind in _KINDS):
             if file.is_file():
-                table |= parse_json(file.read_text(encoding="utf-8"))
+                table |= parse_json(read_plain_text(file))
         return cls.of(locale, table, commas=locale in _COMMA)
 
     @classmethod

@@ -12,10 +12,10 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from defusedxml import DefusedXmlException  # ships no types
-from defusedxml.ElementTree import fromstring  # ships no types
 
 from calibration.arm.kinematics import RobotModel
+from calibration.documents import DocumentError
+from calibration.documents.xml_text import parse_xml
 from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Array, homogeneous, inverse_transform
 from calibration.orientation import elementary, rotation_from, values_from
@@ -169,8 +169,8 @@ def _pinocchio() -> ModuleType:
 
 def _parse(text: str) -> ET.Element:
     try:
-        root: ET.Element = fromstring(text)
-    except (ET.ParseError, DefusedXmlException) as broken:
+        root = parse_xml(text)
+    except DocumentError as broken:
         raise CalibrationError(f"not a robot description: {broken}") from broken
     if root.tag != "robot":
         raise CalibrationError(f"not a robot description: the root element is {root.tag!r}, not 'robot'")

@@ -31,10 +31,12 @@ def read_plain_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
-            raise DocumentError("it is not a plain file.", remedy="Name a file.")
+            raise DocumentError("it is not a plain file.", remedy="Name a file.", path=path)
         content = b"" if status.st_size > most_bytes else file.read(most_bytes + 1)
     if max(status.st_size, len(content)) > most_bytes:
-        raise DocumentError(f"it is larger than {_size(most_bytes)}.", remedy="Name the right file.")
+        raise DocumentError(
+            f"it is larger than {_size(most_bytes)}.", remedy="Name the right file.", path=path
+        )
     return content
 
 
@@ -49,11 +51,11 @@ def refuse_unusual_path(path: Path) -> None:
     try:
         mode = path.stat().st_mode
     except ValueError as error:
-        raise DocumentError(f"{str(path)!r} is no name of a file.", remedy="Correct the name.") from error
+        raise DocumentError("that is no name of a file.", remedy="Correct it.", path=path) from error
     except OSError:
         return  # whatever it is, opening it says so
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise DocumentError("it is not a plain file.", remedy="Name a file.")
+        raise DocumentError("it is not a plain file.", remedy="Name a file.", path=path)
 
 
 def read_plain_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
@@ -66,10 +68,10 @@ def read_plain_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
     DocumentError
         It is no plain file, larger than ``most_bytes``, or no text.
     """
-    return text_of(read_plain_bytes(path, most_bytes))
+    return text_of(read_plain_bytes(path, most_bytes), path)
 
 
-def text_of(content: bytes) -> str:
+def text_of(content: bytes, path: Path | None = None) -> str:
     """Return bytes as text: UTF-8, or UTF-16 and UTF-32 with a byte order mark.
 
     Raises
@@ -82,10 +84,12 @@ def text_of(content: bytes) -> str:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:
         raise DocumentError(
-            f"it is not text in UTF-8 (byte {error.start}).", remedy="Save it as UTF-8."
+            f"it is not text in UTF-8 (byte {error.start}).", remedy="Save it as UTF-8.", path=path
         ) from error
     if "\0" in text:
-        raise DocumentError("it is not text: it holds a zero character.", remedy="Name a text file.")
+        raise DocumentError(
+            "it is not text: it holds a zero character.", remedy="Name a text file.", path=path
+        )
     return text
 
 

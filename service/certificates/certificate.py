@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_bytes
 from calibration.errors import CellError
 from procedures.catalogue import entry_named
 from procedures.entry import Entry
@@ -223,7 +224,7 @@ def _not_valid(role: str, held: InstrumentCertificate, day: date) -> str:
 def _keep(path: Path, signed: str, sha256: str) -> str:
     """Leave an intact certificate of the same content alone, also one of an earlier key; return its public key."""
     if path.exists():
-        found = check(path.read_bytes())
+        found = check(read_plain_bytes(path))
         if found.finding is Finding.INTACT and found.sha256 == sha256:
             return found.public_key
     replace_file(path, signed)

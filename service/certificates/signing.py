@@ -25,6 +25,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from calibration.errors import CellError
 from procedures.canonical import canonical_json, sha256_of
 
@@ -108,7 +109,7 @@ def station_key(data_dir: Path) -> StationKey:
     path = data_dir / KEY_NAME
     try:
         created = _create(path) if not path.exists() else False
-        private = serialization.load_pem_private_key(path.read_bytes(), password=None)
+        private = serialization.load_pem_private_key(read_plain_bytes(path), password=None)
     except OSError as error:
         raise SigningError(
             f"the signing key {path} cannot be used: {error.strerror}.",
@@ -146,15 +147,9 @@ def read_public_key(text: str) -> str:
 def read_document(path: Path) -> bytes | Checked:
     """Return the bytes of a document, or why they cannot be read."""
     try:
-        with path.open("rb") as file:
-            raw = file.read(_MOST_BYTES + 1)
+        return read_plain_bytes(path, _MOST_BYTES)
     except (OSError, ValueError) as error:
         return _unreadable(f"It cannot be read: {getattr(error, 'strerror', None) or error}.")
-    if len(raw) > _MOST_BYTES:
-        return _unreadable(
-            f"It is larger than {_MOST_BYTES // 1_000_000} MB: nothing that was signed here is."
-        )
-    return raw
 
 
 def check(raw: bytes, *, expected_key: str | None = None) -> Checked:
@@ -257,7 +252,7 @@ def _create(path: Path) -> bool:
 
 def _text_of_key_file(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8").strip()
+        return read_plain_text(path).strip()
     except (OSError, ValueError) as error:
         raise _no_key(str(path)) from error
 

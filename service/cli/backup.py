@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from calibration.documents.plain_files import read_plain_text
+
 if TYPE_CHECKING:
     from service.export.restore import Proved
 
@@ -165,7 +167,7 @@ def _passphrase(file: Path | None, *, twice: bool) -> str:
                 remedy=f"Run: chmod 600 {file}",
                 code="usage",
             )
-        return file.read_text(encoding="utf-8").partition("\n")[0].rstrip("\r")
+        return read_plain_text(file).partition("\n")[0].rstrip("\r")
     phrase = getpass("Passphrase of the keys: ")
     if twice and getpass("Once more: ") != phrase:
         raise CellError("the passphrases differ.", remedy="Try again.", code="usage")

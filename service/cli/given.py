@@ -5,6 +5,7 @@ from typing import Any
 
 from calibration.documents import DocumentError
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_bytes
 
 
 def settings_of(pairs: tuple[str, ...]) -> dict[str, Any]:
@@ -54,11 +55,7 @@ def _read_answers(path: Path) -> dict[str, str]:
     from calibration.errors import CellError
 
     try:
-        with path.open("rb") as file:
-            raw = file.read(_MOST_ANSWERS + 1)
-        if len(raw) > _MOST_ANSWERS:
-            raise ValueError(f"it is larger than {_MOST_ANSWERS >> 20} MB, as no answers are")
-        found = parse_json(raw.decode("utf-8"))
+        found = parse_json(read_plain_bytes(path, _MOST_ANSWERS))
     except ValueError as error:  # also what is no text
         found, why = None, f"is not JSON that holds answers: {error}"
     else:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
+from calibration.documents.plain_files import read_plain_text
+
 if TYPE_CHECKING:
     from service.parameters.parameter_sets import Change, ParameterSet, ParameterSets
 
@@ -294,7 +296,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
     source = None
     if template is not None:
         _must_exist(template)
-        source = Template(template.read_text(encoding="utf-8"), tip_link)
+        source = Template(read_plain_text(template), tip_link)
     item = _sets(folder).load(robot_serial, version)
     nominal = load_model(item.model)
     data, notes = export_set(

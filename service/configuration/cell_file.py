@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from calibration.arm.robot_models import model_names
 from calibration.documents import DocumentError
+from calibration.documents.plain_files import read_plain_text
 from calibration.documents.toml_text import parse_toml
 from calibration.errors import CellError
 from drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
@@ -241,26 +242,18 @@ def read_cell_file(path: str | os.PathLike[str]) -> CellConfig:
     text = _text_of(path)
     try:
         document = parse_toml(text)
-    except (DocumentError, RecursionError) as error:
-        raise ConfigError(path, [("file", f"is not valid TOML: {error}")]) from error
+    except DocumentError as error:
+        raise ConfigError(path, [("file", error.why.removeprefix("it "))]) from error
     return _Reader(path, text).read(document)
 
 
 def _text_of(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            raw = file.read(_MOST_BYTES + 1)
-        if len(raw) > _MOST_BYTES:
-            raise ConfigError(path, [("file", f"is larger than {_MOST_BYTES // 1000} kB: no cell file is")])
-        return raw.decode("utf-8")
+        return read_plain_text(path, _MOST_BYTES)
     except FileNotFoundError:
         raise ConfigError(path, [("file", "there is no such file")]) from None
     except IsADirectoryError:
         raise ConfigError(path, [("file", "is a folder; name the cell file in it")]) from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            path, [("file", f"cannot be read: it is not text in UTF-8 (byte {error.start})")]
-        ) from error
     except (OSError, ValueError) as error:
         raise ConfigError(path, [("file", f"cannot be read: {error}")]) from error
 

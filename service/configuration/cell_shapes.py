@@ -8,6 +8,7 @@ import numpy as np
 from calibration.arm.kinematics import RobotModel
 from calibration.arm.robot_models import model_names
 from calibration.documents import DocumentError
+from calibration.documents.plain_files import read_plain_text
 from calibration.documents.toml_text import parse_toml
 from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Pose, homogeneous
@@ -59,8 +60,8 @@ def read_cell_shape(
         Not such a file; a key that is missing, unknown, or of the wrong kind.
     """
     try:
-        data = parse_toml(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, DocumentError) as broken:
+        data = parse_toml(read_plain_text(path))
+    except (OSError, DocumentError) as broken:
         raise CellShapeError(f"{path} cannot be read: {broken}") from broken
     try:
         return cell_shape(model, surroundings_of(data, str(path)), wire, tip_in_flange_m)

@@ -17,6 +17,7 @@ from datetime import UTC, datetime
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
+from calibration.documents.plain_files import read_plain_bytes
 from service.certificates.certificate import certificates_folder
 from service.certificates.signing import KEY_NAME, Finding, check, read_document, station_key
 from service.configuration.cell_file import CellConfig
@@ -226,7 +227,7 @@ def _copy_database(source: Path, copy: Path) -> None:
 def _secrets(data_dir: Path) -> dict[str, bytes]:
     station_key(data_dir)
     found = [data_dir / name for name in SECRET_NAMES]
-    return {path.name: path.read_bytes() for path in found if path.exists()}
+    return {path.name: read_plain_bytes(path) for path in found if path.exists()}
 
 
 def _written(path: Path, content: bytes) -> Path:

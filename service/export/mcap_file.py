@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_bytes
 from calibration.errors import CellError
 from service.certificates.points import readings
 from service.configuration.cell_file import CellConfig
@@ -28,6 +29,9 @@ _SCHEMAS: Mapping[str, Mapping[str, Any]] = {
 }
 
 
+_MOST_BYTES = 1 << 31
+
+
 def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
     """Write a run (``last`` is the newest) and return how many messages it gave.
 
@@ -42,7 +46,7 @@ def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
     draft = out.with_name(f".{out.name}.draft")
     try:
         count = _write(writer_module, draft, view, events)
-        replace_file(out, draft.read_bytes())
+        replace_file(out, read_plain_bytes(draft, _MOST_BYTES))
     finally:
         draft.unlink(missing_ok=True)
     return count

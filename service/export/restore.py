@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from calibration.documents.plain_files import read_plain_bytes
 from service.configuration.cell_file import read_cell_file
 from service.export.archive import BackupError, Manifest, damaged, unpack
 from service.export.backup import (
@@ -108,7 +109,7 @@ def _put_keys(stage: Path, passphrase: str) -> None:
         raise BackupError(
             "there are no keys in this backup.", remedy="Restore it without a passphrase.", code="usage"
         )
-    keys = open_keys(sealed.read_bytes(), passphrase)
+    keys = open_keys(read_plain_bytes(sealed), passphrase)
     for name in SECRET_NAMES:
         if name in keys:
             descriptor = os.open(stage / DATA / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

@@ -24,6 +24,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from calibration.documents.plain_files import read_plain_text
 from calibration.errors import CellError
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.configuration.report_tables import WebhookTable
@@ -76,7 +77,7 @@ def read_secret(path: Path) -> bytes:
                 remedy=f"Run: chmod 600 {path}",
                 code="usage",
             )
-        text = path.read_text(encoding="utf-8").strip().removeprefix(SECRET_PREFIX)
+        text = read_plain_text(path).strip().removeprefix(SECRET_PREFIX)
         secret = base64.b64decode(text, validate=True)
     except OSError as error:
         raise WebhookError(

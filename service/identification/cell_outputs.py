@@ -10,6 +10,7 @@ import numpy as np
 from calibration.arm.urdf import bare_urdf
 from calibration.cells.prediction import target_positions, tip_covariance
 from calibration.compensation.pose_gap import Arm
+from calibration.documents.plain_files import read_plain_bytes
 from calibration.geometry import Array
 from calibration.identification.free_parameters import values_of
 from calibration.identification.lints import beyond_fitted_range
@@ -64,7 +65,7 @@ def save_cell(
         Nothing about the arms was identified.
     """
     _refuse_frames(report)
-    digest = hashlib.sha256(measurements.read_bytes()).hexdigest()
+    digest = hashlib.sha256(read_plain_bytes(measurements)).hexdigest()
     sets = ParameterSets(folder)
     return tuple(
         sets.save(

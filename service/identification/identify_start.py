@@ -9,6 +9,7 @@ import numpy as np
 
 from calibration.arm.kinematics import RobotModel
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_text
 from calibration.errors import CalibrationError
 from calibration.geometry import Array
 from calibration.identification.free_parameters import Places, StartingPoint
@@ -61,7 +62,7 @@ def read_start(options: StartOptions, nominal: RobotModel, kind: str) -> Start:
             )
         return _of_set(ParameterSets(options.sets).load(options.serial), nominal, free)
     path = Path(options.start)
-    text = path.read_text(encoding="utf-8")
+    text = read_plain_text(path)
     if path.suffix.lower() == ".json":
         return _of_report(path, text, nominal, (kind, free))
     return _of_set(parse(text, str(path)), nominal, free)

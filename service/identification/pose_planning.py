@@ -10,6 +10,9 @@ import numpy as np
 
 from calibration.arm.kinematics import RobotModel, load_model
 from calibration.arm.urdf import read_urdf
+from calibration.documents import DocumentError
+from calibration.documents.csv_text import parse_rows
+from calibration.documents.plain_files import read_plain_text
 from calibration.errors import CellError
 from calibration.geometry import Array
 from calibration.identification.identifiability import NotIdentified
@@ -191,9 +194,8 @@ def read_joints(path: Path, axes: int) -> Array:
     """Read joints from CSV with columns q1_deg, q2_deg …; others are ignored. Returns (T, n) [rad]."""
     names = [f"q{i + 1}_deg" for i in range(axes)]
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [[float(row[name]) for name in names] for row in csv.DictReader(file)]
-    except OSError as broken:
+        rows = [[float(row[name]) for name in names] for row in parse_rows(read_plain_text(path))]
+    except (OSError, DocumentError) as broken:
         raise PlanError(f"{path} cannot be read: {broken}") from broken
     except (KeyError, TypeError, ValueError) as broken:
         raise PlanError(f"{path} needs numbers in the columns {', '.join(names)}.") from broken
@@ -249,8 +251,8 @@ def _described(request: PlanRequest, model: RobotModel, check: CollisionCheck) -
         return None
     wanted = request.description
     try:
-        arm = read_urdf(wanted.path.read_text(encoding="utf-8"), tip_link=wanted.tip_link)
-    except (OSError, UnicodeDecodeError) as broken:
+        arm = read_urdf(read_plain_text(wanted.path), tip_link=wanted.tip_link)
+    except (OSError, DocumentError) as broken:
         raise PlanError(f"{wanted.path} cannot be read: {broken}") from broken
     coupling = model.joint_coupling
     plain = np.allclose(coupling, np.diag(np.diag(coupling)))

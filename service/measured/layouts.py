@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.documents import DocumentError
+from calibration.documents.plain_files import read_plain_text
 from calibration.documents.toml_text import parse_toml
 from service.measured.measurements import Measurements, ReadOptions
 from service.measured.table import MeasurementError
@@ -25,8 +26,8 @@ def layout_data(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise MeasurementError(f"there is no layout file {path}.", remedy="Check the name.")
     try:
-        return parse_toml(path.read_text(encoding="utf-8-sig"))
-    except (DocumentError, UnicodeDecodeError) as broken:
+        return parse_toml(read_plain_text(path))
+    except (OSError, DocumentError) as broken:
         raise MeasurementError(f"{path} is no TOML: {broken}.", remedy=_EXAMPLE) from broken
 
 

@@ -13,6 +13,7 @@ from calibration.arm.standard_dh import standard_dh
 from calibration.arm.ur_factory import factory_model
 from calibration.arm.urdf import bare_urdf
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_bytes
 from calibration.geometry import log_transform
 from service.identification.identify import IdentifiedParameter
 from service.parameters.calibrated_models import (
@@ -103,7 +104,7 @@ def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: Who) 
     CalibrationError
         The file is none of these, or of another robot; a YAML is of another arm than the controller's table.
     """
-    data = path.read_bytes()
+    data = read_plain_bytes(path)
     content = _read(data, nominal)
     known = _factory_hash(sets, who.robot_serial)
     if content.factory_hash and known and content.factory_hash != known:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.documents import DocumentError
+from calibration.documents.plain_files import read_plain_text
 from calibration.documents.toml_text import parse_toml
 from calibration.errors import CalibrationError
 
@@ -157,7 +158,7 @@ class ParameterSets:
             path = folder / _file_name(number)
             if number not in numbers:
                 raise ParameterSetError(f"{path} is missing.", remedy="Restore it from a backup.")
-            found = parse(path.read_text(encoding="utf-8"), str(path))
+            found = parse(read_plain_text(path), str(path))
             before = sets[-1].sha256 if sets else ""
             if (found.version, found.robot_serial, found.previous_sha256) != (number, robot_serial, before):
                 raise ParameterSetError(

@@ -15,6 +15,7 @@ from pathlib import Path
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
+from calibration.documents.plain_files import read_plain_bytes
 from service.people.errors import PeopleError
 
 PEPPER_BYTES = 32
@@ -67,7 +68,7 @@ def pepper_of(data_dir: Path) -> bytes:
     credential = Path(given) / CREDENTIAL if given else None
     try:
         if credential is not None and credential.exists():
-            return _whole(credential, credential.read_bytes())
+            return _whole(credential, read_plain_bytes(credential))
         path = data_dir / PEPPER_NAME
         if not path.exists():
             _create(path)
@@ -75,7 +76,7 @@ def pepper_of(data_dir: Path) -> bytes:
             raise PeopleError(
                 f"other users of this computer may read {path}.", remedy=f"Run: chmod 600 {path}"
             )
-        return _whole(path, path.read_bytes())
+        return _whole(path, read_plain_bytes(path))
     except OSError as error:
         raise PeopleError(
             f"the pepper in {data_dir} cannot be used: {error.strerror}.",

@@ -15,6 +15,7 @@ from calibration.arm.kinematics import RobotModel, load_model
 from calibration.arm.robot_models import model_names
 from calibration.compensation.pose_gap import Arm
 from calibration.documents import DocumentError
+from calibration.documents.plain_files import read_plain_text
 from calibration.documents.toml_text import parse_toml
 from calibration.errors import CellError
 from calibration.geometry import Array
@@ -173,8 +174,8 @@ def replace_limits(model: RobotModel, limits: RobotModel) -> RobotModel:
 
 def _loaded(path: Path) -> dict[str, Any]:
     try:
-        return parse_toml(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, DocumentError) as broken:
+        return parse_toml(read_plain_text(path))
+    except (OSError, DocumentError) as broken:
         raise ProjectError(
             f"{path} cannot be read as a project: {broken}", remedy="The README beside the code shows one."
         ) from broken
@@ -253,8 +254,8 @@ def _alignment(table: Mapping[str, Any], folder: Path, serial: str, where: str) 
         return None
     path = _beside(folder, file)
     try:
-        found = read_alignments(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as broken:
+        found = read_alignments(read_plain_text(path))
+    except (OSError, DocumentError) as broken:
         raise ProjectError(f"{path} cannot be read: {broken}") from broken
     except CellError as refused:
         raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused

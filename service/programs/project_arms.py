@@ -11,6 +11,7 @@ from calibration.arm.kinematics import DhTable, RobotModel
 from calibration.arm.robot_models import parse_model
 from calibration.arm.ur_factory import factory_model
 from calibration.documents import DocumentError
+from calibration.documents.plain_files import read_plain_text
 from calibration.errors import CalibrationError, CellError
 from calibration.geometry import Array
 from calibration.identification.free_parameters import StartingPoint, state_of
@@ -137,6 +138,6 @@ def _spread(found: ParameterSet, state: ArmState) -> tuple[Layout | None, Array 
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as broken:
+        return read_plain_text(path)
+    except (OSError, DocumentError) as broken:
         raise ProjectError(f"{path} cannot be read: {broken}") from broken

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_text
 from calibration.documents.toml_text import parse_toml
 from calibration.errors import CellError
 from drivers.program_registry import read_program
@@ -148,7 +149,7 @@ def find_projects(named: Sequence[str]) -> list[Path]:
 
 def _names_a_master(path: Path) -> bool:
     try:
-        return "master" in parse_toml(path.read_text(encoding="utf-8"))
+        return "master" in parse_toml(read_plain_text(path))
     except (OSError, ValueError):
         return False
 
@@ -268,7 +269,7 @@ def _note(made: Made, *, resaved: bool) -> str:
 
 def _read(path: Path) -> list[Made]:
     try:
-        document = parse_json(path.read_text(encoding="utf-8"))
+        document = parse_json(read_plain_text(path))
         if document["format"] != _FORMAT:
             raise ValueError(f"format {document['format']}")
         names = {field.name for field in fields(Made)}

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 from uuid import NAMESPACE_URL, uuid5
 
+from calibration.documents.plain_files import read_plain_text
 from calibration.errors import CellError
 from procedures.canonical import canonical_json
 
@@ -319,7 +320,7 @@ def _code(error: sqlite3.Error) -> int:
 
 def _boot_id() -> str:
     path = Path("/proc/sys/kernel/random/boot_id")
-    return path.read_text().strip() if path.exists() else ""
+    return read_plain_text(path).strip() if path.exists() else ""
 
 
 def _sync_directory(directory: Path) -> None:

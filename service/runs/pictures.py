@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_bytes
 from calibration.errors import CellError
 from procedures.past import Kind
 from service.configuration.cell_file import CellConfig
@@ -101,7 +102,7 @@ def read_picture(config: CellConfig, run_id: str, picture: Picture) -> bytes:
         It is gone, or not what was taken in.
     """
     path = _path(config, run_id, picture.sha256, picture.media_type)
-    raw = path.read_bytes() if path.is_file() else b""
+    raw = read_plain_bytes(path) if path.is_file() else b""
     if hashlib.sha256(raw).hexdigest() != picture.sha256:
         raise PictureError("the picture is not what was taken in.", remedy="Restore data_dir from a backup.")
     return raw

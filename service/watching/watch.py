@@ -21,6 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_text
 from calibration.mastering.counts import DriveTrain
 from drivers.errors import DeviceError
 from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
@@ -75,7 +76,7 @@ class LastHealthyCounts:
     def load(self, robot: str) -> HealthyCounts | None:
         """Return what was seen last, or None where nothing (readable) is stored."""
         try:
-            document = parse_json(self._path(robot).read_text(encoding="utf-8"))
+            document = parse_json(read_plain_text(self._path(robot)))
             counts = tuple(int(count) for count in document["counts"])
             return HealthyCounts(
                 str(document["robot"]), counts, int(document["epoch"]), str(document["seen_utc"])

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from calibration.documents.plain_files import read_plain_text
 from calibration.documents.toml_text import parse_toml
 from calibration.errors import CellError
 from service.measured.carried import content_of, plain_name
@@ -134,7 +135,7 @@ def _refuse_elsewhere(path: Path, table: dict[str, Any]) -> None:
 
 def _table(path: Path) -> dict[str, Any] | None:
     try:
-        return parse_toml(path.read_text(encoding="utf-8"))
+        return parse_toml(read_plain_text(path))
     except (OSError, ValueError):
         return None
 

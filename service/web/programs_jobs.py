@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_bytes
 from calibration.errors import CellError
 from service.configuration.cell_file import CellConfig
 from service.web.overlays import all_kept
@@ -95,7 +96,7 @@ class Work:
         """Return what was made, None while nothing is."""
         if self.state != "done":
             return None
-        return Preview.model_validate_json((self.folder / PREVIEW).read_bytes())
+        return Preview.model_validate_json(read_plain_bytes(self.folder / PREVIEW))
 
     def points(self, program: int | None, page: int) -> PointsMade:
         """Return a page of points: all worst first, or of one program.
@@ -121,7 +122,7 @@ class Work:
     def _made(self, file: Path) -> bytes:
         if self.state != "done" or not file.is_file():
             raise ProgramsError("that is not made.", remedy="Wait for it, or look at what is there.")
-        return file.read_bytes()
+        return read_plain_bytes(file)
 
     def forget(self) -> None:
         """Remove its files."""

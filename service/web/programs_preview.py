@@ -12,6 +12,7 @@ import numpy as np
 from pydantic_core import to_json
 
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_text
 from service.programs.project import Project
 from service.programs.report import ProgramEntry, Report, largest
 from service.programs.report_html import points_to_draw
@@ -51,7 +52,7 @@ class Made:
 
 def write_preview(made: Made, folder: Path) -> None:
     """Write everything that a page may ask for."""
-    told = parse_json((folder / "report.json").read_text(encoding="utf-8"))
+    told = parse_json(read_plain_text(folder / "report.json"))
     verdicts = counted(point["reason"] for program in told["programs"] for point in program["points"])
     order = made.report.programs_worst_first()
     by_file = {program["source"]: program for program in told["programs"]}

@@ -15,6 +15,7 @@ from typing import Any
 
 from calibration.compensation.compensate import Direction
 from calibration.documents.json_text import parse_json
+from calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from calibration.errors import CellError
 from drivers.program_registry import brand_named
 from drivers.programs.brands import ConfigurationRule
@@ -159,7 +160,7 @@ def _copy_own(cell: Project) -> None:
         place = Path(SOURCES) / (path.relative_to(cell.path.parent) if inside else path.name)
         place.parent.mkdir(parents=True, exist_ok=True)
         if not place.exists():
-            place.write_bytes(path.read_bytes())
+            place.write_bytes(read_plain_bytes(path))
 
 
 def _of_each_brand(task: Task, total: int) -> Carry:
@@ -214,7 +215,7 @@ def main() -> None:
     config = read_cell_file(Path(sys.argv[1]).resolve())
     os.chdir(sys.argv[2])
     try:
-        make(config, parse_json(Path(ASKED).read_text(encoding="utf-8")))
+        make(config, parse_json(read_plain_text(Path(ASKED))))
     except CellError as error:
         tell(end="failed", message=error.message, remedy=error.remedy)
     except Exception:  # noqa: BLE001  whatever it was, the page is told
