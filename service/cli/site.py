@@ -87,7 +87,7 @@ def publish(cell: Path, /, *, from_desk: Annotated[bool, Parameter(negative=())]
     from service.site.publisher import publish
 
     config = read_cell_file(cell)
-    EN_ROUTE.print(f"Telling the site of {config.cell.name}. Ctrl+C ends it.")
+    EN_ROUTE.print(f"Telling the site of {config.cell.name}. Ctrl+C ends it.", markup=False)
     with interrupted() as leave:
         publish(config, sys.stdin.buffer if from_desk else None, leave)
     return 0

@@ -6,7 +6,6 @@ parent does; a run under way is broken off, the robot stands, and the next desk 
 
 import asyncio
 import contextlib
-import logging
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -20,15 +19,14 @@ from service.configuration.cell_file import read_cell_file
 from service.desk.desk import Desk
 from service.desk.messages import LONGEST_LINE, Command
 from service.settled import settle
+from service.unexpected import log_in_lines, run_guarded
 
 _COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
 
 
 def main(path: str) -> None:
     """Attend one cell until standard input ends."""
-    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="desk: %(message)s")
-    for library in ("pymodbus", "can", "canopen"):  # the drivers turn what matters into errors of ours
-        logging.getLogger(library).setLevel(logging.CRITICAL)
+    log_in_lines("desk: %(message)s")
     asyncio.run(_attend(Path(path)))
 
 
@@ -85,4 +83,4 @@ async def _lines() -> asyncio.StreamReader:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    sys.exit(run_guarded(lambda: main(sys.argv[1])))

@@ -33,6 +33,7 @@ from service.export.webhook_target import Target, WebhookError, deliver, target_
 from service.site.desk_tap import DeskTap
 from service.site.standing import DueDates
 from service.site.troubles import Troubles
+from service.unexpected import log_in_lines, run_guarded
 
 _LOG = logging.getLogger(__name__)
 PERIOD_S = 0.1
@@ -215,7 +216,7 @@ def _no_secret(path: Path) -> WebhookError:
 
 def main(path: str) -> None:
     """Send alarms until standard input ends."""
-    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="webhook: %(message)s")
+    log_in_lines("webhook: %(message)s")
     try:
         send(read_cell_file(path), sys.stdin.buffer, threading.Event())
     except CellError as error:
@@ -224,4 +225,4 @@ def main(path: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    sys.exit(run_guarded(lambda: main(sys.argv[1])))

@@ -30,6 +30,7 @@ from service.programs.project import Project, read_project
 from service.programs.report_run import Carry, Wanted, change_programs
 from service.programs.report_texts import Language
 from service.programs.result import ProgramResult
+from service.unexpected import log_in_lines, run_guarded
 from service.web.programs_cells import cell_here, pose_given
 from service.web.programs_files import ASKED, OUT, SOURCES, kept_projects
 from service.web.programs_preview import Made, write_preview
@@ -210,7 +211,7 @@ def _leave_with_the_service() -> None:
 
 def main() -> None:
     """Make one job: the cell file and the job's folder are named."""
-    logging.basicConfig(level=logging.WARNING)
+    log_in_lines()
     threading.Thread(target=_leave_with_the_service, daemon=True).start()
     config = read_cell_file(Path(sys.argv[1]).resolve())
     os.chdir(sys.argv[2])
@@ -226,4 +227,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_guarded(main))

@@ -11,6 +11,7 @@ from pydantic_core import to_jsonable_python
 from calibration.documents.json_text import parse_json
 from calibration.errors import CellError
 from service.configuration.cell_file import CellConfig, read_cell_file
+from service.unexpected import log_in_lines, run_guarded
 from service.web.displacement import displacement
 from service.web.reviewer import Reviewer
 from service.web.tool_doubt import tool_doubt
@@ -47,7 +48,7 @@ def answer_to(known: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str,
 
 def main() -> None:
     """Answer until the input ends."""
-    logging.basicConfig(level=logging.WARNING)
+    log_in_lines()
     known = questions(read_cell_file(sys.argv[1]))
     for line in sys.stdin.buffer:
         sys.stdout.buffer.write(orjson.dumps(answer_to(known, line)) + b"\n")
@@ -55,4 +56,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_guarded(main))
