@@ -7,6 +7,7 @@ from pathlib import Path
 from calibration.documents.errors import DocumentError
 
 MOST_BYTES = 64_000_000
+_PART = 1 << 18
 _MARKS = (
     (b"\xef\xbb\xbf", "utf-8-sig"),
     (b"\xff\xfe\x00\x00", "utf-32"),
@@ -32,12 +33,15 @@ def read_plain_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
         status = os.fstat(descriptor)
         if not stat.S_ISREG(status.st_mode):
             raise DocumentError("it is not a plain file.", remedy="Name a file.", path=path)
-        content = b"" if status.st_size > most_bytes else file.read(most_bytes + 1)
-    if max(status.st_size, len(content)) > most_bytes:
+        parts, size = [], 0
+        while status.st_size <= most_bytes >= size and (part := file.read(_PART)):
+            parts.append(part)
+            size += len(part)
+    if max(status.st_size, size) > most_bytes:
         raise DocumentError(
             f"it is larger than {_size(most_bytes)}.", remedy="Name the right file.", path=path
         )
-    return content
+    return b"".join(parts)
 
 
 def refuse_unusual_path(path: Path) -> None:

@@ -127,4 +127,6 @@ def _print_refusal(console: Console, message: str, remedy: str) -> None:
     for style, text in (("bold red", message), ("", remedy.strip() and f"What to do: {remedy.strip()}")):
         if text:
             safe = text.encode("utf-8", errors="backslashreplace").decode()
-            console.print(Text(safe, style=style), highlight=False)
+            console.print(
+                Text(safe, style=style), highlight=False, soft_wrap=True
+            )  # commands can be copied whole

@@ -4,6 +4,7 @@ import contextlib
 import signal
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -63,7 +64,7 @@ def router(*, folder: Path = _FOLDER) -> int:
     from service.site.router import host_router
 
     with interrupted() as leave:
-        host_router(part_of(folder, "router", ROUTER_FILE), leave, EN_ROUTE.print)
+        host_router(part_of(folder, "router", ROUTER_FILE), leave, partial(EN_ROUTE.print, markup=False))
     return 0
 
 

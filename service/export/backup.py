@@ -22,6 +22,7 @@ from service.certificates.certificate import certificates_folder
 from service.certificates.signing import KEY_NAME, Finding, check, read_document, station_key
 from service.configuration.cell_file import CellConfig
 from service.export.archive import BackupError, write_archive
+from service.export.kept_names import is_kept_name
 from service.export.sealed_keys import seal_keys
 from service.people.hashing import PEPPER_NAME
 from service.runs.cell import journal_path
@@ -48,7 +49,7 @@ class BackedUp:
     certificates: int
     size: int
     has_keys: bool
-    left_out: tuple[str, ...]  # links and the like, which are not followed
+    left_out: tuple[str, ...]  # links, which are not followed, and files that no cell writes
 
 
 def back_up(config: CellConfig, target: Path, passphrase: str | None = None) -> BackedUp:
@@ -177,8 +178,9 @@ def _name(config: CellConfig, made_utc: datetime) -> str:
 def _sets(config: CellConfig) -> Iterator[tuple[str, Path]]:
     folder = config.path.parent / SETS
     for path in sorted(folder.rglob("*.toml")) if folder.is_dir() else []:
-        if path.is_file() and not path.is_symlink():
-            yield f"{SETS}/{path.relative_to(folder).as_posix()}", path
+        name = f"{SETS}/{path.relative_to(folder).as_posix()}"
+        if path.is_file() and not path.is_symlink() and is_kept_name(name):
+            yield name, path
 
 
 def _data(data_dir: Path, odd: list[str]) -> Iterator[tuple[str, Path]]:
@@ -190,9 +192,11 @@ def _data(data_dir: Path, odd: list[str]) -> Iterator[tuple[str, Path]]:
         for name in sorted(names):
             path = Path(here) / name
             inside = path.relative_to(data_dir).as_posix()
-            if path.is_symlink() or not path.is_file():
+            if _is_passing(path, top=Path(here) == data_dir):
+                continue
+            if path.is_symlink() or not path.is_file() or not is_kept_name(f"{DATA}/{inside}"):
                 odd.append(inside)
-            elif not _is_passing(path, top=Path(here) == data_dir):
+            else:
                 yield f"{DATA}/{inside}", path
 
 
