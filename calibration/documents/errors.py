@@ -13,9 +13,9 @@ class DocumentError(CellError, ValueError):
 
     code = "usage"
 
-    def __init__(self, why: str, *, remedy: str = "", path: Path | None = None) -> None:
+    def __init__(self, why: str, *, remedy: str = "", path: Path | None = None, key: str = "") -> None:
         super().__init__(why if path is None else f"{path} cannot be used: {why}", remedy=remedy)
-        self.why = why
+        self.why, self.key = why, key  # the key whose value is wrong, where one is
 
     def __str__(self) -> str:
         return self.why

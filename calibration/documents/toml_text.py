@@ -41,12 +41,12 @@ def parse_toml(text: str, *, most_characters: int = MOST_CHARACTERS) -> dict[str
         raise
     except (ValueError, RecursionError, OverflowError) as error:
         raise _refusal(str(error)[:300]) from error
-    _refuse_long_numbers(found)
+    _refuse_numbers(found)
     return found
 
 
-def _refusal(why: str) -> DocumentError:
-    return DocumentError(f"it is not valid TOML: {why}.", remedy=_CURE)
+def _refusal(why: str, key: str = "") -> DocumentError:
+    return DocumentError(f"it is not valid TOML: {why}.", remedy=_CURE, key=key)
 
 
 def _refuse_nesting(text: str) -> None:
@@ -67,19 +67,18 @@ def _refuse_nesting(text: str) -> None:
 
 
 def _real(digits: str) -> float:
-    value = float(digits) if len(digits) <= _LONGEST_NUMBER else math.inf
-    if not math.isfinite(value):
-        raise _refusal(f"{digits[:40]} is not a finite number")
-    return value
+    return float(digits) if len(digits) <= _LONGEST_NUMBER else math.inf
 
 
-def _refuse_long_numbers(document: dict[str, Any]) -> None:
-    waiting: list[Any] = [document]
+def _refuse_numbers(document: dict[str, Any]) -> None:
+    waiting: list[tuple[str, Any]] = [("", document)]
     while waiting:
-        one = waiting.pop()
+        key, one = waiting.pop()
         if isinstance(one, dict):
-            waiting += one.values()
+            waiting += [(f"{key}.{name}".lstrip("."), value) for name, value in one.items()]
         elif isinstance(one, list):
-            waiting += one
+            waiting += [(f"{key}[{i}]", value) for i, value in enumerate(one)]
+        elif isinstance(one, float) and not math.isfinite(one):
+            raise _refusal(f"{key[:100]}: {one} is not a finite number", key)
         elif isinstance(one, int) and not _SMALLEST <= one <= _LARGEST:
-            raise _refusal("a whole number in it is larger than 64 bits")
+            raise _refusal(f"{key[:100]}: a whole number is larger than 64 bits", key)

@@ -22,7 +22,7 @@ from service.certificates.sign_offs import sign_offs
 from service.certificates.signing import Finding, StationKey, check, station_key
 from service.certificates.text import as_text
 from service.configuration.cell_file import CellConfig, InstrumentCertificate
-from service.files import replace_file
+from service.files import make_private_folder, replace_file
 from service.runs.cell import open_journal
 from service.runs.instruments import instruments_behind
 from service.runs.journal import Event, Journal
@@ -109,7 +109,7 @@ def issue(config: CellConfig, run_id: str, out: Path | None = None) -> Issued:
     file = f"{name}-refused" if refused else name  # the run may be resumed, and end well
     paths = folder / f"{file}.json", folder / f"{file}.txt"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private_folder(folder)
         kept = _keep(paths[0], signed, sha256)
         replace_file(paths[1], as_text(content, sha256, kept))
     except OSError as error:

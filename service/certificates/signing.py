@@ -28,6 +28,7 @@ from calibration.documents.json_text import parse_json
 from calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from calibration.errors import CellError
 from procedures.canonical import canonical_json, sha256_of
+from service.files import make_private_folder
 
 KEY_NAME = "signing_key.pem"
 _ALGORITHM = "ed25519"
@@ -226,7 +227,7 @@ def _is_hex(value: Any, length: int) -> bool:
 
 def _create(path: Path) -> bool:
     """Put a new key where none is: written beside it, then linked, so that a crash leaves none or a whole one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_private_folder(path.parent)
     pem = Ed25519PrivateKey.generate().private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )

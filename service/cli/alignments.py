@@ -43,12 +43,12 @@ def export(*, cell: CellFile, out: Path) -> int:
     from calibration.points.alignment import alignment_text
     from service.cli.printing import EN_ROUTE
     from service.configuration.cell_file import read_cell_file
-    from service.files import replace_file
+    from service.files import SHARED_FILE, replace_file
     from service.runs.cell import open_journal
     from service.runs.store import Store
 
     with open_journal(read_cell_file(cell)) as journal:
         stored = Store(journal).alignments()
-    replace_file(out, alignment_text(stored))
+    replace_file(out, alignment_text(stored), mode=SHARED_FILE)
     EN_ROUTE.print(f"{len(stored)} alignments: {out}", markup=False, soft_wrap=True)
     return 0

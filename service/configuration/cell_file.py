@@ -243,7 +243,7 @@ def read_cell_file(path: str | os.PathLike[str]) -> CellConfig:
     try:
         document = parse_toml(text)
     except DocumentError as error:
-        raise ConfigError(path, [("file", error.why.removeprefix("it "))]) from error
+        raise ConfigError(path, [(error.key or "file", error.why.removeprefix("it "))]) from error
     return _Reader(path, text).read(document)
 
 

@@ -7,7 +7,6 @@ measured, also what was not used). Times are those of the journal: this computer
 import importlib
 import json
 from collections.abc import Iterator, Mapping
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +15,11 @@ from calibration.documents.plain_files import read_plain_bytes
 from calibration.errors import CellError
 from service.certificates.points import readings
 from service.configuration.cell_file import CellConfig
-from service.files import replace_file
+from service.files import SHARED_FILE, replace_file
 from service.runs.cell import open_journal
 from service.runs.journal import Event
 from service.runs.store import RunView, Store
+from service.times import read_time
 
 _TEXT, _NUMBER, _ANYTHING = {"type": "string"}, {"type": "number"}, dict[str, str]()
 _SCHEMAS: Mapping[str, Mapping[str, Any]] = {
@@ -46,7 +46,7 @@ def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
     draft = out.with_name(f".{out.name}.draft")
     try:
         count = _write(writer_module, draft, view, events)
-        replace_file(out, read_plain_bytes(draft, _MOST_BYTES))
+        replace_file(out, read_plain_bytes(draft, _MOST_BYTES), mode=SHARED_FILE)
     finally:
         draft.unlink(missing_ok=True)
     return count
@@ -88,7 +88,7 @@ def _messages(view: RunView, events: list[Event]) -> Iterator[tuple[str, int, di
 
 
 def _ns(wall_utc: str) -> int:
-    return round(datetime.fromisoformat(wall_utc).timestamp() * 1000) * 1_000_000
+    return round(read_time(wall_utc).timestamp() * 1000) * 1_000_000
 
 
 def _library() -> Any:

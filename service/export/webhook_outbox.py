@@ -16,6 +16,7 @@ from typing import Any, Self
 
 from calibration.documents.json_text import parse_json
 from service.export.webhook_target import WebhookError
+from service.files import create_private_file, make_private_folder
 from service.site.alarms import Alarm
 
 OUTBOX_NAME = "webhook_outbox.sqlite"
@@ -60,9 +61,10 @@ class WebhookOutbox:
     """One connection; each thread opens its own."""
 
     def __init__(self, data_dir: Path, *, kept_rows: int = KEPT_ROWS) -> None:
-        data_dir.mkdir(parents=True, exist_ok=True)
+        make_private_folder(data_dir)
         self.path, self._kept_rows = data_dir / OUTBOX_NAME, kept_rows
         try:
+            create_private_file(self.path)
             self._database = sqlite3.connect(self.path, isolation_level=None)
             for statement in (*_PRAGMAS, *_SCHEMA):
                 self._database.execute(statement)

@@ -30,6 +30,7 @@ from service.configuration.cell_file import CellConfig, read_cell_file
 from service.configuration.report_tables import WebhookTable
 from service.export.webhook_outbox import OUTBOX_NAME, WebhookOutbox
 from service.export.webhook_target import Target, WebhookError, deliver, target_of
+from service.files import make_private_folder
 from service.site.desk_tap import DeskTap
 from service.site.standing import DueDates
 from service.site.troubles import Troubles
@@ -192,7 +193,7 @@ def _carry(data_dir: Path, target: Target, secret: bytes, ended: threading.Event
 
 @contextmanager
 def _alone(data_dir: Path) -> Iterator[None]:
-    data_dir.mkdir(parents=True, exist_ok=True)
+    make_private_folder(data_dir)
     path = (data_dir / OUTBOX_NAME).with_suffix(".lock")
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:

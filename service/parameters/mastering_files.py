@@ -13,7 +13,7 @@ from procedures.mastering_record import seal_of
 from procedures.past import Kind
 from service.certificates.signing import Checked, Finding, check, read_document, station_key
 from service.configuration.cell_file import CellConfig
-from service.files import replace_file
+from service.files import SHARED_FILE, replace_file
 from service.parameters.mastering_sheet import as_sheet
 from service.runs.cell import open_journal
 from service.runs.journal import Event, Journal
@@ -87,8 +87,8 @@ def export(config: CellConfig, robot: str | None, out: Path) -> tuple[Path, Path
     paths = out / f"{_plain(name)}.json", out / f"{_plain(name)}.txt"
     try:
         out.mkdir(parents=True, exist_ok=True)
-        replace_file(paths[0], signed)
-        replace_file(paths[1], as_sheet(kept, config.cell.name, key.public))
+        replace_file(paths[0], signed, mode=SHARED_FILE)
+        replace_file(paths[1], as_sheet(kept, config.cell.name, key.public), mode=SHARED_FILE)
     except OSError as error:
         raise RecordFileError(
             f"the record cannot be written to {out}: {error.strerror}.",

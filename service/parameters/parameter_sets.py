@@ -20,6 +20,7 @@ from calibration.documents import DocumentError
 from calibration.documents.plain_files import read_plain_text
 from calibration.documents.toml_text import parse_toml
 from calibration.errors import CalibrationError
+from service.files import PRIVATE_FILE, make_private_folder
 
 FORMAT = 1
 _SUFFIXES = {"rad": "_rad", "m": "_m", "rad/m": "_rad_per_m", "1": ""}
@@ -190,7 +191,7 @@ class ParameterSets:
             version=before.version + 1 if before else 1,
             previous_sha256=before.sha256 if before else "",
         )
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private_folder(folder)
         _write_new(folder / _file_name(saved.version), to_text(saved))
         return saved
 
@@ -342,7 +343,7 @@ def _write_new(path: Path, text: str) -> None:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        draft.chmod(0o644)
+        draft.chmod(PRIVATE_FILE)
         os.link(draft, path)  # fails if somebody else wrote this version meanwhile
     except FileExistsError as taken:
         raise ParameterSetError(

@@ -16,7 +16,7 @@ from calibration.orientation import CONVENTIONS, values_from
 from calibration.points.tag_placement import PlacedTags
 from calibration.points.tag_points import TagPath
 from procedures.simulation_cell import CalibratedPart, CalibratedRobot, Description, SimulationCell
-from service.files import replace_file
+from service.files import SHARED_FILE, replace_file
 from service.measured.carried import file_of, is_carried
 from service.measured.tag_files import read_description, tags_of_setting
 from service.parameters.calibrated_models import nominal_sha256
@@ -97,7 +97,7 @@ def write_part(found: CalibratedPart, folder: Path) -> list[Path]:
     else:
         files[f"{found.part}.txt"] = placed_text(found.part, found.found)
     for name, text in files.items():
-        replace_file(folder / name, text)
+        replace_file(folder / name, text, mode=SHARED_FILE)
     return [folder / name for name in sorted(files)]
 
 

@@ -16,6 +16,7 @@ from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
 from calibration.documents.plain_files import read_plain_bytes
+from service.files import make_private_folder
 from service.people.errors import PeopleError
 
 PEPPER_BYTES = 32
@@ -95,7 +96,7 @@ def _whole(path: Path, pepper: bytes) -> bytes:
 
 def _create(path: Path) -> None:
     """Write it beside its place, then link it: whole or not there, and never over the one of a quicker process."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_private_folder(path.parent)
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # mode 0600
     draft = Path(name)
     try:

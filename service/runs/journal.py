@@ -19,6 +19,7 @@ from uuid import NAMESPACE_URL, uuid5
 from calibration.documents.plain_files import read_plain_text
 from calibration.errors import CellError
 from procedures.canonical import canonical_json
+from service.files import create_private_file, make_private_folder
 
 _GENESIS = bytes(32)
 _BUSY_MS = 5000
@@ -140,7 +141,8 @@ class Journal:
     @classmethod
     def open(cls, path: Path) -> Self:
         """Open or create the journal file and make its directory entry durable."""
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_private_folder(path.parent)
+        create_private_file(path)
         journal = cls(path)
         _sync_directory(path.parent)
         return journal

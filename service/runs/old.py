@@ -8,6 +8,7 @@ from procedures.run import DeclinedError
 from service.runs.journal import Journal
 from service.runs.outcome import Verdict
 from service.runs.store import Store
+from service.times import read_time
 
 MOST_H = 8.0  # a shift
 _QUESTION = (
@@ -32,7 +33,7 @@ async def agree_if_old(
     """
     if Store(journal).run(run_id).state == Verdict.PASSED:
         return
-    last = datetime.fromisoformat(journal.events(run_id)[-1].wall_utc)
+    last = read_time(journal.events(run_id)[-1].wall_utc)
     age_h = ((now_utc or datetime.now(UTC)) - last).total_seconds() / 3600.0
     if 0.0 <= age_h <= MOST_H:
         return

@@ -15,7 +15,7 @@ from calibration.documents.plain_files import read_plain_bytes
 from calibration.errors import CellError
 from procedures.past import Kind
 from service.configuration.cell_file import CellConfig
-from service.files import replace_file
+from service.files import make_private_folder, replace_file
 from service.runs.cell import open_journal
 from service.runs.journal import Event
 from service.runs.store import Store
@@ -30,6 +30,8 @@ _KEPT_CHUNKS = frozenset(
 _KEPT_MARKERS = frozenset(
     {0xE0, 0xEE}
 )  # JFIF and Adobe: how colours are stored; the other APPs and comments go
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # starts of frame: the others are tables
+MOST_PIXELS_A_SIDE = 8192
 _SCAN, _COMMENT, _APPS = 0xDA, 0xFE, range(0xE0, 0xF0)
 
 
@@ -74,7 +76,7 @@ def keep_picture(config: CellConfig, run_id: str, raw: bytes, *, what: str, who:
                 "this run takes no more pictures.", remedy="Take them while the run is under way."
             )
         path = _path(config, run_id, sha256, media_type)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_private_folder(path.parent)
         replace_file(path, plain)  # before it is named: what the journal names is there
         body = {"sha256": sha256, "media_type": media_type, "bytes": len(plain), "what": what, "who": who}
         event = journal.append(run_id, Kind.PICTURE, body, key=f"picture {sha256}", actor=who)
@@ -120,12 +122,36 @@ def plain_picture(raw: bytes) -> tuple[str, bytes]:
         raise PictureError(f"a picture has at most {MOST_BYTES >> 10} KiB.", remedy="Take a smaller one.")
     try:
         if raw.startswith(_JPEG):
-            return "image/jpeg", b"".join(_jpeg_parts(raw))
+            return "image/jpeg", b"".join(_of_bounded_size(_jpeg_parts(raw)))
         if raw.startswith(_PNG):
-            return "image/png", _PNG + b"".join(_png_parts(raw))
+            return "image/png", _PNG + b"".join(_of_bounded_size(_png_parts(raw)))
     except (struct.error, IndexError) as error:
         raise PictureError("the picture did not arrive whole.", remedy="Take it again.") from error
     raise PictureError("that is no picture: JPEG and PNG are taken.", remedy="Take it with the camera.")
+
+
+def _of_bounded_size(parts: Iterator[bytes]) -> list[bytes]:
+    """Return the parts of a picture that says, once, a size which a browser can decode."""
+    found = list(parts)
+    sizes = [size for part in found if (size := _size_in(part)) is not None]
+    if len(sizes) != 1:
+        raise IndexError
+    if min(sizes[0]) < 1 or max(sizes[0]) > MOST_PIXELS_A_SIDE:
+        raise PictureError(
+            f"a picture has 1 to {MOST_PIXELS_A_SIDE} pixels a side.", remedy="Take a smaller one."
+        )
+    return found
+
+
+def _size_in(part: bytes) -> tuple[int, int] | None:
+    """Return width and height where a part tells them: PNG's IHDR, a JPEG's start of frame."""
+    if part[4:8] == b"IHDR":
+        width, height = struct.unpack_from(">II", part, 8)
+        return width, height
+    if part[:1] == b"\xff" and len(part) > 1 and part[1] in _FRAMES:
+        height, width = struct.unpack_from(">HH", part, 5)
+        return width, height
+    return None
 
 
 def _jpeg_parts(raw: bytes) -> Iterator[bytes]:

@@ -10,7 +10,6 @@ loss they tell to within a few turns where each motor stood.
 import asyncio
 import json
 import logging
-import os
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict, dataclass, field
@@ -25,6 +24,7 @@ from calibration.documents.plain_files import read_plain_text
 from calibration.mastering.counts import DriveTrain
 from drivers.errors import DeviceError
 from drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
+from service.files import make_private_folder, replace_file
 from service.watching.held_mastering import HeldMastering
 from service.watching.loss_modes import (
     LossMode,
@@ -89,14 +89,9 @@ class LastHealthyCounts:
 
     def save(self, seen: HealthyCounts) -> None:
         """Replace the file so that a crash leaves the old or the new one, never half of it."""
-        self._dir.mkdir(parents=True, exist_ok=True)
+        make_private_folder(self._dir)
         path = self._path(seen.robot)
-        draft = path.with_suffix(".draft")
-        with draft.open("w", encoding="utf-8") as file:
-            json.dump(asdict(seen), file)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
+        replace_file(path, json.dumps(asdict(seen)))
 
     def _path(self, robot: str) -> Path:
         return self._dir / f"last_healthy_{robot}.json"

@@ -13,6 +13,7 @@ from service.people.permits import StaleViewError
 from service.web.answers import RefusedOrder
 from service.web.control import permitted, told
 from service.web.door import Who, house_of, token_of
+from service.web.shown_paths import without_paths
 
 if TYPE_CHECKING:
     from service.web.app import House
@@ -100,4 +101,5 @@ async def _sent(house: "House", pressed: Pressed, name: str) -> Any:
     reply = await house.link.order({**pressed.model_dump(mode="json"), "who": name, "people": people})
     if reply["ok"]:
         return reply
-    return JSONResponse({"session": house.link.session, **reply}, status_code=409)
+    said = {part: without_paths(reply[part]) for part in ("message", "remedy") if part in reply}
+    return JSONResponse({"session": house.link.session, **reply, **said}, status_code=409)

@@ -8,6 +8,7 @@ import asyncio
 import ipaddress
 import json
 import logging
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -47,6 +48,12 @@ HEADERS: Mapping[str, str] = {
 }
 _TLS_ONLY = "max-age=31536000"
 _SIGN_IN = "/api/sign-in"
+_HOST = re.compile(
+    r"(?:\[(?P<six>[0-9A-Fa-f:.]{2,45})\]|(?P<name>[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252}[A-Za-z0-9])?))"
+    r"(?::(?P<port>[0-9]{1,5}))?",
+    re.ASCII,
+)
+_LAST_PORT = 65535
 
 
 @dataclass
@@ -224,10 +231,16 @@ def is_loopback(host: str) -> bool:
 
 
 def _host_name(header: str) -> str:
-    name = header.lower()
-    if name.startswith("["):
-        return name[1:].partition("]")[0]
-    return name.rpartition(":")[0] if ":" in name else name
+    """Return the name in a Host header; nothing where it is written in another way than RFC 9110 has it."""
+    found = _HOST.fullmatch(header)
+    if found is None or not 0 < int(found["port"] or 1) <= _LAST_PORT:
+        return ""
+    if found["six"] is None:
+        return found["name"].lower()
+    try:
+        return str(ipaddress.IPv6Address(found["six"]))
+    except ValueError:
+        return ""
 
 
 def _refuse_tricks(connection: HTTPConnection) -> None:

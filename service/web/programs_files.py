@@ -1,6 +1,5 @@
 """Files of a job: what a page brought along, put into a folder of its own under plain names and no other."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,6 @@ SOURCES, OUT, ASKED, PREVIEW, ARCHIVE, ALL = (
     "sources", "programs", "asked.json", "preview.json", "programs.zip", "all",
 )  # fmt: skip
 _SUFFIX = ".toml"
-_PART = r"[^\s/:;,'\"()]+"  # of a path
-_ABSOLUTE = rf"\.{{0,2}}(?:/{_PART}(?: {_PART})*)+"
-_OF_A_JOB = rf"(?:sources|cell|clone|programs)(?:/{_PART})*"
-_FOLDER = re.compile(rf"(?<![\w./])(?:{_ABSOLUTE}|{_OF_A_JOB})/(?=[^\s/])")
 # what a project names by path: its table and key
 _NAMED = (("robot", "factory"), ("robot", "parameters"), ("fixture", "alignment"), ("shapes", "file"))
 _FOLDERS = (("robot", "parameter_store"), ("robot", "backup"))
@@ -142,8 +137,3 @@ def _table(path: Path) -> dict[str, Any] | None:
 
 def _said(error: CellError) -> ProgramsFault:
     return ProgramsFault(message=error.message, remedy=error.remedy)
-
-
-def without_paths(text: str) -> str:
-    """Return a sentence in which every file is named by its last part only: no screen learns where files are."""
-    return _FOLDER.sub("", text)

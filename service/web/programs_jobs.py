@@ -32,7 +32,6 @@ from service.web.programs_files import (
     kept_projects,
     put_programs,
     put_project,
-    without_paths,
 )
 from service.web.programs_shapes import (
     CellGiven,
@@ -43,6 +42,7 @@ from service.web.programs_shapes import (
     Wanted,
     spelled,
 )
+from service.web.shown_paths import without_paths
 
 _log = logging.getLogger(__name__)
 _KEPT, _MOST_OPEN = 6, 4

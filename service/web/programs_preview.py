@@ -21,7 +21,7 @@ from service.programs.report_texts import Language
 from service.programs.report_words import heading, points_off, problems
 from service.programs.result import CHANGED, LEFT, UNCHANGED
 from service.programs.verdicts import counted, place_in, verdict_of
-from service.web.programs_files import ALL, ARCHIVE, OUT, PREVIEW, without_paths
+from service.web.programs_files import ALL, ARCHIVE, OUT, PREVIEW
 from service.web.programs_shapes import (
     Mark,
     PointMade,
@@ -32,6 +32,7 @@ from service.web.programs_shapes import (
     RefusedFile,
     Triple,
 )
+from service.web.shown_paths import without_paths
 
 PAGE = 100
 _REPORTS = ("report.html", "report.csv", "report.json")

@@ -14,6 +14,7 @@ from service.configuration.cell_file import CellConfig, read_cell_file
 from service.unexpected import log_in_lines, run_guarded
 from service.web.displacement import displacement
 from service.web.reviewer import Reviewer
+from service.web.shown_paths import without_paths
 from service.web.tool_doubt import tool_doubt
 
 _log = logging.getLogger(__name__)
@@ -40,7 +41,8 @@ def answer_to(known: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str,
     try:
         return {"ok": True, "answer": to_jsonable_python(known[asked["question"]](**asked["given"]))}
     except CellError as error:
-        return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
+        said = {"message": without_paths(error.message), "remedy": without_paths(error.remedy)}
+        return {"ok": False, "code": error.code, **said}
     except Exception:  # noqa: BLE001  whatever it was, the next question is answered
         _log.exception("%s broke", asked["question"])
         return {"ok": False, **_BROKEN}

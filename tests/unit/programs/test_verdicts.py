@@ -8,7 +8,7 @@ import pytest
 from service.programs import judge
 from service.programs.postures import NO_POSTURE, OTHER_CONFIGURATION, OTHER_TURNS, UNREACHABLE
 from service.programs.verdicts import VERDICTS, place_in, verdict_of
-from service.web.programs_files import without_paths
+from service.web.shown_paths import without_paths
 
 
 def test_every_reason_has_its_verdict() -> None:
