@@ -6,6 +6,10 @@ corrected, so that meshes, limits and everything else stay as they are.
 """
 
 import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -51,7 +55,8 @@ def read_urdf(text: str, *, tip_link: str, base_link: str | None = None, name: s
     pin = _pinocchio()
     mimics = {joint.get("name") for joint in _parse(text).findall("joint") if joint.find("mimic") is not None}
     try:
-        arm = pin.buildModelFromXML(text)
+        with _quiet_errors():
+            arm = pin.buildModelFromXML(text)
     except ValueError as refused:
         raise CalibrationError(f"Pinocchio cannot read the description: {refused}") from refused
     tip, base = _body(arm, tip_link), _body(arm, base_link) if base_link else 0
@@ -175,6 +180,20 @@ def _parse(text: str) -> ET.Element:
     if root.tag != "robot":
         raise CalibrationError(f"not a robot description: the root element is {root.tag!r}, not 'robot'")
     return root
+
+
+@contextmanager
+def _quiet_errors() -> Iterator[None]:
+    """Keep the C++ parser's remarks off the terminal: what they say is in the error that it raises."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _body(arm: Any, link: str) -> int:

@@ -16,6 +16,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 from calibration.documents.json_text import parse_json
 from procedures.canonical import canonical_json
 from service.certificates.signing import StationKey
+from service.times import read_time
 
 LONGEST_MESSAGE = 2_000_000
 ENCODING = "application/json;schema=cellcal.sealed.v1"
@@ -114,8 +115,14 @@ def opened(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -> Mess
 def _typed(told: dict[str, Any]) -> bool:
     texts = all(isinstance(told[key], str) for key in ("ed25519", "epoch", "key", "station", "wall"))
     seq = told["seq"]
-    return texts and isinstance(seq, int) and not isinstance(seq, bool) and 0 < seq < 2**63
+    if not texts or not _is_moment(told["wall"]):
+        return False
+    return isinstance(seq, int) and not isinstance(seq, bool) and 0 < seq < 2**63
 
 
-def _not_finite(name: str) -> float:
-    raise ValueError(f"{name} is no fact")
+def _is_moment(wall: str) -> bool:
+    try:
+        read_time(wall)
+    except ValueError:
+        return False
+    return True
