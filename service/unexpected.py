@@ -108,9 +108,9 @@ class OneLineFormatter(logging.Formatter):
 
 
 def _is_ours_or_serious(record: logging.LogRecord) -> bool:
-    """Libraries tell what the drivers turn into errors of ours; only a task that broke unseen is let through."""
+    """Drivers turn what libraries tell into errors of ours; what ends a task or the server is let through."""
     package = record.name.partition(".")[0]
-    return package in _OURS or (package == "asyncio" and record.levelno >= logging.ERROR)
+    return package in _OURS or (package in ("asyncio", "uvicorn") and record.levelno >= logging.ERROR)
 
 
 def log_in_lines(form: str = "%(levelname)s: %(message)s") -> None:

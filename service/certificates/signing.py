@@ -24,6 +24,7 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
+from calibration.documents import DocumentError
 from calibration.documents.json_text import parse_json
 from calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from calibration.errors import CellError
@@ -123,6 +124,10 @@ def station_key(data_dir: Path) -> StationKey:
     return StationKey(path, private, created)
 
 
+_BEGINNING = b'{"content":'
+_NO_FACT = "It holds a number that is not finite, or text that cannot be written."
+
+
 def read_public_key(text: str) -> str:
     """Return a public key in hexadecimal from what a person gave: the key itself, or a file that holds it.
 
@@ -163,7 +168,10 @@ def check(raw: bytes, *, expected_key: str | None = None) -> Checked:
     expected_key : str, optional
         Public key in hexadecimal that must have signed it. Without it, nothing is said about who signed.
     """
-    document = _parsed(raw)
+    try:
+        document = _parsed(raw)
+    except DocumentError:
+        return Checked(Finding.TAMPERED, _NO_FACT)
     if document is None:
         return _unreadable(
             "This is no document that cellcal signed, or damaged beyond reading. Give the JSON file, not the text."
@@ -189,7 +197,7 @@ def _what_is_wrong(raw: bytes, document: dict[str, Any], body: dict[str, Any]) -
         signed = canonical_json(body).encode()
         found = sha256_of(document["content"])
     except (ValueError, RecursionError):
-        return "It holds a number that is not finite, or text that cannot be written."
+        return _NO_FACT
     if written != raw:
         return "It is not written as it was signed: a byte was changed, added or taken away."
     if found != document["sha256"]:
@@ -212,8 +220,10 @@ def _is_signed(signature: dict[str, Any], signed: bytes) -> bool:
 
 def _parsed(raw: bytes) -> dict[str, Any] | None:
     try:
-        document = parse_json(raw.decode())
-    except (ValueError, RecursionError):  # also what is no text, and whole numbers without end
+        document = parse_json(raw)
+    except DocumentError as error:
+        if error.__cause__ is None and raw.startswith(_BEGINNING) and raw.endswith(b"}\n"):
+            raise  # JSON all through, and nothing that was ever signed
         return None
     if not isinstance(document, dict) or document.keys() != _PARTS:
         return None

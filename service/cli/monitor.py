@@ -103,7 +103,7 @@ def _serve(listener: "Listener", folder: Path, port: int) -> int:
     show(app.state.house.entrance.console_token())
     settle()
     uvicorn.run(
-        app, host="127.0.0.1", port=port, log_level="warning", ws="websockets-sansio",
+        app, host="127.0.0.1", port=port, log_level="warning", log_config=None, ws="websockets-sansio",
         timeout_graceful_shutdown=3, server_header=False, proxy_headers=False,
     )  # fmt: skip
     return 0
