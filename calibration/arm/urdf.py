@@ -219,7 +219,10 @@ def _path(arm: Any, base: int, tip: int) -> list[int]:
 
 def _axis_turn(pin: ModuleType, arm: Any, joint: int) -> Array:
     """Return the rotation that carries z onto the axis of a joint; refuses joints that do not turn."""
-    column = pin.computeJointJacobian(arm, arm.createData(), pin.neutral(arm), joint)[:, arm.idx_vs[joint]]
+    jacobian = pin.computeJointJacobian(arm, arm.createData(), pin.neutral(arm), joint)
+    column = jacobian.reshape(6, arm.nv)[
+        :, arm.idx_vs[joint]
+    ]  # of one joint alone, the library gives a vector
     axis = column[3:]
     if arm.nvs[joint] != 1 or abs(np.linalg.norm(axis) - 1.0) > 1e-9 or np.abs(column[:3]).max() > 1e-9:
         raise CalibrationError(f"joint {arm.names[joint]} does not turn about one axis")

@@ -19,6 +19,8 @@ from starlette.datastructures import MutableHeaders
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from calibration.documents import DocumentError
+from calibration.documents.json_text import parse_json
 from service.people.errors import PeopleError
 from service.people.roles import Right
 from service.web.door import house_of, token_of
@@ -279,6 +281,8 @@ async def _whole_body(
                 _refuse_long(size, most_bytes)
     except TimeoutError as error:
         raise RefusedRequestError(408, "guard.slow", "the request did not arrive in time.") from error
+    body = b"".join(chunks)
+    _refuse_what_is_no_json(body)
     handed = False
 
     async def again() -> Message:
@@ -286,9 +290,20 @@ async def _whole_body(
         if handed:
             return await receive()
         handed = True
-        return {"type": "http.request", "body": b"".join(chunks), "more_body": False}
+        return {"type": "http.request", "body": body, "more_body": False}
 
     return again
+
+
+def _refuse_what_is_no_json(body: bytes) -> None:
+    """Let only JSON within the limits of the guarded reader through; a route may ask for none."""
+    try:
+        if body:
+            parse_json(body)
+    except DocumentError as error:
+        raise RefusedRequestError(
+            422, "request", f"The request is not understood: {error.why}", "See /openapi.json."
+        ) from error
 
 
 def _refuse_long(size: int, most_bytes: int) -> None:
