@@ -1,6 +1,5 @@
 """How surely an identified arm says where its target is, at every point that is asked for."""
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from calibration.compensation.pose_gap import Arm
 from calibration.geometry import Array
 from calibration.identification.lints import beyond_fitted_range
 from calibration.identification.tip_uncertainty import predict_tips
+from service.csv_writing import write_rows
 from service.identification.at_points import AtOptions, read_points, solved
 from service.identification.identify import IdentifyReport
 from service.measured.table import MeasurementError
@@ -96,9 +96,8 @@ def write_tips(tips: TipsAt, path: Path) -> None:
     names += ["x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_mm", "u95_mm"]
     names += ["extrapolated"]
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
+        write_rows(file, [names])
         for i, joints in enumerate(np.rad2deg(tips.joints_rad)):
             sizes = [*tips.positions_m[i], *tips.sigmas_m[i], tips.sigma_m[i], tips.expanded_m[i]]
             numbers = [*(f"{v:.6f}" for v in joints), *(f"{v * 1e3:.5f}" for v in sizes)]
-            writer.writerow([*numbers, "yes" if i in tips.outside else "no"])
+            write_rows(file, [[*numbers, "yes" if i in tips.outside else "no"]])

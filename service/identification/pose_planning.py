@@ -1,6 +1,5 @@
 """The use case behind ``cellcal poses``: candidates, choice, prediction, order of travel. Prints nothing."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -37,6 +36,7 @@ from calibration.poses.measurement_poses import (
     predict,
 )
 from service.configuration.cell_shapes import read_cell_shape
+from service.csv_writing import write_rows
 from service.identification.identify import IdentifyOptions, identify_file
 
 Place = tuple[float, float, float]
@@ -184,10 +184,10 @@ def write_plan(path: Path, report: PlanReport) -> None:
     except FileExistsError as taken:
         raise PlanError(f"{path} is there already.", remedy="Choose another name.") from taken
     with file:
-        writer = csv.writer(file)
-        writer.writerow([*(f"q{i + 1}_deg" for i in range(joints.shape[1])), "rank", "way_checked"])
+        write_rows(file, [[*(f"q{i + 1}_deg" for i in range(joints.shape[1])), "rank", "way_checked"]])
         for rank, free in zip(report.order, report.ways_free, strict=True):
-            writer.writerow([*(f"{v:.4f}" for v in joints[rank]), rank + 1, "free" if free else "blocked"])
+            row = [*(f"{v:.4f}" for v in joints[rank]), rank + 1, "free" if free else "blocked"]
+            write_rows(file, [row])
 
 
 def read_joints(path: Path, axes: int) -> Array:
