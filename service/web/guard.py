@@ -302,7 +302,7 @@ def _refuse_what_is_no_json(body: bytes) -> None:
             parse_json(body)
     except DocumentError as error:
         raise RefusedRequestError(
-            422, "request", f"The request is not understood: {error.why}", "See /openapi.json."
+            422, "guard.json", f"the request is not understood: {error.why}", "Load the page again."
         ) from error
 
 
