@@ -207,7 +207,7 @@ def _of_identification(text: str, nominal: RobotModel) -> _Content:
     try:
         document = parse_json(text)
         robot = document["robot"]
-        found = [IdentifiedParameter(**each) for each in document["parameters"]]
+        found = [_identified(each) for each in document["parameters"]]
     except (ValueError, KeyError, TypeError) as broken:
         raise ParameterSetError(
             "this JSON is not a result of an identification.",
@@ -217,6 +217,15 @@ def _of_identification(text: str, nominal: RobotModel) -> _Content:
         raise ParameterSetError(f"the identification is of a {robot}, not of a {nominal.name}.")
     values = values_of_identification(p for p in found if not p.name.startswith("wire "))
     return _Content(values, "identification")
+
+
+def _identified(entry: dict[str, Any]) -> IdentifiedParameter:
+    found = IdentifiedParameter(**entry)
+    words, numbers = (found.name, found.unit), (found.value, found.sigma, found.prior)
+    right = all(isinstance(word, str) for word in words) and isinstance(found.held, bool)
+    if not right or not all(type(number) in (int, float) for number in numbers):
+        raise TypeError("a parameter is of a wrong kind")
+    return found
 
 
 def _write_conf(model: RobotModel, nominal: RobotModel, _: str) -> tuple[bytes, tuple[str, ...]]:

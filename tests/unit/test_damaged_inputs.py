@@ -13,3 +13,12 @@ def test_no_damaged_input_ends_in_a_trace(tmp_path: Path) -> None:
             try_input(door, tmp_path, seed, found)
     assert found.flaws == []
     assert found.read > 20  # the damage is not so heavy that no reader is passed
+
+
+def test_damage_that_once_ended_in_a_trace(tmp_path: Path) -> None:
+    found = Findings()
+    for door in file_doors(tmp_path):
+        for seed in {"URDF": [1355], "report as parameters": [1880]}.get(door.name, []):
+            try_input(door, tmp_path, seed, found)
+    assert found.cases == 2
+    assert found.flaws == []
