@@ -39,6 +39,9 @@ def main() -> int:
     except (OSError, ValueError, KeyError) as error:
         sys.stderr.write(f"the fake devices of {arguments.cell} cannot start: {error}\n")
         return 2
+    except Exception as error:  # noqa: BLE001  the last line of defence: a sentence, never a trace
+        sys.stderr.write(f"the fake devices of {arguments.cell} broke: {type(error).__name__}: {error}\n")
+        return 70
     return 0
 
 

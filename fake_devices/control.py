@@ -9,6 +9,8 @@ Source
 Modelled
     A fault goes to the device that ``device`` names, or to the first one that knows it; ``link`` with a
     ``kind`` is another way to name a link fault.
+    A line that is no JSON object ends the connection: a page in a browser can send none, since its first line
+    is HTTP's.
 Not modelled
     Several questions on one line.
 """
@@ -57,7 +59,9 @@ class ControlDoor:
     async def _client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._writers.add(writer)
         try:
-            while line := await reader.readline():
+            while (
+                (line := await reader.readline()).lstrip().startswith(b"{")
+            ):  # a browser's request begins otherwise
                 writer.write(json.dumps(await self.answer(line)).encode() + b"\n")
                 await writer.drain()
         except (ConnectionError, ValueError):  # gone, or a line beyond the limit

@@ -1,6 +1,7 @@
 """What the shell gets to know. The list is part of the product's promise: scripts depend on it."""
 
 import asyncio
+import errno
 from enum import IntEnum
 
 from cellcal.calibration.errors import CalibrationError, CellError
@@ -10,7 +11,6 @@ class ExitCode(IntEnum):
     """Exit codes of every command."""
 
     PASS = 0
-    INTERNAL = 1
     USAGE = 2
     OUT_OF_TOLERANCE = 3
     REFUSED = 4  # a gate said no: geometry, stale data, wrong context
@@ -19,6 +19,7 @@ class ExitCode(IntEnum):
     CANCELLED = 7
     SIGNATURE = 8
     BUSY = 9
+    INTERNAL = 70  # a fault of ours: the report file has the trace
     FILES_REFUSED = 10  # some of the files that were named could not be used; the others were
 
 
@@ -65,7 +66,9 @@ def exit_code_of(error: BaseException) -> ExitCode:
         return ExitCode.REFUSED
     if isinstance(error, CellError):
         return exit_code_named(error.code)
-    if isinstance(error, OSError) and error.filename is not None:
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return ExitCode.REFUSED  # as the store's own refusal of a full disk
+    if isinstance(error, OSError) and (error.filename is not None or error.errno == errno.EROFS):
         return ExitCode.USAGE  # a file or folder that was named cannot be used
     return ExitCode.INTERNAL
 

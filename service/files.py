@@ -1,11 +1,14 @@
-"""Files that are whole or not there."""
+"""Files that are whole or not there, and folders and files that only their owner reads."""
 
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
+PRIVATE_FILE, PRIVATE_FOLDER, SHARED_FILE = 0o600, 0o700, 0o644
 
-def replace_file(path: Path, content: str | bytes) -> None:
+
+def replace_file(path: Path, content: str | bytes, *, mode: int = PRIVATE_FILE) -> None:
     """Put a text, or bytes, in place of what is there, so that a crash leaves the old file or the new one."""
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")
     draft = Path(name)
@@ -14,7 +17,31 @@ def replace_file(path: Path, content: str | bytes) -> None:
             file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
-        draft.chmod(0o644)
+        draft.chmod(mode)
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def make_private_folder(path: Path) -> None:
+    """Make a folder and those above it that are missing, for their owner only, whatever the umask says."""
+    missing = []
+    while not path.exists():
+        missing.append(path)
+        path = path.parent
+    for folder in reversed(missing):
+        with suppress(FileExistsError):  # another process was quicker
+            folder.mkdir(mode=PRIVATE_FOLDER)
+            folder.chmod(PRIVATE_FOLDER)
+    if not path.is_dir():
+        path.mkdir()  # says what is in the way
+
+
+def create_private_file(path: Path) -> None:
+    """Make an empty file for its owner only, whatever the umask says; one that is there stays as it is."""
+    with suppress(FileExistsError):
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, PRIVATE_FILE)
+        try:
+            os.fchmod(descriptor, PRIVATE_FILE)
+        finally:
+            os.close(descriptor)

@@ -4,13 +4,15 @@ The rules are those of web/src/lib/say.svelte.ts. The English sentence is the ke
 "{1}" for a hole as in the source. What has no entry, or no table because the pages are not built, stays English.
 """
 
-import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Literal, TypeAlias, get_args
+
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
 
 Locale: TypeAlias = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)
@@ -52,7 +54,7 @@ class Sayings:
         table: dict[str, str] = {}
         for file in (folder / kind / f"{locale}.json" for kind in _KINDS):
             if file.is_file():
-                table |= json.loads(file.read_text(encoding="utf-8"))
+                table |= parse_json(read_plain_text(file))
         return cls.of(locale, table, commas=locale in _COMMA)
 
     @classmethod

@@ -6,16 +6,20 @@ corrected, so that meshes, limits and everything else stay as they are.
 """
 
 import math
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from defusedxml import DefusedXmlException  # ships no types
-from defusedxml.ElementTree import fromstring  # ships no types
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array, homogeneous, inverse_transform
 from cellcal.calibration.orientation import elementary, rotation_from, values_from
@@ -51,7 +55,8 @@ def read_urdf(text: str, *, tip_link: str, base_link: str | None = None, name: s
     pin = _pinocchio()
     mimics = {joint.get("name") for joint in _parse(text).findall("joint") if joint.find("mimic") is not None}
     try:
-        arm = pin.buildModelFromXML(text)
+        with _quiet_errors():
+            arm = pin.buildModelFromXML(text)
     except ValueError as refused:
         raise CalibrationError(f"Pinocchio cannot read the description: {refused}") from refused
     tip, base = _body(arm, tip_link), _body(arm, base_link) if base_link else 0
@@ -169,12 +174,26 @@ def _pinocchio() -> ModuleType:
 
 def _parse(text: str) -> ET.Element:
     try:
-        root: ET.Element = fromstring(text)
-    except (ET.ParseError, DefusedXmlException) as broken:
+        root = parse_xml(text)
+    except DocumentError as broken:
         raise CalibrationError(f"not a robot description: {broken}") from broken
     if root.tag != "robot":
         raise CalibrationError(f"not a robot description: the root element is {root.tag!r}, not 'robot'")
     return root
+
+
+@contextmanager
+def _quiet_errors() -> Iterator[None]:
+    """Keep the C++ parser's remarks off the terminal: what they say is in the error that it raises."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def _body(arm: Any, link: str) -> int:
@@ -200,7 +219,10 @@ def _path(arm: Any, base: int, tip: int) -> list[int]:
 
 def _axis_turn(pin: ModuleType, arm: Any, joint: int) -> Array:
     """Return the rotation that carries z onto the axis of a joint; refuses joints that do not turn."""
-    column = pin.computeJointJacobian(arm, arm.createData(), pin.neutral(arm), joint)[:, arm.idx_vs[joint]]
+    jacobian = pin.computeJointJacobian(arm, arm.createData(), pin.neutral(arm), joint)
+    column = jacobian.reshape(6, arm.nv)[
+        :, arm.idx_vs[joint]
+    ]  # of one joint alone, the library gives a vector
     axis = column[3:]
     if arm.nvs[joint] != 1 or abs(np.linalg.norm(axis) - 1.0) > 1e-9 or np.abs(column[:3]).max() > 1e-9:
         raise CalibrationError(f"joint {arm.names[joint]} does not turn about one axis")

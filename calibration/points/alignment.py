@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Pose
 from cellcal.calibration.points.fixture import Covariance6, Triple, u_of
@@ -88,7 +89,7 @@ def read_alignments(text: str) -> tuple[Alignment, ...]:
         The text is not an alignment file of this format, or a number in it is not finite.
     """
     try:
-        document = json.loads(text, parse_constant=_refuse_constant)
+        document = parse_json(text)
         if document["format"] != FORMAT:
             raise CalibrationError(f"the format {document['format']!r} is not {FORMAT!r}")
         return tuple(_alignment(entry) for entry in document["alignments"])

@@ -1,9 +1,9 @@
 """Reference problems with answers from an independent solver; what they are is in README.md beside this file."""
 
-import json
 from importlib.resources import files
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CalibrationError
 
 
@@ -20,5 +20,5 @@ def load_reference(name: str) -> dict[str, Any]:
             f"there is no reference data set {name}.", remedy=f"There are {', '.join(reference_names())}."
         )
     text = files(__name__).joinpath(f"{name}.json").read_text(encoding="utf-8")
-    document: dict[str, Any] = json.loads(text)
+    document: dict[str, Any] = parse_json(text)
     return document

@@ -1,13 +1,13 @@
 """The registers of a Modbus encoder as data, and the one decoder for them."""
 
 import struct
-import tomllib
 from functools import cache
 from importlib.resources import files
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.drivers.wire.modbus import Words
 
 _FORMS = {"u32": ">I", "i32": ">i"}
@@ -54,4 +54,4 @@ class EncoderMap(_Table):
 def load_encoder_map() -> EncoderMap:
     """Read ``modbus_registers.toml``."""
     text = files("cellcal.drivers.draw_wire").joinpath("modbus_registers.toml").read_text(encoding="utf-8")
-    return EncoderMap.model_validate(tomllib.loads(text))
+    return EncoderMap.model_validate(parse_toml(text))

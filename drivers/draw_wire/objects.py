@@ -1,12 +1,13 @@
 """The gauge's object table as data, and the one decoder for it."""
 
 import struct
-import tomllib
 from functools import cache
 from importlib.resources import files
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from cellcal.calibration.documents.toml_text import parse_toml
 
 _FORMS = {"u8": "<B", "u16": "<H", "u32": "<I", "i16": "<h", "i32": "<i"}
 
@@ -44,4 +45,4 @@ def decode(entry: ObjectEntry, data: bytes) -> int:
 def load_objects() -> ObjectTable:
     """Read ``objects.toml``."""
     text = files("cellcal.drivers.draw_wire").joinpath("objects.toml").read_text(encoding="utf-8")
-    return ObjectTable.model_validate(tomllib.loads(text))
+    return ObjectTable.model_validate(parse_toml(text))

@@ -192,6 +192,14 @@ class EmsconLink:
             error = found
         except (asyncio.IncompleteReadError, OSError) as found:
             error.__cause__ = found
+        except (
+            struct.error,
+            ValueError,
+            LookupError,
+            TypeError,
+        ) as found:  # of a packet that no document has
+            error = self._damaged(f"a packet that cannot be read ({type(found).__name__})", b"")
+            error.__cause__ = found
         finally:
             if self._writer is writer:
                 self._drop(error)

@@ -1,6 +1,5 @@
 """A controller's register map as data: ``profiles/<name>.toml``, each line with its source."""
 
-import tomllib
 from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
@@ -8,6 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.drivers.modbus_robot.registers import Register
 
 Operation = Literal["move", "jog", "calibrate", "reset_alarms"]
@@ -64,7 +64,7 @@ def load_profile(name: str) -> Profile:
     text = (
         files("cellcal.drivers.modbus_robot").joinpath("profiles", f"{name}.toml").read_text(encoding="utf-8")
     )
-    return Profile.model_validate(tomllib.loads(text))
+    return Profile.model_validate(parse_toml(text))
 
 
 def profile_names() -> tuple[str, ...]:

@@ -23,7 +23,7 @@ class TerminalOperator:
         self, who: str = "", *, console: Console | None = None, descriptor: int | None = None
     ) -> None:
         self._who = who or getpass.getuser()
-        self._console = console or Console(stderr=True)
+        self._console = console or Console(stderr=True, emoji=False)
         self._descriptor = descriptor
         self._lines: LineSource | None = None
         self._asking = ""

@@ -1,10 +1,11 @@
 """The coupler's registers and its analogue words, as data."""
 
-import tomllib
 from functools import cache
 from importlib.resources import files
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from cellcal.calibration.documents.toml_text import parse_toml
 
 
 class _Table(BaseModel):
@@ -57,4 +58,4 @@ class CouplerMap(_Table):
 def load_map() -> CouplerMap:
     """Read ``registers.toml``."""
     text = files("cellcal.drivers.touch_probe").joinpath("registers.toml").read_text(encoding="utf-8")
-    return CouplerMap.model_validate(tomllib.loads(text))
+    return CouplerMap.model_validate(parse_toml(text))

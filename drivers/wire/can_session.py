@@ -125,8 +125,13 @@ class CanSession:
         except (can.CanError, OSError) as error:
             self._die(f"sending failed ({error})")
             raise UnreachableError(self.device, f"{self.dead}.", remedy=_WIRING) from error
-        except struct.error as error:
-            raise self._odd(str(error)) from error
+        except (
+            struct.error,
+            ValueError,
+            LookupError,
+            TypeError,
+        ) as error:  # of an answer that no standard has
+            raise self._odd(str(error) or type(error).__name__) from error
         self._require_life()
         if self.foreign_master():  # its answers look like ours; who asks for a value is told of it
             self._answers = self._network.questions
@@ -164,11 +169,11 @@ class CanSession:
         while not self._closing.is_set() and not self.dead:
             try:
                 message = self._bus.recv(_POLL_S)
-            except (can.CanError, OSError, ValueError) as error:
+                if message is not None:
+                    self._take(message)
+            except Exception as error:  # noqa: BLE001  whatever the library raises, the session ends with its name
                 self._die(f"receiving from the CAN bus failed ({type(error).__name__})")
                 break
-            if message is not None:
-                self._take(message)
             self._check_heartbeat(idle=message is None)
         self._bus.shutdown()
 

@@ -77,14 +77,7 @@ class ModbusLink:
     async def read(self, address: int, count: int) -> Words:
         """Read ``count`` holding registers (FC 3). A busy device is asked again a few times."""
         async with self._turn:
-            for pause_s in _BUSY_PAUSES_S:
-                with suppress(_BusyAnswer):
-                    return await self._read_once(address, count)
-                await asyncio.sleep(pause_s)
-            try:
-                return await self._read_once(address, count)
-            except _BusyAnswer as busy:
-                raise self._refusal(busy.entry) from None
+            return await self._patiently(lambda: self._read_once(address, count))
 
     async def write(self, address: int, words: Sequence[int]) -> None:
         """Write holding registers in one telegram (FC 16). Never repeated by itself."""
@@ -113,8 +106,18 @@ class ModbusLink:
                 raise self._foreign(f"confirmed {answer.bits[:1]} at coil {answer.address + 1}")
 
     async def read_during_greeting(self, address: int, count: int) -> Words:
-        """Read while the connection is being made; for greetings only."""
-        return await self._ask_registers(address, count)
+        """Read while the connection is being made; for greetings only. A busy device is asked again, too."""
+        return await self._patiently(lambda: self._ask_registers(address, count))
+
+    async def _patiently(self, read: Callable[[], Awaitable[Words]]) -> Words:
+        for pause_s in _BUSY_PAUSES_S:
+            with suppress(_BusyAnswer):
+                return await read()
+            await asyncio.sleep(pause_s)
+        try:
+            return await read()
+        except _BusyAnswer as busy:
+            raise self._refusal(busy.entry) from None
 
     async def _read_once(self, address: int, count: int) -> Words:
         await self._connect()

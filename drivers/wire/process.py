@@ -9,7 +9,6 @@ device.
 import asyncio
 import contextlib
 import itertools
-import json
 import logging
 import os
 import signal
@@ -18,6 +17,7 @@ import sys
 from pathlib import Path
 from typing import Any, Self
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.wire.child import HEADER, LONGEST_FRAME, pack
 
@@ -149,7 +149,7 @@ class ChildProcess:
                 (size,) = HEADER.unpack(await reader.readexactly(HEADER.size))
                 if size > LONGEST_FRAME:
                     raise ValueError(f"a frame of {size} bytes")
-                self._settle(json.loads(await reader.readexactly(size)))
+                self._settle(parse_json(await reader.readexactly(size)))
         except (asyncio.IncompleteReadError, ConnectionError):
             pass  # it ended; the exit code says how
         except (ValueError, KeyError, TypeError) as fault:

@@ -6,7 +6,6 @@ parent does; a run under way is broken off, the robot stands, and the next desk 
 
 import asyncio
 import contextlib
-import logging
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,19 +14,19 @@ from typing import Any
 import orjson
 from pydantic import TypeAdapter, ValidationError
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.cell_process.cell_process import Desk
 from cellcal.service.cell_process.messages import LONGEST_LINE, Command
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.settled import settle
+from cellcal.service.unexpected import log_in_lines, run_guarded
 
 _COMMAND: TypeAdapter[Command] = TypeAdapter(Command)
 
 
 def main(path: str) -> None:
     """Attend one cell until standard input ends."""
-    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="desk: %(message)s")
-    for library in ("pymodbus", "can", "canopen"):  # the drivers turn what matters into errors of ours
-        logging.getLogger(library).setLevel(logging.CRITICAL)
+    log_in_lines("desk: %(message)s")
     asyncio.run(_attend(Path(path)))
 
 
@@ -50,7 +49,7 @@ async def _attend(path: Path) -> None:
 async def _obey(desk: Desk, line: bytes, write: Callable[[dict[str, Any]], None]) -> None:
     asked: Any = None
     try:
-        asked = orjson.loads(line)
+        asked = parse_json(line)
         if asked.get("ask") == "session":
             reply: dict[str, Any] = {"ok": True, "session": desk.session()}
         else:
@@ -84,4 +83,4 @@ async def _lines() -> asyncio.StreamReader:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    sys.exit(run_guarded(lambda: main(sys.argv[1])))

@@ -5,6 +5,8 @@ import logging
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.service.files import replace_file
 
 _log = logging.getLogger(__name__)
@@ -36,7 +38,7 @@ class UnderWay:
     def left(self) -> Left | None:
         """Return the run that was under way when the service ended, if it can be read."""
         try:
-            found = json.loads(self._path.read_text(encoding="utf-8"))
+            found = parse_json(read_plain_text(self._path))
             return Left(str(found["run_id"]), str(found["robot"]), bool(found["hold_to_move"]))
         except FileNotFoundError:
             return None

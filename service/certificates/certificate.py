@@ -6,12 +6,13 @@ The content is a function of the journal and of the cell file of that run, so th
 bytes whenever it is asked for.
 """
 
-import json
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.catalogue import entry_named
 from cellcal.procedures.entry import Entry
@@ -21,7 +22,7 @@ from cellcal.service.certificates.sign_offs import sign_offs
 from cellcal.service.certificates.signing import Finding, StationKey, check, station_key
 from cellcal.service.certificates.text import as_text
 from cellcal.service.configuration.cell_file import CellConfig, InstrumentCertificate
-from cellcal.service.files import replace_file
+from cellcal.service.files import make_private_folder, replace_file
 from cellcal.service.record.journal import Event, Journal
 from cellcal.service.record.run_outcome import Verdict
 from cellcal.service.record.run_store import RunView, Store
@@ -108,7 +109,7 @@ def issue(config: CellConfig, run_id: str, out: Path | None = None) -> Issued:
     file = f"{name}-refused" if refused else name  # the run may be resumed, and end well
     paths = folder / f"{file}.json", folder / f"{file}.txt"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private_folder(folder)
         kept = _keep(paths[0], signed, sha256)
         replace_file(paths[1], as_text(content, sha256, kept))
     except OSError as error:
@@ -166,7 +167,7 @@ def content_of(config: CellConfig, journal: Journal, run_id: str) -> dict[str, A
 
 def _refusal(events: list[Event]) -> dict[str, str]:
     """Return why a run was refused and what to do next, as its end was journalled."""
-    body = json.loads(_ended(events).body)
+    body = parse_json(_ended(events).body)
     return {key: str(body[key]) for key in ("code", "reason", "remedy")}
 
 
@@ -223,7 +224,7 @@ def _not_valid(role: str, held: InstrumentCertificate, day: date) -> str:
 def _keep(path: Path, signed: str, sha256: str) -> str:
     """Leave an intact certificate of the same content alone, also one of an earlier key; return its public key."""
     if path.exists():
-        found = check(path.read_bytes())
+        found = check(read_plain_bytes(path))
         if found.finding is Finding.INTACT and found.sha256 == sha256:
             return found.public_key
     replace_file(path, signed)

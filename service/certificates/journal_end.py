@@ -3,8 +3,8 @@
 A chain of hashes shows what was changed; that its end was cut off, or the whole begun anew, shows only from outside.
 """
 
-import json
-
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.certificates.certificate import certificates_folder
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import Journal
@@ -15,7 +15,7 @@ def missing_end(config: CellConfig, journal: Journal) -> str:
     heads = {event.hash.hex() for event in journal.events()}
     for path in sorted(certificates_folder(config).glob("*.json")):
         try:
-            head = json.loads(path.read_bytes())["content"]["run"]["journal_head_sha256"]
+            head = parse_json(read_plain_bytes(path))["content"]["run"]["journal_head_sha256"]
         except (OSError, ValueError, KeyError, TypeError):
             continue  # `cellcal verify` says what is wrong with it
         if head not in heads:

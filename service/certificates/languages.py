@@ -4,11 +4,12 @@ What is signed is English and stays as it is. Numbers keep the point that they h
 nobody has to ask whether two sheets say the same.
 """
 
-import json
 import re
 from functools import cache
 from pathlib import Path
 
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.service.translation import Locale, Sayings, sayings
 
 _COMMA = re.compile(r"(?<=\d),(?=\d)")  # in a number
@@ -19,7 +20,7 @@ _OWN = Path(__file__).with_name("translations")
 def words_in(locale: Locale) -> Sayings:
     """Return a language's words."""
     file = _OWN / f"{locale}.json"
-    own = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    own = parse_json(read_plain_text(file)) if file.is_file() else {}
     return spoken(locale, sayings(locale).table | own)
 
 

@@ -5,7 +5,6 @@ other scripts take a font of this computer; where none has the characters, nothi
 """
 
 from dataclasses import asdict
-from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +14,7 @@ import typst
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.certificates.blocks import Page
+from cellcal.service.times import read_time
 
 _TEMPLATE = Path(__file__).with_name("certificate.typ")
 _LETTERS = "Libertinus Serif"
@@ -69,7 +69,7 @@ def as_pictures(page: Page, *, ppi: float = 80.0) -> list[bytes]:
 
 
 def _set(page: Page, *, of_computer: bool) -> bytes:
-    ended = datetime.fromisoformat(page.ended_utc)
+    ended = read_time(page.ended_utc)
     compiler = _compiler(page, of_computer=of_computer)
     found = compiler.compile(format="pdf", pdf_standards=_STANDARD, timestamp=int(ended.timestamp()))
     assert isinstance(found, bytes)
@@ -90,7 +90,7 @@ def _fonts(*, of_computer: bool) -> typst.Fonts:
 
 
 def _as_data(page: Page) -> dict[str, Any]:
-    day = datetime.fromisoformat(page.ended_utc)
+    day = read_time(page.ended_utc)
     return asdict(page) | {"day": [day.year, day.month, day.day]}
 
 

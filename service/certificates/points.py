@@ -1,10 +1,10 @@
 """What a run measured, read from its journal: every reading, and why some of them were not used."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.canonical import canonical_json, sha256_of
 from cellcal.procedures.past import Effect, Kind
 from cellcal.procedures.run import DeclinedError
@@ -43,7 +43,7 @@ def answers(events: Iterable[Event]) -> list[dict[str, str]]:
     """Return who said yes to what, and when."""
     told = []
     for event in events:
-        body = json.loads(event.body)
+        body = parse_json(event.body)
         who = _who(event.kind, body)
         if who:
             step = str(body.get("step", body.get("before", "")))
@@ -62,7 +62,7 @@ def _findings(events: Iterable[Event]) -> list[_Taken]:
     counted: list[_Taken] = []
     everything: list[_Taken] = []
     for event in events:
-        body = json.loads(event.body)
+        body = parse_json(event.body)
         if event.kind == Kind.FINDING:
             counted.append(_Taken(body["step"], event.wall_utc, body))
             everything.append(counted[-1])
@@ -95,7 +95,7 @@ def _failures(events: Iterable[Event]) -> list[dict[str, Any]]:
     calculated: set[str] = set()
     failed = []
     for event in events:
-        body = json.loads(event.body)
+        body = parse_json(event.body)
         if event.kind == Kind.ENTERED and isinstance(body["inputs"], dict):
             calculated.add(body["step"])
         if event.kind != Kind.FAILED or body["effect"] != Effect.NONE:

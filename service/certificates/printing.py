@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.certificates.signing import check, read_document
-from cellcal.service.files import replace_file
+from cellcal.service.files import SHARED_FILE, replace_file
 from cellcal.service.translation import Locale
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def write_sheet(path: Path, content: str | bytes) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, content)
+        replace_file(path, content, mode=SHARED_FILE)
     except OSError as error:
         raise PrintingError(
             f"{path} cannot be written: {error.strerror}.", remedy="Give a folder that may be written."

@@ -1,9 +1,9 @@
 """Who accepted, approved and signed what of a run, in which role and when: folded from its journal."""
 
-import json
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.past import Kind
 from cellcal.service.record.journal import Event
 
@@ -20,7 +20,7 @@ def sign_offs(events: Iterable[Event]) -> list[dict[str, Any]]:
     roles: dict[str, list[dict[str, str]]] = {}
     given: list[dict[str, Any]] = []
     for event in events:
-        body = json.loads(event.body)
+        body = parse_json(event.body)
         if event.kind == Kind.ANSWERS_AS:
             roles[body["who"]] = body["people"]
         for did, what, sha256 in _done(event.kind, body):

@@ -12,7 +12,6 @@ To check one without this program: parse it, take "signature" out, write the res
 blanks, and verify that text with the public key (hexadecimal, 32 bytes).
 """
 
-import json
 import os
 import tempfile
 from collections.abc import Mapping
@@ -25,8 +24,12 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.canonical import canonical_json, sha256_of
+from cellcal.service.files import make_private_folder
 
 KEY_NAME = "signing_key.pem"
 _ALGORITHM = "ed25519"
@@ -108,7 +111,7 @@ def station_key(data_dir: Path) -> StationKey:
     path = data_dir / KEY_NAME
     try:
         created = _create(path) if not path.exists() else False
-        private = serialization.load_pem_private_key(path.read_bytes(), password=None)
+        private = serialization.load_pem_private_key(read_plain_bytes(path), password=None)
     except OSError as error:
         raise SigningError(
             f"the signing key {path} cannot be used: {error.strerror}.",
@@ -119,6 +122,10 @@ def station_key(data_dir: Path) -> StationKey:
     if not isinstance(private, Ed25519PrivateKey):
         raise _damaged(path)
     return StationKey(path, private, created)
+
+
+_BEGINNING = b'{"content":'
+_NO_FACT = "It holds a number that is not finite, or text that cannot be written."
 
 
 def read_public_key(text: str) -> str:
@@ -146,15 +153,9 @@ def read_public_key(text: str) -> str:
 def read_document(path: Path) -> bytes | Checked:
     """Return the bytes of a document, or why they cannot be read."""
     try:
-        with path.open("rb") as file:
-            raw = file.read(_MOST_BYTES + 1)
+        return read_plain_bytes(path, _MOST_BYTES)
     except (OSError, ValueError) as error:
         return _unreadable(f"It cannot be read: {getattr(error, 'strerror', None) or error}.")
-    if len(raw) > _MOST_BYTES:
-        return _unreadable(
-            f"It is larger than {_MOST_BYTES // 1_000_000} MB: nothing that was signed here is."
-        )
-    return raw
 
 
 def check(raw: bytes, *, expected_key: str | None = None) -> Checked:
@@ -167,7 +168,10 @@ def check(raw: bytes, *, expected_key: str | None = None) -> Checked:
     expected_key : str, optional
         Public key in hexadecimal that must have signed it. Without it, nothing is said about who signed.
     """
-    document = _parsed(raw)
+    try:
+        document = _parsed(raw)
+    except DocumentError:
+        return Checked(Finding.TAMPERED, _NO_FACT)
     if document is None:
         return _unreadable(
             "This is no document that cellcal signed, or damaged beyond reading. Give the JSON file, not the text."
@@ -193,7 +197,7 @@ def _what_is_wrong(raw: bytes, document: dict[str, Any], body: dict[str, Any]) -
         signed = canonical_json(body).encode()
         found = sha256_of(document["content"])
     except (ValueError, RecursionError):
-        return "It holds a number that is not finite, or text that cannot be written."
+        return _NO_FACT
     if written != raw:
         return "It is not written as it was signed: a byte was changed, added or taken away."
     if found != document["sha256"]:
@@ -216,8 +220,10 @@ def _is_signed(signature: dict[str, Any], signed: bytes) -> bool:
 
 def _parsed(raw: bytes) -> dict[str, Any] | None:
     try:
-        document = json.loads(raw.decode())
-    except (ValueError, RecursionError):  # also what is no text, and whole numbers without end
+        document = parse_json(raw)
+    except DocumentError as error:
+        if error.__cause__ is None and raw.startswith(_BEGINNING) and raw.endswith(b"}\n"):
+            raise  # JSON all through, and nothing that was ever signed
         return None
     if not isinstance(document, dict) or document.keys() != _PARTS:
         return None
@@ -231,7 +237,7 @@ def _is_hex(value: Any, length: int) -> bool:
 
 def _create(path: Path) -> bool:
     """Put a new key where none is: written beside it, then linked, so that a crash leaves none or a whole one."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_private_folder(path.parent)
     pem = Ed25519PrivateKey.generate().private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
@@ -257,7 +263,7 @@ def _create(path: Path) -> bool:
 
 def _text_of_key_file(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8").strip()
+        return read_plain_text(path).strip()
     except (OSError, ValueError) as error:
         raise _no_key(str(path)) from error
 

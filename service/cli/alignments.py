@@ -43,12 +43,12 @@ def export(*, cell: CellFile, out: Path) -> int:
     from cellcal.calibration.points.alignment import alignment_text
     from cellcal.service.cli.printing import EN_ROUTE
     from cellcal.service.configuration.cell_file import read_cell_file
-    from cellcal.service.files import replace_file
+    from cellcal.service.files import SHARED_FILE, replace_file
     from cellcal.service.record.run_store import Store
     from cellcal.service.runs.open_cell import open_journal
 
     with open_journal(read_cell_file(cell)) as journal:
         stored = Store(journal).alignments()
-    replace_file(out, alignment_text(stored))
+    replace_file(out, alignment_text(stored), mode=SHARED_FILE)
     EN_ROUTE.print(f"{len(stored)} alignments: {out}", markup=False, soft_wrap=True)
     return 0

@@ -1,16 +1,14 @@
 """The command line: one file a group of commands; heavy imports inside the commands."""
 
 import asyncio
-import logging
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 from importlib.metadata import version as installed_version
 
 from cyclopts import App, CycloptsError
 from rich.console import Console
-from rich.markup import escape
+from rich.text import Text
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.cli.alignments import alignments
@@ -36,6 +34,12 @@ from cellcal.service.cli.site import site
 from cellcal.service.cli.watch import watch
 from cellcal.service.cli.webhooks import webhooks
 from cellcal.service.exit_codes import ExitCode, exit_code_of
+from cellcal.service.unexpected import (
+    describe_unexpected,
+    explain_os_error,
+    is_about_the_system,
+    log_in_lines,
+)
 
 app = App(
     name="cellcal",
@@ -84,10 +88,8 @@ def run_command_line(arguments: Sequence[str]) -> int:
 
     Standard output carries results only; progress, logs and errors go to standard error.
     """
-    logging.basicConfig(level=logging.WARNING, stream=sys.stderr, format="%(levelname)s: %(message)s")
-    for library in ("pymodbus", "can", "canopen"):  # the drivers turn what matters into errors of ours
-        logging.getLogger(library).setLevel(logging.CRITICAL)
-    console = Console(stderr=True)
+    log_in_lines()
+    console = Console(stderr=True, emoji=False)
     try:
         result = app(list(arguments), exit_on_error=False, print_error=True, error_console=console)
     except CycloptsError:
@@ -114,20 +116,22 @@ def _leaves(error: BaseException) -> list[BaseException]:
 def _say(console: Console, *errors: BaseException, of_a_run: bool) -> int:
     for error in errors:
         if isinstance(error, CellError):
-            console.print(f"[bold red]{escape(error.message)}[/]", highlight=False)
-            if error.remedy:
-                console.print(f"[bold]What to do:[/] {escape(error.remedy.strip())}", highlight=False)
-        elif isinstance(error, OSError) and error.filename is not None:
-            console.print(
-                f"[bold red]{escape(str(error.filename))}: {escape(str(error.strerror))}.[/]", highlight=False
-            )
-            console.print("[bold]What to do:[/] Give a path that exists and may be read and written.")
+            _print_refusal(console, error.message, error.remedy)
+        elif isinstance(error, OSError) and is_about_the_system(error):
+            _print_refusal(console, *explain_os_error(error))
         elif isinstance(error, KeyboardInterrupt | asyncio.CancelledError):
             more = "; `cellcal resume last --cell CELL` goes on with it" if of_a_run else ""
             console.print(f"Cancelled. All that was stored is kept{more}.")
         else:
-            console.print(
-                f"[bold red]Internal error:[/] {escape(repr(error))}. This is our bug; please report it."
-            )
-            traceback.print_exception(error)
+            _print_refusal(console, *describe_unexpected(error))
     return exit_code_of(errors[0])
+
+
+def _print_refusal(console: Console, message: str, remedy: str) -> None:
+    """Print what went wrong; text that cannot be written as UTF-8 is escaped."""
+    for style, text in (("bold red", message), ("", remedy.strip() and f"What to do: {remedy.strip()}")):
+        if text:
+            safe = text.encode("utf-8", errors="backslashreplace").decode()
+            console.print(
+                Text(safe, style=style), highlight=False, soft_wrap=True
+            )  # commands can be copied whole

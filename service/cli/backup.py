@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from cellcal.calibration.documents.plain_files import read_plain_text
+
 if TYPE_CHECKING:
     from cellcal.service.export.restore import Proved
 
@@ -80,7 +82,7 @@ def backup(  # a command's options are its arguments
     return 0
 
 
-def restore(
+def restore(  # noqa: PLR0913  a command's options are its arguments
     archive: Path,
     cell: Path | None = None,
     /,
@@ -88,6 +90,7 @@ def restore(
     passphrase_file: Path | None = None,
     keys: Flag = False,
     check: Flag = False,
+    signed_by: str | None = None,
     as_json: Json = False,
 ) -> int:
     """Put a backup back where nothing is, after every byte, the journal's chain and every certificate were proved.
@@ -97,15 +100,20 @@ def restore(
     archive
         The backup.
     cell
-        The cell file: its data_dir says where to. One that is not there yet is taken from the backup.
+        The cell file: its data_dir says where to. One that is not there yet is taken from the backup, and the data
+        go to the folder data beside it.
     keys
         Also the keys that are in it.
     passphrase_file
         A file whose first line is their passphrase; asked for where it is not given.
     check
         Only prove it: a drill that needs no cell file and changes nothing.
+    signed_by
+        The public key of the cell that made the backup, or a file that holds it. --check shows it; compare it with
+        a certificate of the cell.
     """
     from cellcal.calibration.errors import CellError
+    from cellcal.service.certificates.signing import read_public_key
     from cellcal.service.cli.printing import print_json
     from cellcal.service.export.restore import prove
     from cellcal.service.export.restore import restore as put_back
@@ -117,7 +125,14 @@ def restore(
             code="usage",
         )
     phrase = _passphrase(passphrase_file, twice=False) if keys else None
-    found = prove(archive, phrase) if cell is None else put_back(archive, cell, phrase)
+    pinned = None if signed_by is None else read_public_key(signed_by)
+    found = prove(archive, phrase) if cell is None else put_back(archive, cell, phrase, signed_by=pinned)
+    if pinned not in (None, found.public_key):
+        raise CellError(
+            f"{archive} is signed by key {found.public_key}, not by {pinned}.",
+            remedy="Take the backup that this cell made; do not use this one.",
+            code="signature",
+        )
     _tell(found)
     if as_json:
         told = {name: getattr(found, name) for name in ("cell", "made_utc", "events", "certificates")}
@@ -165,7 +180,7 @@ def _passphrase(file: Path | None, *, twice: bool) -> str:
                 remedy=f"Run: chmod 600 {file}",
                 code="usage",
             )
-        return file.read_text(encoding="utf-8").partition("\n")[0].rstrip("\r")
+        return read_plain_text(file).partition("\n")[0].rstrip("\r")
     phrase = getpass("Passphrase of the keys: ")
     if twice and getpass("Once more: ") != phrase:
         raise CellError("the passphrases differ.", remedy="Try again.", code="usage")

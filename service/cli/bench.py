@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+from rich.markup import escape
+from rich.text import Text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -72,14 +74,14 @@ def bench(  # noqa: PLR0913  # a command's options are its arguments
         chosen["real"] = partial(run_real, series=(read(data, robot),))
     topics = []
     for name, topic in chosen.items():
-        EN_ROUTE.print(f"bench: {name} …")
+        EN_ROUTE.print(f"bench: {name} …", markup=False)
         topics.append(topic(seed, max(1, rounds), interpreters))
     document = as_document(tuple(topics), seed, rounds)
     if out is not None:
         from cellcal.service.engineering.bench.plots import write_results
 
         for path in write_results(document, tuple(topics), out):
-            EN_ROUTE.print(f"wrote {path}")
+            EN_ROUTE.print(f"wrote {path}", markup=False)
     if as_json:
         print_json(document)
     else:
@@ -100,11 +102,11 @@ def _reference(out: Path | None, *, as_json: bool) -> int:
         out.mkdir(parents=True, exist_ok=True)
         path = out / "reference.json"
         path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        EN_ROUTE.print(f"wrote {path}")
+        EN_ROUTE.print(f"wrote {path}", markup=False)
     if as_json:
         print_json(document)
     else:
-        _print_reference(Console(highlight=False), found)
+        _print_reference(Console(highlight=False, emoji=False), found)
     return int(ExitCode.PASS if document["passed"] else ExitCode.OUT_OF_TOLERANCE)
 
 
@@ -112,35 +114,39 @@ def _wide_console() -> "Console":
     """Return a console on which a row of the table is a line, where nobody's window is in the way."""
     from rich.console import Console
 
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=_FILE_WIDTH)
+    console = Console(highlight=False, emoji=False)
+    return console if console.is_terminal else Console(highlight=False, width=_FILE_WIDTH, emoji=False)
 
 
 def _print_reference(console: "Console", found: "tuple[Comparison, ...]") -> None:
-    from rich.table import Table
-
     from cellcal.calibration.reference_data import load_reference
+    from cellcal.service.cli.printing import PlainTable
 
     for problem in dict.fromkeys(each.problem for each in found):
         document = load_reference(problem)
-        table = Table("posed", "answer", "numbers", "difference", "tolerance", "", title=document["title"])
+        table = PlainTable(
+            "posed", "answer", "numbers", "difference", "tolerance", "", title=document["title"]
+        )
         for each in found:
             if each.problem == problem:
-                verdict = "[green]pass[/]" if each.passed else "[red]FAIL[/]"
+                verdict = Text("pass", style="green") if each.passed else Text("FAIL", style="red")
                 sizes = (f"{each.difference:.1e}", f"{each.tolerance:.0e}")
                 table.add_row(each.posed, each.answer, str(each.numbers), *sizes, verdict)
         console.print(table)
-        console.print(f"[dim]answers by {document['solver']}[/]")
+        console.print(f"[dim]answers by {escape(str(document['solver']))}[/]")
     failed = sum(not each.passed for each in found)
     console.print(f"{len(found)} comparisons, {failed} failed.")
 
 
 def _print(console: "Console", topics: tuple["Topic", ...]) -> None:
     from rich.markup import escape
-    from rich.table import Table
+
+    from cellcal.service.cli.printing import PlainTable
 
     for topic in topics:
-        table = Table("case", "contestant", title=f"{topic.name}: {topic.question}", title_justify="left")
+        table = PlainTable(
+            "case", "contestant", title=f"{topic.name}: {topic.question}", title_justify="left"
+        )
         for heading in ("processor time (ms)", "x cellcal's time", "figure"):
             table.add_column(heading, justify="right", no_wrap=True)
         table.add_column("notes")
@@ -158,5 +164,6 @@ def _print(console: "Console", topics: tuple["Topic", ...]) -> None:
         console.print(table)
         for absent in topic.absent:
             console.print(
-                f"[yellow]left out[/] {absent.contestant.name}: {escape(absent.reason)}", soft_wrap=True
+                f"[yellow]left out[/] {escape(absent.contestant.name)}: {escape(absent.reason)}",
+                soft_wrap=True,
             )

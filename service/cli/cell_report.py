@@ -15,8 +15,8 @@ from cellcal.service.cli.identify_report import (
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
+    from cellcal.service.cli.printing import PlainTable
     from cellcal.service.engineering.identification.cell_identify import CellReport
 
 _MM, _DEG = 1e3, 57.29577951308232
@@ -62,12 +62,11 @@ def print_tables(console: "Console", report: "CellReport") -> None:
 
 
 def _print_series(console: "Console", report: "CellReport") -> None:
-    from rich.table import Table
-
     from cellcal.calibration.identification.parameters import LEVEL_NAMES
+    from cellcal.service.cli.printing import PlainTable
 
     title = f"level {report.level}, {LEVEL_NAMES[report.level]}; RMSE in mm"
-    table = Table("series", "kind", "rows", "before", "held out", "fit", "sigma x", title=title)
+    table = PlainTable("series", "kind", "rows", "before", "held out", "fit", "sigma x", title=title)
     for series in report.series:
         judged = series.held_out.n > 0
         scales = ", ".join(f"{scale:.2f}" for scale in series.scale)
@@ -90,9 +89,9 @@ def _print_series(console: "Console", report: "CellReport") -> None:
 
 
 def _print_frames(console: "Console", report: "CellReport") -> None:
-    from rich.table import Table
+    from cellcal.service.cli.printing import PlainTable
 
-    table = Table("frame", "seen from", "x y z (mm)", "sd (mm)", "w x y z", "sd (deg)")
+    table = PlainTable("frame", "seen from", "x y z (mm)", "sd (mm)", "w x y z", "sd (deg)")
     for frame in report.frames:
         turned = any(frame.sigma[3:]) or frame.quaternion[0] < 1.0
         table.add_row(
@@ -107,9 +106,9 @@ def _print_frames(console: "Console", report: "CellReport") -> None:
 
 
 def _print_parameters(console: "Console", report: "CellReport") -> None:
-    from rich.table import Table
+    from cellcal.service.cli.printing import PlainTable
 
-    table = Table("identified", "off nominal", "sd", "unit")
+    table = PlainTable("identified", "off nominal", "sd", "unit")
     prior = {item.name: item.prior for item in report.parameters}
     tables: set[str] = set()
     for arm in report.arms:
@@ -133,7 +132,7 @@ def _print_parameters(console: "Console", report: "CellReport") -> None:
         console.print(f"and {len(ripple)} coefficients of ripple (`--json` lists them)")
 
 
-def _add(table: "Table", name: str, numbers: tuple[float, float], kind: str) -> None:
+def _add(table: "PlainTable", name: str, numbers: tuple[float, float], kind: str) -> None:
     unit, scale = SCALES[kind]
     table.add_row(name, f"{numbers[0] * scale:+.4f}", f"{numbers[1] * scale:.4f}", unit)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+from rich.text import Text
 
 
 def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] = False) -> int:
@@ -19,9 +20,8 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
     import asyncio
 
     from rich.markup import escape
-    from rich.table import Table
 
-    from cellcal.service.cli.printing import EN_ROUTE, print_json
+    from cellcal.service.cli.printing import EN_ROUTE, PlainTable, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.exit_codes import ExitCode
     from cellcal.service.runs.cell_check import check_cell
@@ -31,11 +31,11 @@ def check(cell: Path, /, *, as_json: Annotated[bool, Parameter(name="--json")] =
         print_json(report.as_object())
     else:
         title = escape(f"cell {report.cell}")
-        table = Table("device", "state", "what it says", "what to do", title=title)
+        table = PlainTable("device", "state", "what it says", "what to do", title=title)
         for device in report.devices:
             colour = "green" if device.ready else "red"
-            state = f"[{colour}]{device.state}[/]"
-            table.add_row(escape(device.name), state, escape(device.message), escape(device.remedy))
+            state = Text(device.state, style=colour)
+            table.add_row(device.name, state, device.message, device.remedy)
         EN_ROUTE.print(table)
         for line in report.advice:
             EN_ROUTE.print(f"[bold yellow]{escape(line)}[/]")

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.service.translation import Locale
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def write(  # noqa: PLR0913  a command's options are its arguments
     if as_json:
         print_json(_as_object(issued))
     else:
-        sys.stdout.write(issued.text_path.read_text(encoding="utf-8"))
+        sys.stdout.write(read_plain_text(issued.text_path))
     tell_issued(issued)
     for path, sheet in ((html, html_from), (pdf, pdf_from)):
         if path is not None:

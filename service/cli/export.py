@@ -134,7 +134,7 @@ def _write(table: "Table", out: Path | None, delimiter: str) -> int:
     from cellcal.service.cli.printing import EN_ROUTE
     from cellcal.service.export.table_files import as_csv, as_csv_file, as_xlsx_file
     from cellcal.service.export.tables import ExportError
-    from cellcal.service.files import replace_file
+    from cellcal.service.files import SHARED_FILE, replace_file
 
     if out is None:
         sys.stdout.write(as_csv(table, delimiter).replace("\r\n", "\n"))
@@ -142,6 +142,6 @@ def _write(table: "Table", out: Path | None, delimiter: str) -> int:
     if out.suffix.lower() not in (".csv", ".xlsx"):
         raise ExportError(f"{out} is neither .csv nor .xlsx.", remedy="End its name in one of these.")
     xlsx = out.suffix.lower() == ".xlsx"
-    replace_file(out, as_xlsx_file([table]) if xlsx else as_csv_file(table, delimiter))
+    replace_file(out, as_xlsx_file([table]) if xlsx else as_csv_file(table, delimiter), mode=SHARED_FILE)
     EN_ROUTE.print(f"{out}: {len(table.rows)} rows of {table.title}.", markup=False, soft_wrap=True)
     return 0

@@ -3,11 +3,13 @@
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes
+
 
 def settings_of(pairs: tuple[str, ...]) -> dict[str, Any]:
     """Return KEY=VALUE pairs as a spec's settings; CellError for what is none, twice there or no finite number."""
-    import json
-
     from cellcal.calibration.errors import CellError
 
     settings: dict[str, Any] = {}
@@ -20,8 +22,8 @@ def settings_of(pairs: tuple[str, ...]) -> dict[str, Any]:
         if key in settings:
             raise CellError(f"--set {key} is given twice", remedy="Give each setting once.", code="usage")
         try:
-            settings[key] = json.loads(text, parse_constant=_refuse_constant)
-        except json.JSONDecodeError:
+            settings[key] = parse_json(text)
+        except DocumentError:
             settings[key] = text
     return settings
 
@@ -49,16 +51,11 @@ _MOST_ANSWERS = 1 << 20  # bytes
 
 
 def _read_answers(path: Path) -> dict[str, str]:
-    import json
 
     from cellcal.calibration.errors import CellError
 
     try:
-        with path.open("rb") as file:
-            raw = file.read(_MOST_ANSWERS + 1)
-        if len(raw) > _MOST_ANSWERS:
-            raise ValueError(f"it is larger than {_MOST_ANSWERS >> 20} MB, as no answers are")
-        found = json.loads(raw.decode("utf-8"))
+        found = parse_json(read_plain_bytes(path, _MOST_ANSWERS))
     except ValueError as error:  # also what is no text
         found, why = None, f"is not JSON that holds answers: {error}"
     else:

@@ -212,7 +212,7 @@ def _show(report: "IdentifyReport", views: _Views, *, as_json: bool) -> None:
         dh = {"dh": asdict(report.dh)} if views.dh and report.dh is not None else {}
         print_json({**report.as_document(), **at, **dh})
         return
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     print_report(console, report)
     if views.dh:
         print_dh(console, report.dh, report.robot)
@@ -225,7 +225,7 @@ def _draw(report: "IdentifyReport", folder: Path) -> None:
     from cellcal.service.engineering.identification.identify_plots import draw_identification
 
     for path in draw_identification(report, folder):
-        EN_ROUTE.print(f"wrote {path}")
+        EN_ROUTE.print(f"wrote {path}", markup=False)
 
 
 def _exit_code(report: "IdentifyReport") -> int:
@@ -279,7 +279,7 @@ def _show_layout(measurements: Path, robot: str, read: "ReadOptions", *, as_json
     EN_ROUTE.print(f"{len(found.rows)} of {found.read} rows are usable.")
     for guess in found.guesses:
         EN_ROUTE.print(guess, markup=False, soft_wrap=True)
-    Console(highlight=False, soft_wrap=True).print(layout_text(document), end="", markup=False)
+    Console(highlight=False, soft_wrap=True, emoji=False).print(layout_text(document), end="", markup=False)
     return 0
 
 

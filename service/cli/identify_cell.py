@@ -78,7 +78,7 @@ def identify_cell(command: CellCommand, options: "CellOptions") -> int:
         at = {"at": {name: found.as_document() for name, found in tips.items()}} if tips else {}
         print_json({**report.as_document(), **at})
     else:
-        console = Console(highlight=False)
+        console = Console(highlight=False, emoji=False)
         print_cell_report(console, report)
         if command.dh:
             print_tables(console, report)

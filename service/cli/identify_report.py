@@ -2,16 +2,18 @@
 
 from typing import TYPE_CHECKING
 
+from rich.markup import escape
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from rich.console import Console
-    from rich.table import Table
 
     from cellcal.calibration.identification.cross_validation import Errors
     from cellcal.calibration.identification.identifiability import NotIdentified
     from cellcal.calibration.identification.offset_acceptance import OffsetAcceptance
     from cellcal.calibration.identification.tip_uncertainty import HayatiTable
+    from cellcal.service.cli.printing import PlainTable
     from cellcal.service.engineering.identification.identify import IdentifyReport
     from cellcal.service.engineering.identification.identify_at import TipsAt
     from cellcal.service.engineering.measured.measurements import RejectedRow
@@ -46,11 +48,10 @@ def print_report(console: "Console", report: "IdentifyReport") -> None:
 
 
 def _print_errors(console: "Console", report: "IdentifyReport") -> None:
-    from rich.table import Table
-
     from cellcal.calibration.identification.parameters import LEVEL_NAMES
+    from cellcal.service.cli.printing import PlainTable
 
-    table = Table(
+    table = PlainTable(
         "errors (mm)", "rows", "RMSE", "mean", "95 %", "max", title=f"{report.robot}: {_rows_said(report)}"
     )
     robot = "the nominal robot" if report.start == "nominal" else report.start
@@ -66,7 +67,7 @@ def _print_errors(console: "Console", report: "IdentifyReport") -> None:
         if errors is not None:
             _add(table, title, errors)
     console.print(table)
-    console.print(f"Held out by {report.held_out_by}.")
+    console.print(f"Held out by {escape(report.held_out_by)}.")
 
 
 def _rows_said(report: "IdentifyReport") -> str:
@@ -97,7 +98,7 @@ def _print_reasons(console: "Console", report: "IdentifyReport") -> None:
         )
 
 
-def _add(table: "Table", title: str, errors: "Errors") -> None:
+def _add(table: "PlainTable", title: str, errors: "Errors") -> None:
     sizes = (errors.rmse_m, errors.mean_m, errors.p95_m, errors.max_m)
     table.add_row(title, str(errors.n), *(f"{size * 1e3:.3f}" for size in sizes))
 
@@ -126,11 +127,12 @@ def _print_rows(console: "Console", rows: "list[RejectedRow]") -> None:
 
 def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
     from rich.markup import escape
-    from rich.table import Table
+
+    from cellcal.service.cli.printing import PlainTable
 
     shown, ripple = _identified(report)
     if shown:
-        table = Table("identified", "off nominal", "sigma", "unit")
+        table = PlainTable("identified", "off nominal", "sigma", "unit")
         for name, value, sigma, kind in shown:
             unit, scale = SCALES[kind]
             table.add_row(name, f"{value * scale:+.4f}", f"{sigma * scale:.4f}", unit)
@@ -234,10 +236,10 @@ def print_offsets(console: "Console", accepted: "OffsetAcceptance", of: str = ""
 
 def print_tips(console: "Console", tips: "TipsAt", target: str = "target") -> None:
     """Print what is expected of the target at some points."""
-    from rich.table import Table
+    from cellcal.service.cli.printing import PlainTable
 
     title = f"{target} in the frame of the {tips.frame} (mm)"
-    table = Table("point", "x", "y", "z", "sigma", "95 %", title=title)
+    table = PlainTable("point", "x", "y", "z", "sigma", "95 %", title=title)
     for i, place in enumerate(tips.positions_m[:MOST_ROWS_SHOWN]):
         mark = " *" if i in tips.far or i in tips.outside else ""
         sizes = (tips.sigma_m[i], tips.expanded_m[i])
@@ -251,12 +253,12 @@ def print_tips(console: "Console", tips: "TipsAt", target: str = "target") -> No
 
 def print_dh(console: "Console", found: "HayatiTable | None", robot: str) -> None:
     """Print an identified arm as DH, with Hayati's beta where axes are parallel."""
-    from rich.table import Table
+    from cellcal.service.cli.printing import PlainTable
 
     if found is None:
-        console.print(f"{robot} has no DH table.")
+        console.print(f"{robot} has no DH table.", markup=False)
         return
-    table = Table(f"DH of {robot}", "nominal", "identified", "change", "sigma", "unit")
+    table = PlainTable(f"DH of {robot}", "nominal", "identified", "change", "sigma", "unit")
     for entry in found.entries:
         unit, scale = SCALES[entry.unit]
         change = entry.value - entry.nominal

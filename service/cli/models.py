@@ -19,25 +19,24 @@ def models(name: str | None = None, /, *, as_json: Annotated[bool, Parameter(nam
         Print one JSON object on standard output.
     """
     from rich.console import Console
-    from rich.table import Table
 
     from cellcal.calibration.arm.kinematics import load_model, model_names
-    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.printing import PlainTable, print_json
 
     names = model_names() if name is None else (name,)
     found = [load_model(each) for each in names]
     if as_json:
         print_json({"models": [_as_object(model) for model in found]})
         return 0
-    console = Console()
+    console = Console(emoji=False)
     if name is None:
-        table = Table("model", "robot", "axes")
+        table = PlainTable("model", "robot", "axes")
         for model in found:
             table.add_row(model.name, model.title, str(model.axes))
         console.print(table)
         return 0
     shown = _as_object(found[0])
-    table = Table(
+    table = PlainTable(
         "row",
         "theta (deg)",
         "d (mm)",

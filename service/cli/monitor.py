@@ -103,7 +103,7 @@ def _serve(listener: "Listener", folder: Path, port: int) -> int:
     show(app.state.house.entrance.console_token())
     settle()
     uvicorn.run(
-        app, host="127.0.0.1", port=port, log_level="warning", ws="websockets-sansio",
+        app, host="127.0.0.1", port=port, log_level="warning", log_config=None, ws="websockets-sansio",
         timeout_graceful_shutdown=3, server_header=False, proxy_headers=False,
     )  # fmt: skip
     return 0
@@ -113,7 +113,7 @@ def _follow(listener: "Listener", leave: "threading.Event") -> None:
     from rich.console import Console
     from rich.live import Live
 
-    with Live(_screen(listener), console=Console(), refresh_per_second=2, screen=False) as live:
+    with Live(_screen(listener), console=Console(emoji=False), refresh_per_second=2, screen=False) as live:
         while not leave.wait(1.0):
             live.update(_screen(listener))
 
@@ -129,7 +129,7 @@ def _print_picture(listener: "Listener", *, as_json: bool) -> int:
         told = {"site": listener.fleet.site, "router": listener.linked}
         print_json(told | {"cells": [view.as_json() for view in views], "not_believed": flaws})
         return 0
-    out = Console(width=None if sys.stdout.isatty() else 160)
+    out = Console(width=None if sys.stdout.isatty() else 160, emoji=False)
     out.print(_table(views))
     for sentence in _flaws(listener):
         out.print(sentence, style="bold red", markup=False)

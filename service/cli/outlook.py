@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
+from rich.text import Text
 
 if TYPE_CHECKING:
     from cellcal.procedures.entry import Phase
@@ -32,10 +33,8 @@ def procedures(
     """
     from pydantic_core import to_jsonable_python
     from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
 
-    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.printing import PlainTable, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.runs.outline import possible
     from cellcal.service.watching.watched import watched
@@ -48,18 +47,16 @@ def procedures(
     if as_json:
         print_json({"procedures": to_jsonable_python(rows), "watched": seen})
         return 0
-    table = Table("procedure", "what it does", *(["this cell"] if cell else []))
+    table = PlainTable("procedure", "what it does", *(["this cell"] if cell else []))
     for row in rows:
         lacks = row.lacks
-        state = (
-            [] if lacks is None else [f"lacks {escape('; '.join(lacks))}" if lacks else "[green]possible[/]"]
-        )
+        state = [] if lacks is None else [f"lacks {'; '.join(lacks)}" if lacks else "possible"]
         if row.due is not None:
             state.append(f"due {row.due}")
         table.add_row(row.name, row.title, *(["; ".join(state)] if state else []))
-    Console().print(table)
+    Console(emoji=False).print(table)
     for each, words in seen.items():
-        Console().print(f"`cellcal watch` sees of {each}: {words}.", markup=False)
+        Console(emoji=False).print(f"`cellcal watch` sees of {each}: {words}.", markup=False)
     return 0
 
 
@@ -67,10 +64,8 @@ def _tell_settings(procedure: str, config: "CellConfig | None", robot: str | Non
     from dataclasses import asdict
 
     from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Table
 
-    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.printing import PlainTable, print_json
     from cellcal.service.runs.settings import chosen_by_cell
     from cellcal.service.runs.settings_told import settings_of
 
@@ -79,13 +74,13 @@ def _tell_settings(procedure: str, config: "CellConfig | None", robot: str | Non
     if as_json:
         print_json({"procedure": procedure, "settings": [asdict(setting) for setting in settings]})
         return 0
-    table = Table(
+    table = PlainTable(
         "--set", "takes (SI units)", "default", title=f"Settings of {procedure}", title_justify="left"
     )
     for each in settings:
-        default = "[bold]must be given[/]" if each.default is None else escape(each.default)
-        table.add_row(each.name, escape(each.takes), default)
-    Console().print(table)
+        default = Text("must be given", style="bold") if each.default is None else Text(each.default)
+        table.add_row(each.name, each.takes, default)
+    Console(emoji=False).print(table)
     return 0
 
 
@@ -107,7 +102,7 @@ def tell_dry_run(
             told["steps"] = len(phase.steps)
         print_json(document)
     else:
-        console = Console(highlight=False, soft_wrap=True)
+        console = Console(highlight=False, soft_wrap=True, emoji=False)
         for line in _lines(found):
             console.print(line, markup=False)
     return ExitCode.REFUSED if found.lacks or found.problem else ExitCode.PASS

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
+from cellcal.calibration.documents.plain_files import read_plain_text
+
 if TYPE_CHECKING:
     from cellcal.service.engineering.parameters.parameter_sets import Change, ParameterSet, ParameterSets
 
@@ -33,9 +35,8 @@ def list_sets(robot_serial: str | None = None, /, *, folder: Folder = _HERE, as_
         Show the history of this robot.
     """
     from rich.console import Console
-    from rich.table import Table
 
-    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.printing import PlainTable, print_json
 
     sets = _sets(folder)
     found = (
@@ -46,7 +47,7 @@ def list_sets(robot_serial: str | None = None, /, *, folder: Folder = _HERE, as_
     if as_json:
         print_json({"parameter_sets": [_head(item) for item in found]})
         return 0
-    table = Table("robot", "version", "model", "made", "by", "from", "note")
+    table = PlainTable("robot", "version", "model", "made", "by", "from", "note")
     for item in found:
         note = f"back to version {item.rolls_back_to}. {item.note}" if item.rolls_back_to else item.note
         table.add_row(
@@ -58,7 +59,7 @@ def list_sets(robot_serial: str | None = None, /, *, folder: Folder = _HERE, as_
             item.source.split(",")[0],
             note,
         )
-    Console(highlight=False).print(table)
+    Console(highlight=False, emoji=False).print(table)
     return 0
 
 
@@ -76,9 +77,8 @@ def show(
         The newest if not given.
     """
     from rich.console import Console
-    from rich.table import Table
 
-    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.printing import PlainTable, print_json
 
     item = _sets(folder).load(robot_serial, version)
     if as_json:
@@ -94,7 +94,7 @@ def show(
         ]
         print_json({**_head(item), "parameters": values})
         return 0
-    table = Table(
+    table = PlainTable(
         "parameter",
         "value",
         "standard uncertainty",
@@ -105,7 +105,7 @@ def show(
         unit, scale = _SCALES[value.unit]
         u = _or_dash(value.standard_uncertainty, scale) if value.determined else _ASSUMED
         table.add_row(value.name, f"{value.value * scale:+.5f}", u, unit)
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     console.print(table)
     console.print(f"Deviations from nominal {item.model}; {item.source}", markup=False)
     return 0
@@ -133,9 +133,8 @@ def diff(
         The newest if not given.
     """
     from rich.console import Console
-    from rich.table import Table
 
-    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.printing import PlainTable, print_json
     from cellcal.service.engineering.parameters.parameter_sets import diff as changes_between
 
     sets = _sets(folder)
@@ -145,7 +144,7 @@ def diff(
     if as_json:
         print_json({"before": _head(old), "after": _head(new), "changes": [_change(c) for c in changes]})
         return 0
-    table = Table(
+    table = PlainTable(
         "parameter", "before", "after", "difference", "unit", "in uncertainties",
         title=f"{robot_serial}: version {old.version} to {new.version}",
     )  # fmt: skip
@@ -155,7 +154,7 @@ def diff(
         size = "-" if change.deviations is None else f"{change.deviations:.1f}"
         size = size if change.determined else _ASSUMED
         table.add_row(change.name, *numbers, f"{change.difference * scale:+.5f}", unit, size)
-    Console(highlight=False).print(table)
+    Console(highlight=False, emoji=False).print(table)
     return 0
 
 
@@ -294,7 +293,7 @@ def export(  # noqa: PLR0913  # a command's options are its arguments
     source = None
     if template is not None:
         _must_exist(template)
-        source = Template(template.read_text(encoding="utf-8"), tip_link)
+        source = Template(read_plain_text(template), tip_link)
     item = _sets(folder).load(robot_serial, version)
     nominal = load_model(item.model)
     data, notes = export_set(

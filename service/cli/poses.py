@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+from rich.markup import escape
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -176,19 +177,20 @@ def _acceptance(
 
 def _print_report(report: "PlanReport") -> None:
     from rich.console import Console
-    from rich.table import Table
 
-    console = Console(highlight=False)
+    from cellcal.service.cli.printing import PlainTable
+
+    console = Console(highlight=False, emoji=False)
     for words in report.not_checked:
-        console.print(f"[yellow]not checked[/] {words}")
+        console.print(f"[yellow]not checked[/] {escape(words)}")
     if report.reason:
-        console.print(f"[bold]{report.reason[0].upper()}{report.reason[1:]}.[/]")
+        console.print(f"[bold]{escape(report.reason[0].upper() + report.reason[1:])}.[/]")
     chosen = (
         "the best plan that was tried"
         if report.plan is None
         else f"{len(report.plan.indices)} poses of this plan"
     )
-    table = Table("predicted standard deviation of the tool point (mm)", "rms", "worst test pose")
+    table = PlainTable("predicted standard deviation of the tool point (mm)", "rms", "worst test pose")
     rows = [("known before", report.before), (chosen, report.prediction)]
     if report.random is not None:
         rows.insert(1, ("as many poses drawn at random", report.random))
@@ -205,12 +207,12 @@ def _print_report(report: "PlanReport") -> None:
 
 
 def _print_parameters(console: "Console", report: "PlanReport") -> None:
-    from rich.table import Table
+    from cellcal.service.cli.printing import PlainTable
 
     prediction = report.prediction
     hidden = {item.parameter: item for item in report.not_identified}
     scales = {"rad": ("deg", _DEG), "m": ("mm", 1e3), "rad/m": ("deg/m", _DEG), "1": ("ppm", 1e6)}
-    table = Table("parameter", "predicted sigma", "unit", "note")
+    table = PlainTable("parameter", "predicted sigma", "unit", "note")
     for name, unit, sigma in zip(prediction.parameters, prediction.units, prediction.sigma, strict=True):
         words = ""
         if name in hidden:
@@ -226,12 +228,13 @@ def _print_parameters(console: "Console", report: "PlanReport") -> None:
 
 def _print_poses(console: "Console", report: "PlanReport") -> None:
     import numpy as np
-    from rich.table import Table
+
+    from cellcal.service.cli.printing import PlainTable
 
     if report.plan is None or not len(report.order):
         return
     joints = np.rad2deg(report.plan.joints_rad)
-    table = Table(
+    table = PlainTable(
         "pose", *(f"J{i + 1} °" for i in range(joints.shape[1])), "rank", "way from the pose before"
     )
     for at, (rank, free) in enumerate(

@@ -1,12 +1,29 @@
-"""Results on standard output, everything else on standard error."""
+"""Results on standard output, everything else on standard error; text of people and files is printed as it is."""
 
 import json
 import sys
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
+from rich.table import Table
+from rich.text import Text
 
-EN_ROUTE = Console(stderr=True, highlight=False)
+EN_ROUTE = Console(stderr=True, highlight=False, emoji=False)
+
+
+class PlainTable(Table):
+    """A table whose cells, headings and title are text: ``[red]`` or ``:robot:`` in a name is no markup."""
+
+    def __init__(self, *headers: Any, title: str | None = None, **options: Any) -> None:
+        plain = None if title is None else Text(title, style="table.title")
+        super().__init__(*headers, title=plain, **options)
+        for column in self.columns:
+            if isinstance(column.header, str):
+                column.header = Text(column.header)
+
+    def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
+        """Add a row; a cell that shall be coloured is a `Text`."""
+        super().add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in cells), **options)
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -326,7 +326,7 @@ def _change(
     )
     with counting("changing", len(found.sources)) as counted:
         report = change_programs(found, carry, wanted, title, counted(lambda _: None), recorder)
-    console = EN_ROUTE if wanted.fills_standard_output else Console(highlight=False)
+    console = EN_ROUTE if wanted.fills_standard_output else Console(highlight=False, emoji=False)
     tell_report(report, most=outputs.top, console=console)
     tell_passed_over(found)
     for path in (*([outputs.out] if report.entries else []), *wanted.reports):

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 
 if TYPE_CHECKING:
@@ -82,8 +84,8 @@ def _alignment(path: Path, cell: "Project") -> "Alignment":
     from cellcal.calibration.points.alignment import read_alignments
 
     try:
-        found = read_alignments(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as broken:
+        found = read_alignments(read_plain_text(path))
+    except (OSError, DocumentError) as broken:
         raise MoveError(f"{path} cannot be read: {broken}", remedy="Give an alignment file.") from broken
     name = None if cell.alignment is None else cell.alignment.fixture
     mine = [one for one in found if one.robot_serial == cell.serial and name in (None, one.fixture)]

@@ -59,7 +59,7 @@ def tell_registers(found: "Registers", carrier: "Carrier | None", target: "Proje
     from cellcal.drivers.fanuc.program_files.va_edits import instructions
     from cellcal.service.engineering.programs.files import whole_file
 
-    console = Console(highlight=False, soft_wrap=True, markup=False)
+    console = Console(highlight=False, soft_wrap=True, markup=False, emoji=False)
     for register in found.all:
         console.print(str(register))
     if carrier is None or not found.places.places:

@@ -100,7 +100,7 @@ class InspectionScreen:
             }
             sys.stdout.write(f"], {json.dumps(rest, ensure_ascii=False)[1:]}\n")
             return
-        console = Console(highlight=False)
+        console = Console(highlight=False, emoji=False)
         from cellcal.service.engineering.programs.report_words import plural, said_once
 
         told = f"{plural(totals.programs, 'program')}, {plural(totals.points, 'point')}"
@@ -142,7 +142,7 @@ def tell_status(found: Sequence["CellProgram"], refused: Sequence["Refused"]) ->
     """Print which cell runs which version; what is not as it should be comes first."""
     from cellcal.service.engineering.programs.report_words import plural
 
-    console = Console(highlight=False)
+    console = Console(highlight=False, emoji=False)
     bad = [one for one in found if not one.ok]
     cells = len({one.cell for one in found})
     if found:

@@ -5,6 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
+from rich.text import Text
+
+from cellcal.calibration.documents.json_text import parse_json
 
 if TYPE_CHECKING:
     from cellcal.service.configuration.cell_file import CellConfig
@@ -107,11 +110,10 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
         Print one JSON object on standard output.
     """
     from rich.console import Console
-    from rich.markup import escape
-    from rich.table import Column, Table
+    from rich.table import Column
 
     from cellcal.service.certificates.journal_end import missing_end
-    from cellcal.service.cli.printing import print_json
+    from cellcal.service.cli.printing import PlainTable, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
     from cellcal.service.runs.cell_check import told_damage
 
@@ -125,16 +127,18 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
         told = [{key: getattr(view, key) for key in keys} for view in views]
         print_json({"runs": told, "unconfirmed": [run_id for _, run_id in pending]})
         return _tell_damage(damage)
-    table = Table(Column("run", no_wrap=True), Column("started (UTC)", min_width=10), "by", "ended", "reason")
+    table = PlainTable(
+        Column("run", no_wrap=True), Column("started (UTC)", min_width=10), "by", "ended", "reason"
+    )
     for view in views:
         started = view.started_utc[:19].replace("T", " ")
-        ended, by = view.state.replace("_", " "), escape(_begun_by(view))
-        table.add_row(view.run_id, started, by, ended, escape(view.reason))
+        ended, by = view.state.replace("_", " "), _begun_by(view)
+        table.add_row(view.run_id, started, by, ended, view.reason)
     if views or not damage:
-        Console().print(
+        Console(emoji=False).print(
             table if views else "No run yet. Begin with `cellcal run mastering_record --cell CELL`."
         )
-    _tell_unconfirmed(Console(), pending)
+    _tell_unconfirmed(Console(emoji=False), pending)
     return _tell_damage(damage)
 
 
@@ -176,7 +180,7 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
             }
         )  # fmt: skip
         return _tell_damage(told_damage(damage) if damage else "")
-    console = Console()
+    console = Console(emoji=False)
     console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {escape(view.reason)}")
     roles = f" ({' and '.join(view.begun_as)})" if view.begun_as else ""
     console.print(f"begun: {escape(_begun_by(view) + roles)}, {view.started_utc[:19].replace('T', ' ')} UTC")
@@ -184,10 +188,12 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
     if isinstance(view.result, dict):
         tree = Tree("result")
         for key, value in view.result.items():
-            tree.add(f"{key}: {_short(value)}")
+            tree.add(Text(f"{key}: {_short(value)}"))
         console.print(tree)
     if view.judgement is not None:
-        console.print(f"verdict: {view.judgement['word'].upper()}; `cellcal certificate` tells it whole")
+        console.print(
+            f"verdict: {escape(view.judgement['word'].upper())}; `cellcal certificate` tells it whole"
+        )
     _tell_unconfirmed(console, pending)
     if damage is None:
         console.print("journal: unchanged")
@@ -203,9 +209,9 @@ def _begun_by(view: Any) -> str:
 
 
 def _events_table(events: Any) -> Any:
-    from rich.table import Table
+    from cellcal.service.cli.printing import PlainTable
 
-    table = Table("event", "time (UTC)", "kind", "step", "who")
+    table = PlainTable("event", "time (UTC)", "kind", "step", "who")
     for event in events:
         table.add_row(str(event.seq), event.wall_utc[11:23], event.kind, _step_of(event.body), event.actor)
     return table
@@ -239,9 +245,8 @@ def _tell_damage(damage: str) -> int:
 
 
 def _step_of(body: str) -> str:
-    import json
 
-    return str(json.loads(body).get("step", ""))
+    return str(parse_json(body).get("step", ""))
 
 
 def _short(value: Any) -> str:

@@ -64,7 +64,8 @@ def serve(
         show(app.state.house.entrance.console_token())
     settle()
     uvicorn.run(
-        app, host=host, port=port, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=5,
+        app, host=host, port=port, log_level="warning", log_config=None, ws="websockets-sansio",
+        timeout_graceful_shutdown=5,
         ws_per_message_deflate=False,  # fifty screens ten times a second: packing costs more than the bytes
         ssl_certfile=tls_cert, ssl_keyfile=tls_key, server_header=False, proxy_headers=False,
     )  # fmt: skip

@@ -4,6 +4,7 @@ import contextlib
 import signal
 import threading
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -63,7 +64,7 @@ def router(*, folder: Path = _FOLDER) -> int:
     from cellcal.service.site.router import host_router
 
     with interrupted() as leave:
-        host_router(part_of(folder, "router", ROUTER_FILE), leave, EN_ROUTE.print)
+        host_router(part_of(folder, "router", ROUTER_FILE), leave, partial(EN_ROUTE.print, markup=False))
     return 0
 
 
@@ -87,7 +88,7 @@ def publish(cell: Path, /, *, from_desk: Annotated[bool, Parameter(negative=())]
     from cellcal.service.site.publisher import publish
 
     config = read_cell_file(cell)
-    EN_ROUTE.print(f"Telling the site of {config.cell.name}. Ctrl+C ends it.")
+    EN_ROUTE.print(f"Telling the site of {config.cell.name}. Ctrl+C ends it.", markup=False)
     with interrupted() as leave:
         publish(config, sys.stdin.buffer if from_desk else None, leave)
     return 0

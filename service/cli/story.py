@@ -14,10 +14,10 @@ from rich.progress import (
     TextColumn,
     TimeElapsedColumn,
 )
-from rich.table import Table
+from rich.text import Text
 
 from cellcal.procedures.progress import Progress as Event
-from cellcal.service.cli.printing import EN_ROUTE
+from cellcal.service.cli.printing import EN_ROUTE, PlainTable
 from cellcal.service.demo.report import DemoReport
 
 
@@ -62,7 +62,7 @@ class Teller:
 
     def close_with(self, report: DemoReport, console: Console | None = None) -> None:
         """Print the closing table: the claim beside the world's truth."""
-        console = console or Console(highlight=False)
+        console = console or Console(highlight=False, emoji=False)
         console.print(_joints(report))
         before, after = report.tcp_error_before_m, report.tcp_error_after_m
         console.print(f"TCP error before: mean {before.mean * 1e3:8.3f} mm, max {before.max * 1e3:8.3f} mm")
@@ -82,8 +82,8 @@ class Teller:
             console.print(report.clock.sentence())
 
 
-def _joints(report: DemoReport) -> Table:
-    table = Table(
+def _joints(report: DemoReport) -> PlainTable:
+    table = PlainTable(
         "joint", "turns lost (truth)", "turns restored", "zero error (truth, deg)", "stated U k=2 (deg)",
         title="What was lost, what was restored", title_justify="left",
     )  # fmt: skip
@@ -94,7 +94,9 @@ def _joints(report: DemoReport) -> Table:
         table.add_row(
             joint.name,
             f"{joint.turns_lost:+d}",
-            "none" if refused else f"[{'green' if same or not exact else 'red'}]{joint.turns_restored:+d}[/]",
+            "none"
+            if refused
+            else Text(f"{joint.turns_restored:+d}", style="green" if same or not exact else "red"),
             f"{np.rad2deg(joint.offset_error_rad):+.5f}",
             "no claim" if refused else "exact" if exact else f"{np.rad2deg(joint.offset_u_rad):.4f}",
         )

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.markup import escape
+
 if TYPE_CHECKING:
     from cellcal.service.configuration.cell_file import CellConfig
     from cellcal.service.watching.watch import PositionLoss
@@ -19,6 +21,7 @@ def watch(cell: Path, /) -> int:
         The cell file (TOML); [watch] gives the period and whether a recovery may be started alone.
     """
     import asyncio
+    from functools import partial
 
     from cellcal.service.cli.printing import EN_ROUTE
     from cellcal.service.configuration.cell_file import read_cell_file
@@ -27,12 +30,14 @@ def watch(cell: Path, /) -> int:
     config = read_cell_file(cell)
 
     async def on_loss(loss: "PositionLoss") -> None:
-        EN_ROUTE.print(f"[bold red]{loss.robot} {loss.suspicion.headline}:[/] {loss.detected_by}")
+        EN_ROUTE.print(f"{loss.robot} {loss.suspicion.headline}:", style="bold red", markup=False, end=" ")
+        EN_ROUTE.print(loss.detected_by, markup=False)
         await _recover_or_offer(config, loss)
 
+    say = partial(EN_ROUTE.print, markup=False)
     EN_ROUTE.print("Watching. Ctrl+C ends it.")
-    watches = Watches(config, on_loss, EN_ROUTE.print)
-    asyncio.run(follow(watches, Listener(EN_ROUTE.print)))
+    watches = Watches(config, on_loss, say)
+    asyncio.run(follow(watches, Listener(say)))
     return 0
 
 
@@ -44,12 +49,12 @@ async def _recover_or_offer(config: "CellConfig", loss: "PositionLoss") -> None:
     answer, entry = answer_to(config, loss)
     kept = f" Journalled as {entry}." if entry else ""
     likely = "Most likely " * (loss.suspicion.mode is not LossMode.UNKNOWN) + loss.suspicion.mode
-    EN_ROUTE.print(f"{likely}: {loss.suspicion.words}.{kept}")
+    EN_ROUTE.print(f"{likely}: {loss.suspicion.words}.{kept}", markup=False)
     if answer.procedure is None:
         EN_ROUTE.print("[bold]What to do:[/] compare the serial numbers; nothing is started for this robot.")
     elif not answer.starts_alone:
         EN_ROUTE.print(f"Not started alone: {'; '.join(answer.reasons)}.", markup=False)
-        EN_ROUTE.print(f"[bold]What to do:[/] look at the robot, then: {answer.command}")
+        EN_ROUTE.print(f"[bold]What to do:[/] look at the robot, then: {escape(answer.command)}")
     else:
         EN_ROUTE.print(
             "The cell file allows it: the recovery starts, and asks a person for what the file does not answer."

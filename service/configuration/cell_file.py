@@ -10,7 +10,6 @@ import json
 import math
 import os
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import date
@@ -21,6 +20,9 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 
 from cellcal.calibration.arm.mounting import is_mounted_model
 from cellcal.calibration.arm.robot_models import model_names
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.registry import GaugeConfig, ProbeConfig, RobotConfig, TrackerConfig
 from cellcal.service.configuration.device_keys import CHOICES, keys_of, nearest, wrong_choice
@@ -240,27 +242,19 @@ def read_cell_file(path: str | os.PathLike[str]) -> CellConfig:
     path = Path(path)
     text = _text_of(path)
     try:
-        document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigError(path, [("file", f"is not valid TOML: {error}")]) from error
+        document = parse_toml(text)
+    except DocumentError as error:
+        raise ConfigError(path, [(error.key or "file", error.why.removeprefix("it "))]) from error
     return _Reader(path, text).read(document)
 
 
 def _text_of(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            raw = file.read(_MOST_BYTES + 1)
-        if len(raw) > _MOST_BYTES:
-            raise ConfigError(path, [("file", f"is larger than {_MOST_BYTES // 1000} kB: no cell file is")])
-        return raw.decode("utf-8")
+        return read_plain_text(path, _MOST_BYTES)
     except FileNotFoundError:
         raise ConfigError(path, [("file", "there is no such file")]) from None
     except IsADirectoryError:
         raise ConfigError(path, [("file", "is a folder; name the cell file in it")]) from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            path, [("file", f"cannot be read: it is not text in UTF-8 (byte {error.start})")]
-        ) from error
     except (OSError, ValueError) as error:
         raise ConfigError(path, [("file", f"cannot be read: {error}")]) from error
 

@@ -1,6 +1,5 @@
 """The shapes of arm and cell from a TOML file, in millimetres and degrees as people measure them."""
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,9 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.mounting import is_mounted_model
 from cellcal.calibration.arm.robot_models import model_names
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Pose, homogeneous
 from cellcal.calibration.motion.collision import Capsule, CellShape, Plane, Sphere
@@ -59,8 +61,8 @@ def read_cell_shape(
         Not such a file; a key that is missing, unknown, or of the wrong kind.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as broken:
+        data = parse_toml(read_plain_text(path))
+    except (OSError, DocumentError) as broken:
         raise CellShapeError(f"{path} cannot be read: {broken}") from broken
     try:
         return cell_shape(model, surroundings_of(data, str(path)), wire, tip_in_flange_m)

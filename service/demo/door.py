@@ -4,6 +4,7 @@ import asyncio
 import json
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 
 
@@ -20,7 +21,7 @@ class Door:
             try:
                 writer.write(json.dumps({"do": verb, **arguments}).encode() + b"\n")
                 await writer.drain()
-                answer: dict[str, Any] = json.loads(await reader.readline() or b'{"error": "no answer"}')
+                answer: dict[str, Any] = parse_json(await reader.readline() or b'{"error": "no answer"}')
             finally:
                 writer.close()
                 await writer.wait_closed()

@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.service.demo.door import Door
 from cellcal.service.demo.furniture import FURNITURE, USUAL
@@ -162,7 +163,7 @@ async def _ready_line(process: asyncio.subprocess.Process) -> dict[str, Any]:
     with suppress(TimeoutError, ValueError):
         async with asyncio.timeout(_START_S):
             line = await process.stdout.readline()
-            ready: dict[str, Any] = json.loads(line)
+            ready: dict[str, Any] = parse_json(line)
             return ready
     raise CellError(
         "the fake devices did not start; the line above says why.",

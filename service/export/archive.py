@@ -18,6 +18,7 @@ from typing import IO, Any
 
 from cellcal.calibration.errors import CellError
 from cellcal.service.certificates.signing import Finding, StationKey, check
+from cellcal.service.export.kept_names import is_kept_name
 
 FORMAT = "cellcal backup 1"
 MANIFEST = "manifest.json"
@@ -180,7 +181,7 @@ def _manifest(path: Path, tar: tarfile.TarFile) -> Manifest:
         listed = [Entry(str(f["path"]), int(f["bytes"]), str(f["sha256"])) for f in checked.content["files"]]
     except (KeyError, TypeError, ValueError) as error:
         raise damaged(path, f"its {MANIFEST} names no files") from error
-    wrong = [entry.path for entry in listed if not _is_safe(entry.path)]
+    wrong = [entry.path for entry in listed if not (_is_safe(entry.path) and is_kept_name(entry.path))]
     if wrong or len({entry.path for entry in listed}) != len(listed) or len(listed) > _MOST_FILES:
         raise damaged(path, f"its list names files that no backup has: {', '.join(map(repr, wrong[:3]))}")
     return Manifest(checked.content, {entry.path: entry for entry in listed}, checked.public_key)

@@ -17,10 +17,12 @@ from datetime import UTC, datetime
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.certificates.certificate import certificates_folder
 from cellcal.service.certificates.signing import KEY_NAME, Finding, check, read_document, station_key
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.archive import BackupError, write_archive
+from cellcal.service.export.kept_names import is_kept_name
 from cellcal.service.export.sealed_keys import seal_keys
 from cellcal.service.people.pin_hashing import PEPPER_NAME
 from cellcal.service.record.journal import Journal
@@ -47,7 +49,7 @@ class BackedUp:
     certificates: int
     size: int
     has_keys: bool
-    left_out: tuple[str, ...]  # links and the like, which are not followed
+    left_out: tuple[str, ...]  # links, which are not followed, and files that no cell writes
 
 
 def back_up(config: CellConfig, target: Path, passphrase: str | None = None) -> BackedUp:
@@ -176,8 +178,9 @@ def _name(config: CellConfig, made_utc: datetime) -> str:
 def _sets(config: CellConfig) -> Iterator[tuple[str, Path]]:
     folder = config.path.parent / SETS
     for path in sorted(folder.rglob("*.toml")) if folder.is_dir() else []:
-        if path.is_file() and not path.is_symlink():
-            yield f"{SETS}/{path.relative_to(folder).as_posix()}", path
+        name = f"{SETS}/{path.relative_to(folder).as_posix()}"
+        if path.is_file() and not path.is_symlink() and is_kept_name(name):
+            yield name, path
 
 
 def _data(data_dir: Path, odd: list[str]) -> Iterator[tuple[str, Path]]:
@@ -189,9 +192,11 @@ def _data(data_dir: Path, odd: list[str]) -> Iterator[tuple[str, Path]]:
         for name in sorted(names):
             path = Path(here) / name
             inside = path.relative_to(data_dir).as_posix()
-            if path.is_symlink() or not path.is_file():
+            if _is_passing(path, top=Path(here) == data_dir):
+                continue
+            if path.is_symlink() or not path.is_file() or not is_kept_name(f"{DATA}/{inside}"):
                 odd.append(inside)
-            elif not _is_passing(path, top=Path(here) == data_dir):
+            else:
                 yield f"{DATA}/{inside}", path
 
 
@@ -226,7 +231,7 @@ def _copy_database(source: Path, copy: Path) -> None:
 def _secrets(data_dir: Path) -> dict[str, bytes]:
     station_key(data_dir)
     found = [data_dir / name for name in SECRET_NAMES]
-    return {path.name: path.read_bytes() for path in found if path.exists()}
+    return {path.name: read_plain_bytes(path) for path in found if path.exists()}
 
 
 def _written(path: Path, content: bytes) -> Path:

@@ -7,17 +7,19 @@ measured, also what was not used). Times are those of the journal: this computer
 import importlib
 import json
 from collections.abc import Iterator, Mapping
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.service.certificates.points import readings
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.files import replace_file
+from cellcal.service.files import SHARED_FILE, replace_file
 from cellcal.service.record.journal import Event
 from cellcal.service.record.run_store import RunView, Store
 from cellcal.service.runs.open_cell import open_journal
+from cellcal.service.times import read_time
 
 _TEXT, _NUMBER, _ANYTHING = {"type": "string"}, {"type": "number"}, dict[str, str]()
 _SCHEMAS: Mapping[str, Mapping[str, Any]] = {
@@ -25,6 +27,9 @@ _SCHEMAS: Mapping[str, Mapping[str, Any]] = {
     "events": {"seq": _NUMBER, "idx": _NUMBER, "kind": _TEXT, "actor": _TEXT, "body": _ANYTHING},
     "readings": {"step": _TEXT, "used": {"type": "boolean"}, "reason": _TEXT, "value": _ANYTHING},
 }
+
+
+_MOST_BYTES = 1 << 31
 
 
 def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
@@ -41,7 +46,7 @@ def write_mcap(config: CellConfig, run_id: str, out: Path) -> int:
     draft = out.with_name(f".{out.name}.draft")
     try:
         count = _write(writer_module, draft, view, events)
-        replace_file(out, draft.read_bytes())
+        replace_file(out, read_plain_bytes(draft, _MOST_BYTES), mode=SHARED_FILE)
     finally:
         draft.unlink(missing_ok=True)
     return count
@@ -76,14 +81,14 @@ def _messages(view: RunView, events: list[Event]) -> Iterator[tuple[str, int, di
     yield "run", _ns(view.started_utc), {**head, "spec": view.spec, "cell": view.cell}
     for event in events:
         told = {"seq": event.seq, "idx": event.idx, "kind": event.kind, "actor": event.actor}
-        yield "events", _ns(event.wall_utc), {**told, "body": json.loads(event.body)}
+        yield "events", _ns(event.wall_utc), {**told, "body": parse_json(event.body)}
     for taken in readings(events, view.judgement):
         message = {key: taken.get(key) for key in ("step", "used", "reason", "value")}
         yield "readings", _ns(taken["at_utc"]), message
 
 
 def _ns(wall_utc: str) -> int:
-    return round(datetime.fromisoformat(wall_utc).timestamp() * 1000) * 1_000_000
+    return round(read_time(wall_utc).timestamp() * 1000) * 1_000_000
 
 
 def _library() -> Any:

@@ -18,6 +18,7 @@ from typing import Any
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.exposition import Family, rendered
+from cellcal.service.times import read_time
 
 DESK_SILENT_S = 5.0
 _BATCH = 500
@@ -221,7 +222,7 @@ def _figure(value: Any) -> float | None:
 
 def _seconds(wall_utc: str) -> float | None:
     try:
-        return datetime.fromisoformat(wall_utc).timestamp()
+        return read_time(wall_utc).timestamp()
     except (ValueError, TypeError):
         return None
 

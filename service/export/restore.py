@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.export.archive import BackupError, Manifest, damaged, unpack
 from cellcal.service.export.backup import (
@@ -22,6 +24,7 @@ from cellcal.service.export.backup import (
 )
 from cellcal.service.export.sealed_keys import open_keys
 
+_DATA_DIR = re.compile(r"^[ \t]*data_dir[ \t]*=.*$", re.MULTILINE)
 _JOURNAL, _CERTIFICATES = "journal.db", "certificates"
 
 
@@ -51,17 +54,30 @@ def prove(archive: Path, passphrase: str | None = None) -> Proved:
         return _unpacked(archive, Path(folder), passphrase)
 
 
-def restore(archive: Path, cell_file: Path, passphrase: str | None = None) -> Proved:
+def restore(
+    archive: Path, cell_file: Path, passphrase: str | None = None, *, signed_by: str | None = None
+) -> Proved:
     """Put a backup where a cell file says; where there is no cell file, the one in the backup is put there.
+
+    The cell file of a backup never says where the data go: without one in place, they go to ``data`` beside it.
+
+    Parameters
+    ----------
+    archive, cell_file, passphrase
+        The backup, the cell file, and the passphrase of the keys, which are put back only where it is given.
+    signed_by
+        The key that a person expects to have signed the backup, in hexadecimal.
 
     Raises
     ------
     BackupError
-        Anything in the backup is not as it was put there, or something is in the way. Nothing is changed then.
+        Anything in the backup is not as it was put there, another key signed it, or something is in the way.
+        Nothing is changed then.
     """
     with _beside(cell_file.parent) as stage:
         found = _unpacked(archive, stage, passphrase)
         data_dir = _data_dir(cell_file, stage, found.cell)
+        _refuse_unpinned(archive, found.public_key, signed_by)
         places = {stage / DATA: data_dir, stage / SETS: cell_file.parent / SETS}
         if not cell_file.exists():
             places[stage / CELL_FILE] = cell_file
@@ -108,7 +124,7 @@ def _put_keys(stage: Path, passphrase: str) -> None:
         raise BackupError(
             "there are no keys in this backup.", remedy="Restore it without a passphrase.", code="usage"
         )
-    keys = open_keys(sealed.read_bytes(), passphrase)
+    keys = open_keys(read_plain_bytes(sealed), passphrase)
     for name in SECRET_NAMES:
         if name in keys:
             descriptor = os.open(stage / DATA / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -117,15 +133,27 @@ def _put_keys(stage: Path, passphrase: str) -> None:
                 os.fsync(file.fileno())
 
 
+def _refuse_unpinned(archive: Path, public_key: str, signed_by: str | None) -> None:
+    if signed_by is None:
+        raise BackupError(
+            f"{archive} is signed by key {public_key}; anybody can sign with a key of their own.",
+            remedy="Compare the key with the one on a certificate or a note of this cell, then repeat with "
+            f"--signed-by {public_key}.",
+            code="signature",
+        )
+    if public_key != signed_by:
+        raise BackupError(
+            f"{archive} is signed by key {public_key}, not by {signed_by}.",
+            remedy="Take the backup that this cell made; do not use this one.",
+            code="signature",
+        )
+
+
 def _data_dir(cell_file: Path, stage: Path, cell: str) -> Path:
-    """Return where the cell file that counts wants the data; what is relative, from where that file will be."""
+    """Return where the data go: where the cell file in place says, or else to a folder beside it."""
     if not cell_file.exists():
-        draft = stage / "read" / cell_file.name
-        draft.parent.mkdir()
-        shutil.copy(stage / CELL_FILE, draft)
-        wanted = read_cell_file(draft).cell.data_dir
-        inside = wanted.is_relative_to(draft.parent)
-        return cell_file.parent / wanted.relative_to(draft.parent) if inside else wanted
+        _set_data_dir(stage / CELL_FILE)
+        return cell_file.parent / DATA
     config = read_cell_file(cell_file)
     if config.cell.name != cell:
         raise BackupError(
@@ -134,6 +162,18 @@ def _data_dir(cell_file: Path, stage: Path, cell: str) -> Path:
             code="usage",
         )
     return config.cell.data_dir
+
+
+def _set_data_dir(cell_file: Path) -> None:
+    """Let the cell file of a backup name the folder beside it, whatever it named before."""
+    text = read_plain_text(cell_file)
+    cell_file.write_text(_DATA_DIR.sub(f'data_dir = "{DATA}"', text, count=1), encoding="utf-8")
+    if read_cell_file(cell_file).cell.data_dir != cell_file.parent / DATA:
+        raise BackupError(
+            "the cell file of this backup names its data folder in a way that cannot be replaced.",
+            remedy="Write a cell file at the place first, with the data_dir of this computer.",
+            code="usage",
+        )
 
 
 def _put(places: dict[Path, Path]) -> None:
@@ -149,7 +189,7 @@ def _put(places: dict[Path, Path]) -> None:
     moved: list[Path] = []
     try:
         for source, target in wanted.items():
-            target.parent.mkdir(parents=True, exist_ok=True)
+            target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             if target.is_dir():
                 target.rmdir()
             _move(source, target)

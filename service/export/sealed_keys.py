@@ -9,6 +9,7 @@ from argon2.low_level import Type, hash_secret_raw
 from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.export.archive import BackupError
 from cellcal.service.people.pin_hashing import LANES, MEMORY_KIB, PASSES
 
@@ -41,10 +42,10 @@ def open_keys(raw: bytes, passphrase: str) -> dict[str, bytes]:
         It is another passphrase, or the file was changed.
     """
     try:
-        told = json.loads(raw)
+        told = parse_json(raw)
         salt, nonce, sealed = (base64.b64decode(told[part]) for part in ("salt", "nonce", "sealed"))
         plain = AESGCM(_key(passphrase, salt)).decrypt(nonce, sealed, FORMAT.encode())
-        return {str(name): base64.b64decode(text) for name, text in json.loads(plain).items()}
+        return {str(name): base64.b64decode(text) for name, text in parse_json(plain).items()}
     except (ValueError, KeyError, TypeError, InvalidTag) as error:
         raise BackupError(
             "the keys in this backup cannot be opened: it is another passphrase, or they were changed.",

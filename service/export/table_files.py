@@ -4,20 +4,19 @@ CSV: UTF-8 with a byte order mark, a row of names, a row of units, decimal point
 that a spreadsheet would take for a formula gets an apostrophe before it, which is how people write text there.
 """
 
-import csv
 import io
 import math
 import re
 from collections.abc import Sequence
 from typing import Any
 
+from cellcal.service.csv_writing import FORMULA_SIGNS, write_rows
 from cellcal.service.export.tables import ExportError, Table, Value
 
 BOM = "\ufeff"
 CSV_TYPE = "text/csv; charset=utf-8"
 XLSX_TYPE = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet"
 DELIMITERS = (",", ";", "\t")
-_FORMULA_SIGNS = tuple("=+-@\t\r\n\uff1d\uff0b\uff0d\uff20")  # the last four are their wide forms
 _NOT_IN_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 _MOST_ROWS, _LONGEST_TEXT = 1_048_576, 32_767  # of a sheet, of a cell
 _SHEET_NAME = re.compile(r"[\[\]:*?/\\']")
@@ -30,10 +29,13 @@ def as_csv(table: Table, delimiter: str = ",") -> str:
             f"{delimiter!r} is no delimiter of a CSV file.", remedy="Use a comma, a semicolon or a tab."
         )
     out = io.StringIO(newline="")
-    writer = csv.writer(out, delimiter=delimiter, lineterminator="\r\n")
-    writer.writerow([_harmless(column.name) for column in table.columns])
-    writer.writerow([_harmless(column.unit) for column in table.columns])
-    writer.writerows([[_as_text(value) for value in row] for row in table.rows])
+    heads = [
+        [_harmless(column.name) for column in table.columns],
+        [_harmless(column.unit) for column in table.columns],
+    ]
+    write_rows(
+        out, [*heads, *([_as_text(value) for value in row] for row in table.rows)], delimiter=delimiter
+    )
     return out.getvalue()
 
 
@@ -88,7 +90,7 @@ def _refuse_what_is_no_fact(table: Table) -> None:
 
 
 def _harmless(text: str) -> str:
-    return f"'{text}" if text.startswith(_FORMULA_SIGNS) else text
+    return f"'{text}" if text.startswith(FORMULA_SIGNS) else text
 
 
 def _cell(sheet: Any, value: Value, *, bold: bool = False) -> Any:
@@ -101,7 +103,7 @@ def _cell(sheet: Any, value: Value, *, bold: bool = False) -> Any:
     cell = WriteOnlyCell(sheet, text)
     # the kind is said, not guessed: "=1+1" is text; and a number keeps all digits, of which openpyxl writes 16
     cell.data_type = "s" if isinstance(value, str) else "n"
-    if isinstance(value, str) and value.startswith(_FORMULA_SIGNS):
+    if isinstance(value, str) and value.startswith(FORMULA_SIGNS):
         cell.quotePrefix = True  # it stays text when somebody edits it
     if bold:
         cell.font = Font(bold=True)

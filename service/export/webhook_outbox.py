@@ -14,7 +14,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.export.webhook_target import WebhookError
+from cellcal.service.files import create_private_file, make_private_folder
 from cellcal.service.site.alarms import Alarm
 
 OUTBOX_NAME = "webhook_outbox.sqlite"
@@ -59,9 +61,10 @@ class WebhookOutbox:
     """One connection; each thread opens its own."""
 
     def __init__(self, data_dir: Path, *, kept_rows: int = KEPT_ROWS) -> None:
-        data_dir.mkdir(parents=True, exist_ok=True)
+        make_private_folder(data_dir)
         self.path, self._kept_rows = data_dir / OUTBOX_NAME, kept_rows
         try:
+            create_private_file(self.path)
             self._database = sqlite3.connect(self.path, isolation_level=None)
             for statement in (*_PRAGMAS, *_SCHEMA):
                 self._database.execute(statement)
@@ -81,7 +84,7 @@ class WebhookOutbox:
     def up(self) -> list[Alarm]:
         """Return the alarms that were up at the last change."""
         rows = self._database.execute("SELECT alarm FROM up ORDER BY rowid").fetchall()
-        return [Alarm(**json.loads(row[0])) for row in rows]
+        return [Alarm(**parse_json(row[0])) for row in rows]
 
     def put(self, cell: str, changes: Sequence[tuple[Alarm, bool]]) -> None:
         """Keep alarms that were raised or cleared, all or none."""

@@ -24,14 +24,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.configuration.report_tables import WebhookTable
 from cellcal.service.export.webhook_outbox import OUTBOX_NAME, WebhookOutbox
 from cellcal.service.export.webhook_target import Target, WebhookError, deliver, target_of
+from cellcal.service.files import make_private_folder
 from cellcal.service.site.desk_tap import DeskTap
 from cellcal.service.site.standing import DueDates
 from cellcal.service.site.troubles import Troubles
+from cellcal.service.unexpected import log_in_lines, run_guarded
 
 _LOG = logging.getLogger(__name__)
 PERIOD_S = 0.1
@@ -76,7 +79,7 @@ def read_secret(path: Path) -> bytes:
                 remedy=f"Run: chmod 600 {path}",
                 code="usage",
             )
-        text = path.read_text(encoding="utf-8").strip().removeprefix(SECRET_PREFIX)
+        text = read_plain_text(path).strip().removeprefix(SECRET_PREFIX)
         secret = base64.b64decode(text, validate=True)
     except OSError as error:
         raise WebhookError(
@@ -190,7 +193,7 @@ def _carry(data_dir: Path, target: Target, secret: bytes, ended: threading.Event
 
 @contextmanager
 def _alone(data_dir: Path) -> Iterator[None]:
-    data_dir.mkdir(parents=True, exist_ok=True)
+    make_private_folder(data_dir)
     path = (data_dir / OUTBOX_NAME).with_suffix(".lock")
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
@@ -214,7 +217,7 @@ def _no_secret(path: Path) -> WebhookError:
 
 def main(path: str) -> None:
     """Send alarms until standard input ends."""
-    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="webhook: %(message)s")
+    log_in_lines("webhook: %(message)s")
     try:
         send(read_cell_file(path), sys.stdin.buffer, threading.Event())
     except CellError as error:
@@ -223,4 +226,4 @@ def main(path: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    sys.exit(run_guarded(lambda: main(sys.argv[1])))

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cellcal.service.files import make_private_folder
 from cellcal.service.people.errors import PeopleError, TooManyGuessesError, WrongSecretError
 from cellcal.service.people.naming import clean_name, folded
 from cellcal.service.people.rate_limits import DAY_S, DEVICE, PERSON, STATION, wait_s
@@ -260,7 +261,7 @@ class Register:
     def _open(self) -> Iterator[sqlite3.Connection]:
         try:
             if not self.path.exists():
-                self.path.parent.mkdir(parents=True, exist_ok=True)
+                make_private_folder(self.path.parent)
                 os.close(os.open(self.path, os.O_CREAT | os.O_RDWR, 0o600))
             with closing(sqlite3.connect(self.path, timeout=_BUSY_S, isolation_level=None)) as database:
                 database.execute("PRAGMA synchronous = FULL")

@@ -15,6 +15,8 @@ from pathlib import Path
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
+from cellcal.calibration.documents.plain_files import read_plain_bytes
+from cellcal.service.files import make_private_folder
 from cellcal.service.people.errors import PeopleError
 
 PEPPER_BYTES = 32
@@ -67,7 +69,7 @@ def pepper_of(data_dir: Path) -> bytes:
     credential = Path(given) / CREDENTIAL if given else None
     try:
         if credential is not None and credential.exists():
-            return _whole(credential, credential.read_bytes())
+            return _whole(credential, read_plain_bytes(credential))
         path = data_dir / PEPPER_NAME
         if not path.exists():
             _create(path)
@@ -75,7 +77,7 @@ def pepper_of(data_dir: Path) -> bytes:
             raise PeopleError(
                 f"other users of this computer may read {path}.", remedy=f"Run: chmod 600 {path}"
             )
-        return _whole(path, path.read_bytes())
+        return _whole(path, read_plain_bytes(path))
     except OSError as error:
         raise PeopleError(
             f"the pepper in {data_dir} cannot be used: {error.strerror}.",
@@ -94,7 +96,7 @@ def _whole(path: Path, pepper: bytes) -> bytes:
 
 def _create(path: Path) -> None:
     """Write it beside its place, then link it: whole or not there, and never over the one of a quicker process."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_private_folder(path.parent)
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")  # mode 0600
     draft = Path(name)
     try:

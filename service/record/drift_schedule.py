@@ -1,12 +1,12 @@
 """When each robot's next drift check is due: some days after the last one that ended well, as the journal has it."""
 
-import json
 import sqlite3
 from collections.abc import Mapping
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.past import Kind
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.runs.open_cell import journal_path
@@ -52,7 +52,7 @@ def _last_checks(journal: Path) -> Mapping[str, date]:
     serials: dict[str, str] = {}
     checked: dict[str, date] = {}
     for run_id, kind, text, wall_utc in rows:
-        body: dict[str, Any] = json.loads(text)
+        body: dict[str, Any] = parse_json(text)
         if kind == Kind.STARTED:
             serials[run_id] = body["cell"]["devices"][0]["identity"]["serial"]
         elif body["verdict"] == "passed":

@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any, Protocol, Self
 from uuid import NAMESPACE_URL, uuid5
 
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.canonical import canonical_json
+from cellcal.service.files import create_private_file, make_private_folder
 
 _GENESIS = bytes(32)
 _BUSY_MS = 5000
@@ -139,7 +141,8 @@ class Journal:
     @classmethod
     def open(cls, path: Path) -> Self:
         """Open or create the journal file and make its directory entry durable."""
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_private_folder(path.parent)
+        create_private_file(path)
         journal = cls(path)
         _sync_directory(path.parent)
         return journal
@@ -319,7 +322,7 @@ def _code(error: sqlite3.Error) -> int:
 
 def _boot_id() -> str:
     path = Path("/proc/sys/kernel/random/boot_id")
-    return path.read_text().strip() if path.exists() else ""
+    return read_plain_text(path).strip() if path.exists() else ""
 
 
 def _sync_directory(directory: Path) -> None:

@@ -1,9 +1,9 @@
 """What controllers held before a run wrote their mastering: folded from the journal, nothing is stored twice."""
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.canonical import sha256_of
 from cellcal.procedures.cell import MasteringBackup
@@ -27,7 +27,7 @@ def mastering_backups(events: Iterable[Event], robot_serial: str) -> tuple[Maste
 
 
 def _of_run(events: list[Event], robot_serial: str) -> Iterator[MasteringBackup]:
-    told = [(event, json.loads(event.body)) for event in events]
+    told = [(event, parse_json(event.body)) for event in events]
     if told[0][0].kind != Kind.STARTED or serial_of(told[0][1]) != robot_serial:
         return
     place = next(

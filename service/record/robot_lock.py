@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cellcal.calibration.errors import CellError
+from cellcal.service.files import make_private_folder
 
 
 class LeaseHeldError(CellError):
@@ -59,9 +60,9 @@ def lease(directory: Path, robot: str, holder: str, right: str = "") -> Iterator
     LeaseHeldError
         Another run holds it, in this process or another.
     """
-    directory.mkdir(parents=True, exist_ok=True)
+    make_private_folder(directory)
     path = _path(directory, robot + right)
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

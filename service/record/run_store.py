@@ -1,12 +1,12 @@
 """What the journal says: runs, their findings and results, mastering records. Nothing is stored twice."""
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from pydantic import TypeAdapter
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.drift.reference import DriftReference
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.calibration.points.alignment import Alignment
@@ -92,7 +92,7 @@ class Store:
 
     def _newest_utc(self, kind: Kind, right: Callable[[Any], bool]) -> str | None:
         events = (event for event in reversed(self._journal.events()) if event.kind == kind)
-        return next((event.wall_utc for event in events if right(json.loads(event.body))), None)
+        return next((event.wall_utc for event in events if right(parse_json(event.body))), None)
 
     def newest(self, run_id: str) -> str:
         """Return the id of the newest run for ``last``, else the id itself."""
@@ -126,7 +126,7 @@ class Store:
             The journal is damaged: which one is in force cannot be told. So for all that is read by it below.
         """
         self._journal.refuse_damaged()
-        facts = [json.loads(event.body) for event in self._journal.events() if event.kind == Kind.STORED]
+        facts = [parse_json(event.body) for event in self._journal.events() if event.kind == Kind.STORED]
         return [fact for fact in facts if (fact["what"], fact["robot_serial"]) == (what, robot_serial)]
 
     def mastering_record(self, robot_serial: str) -> MasteringRecord | None:
@@ -137,7 +137,7 @@ class Store:
     def alignments(self) -> tuple[Alignment, ...]:
         """Return every alignment of every robot, oldest first; raises as `kept`."""
         self._journal.refuse_damaged()
-        facts = [json.loads(event.body) for event in self._journal.events() if event.kind == Kind.STORED]
+        facts = [parse_json(event.body) for event in self._journal.events() if event.kind == Kind.STORED]
         return tuple(_ALIGNMENTS.validate_python(f["value"]) for f in facts if f["what"] == ALIGNMENT)
 
     def calibrated_arm(self, robot_serial: str) -> CalibratedArm | None:
@@ -193,7 +193,7 @@ def _is_of(header: Mapping[str, Any], procedure: str, robot_serial: str) -> bool
 
 
 def _view(events: list[Event]) -> RunView:
-    bodies = [(event.kind, json.loads(event.body)) for event in events]
+    bodies = [(event.kind, parse_json(event.body)) for event in events]
     header = bodies[0][1]
     ended: Mapping[str, Any] = {}
     for kind, body in bodies:

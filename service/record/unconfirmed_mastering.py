@@ -5,11 +5,11 @@ in the controller again undo it. Whatever happens in between, a lost link or a k
 and every later look says so.
 """
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.interfaces import MasteringData
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.entry import Entry
@@ -61,7 +61,7 @@ def unconfirmed_masterings(events: Iterable[Event], robot_serial: str) -> tuple[
     runs: dict[str, _Told] = {}
     for event in known:
         if event.run_id in writing:
-            _take(runs, event, json.loads(event.body), robot_serial)
+            _take(runs, event, parse_json(event.body), robot_serial)
     return tuple(told.pending for told in runs.values() if told.pending is not None)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import orjson
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 
 LONGEST_LINE = 16 * 1024 * 1024
@@ -87,7 +88,7 @@ class Solver:
                 await self.leave()
         if not told:
             raise SolverBusyError
-        found: dict[str, Any] = orjson.loads(told)
+        found: dict[str, Any] = parse_json(told)
         return found
 
     async def _started(self) -> asyncio.subprocess.Process:

@@ -8,11 +8,14 @@ from typing import Any
 import orjson
 from pydantic_core import to_jsonable_python
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.review.displacement import displacement
 from cellcal.service.review.reviewer import Reviewer
 from cellcal.service.review.tcp_uncertainty import tool_doubt
+from cellcal.service.unexpected import log_in_lines, run_guarded
+from cellcal.service.web.shown_paths import without_paths
 
 _log = logging.getLogger(__name__)
 _BROKEN = {
@@ -34,11 +37,12 @@ def questions(config: CellConfig) -> Mapping[str, Callable[..., Any]]:
 
 def answer_to(known: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str, Any]:
     """Return the answer to one line, or why there is none."""
-    asked = orjson.loads(line)
+    asked = parse_json(line)
     try:
         return {"ok": True, "answer": to_jsonable_python(known[asked["question"]](**asked["given"]))}
     except CellError as error:
-        return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
+        said = {"message": without_paths(error.message), "remedy": without_paths(error.remedy)}
+        return {"ok": False, "code": error.code, **said}
     except Exception:  # noqa: BLE001  whatever it was, the next question is answered
         _log.exception("%s broke", asked["question"])
         return {"ok": False, **_BROKEN}
@@ -46,7 +50,7 @@ def answer_to(known: Mapping[str, Callable[..., Any]], line: bytes) -> dict[str,
 
 def main() -> None:
     """Answer until the input ends."""
-    logging.basicConfig(level=logging.WARNING)
+    log_in_lines()
     known = questions(read_cell_file(sys.argv[1]))
     for line in sys.stdin.buffer:
         sys.stdout.buffer.write(orjson.dumps(answer_to(known, line)) + b"\n")
@@ -54,4 +58,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_guarded(main))

@@ -8,6 +8,7 @@ from cellcal.procedures.run import DeclinedError
 from cellcal.service.record.journal import Journal
 from cellcal.service.record.run_outcome import Verdict
 from cellcal.service.record.run_store import Store
+from cellcal.service.times import read_time
 
 MOST_H = 8.0  # a shift
 _QUESTION = (
@@ -32,7 +33,7 @@ async def agree_if_old(
     """
     if Store(journal).run(run_id).state == Verdict.PASSED:
         return
-    last = datetime.fromisoformat(journal.events(run_id)[-1].wall_utc)
+    last = read_time(journal.events(run_id)[-1].wall_utc)
     age_h = ((now_utc or datetime.now(UTC)) - last).total_seconds() / 3600.0
     if 0.0 <= age_h <= MOST_H:
         return

@@ -10,6 +10,7 @@ from cellcal.drivers.interfaces import Joints
 from cellcal.drivers.registry import PROGRAM_WRITERS
 from cellcal.drivers.wire.program_file import Header, ProgramWriter
 from cellcal.service.configuration.cell_file import CellConfig
+from cellcal.service.files import make_private_folder
 
 NO_SAFETY_FUNCTION = (
     "This software performs no safety function. Emergency stop, protective stop, enabling device, speed and space "
@@ -30,7 +31,7 @@ class Programs:
         """Write joint moves along a way; the same moves give the same file."""
         token = sha256(repr((self.serial, way_rad, speed_rad_s)).encode()).hexdigest()[:8].upper()
         name = f"CC{token}"
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_private_folder(self.folder)
         header = Header(name, token, f"robot {self.robot}, serial {self.serial}", NO_SAFETY_FUNCTION)
         path = self.folder / f"{name}{self.writer.suffix}"
         path.write_text(self.writer.write(header, way_rad, speed_rad_s), encoding="ascii", errors="replace")

@@ -4,17 +4,18 @@ The picture lies beside the journal, its SHA-256 stands in it: a picture that wa
 """
 
 import hashlib
-import json
 import struct
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.procedures.past import Kind
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.files import replace_file
+from cellcal.service.files import make_private_folder, replace_file
 from cellcal.service.record.journal import Event
 from cellcal.service.record.run_store import Store
 from cellcal.service.runs.open_cell import open_journal
@@ -29,6 +30,8 @@ _KEPT_CHUNKS = frozenset(
 _KEPT_MARKERS = frozenset(
     {0xE0, 0xEE}
 )  # JFIF and Adobe: how colours are stored; the other APPs and comments go
+_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}  # starts of frame: the others are tables
+MOST_PIXELS_A_SIDE = 8192
 _SCAN, _COMMENT, _APPS = 0xDA, 0xFE, range(0xE0, 0xF0)
 
 
@@ -73,7 +76,7 @@ def keep_picture(config: CellConfig, run_id: str, raw: bytes, *, what: str, who:
                 "this run takes no more pictures.", remedy="Take them while the run is under way."
             )
         path = _path(config, run_id, sha256, media_type)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_private_folder(path.parent)
         replace_file(path, plain)  # before it is named: what the journal names is there
         body = {"sha256": sha256, "media_type": media_type, "bytes": len(plain), "what": what, "who": who}
         event = journal.append(run_id, Kind.PICTURE, body, key=f"picture {sha256}", actor=who)
@@ -84,7 +87,7 @@ def pictures_of_run(events: Iterable[Event]) -> Iterator[Picture]:
     """Yield the pictures that the journal names, oldest first."""
     for event in events:
         if event.kind == Kind.PICTURE:
-            yield Picture(**json.loads(event.body), at_utc=event.wall_utc)
+            yield Picture(**parse_json(event.body), at_utc=event.wall_utc)
 
 
 def told_pictures(events: Iterable[Event]) -> list[dict[str, Any]]:
@@ -101,7 +104,7 @@ def read_picture(config: CellConfig, run_id: str, picture: Picture) -> bytes:
         It is gone, or not what was taken in.
     """
     path = _path(config, run_id, picture.sha256, picture.media_type)
-    raw = path.read_bytes() if path.is_file() else b""
+    raw = read_plain_bytes(path) if path.is_file() else b""
     if hashlib.sha256(raw).hexdigest() != picture.sha256:
         raise PictureError("the picture is not what was taken in.", remedy="Restore data_dir from a backup.")
     return raw
@@ -119,12 +122,36 @@ def plain_picture(raw: bytes) -> tuple[str, bytes]:
         raise PictureError(f"a picture has at most {MOST_BYTES >> 10} KiB.", remedy="Take a smaller one.")
     try:
         if raw.startswith(_JPEG):
-            return "image/jpeg", b"".join(_jpeg_parts(raw))
+            return "image/jpeg", b"".join(_of_bounded_size(_jpeg_parts(raw)))
         if raw.startswith(_PNG):
-            return "image/png", _PNG + b"".join(_png_parts(raw))
+            return "image/png", _PNG + b"".join(_of_bounded_size(_png_parts(raw)))
     except (struct.error, IndexError) as error:
         raise PictureError("the picture did not arrive whole.", remedy="Take it again.") from error
     raise PictureError("that is no picture: JPEG and PNG are taken.", remedy="Take it with the camera.")
+
+
+def _of_bounded_size(parts: Iterator[bytes]) -> list[bytes]:
+    """Return the parts of a picture that says, once, a size which a browser can decode."""
+    found = list(parts)
+    sizes = [size for part in found if (size := _size_in(part)) is not None]
+    if len(sizes) != 1:
+        raise IndexError
+    if min(sizes[0]) < 1 or max(sizes[0]) > MOST_PIXELS_A_SIDE:
+        raise PictureError(
+            f"a picture has 1 to {MOST_PIXELS_A_SIDE} pixels a side.", remedy="Take a smaller one."
+        )
+    return found
+
+
+def _size_in(part: bytes) -> tuple[int, int] | None:
+    """Return width and height where a part tells them: PNG's IHDR, a JPEG's start of frame."""
+    if part[4:8] == b"IHDR":
+        width, height = struct.unpack_from(">II", part, 8)
+        return width, height
+    if part[:1] == b"\xff" and len(part) > 1 and part[1] in _FRAMES:
+        height, width = struct.unpack_from(">HH", part, 5)
+        return width, height
+    return None
 
 
 def _jpeg_parts(raw: bytes) -> Iterator[bytes]:

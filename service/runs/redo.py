@@ -1,8 +1,8 @@
 """Doing a run again from one of its steps: what is discarded is asked first, and stays in the journal."""
 
-import json
 from difflib import get_close_matches
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.errors import RefusedError
 from cellcal.drivers.interfaces import Instruction, Operator
 from cellcal.procedures.past import Effect, Kind
@@ -69,5 +69,5 @@ def _question(discarded: list[str], written: frozenset[str]) -> str:
 
 
 def _written(journal: Journal, run_id: str) -> frozenset[str]:
-    bodies = [json.loads(event.body) for event in journal.events(run_id) if event.kind == Kind.INTENT]
+    bodies = [parse_json(event.body) for event in journal.events(run_id) if event.kind == Kind.INTENT]
     return frozenset(body["step"] for body in bodies if body["effect"] == Effect.WRITE)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.record.journal import Event
 from cellcal.service.site.journal_tail import journal_to_read, told
 from cellcal.service.site.keys import SiteError
@@ -57,7 +58,7 @@ class Answers:
             for name in (f"{run_id}.json", f"{run_id}-refused.json"):
                 path = self._certificates / name
                 if path.is_file() and path.stat().st_size <= LONGEST_DOCUMENT:
-                    return path.read_bytes()
+                    return read_plain_bytes(path)
         raise SiteError(f"no certificate of the run {run_id[:100]!r} was issued.")
 
     def _rows(self, asked: Mapping[str, str]) -> Iterator[dict[str, Any] | bytes]:

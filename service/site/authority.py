@@ -15,6 +15,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.site.keys import SiteError
 
 AUTHORITY_DAYS, LEAF_DAYS = 3650, 1095
@@ -75,8 +76,8 @@ def read_authority(folder: Path) -> Authority:
         Its files are not there, or hold something else.
     """
     try:
-        key = serialization.load_pem_private_key((folder / "ca.key").read_bytes(), password=None)
-        certificate = x509.load_pem_x509_certificate((folder / "ca.pem").read_bytes())
+        key = serialization.load_pem_private_key(read_plain_bytes(folder / "ca.key"), password=None)
+        certificate = x509.load_pem_x509_certificate(read_plain_bytes(folder / "ca.pem"))
     except (OSError, ValueError, TypeError) as error:
         raise SiteError(
             f"{folder} does not hold the site's authority (ca.key, ca.pem): {error}.",
@@ -90,7 +91,7 @@ def read_authority(folder: Path) -> Authority:
 def valid_until(certificate: Path) -> datetime:
     """Return when a certificate ends."""
     try:
-        return x509.load_pem_x509_certificate(certificate.read_bytes()).not_valid_after_utc
+        return x509.load_pem_x509_certificate(read_plain_bytes(certificate)).not_valid_after_utc
     except (OSError, ValueError) as error:
         raise SiteError(f"{certificate} is no certificate: {error}.", remedy="Restore it.") from error
 

@@ -5,7 +5,8 @@ import time
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
-import orjson
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.json_text import parse_json
 
 DESK_SILENT_S = 5.0
 LONGEST_LINE = 1 << 20
@@ -37,9 +38,9 @@ class DeskTap:
     def take(self, line: bytes) -> None:
         """Take in one line."""
         try:
-            said = orjson.loads(line)
+            said = parse_json(line)
             kind, content = said["told"], said["content"]
-        except (orjson.JSONDecodeError, KeyError, TypeError):
+        except (DocumentError, KeyError, TypeError):
             return
         if kind == "live":
             self._live = (self._clock(), content)

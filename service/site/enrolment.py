@@ -16,6 +16,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.certificates.signing import read_public_key, station_key
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.files import replace_file
@@ -188,7 +189,7 @@ def _write_lists(folder: Path, site: _SiteFile, stations: StationsFile) -> None:
 
 def _read_site(folder: Path) -> _SiteFile:
     try:
-        return _SiteFile.model_validate_json((folder / SITE_FILE).read_bytes())
+        return _SiteFile.model_validate_json(read_plain_bytes(folder / SITE_FILE))
     except (OSError, ValidationError) as error:
         raise SiteError(f"{folder / SITE_FILE} cannot be used: {error}.", remedy="Restore it.") from error
 
@@ -196,7 +197,7 @@ def _read_site(folder: Path) -> _SiteFile:
 def _read_known(folder: Path, site: _SiteFile) -> StationsFile:
     path = folder / "monitor" / STATIONS_FILE
     try:
-        found = StationsFile.model_validate_json(path.read_bytes())
+        found = StationsFile.model_validate_json(read_plain_bytes(path))
     except (OSError, ValidationError) as error:
         raise SiteError(f"{path} cannot be used: {error}.", remedy="Restore it.") from error
     if found.site != site.site:

@@ -19,6 +19,7 @@ from cellcal.service.site.link_files import StationsFile
 from cellcal.service.site.sealed import Flaw, Message, opened, public_key, wall_utc
 from cellcal.service.site.site_store import Reach
 from cellcal.service.site.state_shape import is_alarm, state_flaw
+from cellcal.service.times import read_time
 
 SILENT_S = 4.0  # a state comes every second; without a goodbye this tells a cable that was pulled
 _MOST_KEYS = 200
@@ -225,6 +226,6 @@ def _link(station: _Station, now_s: float, silent_s: float) -> str:
 
 def _seconds_from_now(wall: str) -> float:
     try:
-        return round((datetime.now(UTC) - datetime.fromisoformat(wall)).total_seconds(), 1)
+        return round((datetime.now(UTC) - read_time(wall)).total_seconds(), 1)
     except (ValueError, TypeError):
         return 0.0

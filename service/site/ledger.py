@@ -3,11 +3,11 @@
 A fold over the journal's events, one at a time, so that a long journal is read once.
 """
 
-import json
 from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.past import Kind
 from cellcal.service.record.journal import Event
 
@@ -47,17 +47,17 @@ class Ledger:
         """Take the next event."""
         self.head, self.head_hash = event.seq, event.hash.hex()
         if event.kind == Kind.STARTED:
-            self._begin(event, json.loads(event.body))
+            self._begin(event, parse_json(event.body))
             return
         run = self._runs.get(event.run_id)
         if run is None:
             return
         if event.kind in (Kind.ENTERED, Kind.INTENT):
-            run.step = str(json.loads(event.body)["step"])
+            run.step = str(parse_json(event.body)["step"])
         elif event.kind in (Kind.RESUMED, Kind.FORGOTTEN):
             run.state, run.word, run.ended_utc, run.reason = "interrupted", "", "", ""
         elif event.kind == Kind.ENDED:
-            self._end(run, event, json.loads(event.body))
+            self._end(run, event, parse_json(event.body))
 
     def run(self, run_id: str) -> _Run | None:
         """Return one of the newest runs as it stands."""

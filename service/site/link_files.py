@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 import zenoh
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.service.site.keys import SiteError
 
 ROUTER_FILE, CELL_FILE, MONITOR_FILE = "router.json5", "cell.json5", "monitor.json5"
@@ -91,7 +93,7 @@ def read_link_folder(folder: Path, name: str) -> LinkFolder:
     """
     path = folder / name
     try:
-        config = json.loads(path.read_text(encoding="utf-8"))
+        config = parse_json(read_plain_text(path))
         tls = config["transport"]["link"]["tls"]
         files = {key: (folder / tls[key]).absolute() for key in _TLS_FILES}
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -128,7 +130,7 @@ def read_stations(folder: Path) -> StationsFile:
 
 def _read(path: Path, what: type[_Known]) -> _Known:
     try:
-        return what.model_validate_json(path.read_bytes())
+        return what.model_validate_json(read_plain_bytes(path))
     except (OSError, ValidationError) as error:
         raise SiteError(
             f"{path} cannot be used: {error}.",

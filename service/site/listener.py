@@ -9,11 +9,12 @@ import time
 from pathlib import Path
 from typing import Any, Self
 
-import orjson
 import zenoh
 from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
 from zenoh.handlers import FifoChannel
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.certificates.signing import Checked, check
 from cellcal.service.site.fleet import OPENED_A_SECOND, Fleet
 from cellcal.service.site.journal_tail import chain_flaw
@@ -100,7 +101,7 @@ class Listener:
     def events(self, cell: str, most: int = 100) -> list[dict[str, Any]]:
         """Return a cell's newest events that are stored, newest first."""
         with self._store_lock:
-            return [orjson.loads(raw) for raw in self._store.events(cell, most)]
+            return [parse_json(raw) for raw in self._store.events(cell, most)]
 
     def ask(self, cell: str, verb: str, **asked: str | int) -> list[Message]:
         """Ask a cell one of its reading verbs; answers whose signature is not the cell's are named and left out."""
@@ -307,14 +308,14 @@ def _connected(config: zenoh.Config, patience_s: float, endpoints: list[str]) ->
 
 def _key_of(raw: bytes) -> str:
     try:
-        told = orjson.loads(raw)
-    except orjson.JSONDecodeError:
+        told = parse_json(raw)
+    except DocumentError:
         return ""
     return str(told.get("key", "")) if isinstance(told, dict) else ""
 
 
 def _words_of(raw: bytes) -> str:
     try:
-        return str(orjson.loads(raw)["message"])
-    except (orjson.JSONDecodeError, KeyError, TypeError):
+        return str(parse_json(raw)["message"])
+    except (DocumentError, KeyError, TypeError):
         return "the question was not answered in time"

@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
+from cellcal.service.files import create_private_file, make_private_folder
 from cellcal.service.site.keys import SiteError
 
 OUTBOX_NAME = "site_outbox.sqlite"
@@ -55,11 +56,12 @@ class Outbox:
     """One cell's outbox. Only one process may hold it: two would give the same numbers to different events."""
 
     def __init__(self, data_dir: Path, *, kept_rows: int = KEPT_ROWS) -> None:
-        data_dir.mkdir(parents=True, exist_ok=True)
+        make_private_folder(data_dir)
         self.path = data_dir / OUTBOX_NAME
         self._kept_rows = kept_rows
         self._lock = _locked(self.path)
         try:
+            create_private_file(self.path)
             self._database = sqlite3.connect(self.path, isolation_level=None)
             for sql in (*_PRAGMAS, *_SCHEMA):
                 self._database.execute(sql).fetchall()

@@ -35,6 +35,7 @@ from cellcal.service.site.sealed import Sealer
 from cellcal.service.site.standing import DueDates, state_of
 from cellcal.service.site.station import Station
 from cellcal.service.site.troubles import Troubles
+from cellcal.service.unexpected import log_in_lines, run_guarded
 
 _LOG = logging.getLogger(__name__)
 PERIOD_S = 0.1
@@ -198,9 +199,9 @@ def _zenoh(make: Callable[[], zenoh.Config]) -> zenoh.Config:
 
 def main(path: str) -> None:
     """Tell the site until standard input ends."""
-    logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="site: %(message)s")
+    log_in_lines("site: %(message)s")
     publish(read_cell_file(path), sys.stdin.buffer, threading.Event())
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    sys.exit(run_guarded(lambda: main(sys.argv[1])))

@@ -5,7 +5,6 @@ of the rest. ``key`` is the key it was published under: a message is good there 
 outbox that counted ``seq``: a cell that lost its outbox begins a later epoch, and nothing is taken for a repetition.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,8 +13,10 @@ from typing import Any
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.procedures.canonical import canonical_json
 from cellcal.service.certificates.signing import StationKey
+from cellcal.service.times import read_time
 
 LONGEST_MESSAGE = 2_000_000
 ENCODING = "application/json;schema=cellcal.sealed.v1"
@@ -91,7 +92,7 @@ def opened(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -> Mess
     if len(raw) > LONGEST_MESSAGE:
         return Flaw(key, f"a message of {len(raw)} bytes is longer than any of ours")
     try:
-        told = json.loads(raw, parse_constant=_not_finite)
+        told = parse_json(raw)
     except (ValueError, RecursionError):
         return Flaw(key, "a message is no JSON")
     if not isinstance(told, dict) or told.keys() != _PARTS or not _typed(told):
@@ -114,8 +115,14 @@ def opened(raw: bytes, key: str, station: str, public: Ed25519PublicKey) -> Mess
 def _typed(told: dict[str, Any]) -> bool:
     texts = all(isinstance(told[key], str) for key in ("ed25519", "epoch", "key", "station", "wall"))
     seq = told["seq"]
-    return texts and isinstance(seq, int) and not isinstance(seq, bool) and 0 < seq < 2**63
+    if not texts or not _is_moment(told["wall"]):
+        return False
+    return isinstance(seq, int) and not isinstance(seq, bool) and 0 < seq < 2**63
 
 
-def _not_finite(name: str) -> float:
-    raise ValueError(f"{name} is no fact")
+def _is_moment(wall: str) -> bool:
+    try:
+        read_time(wall)
+    except ValueError:
+        return False
+    return True

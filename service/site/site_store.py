@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from cellcal.service.files import create_private_file, make_private_folder
 from cellcal.service.site.keys import SiteError
 from cellcal.service.site.sealed import Message
 
@@ -56,7 +57,8 @@ class SiteStore:
 
     def __init__(self, path: Path) -> None:
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_private_folder(path.parent)
+            create_private_file(path)
             self._database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
             for sql in (*_PRAGMAS, *_SCHEMA):
                 self._database.execute(sql).fetchall()

@@ -6,7 +6,6 @@ for a person, stands in `standing_answers.py`.
 
 import logging
 from dataclasses import dataclass, replace
-from datetime import datetime
 from typing import Any
 from uuid import uuid4
 
@@ -18,6 +17,7 @@ from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.journal import StoreError
 from cellcal.service.record.run_store import Store, stored_body
 from cellcal.service.runs.open_cell import journal_path, open_journal
+from cellcal.service.times import read_time
 from cellcal.service.watching.watch import PositionLoss
 
 _LOG = logging.getLogger(__name__)
@@ -118,5 +118,5 @@ def _met_before(config: CellConfig, loss: PositionLoss) -> bool:
             met = (store.last_begun_utc(procedure, serial), store.last_kept_utc(DETECTION, serial))
     except StoreError:  # what a damaged journal does not tell may have been
         return True
-    healthy_utc = datetime.fromisoformat(healthy.seen_utc)
-    return any(at_utc is not None and datetime.fromisoformat(at_utc) > healthy_utc for at_utc in met)
+    healthy_utc = read_time(healthy.seen_utc)
+    return any(at_utc is not None and read_time(at_utc) > healthy_utc for at_utc in met)

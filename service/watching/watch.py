@@ -10,7 +10,6 @@ loss they tell to within a few turns where each motor stood.
 import asyncio
 import json
 import logging
-import os
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import asdict, dataclass, field
@@ -20,9 +19,12 @@ from typing import Protocol
 
 import numpy as np
 
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.mastering.counts import DriveTrain
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Alarm, Condition, Counts, MasteringStore, Readiness, Robot
+from cellcal.service.files import make_private_folder, replace_file
 from cellcal.service.watching.loss_modes import (
     LossMode,
     Suspicion,
@@ -74,7 +76,7 @@ class LastHealthyCounts:
     def load(self, robot: str) -> HealthyCounts | None:
         """Return what was seen last, or None where nothing (readable) is stored."""
         try:
-            document = json.loads(self._path(robot).read_text(encoding="utf-8"))
+            document = parse_json(read_plain_text(self._path(robot)))
             counts = tuple(int(count) for count in document["counts"])
             return HealthyCounts(
                 str(document["robot"]), counts, int(document["epoch"]), str(document["seen_utc"])
@@ -87,14 +89,9 @@ class LastHealthyCounts:
 
     def save(self, seen: HealthyCounts) -> None:
         """Replace the file so that a crash leaves the old or the new one, never half of it."""
-        self._dir.mkdir(parents=True, exist_ok=True)
+        make_private_folder(self._dir)
         path = self._path(seen.robot)
-        draft = path.with_suffix(".draft")
-        with draft.open("w", encoding="utf-8") as file:
-            json.dump(asdict(seen), file)
-            file.flush()
-            os.fsync(file.fileno())
-        draft.replace(path)
+        replace_file(path, json.dumps(asdict(seen)))
 
     def _path(self, robot: str) -> Path:
         return self._dir / f"last_healthy_{robot}.json"

@@ -13,6 +13,7 @@ from typing import Any
 
 import orjson
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.service.cell_process.messages import LONGEST_LINE
 
@@ -97,7 +98,7 @@ class DeskLink:
         assert process.stdout is not None
         with contextlib.suppress(ConnectionError):
             while line := await process.stdout.readline():
-                self._take(orjson.loads(line))
+                self._take(parse_json(line))
         code = await process.wait()
         _log.warning("the desk of %s ended with code %s", self._cell_file, code)
         for answer in self._waiting.values():

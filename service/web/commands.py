@@ -13,6 +13,7 @@ from cellcal.service.people.naming import LONGEST_NAME, LONGEST_SECRET
 from cellcal.service.web.door import Who, house_of, token_of
 from cellcal.service.web.error_responses import RefusedOrder
 from cellcal.service.web.session_control import permitted, told
+from cellcal.service.web.shown_paths import without_paths
 
 if TYPE_CHECKING:
     from cellcal.service.web.app import House
@@ -100,4 +101,5 @@ async def _sent(house: "House", pressed: Pressed, name: str) -> Any:
     reply = await house.link.order({**pressed.model_dump(mode="json"), "who": name, "people": people})
     if reply["ok"]:
         return reply
-    return JSONResponse({"session": house.link.session, **reply}, status_code=409)
+    said = {part: without_paths(reply[part]) for part in ("message", "remedy") if part in reply}
+    return JSONResponse({"session": house.link.session, **reply, **said}, status_code=409)

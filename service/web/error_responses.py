@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from cellcal.calibration.errors import CellError
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.web.cell_client import DeskGoneError
+from cellcal.service.web.shown_paths import without_paths
 
 
 class Refused(BaseModel):
@@ -36,7 +37,11 @@ REFUSALS: dict[int | str, dict[str, Any]] = {
 def told(_: Request, error: Exception) -> JSONResponse:
     """Say what happened and what to do."""
     assert isinstance(error, CellError)
-    body = {"code": error.code, "message": error.message, "remedy": error.remedy}
+    body = {
+        "code": error.code,
+        "message": without_paths(error.message),
+        "remedy": without_paths(error.remedy),
+    }
     if isinstance(error, PeopleError):
         wait = {} if error.retry_after_s is None else {"retry-after": str(error.retry_after_s)}
         return JSONResponse(body, status_code=error.status, headers=wait)

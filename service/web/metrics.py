@@ -8,6 +8,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 from fastapi.responses import PlainTextResponse, Response
 
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.service.export.exposition import CONTENT_TYPE
 from cellcal.service.web.door import house_of
 from cellcal.service.web.middleware import is_loopback
@@ -41,7 +42,7 @@ async def metrics(request: Request) -> Response:
 def _is_right(file: Path, header: str) -> bool:
     """Compare with the file as it is now; one that cannot be used lets nobody in."""
     try:
-        token = file.read_text(encoding="utf-8").partition("\n")[0].strip()
+        token = read_plain_text(file).partition("\n")[0].strip()
     except (OSError, ValueError):
         return False
     scheme, _, given = header.partition(" ")

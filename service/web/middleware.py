@@ -8,6 +8,7 @@ import asyncio
 import ipaddress
 import json
 import logging
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -18,6 +19,8 @@ from starlette.datastructures import MutableHeaders
 from starlette.requests import HTTPConnection
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.people.errors import PeopleError
 from cellcal.service.people.roles import Right
 from cellcal.service.web.door import house_of, token_of
@@ -47,6 +50,12 @@ HEADERS: Mapping[str, str] = {
 }
 _TLS_ONLY = "max-age=31536000"
 _SIGN_IN = "/api/sign-in"
+_HOST = re.compile(
+    r"(?:\[(?P<six>[0-9A-Fa-f:.]{2,45})\]|(?P<name>[A-Za-z0-9](?:[A-Za-z0-9._-]{0,252}[A-Za-z0-9])?))"
+    r"(?::(?P<port>[0-9]{1,5}))?",
+    re.ASCII,
+)
+_LAST_PORT = 65535
 
 
 @dataclass
@@ -224,10 +233,16 @@ def is_loopback(host: str) -> bool:
 
 
 def _host_name(header: str) -> str:
-    name = header.lower()
-    if name.startswith("["):
-        return name[1:].partition("]")[0]
-    return name.rpartition(":")[0] if ":" in name else name
+    """Return the name in a Host header; nothing where it is written in another way than RFC 9110 has it."""
+    found = _HOST.fullmatch(header)
+    if found is None or not 0 < int(found["port"] or 1) <= _LAST_PORT:
+        return ""
+    if found["six"] is None:
+        return found["name"].lower()
+    try:
+        return str(ipaddress.IPv6Address(found["six"]))
+    except ValueError:
+        return ""
 
 
 def _refuse_tricks(connection: HTTPConnection) -> None:
@@ -266,6 +281,8 @@ async def _whole_body(
                 _refuse_long(size, most_bytes)
     except TimeoutError as error:
         raise RefusedRequestError(408, "guard.slow", "the request did not arrive in time.") from error
+    body = b"".join(chunks)
+    _refuse_what_is_no_json(body)
     handed = False
 
     async def again() -> Message:
@@ -273,9 +290,20 @@ async def _whole_body(
         if handed:
             return await receive()
         handed = True
-        return {"type": "http.request", "body": b"".join(chunks), "more_body": False}
+        return {"type": "http.request", "body": body, "more_body": False}
 
     return again
+
+
+def _refuse_what_is_no_json(body: bytes) -> None:
+    """Let only JSON within the limits of the guarded reader through; a route may ask for none."""
+    try:
+        if body:
+            parse_json(body)
+    except DocumentError as error:
+        raise RefusedRequestError(
+            422, "guard.json", f"the request is not understood: {error.why}", "Load the page again."
+        ) from error
 
 
 def _refuse_long(size: int, most_bytes: int) -> None:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 from xml.etree import ElementTree as ET
 
 import numpy as np
-from defusedxml.ElementTree import fromstring  # ships no types
 from fastapi import APIRouter, Path, Request, Response
 
+from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.service.configuration.cell_file import CellConfig, GaugeEntry
 from cellcal.service.web.door import Who, house_of
 
@@ -119,7 +119,7 @@ def primitive_urdf(config: CellConfig, robot: str) -> str:
     from cellcal.calibration.arm.urdf import bare_urdf  # noqa: PLC0415  # heavy: not at the start of the service
 
     model, shapes, _ = _shapes(config, robot)
-    root: ET.Element = fromstring(bare_urdf(model, geometric_joints=True))
+    root: ET.Element = parse_xml(bare_urdf(model, geometric_joints=True))
     for name, rgba in _COLOURS.items():
         ET.SubElement(ET.SubElement(root, "material", name=name), "color", rgba=rgba)
     links = {str(link.get("name")): link for link in root.findall("link")}
@@ -152,7 +152,7 @@ def seen_cell(config: CellConfig, robot: str) -> CellSeen:
 
     model, _, remarks = _shapes(config, robot)
     space, gauge = _space(config, robot), config.gauge_for(robot)
-    bare: ET.Element = fromstring(bare_urdf(model, geometric_joints=True))
+    bare: ET.Element = parse_xml(bare_urdf(model, geometric_joints=True))
     signs = [float(str(axis.get("xyz")).split()[2]) for axis in bare.iter("axis")]
     driven = np.array(signs)[:, None] * model.joint_coupling
     return CellSeen(

@@ -1,13 +1,13 @@
 """What is drawn over the robot: the frames that runs found, and how surely its tool's tip is known."""
 
 import asyncio
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.web.door import Who, house_of
 from cellcal.service.web.residuals import solver_of
@@ -104,7 +104,7 @@ def all_kept(config: CellConfig, serial: str) -> list[Kept]:
 
     with open_journal(config) as journal:
         events = [event for event in journal.events() if event.kind == Kind.STORED]
-    told = [(event, json.loads(event.body)) for event in events]
+    told = [(event, parse_json(event.body)) for event in events]
     return [
         Kept(event.run_id, body["what"], str(body["subject"]), event.wall_utc, body["value"])
         for event, body in told

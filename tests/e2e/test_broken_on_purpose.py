@@ -63,7 +63,7 @@ def test_a_wrong_value_of_a_cell_file(
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"#" * 2_000_000, "is larger than 1000 kB"),
+        (b"#" * 2_000_000, "is larger than 1 MB"),
         (b"a=" + b"[" * 100_000, "is not valid TOML"),
         (b"\x00\xff\xfe", "not text in UTF-8"),
     ],
@@ -99,7 +99,7 @@ def test_a_relative_data_dir_is_meant_from_the_cell_file(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(None, "No such file"), ("[1]", "one object"), ("{", "JSON"), ('{"a": true}', "texts")],
+    [(None, "no such file"), ("[1]", "one object"), ("{", "JSON"), ('{"a": true}', "texts")],
 )
 def test_answers_that_are_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str | None, says: str

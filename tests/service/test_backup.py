@@ -103,9 +103,15 @@ def test_the_drill(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     new = tmp_path / "new" / "cell.toml"
     assert run_command_line(["restore", told["path"], "--check"]) == 0
     back = ["restore", told["path"], str(new), "--keys", "--passphrase-file", str(phrase)]
-    here = config.cell.data_dir  # the cell file in the backup names it with its whole path
-    assert run_command_line(back) == 0
-    after = {**contents(new.parent), **{f"data/{name}": found for name, found in contents(here).items()}}
+    signer = prove(Path(told["path"])).public_key
+    assert run_command_line(back) == run_command_line([*back, "--signed-by", "0" * 64]) == ExitCode.SIGNATURE
+    assert f"--signed-by {signer}" in capsys.readouterr().err.replace("\n", " ")
+    assert not new.exists()
+    assert run_command_line([*back, "--signed-by", signer]) == 0
+    assert not config.cell.data_dir.exists()  # the cell file in the backup named it with its whole path
+    after = contents(new.parent)
+    assert after.pop("cell.toml") != before.pop("cell.toml")  # its data_dir is the folder beside it now
+    assert read_cell_file(new).cell.data_dir == new.parent / "data"
     for gone in ("data/under_way.json", "data/site_outbox.sqlite"):
         before.pop(gone)
     assert after == before
@@ -198,7 +204,21 @@ def test_who_can_make_every_hash_fit_still_cannot_rewrite_what_is_chained_or_sig
 
 
 @pytest.mark.parametrize(
-    "evil", ["../evil", "/etc/evil", "data/../../evil", "data\\evil", "data/\x1b[31m", "data//x"]
+    "evil",
+    [
+        "../evil",
+        "/etc/evil",
+        "data/../../evil",
+        "data\\evil",
+        "data/\x1b[31m",
+        "data//x",
+        "data/signing_key.pem",
+        "data/pepper.key",
+        "data/programs/.. /x",
+        "data/site/ca.key",
+        ".bashrc",
+        "parameter_sets/x.py",
+    ],
 )
 def test_no_name_leads_out_of_the_folder(tmp_path: Path, evil: str) -> None:
     config = lived_in(tmp_path / "old")
@@ -217,7 +237,7 @@ def test_nothing_is_ever_put_over_what_is_there(tmp_path: Path) -> None:
     archive = back_up(config, tmp_path / "kept").path
     before = contents(tmp_path / "old")
     with pytest.raises(BackupError, match="is in the way"):
-        restore(archive, config.path)
+        restore(archive, config.path, signed_by=prove(archive).public_key)
     assert contents(tmp_path / "old") == before
     with pytest.raises(BackupError, match="there already"):
         back_up(config, archive)
@@ -244,8 +264,9 @@ def test_keys_are_there_for_whom_they_are_for(tmp_path: Path) -> None:
     with pytest.raises(CellError, match="at least 12"):
         back_up(config, tmp_path / "short", "12345")
     shutil.rmtree(config.cell.data_dir)
-    assert not restore(sealed, tmp_path / "new" / "cell.toml").keys_opened
-    assert not (config.cell.data_dir / "signing_key.pem").exists()
+    target = tmp_path / "new" / "cell.toml"
+    assert not restore(sealed, target, signed_by=prove(sealed).public_key).keys_opened
+    assert not list(target.parent.rglob("*.pem"))
 
 
 def test_a_damaged_cell_makes_no_backup_that_looks_good(tmp_path: Path) -> None:

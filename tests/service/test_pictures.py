@@ -27,8 +27,8 @@ def chunk(name: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
 
 
-def png(*more: bytes, shade: int = 7) -> bytes:
-    head = struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0)
+def png(*more: bytes, shade: int = 7, side: int = 1) -> bytes:
+    head = struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
     chunks = (
         chunk(b"IHDR", head),
         *more,
@@ -42,8 +42,9 @@ def segment(marker: int, data: bytes) -> bytes:
     return struct.pack(">BBH", 0xFF, marker, len(data) + 2) + data
 
 
-def jpeg(*more: bytes) -> bytes:
-    tables = segment(0xDB, bytes(65)) + segment(0xC0, bytes(9)) + segment(0xC4, bytes(20))
+def jpeg(*more: bytes, side: int = 8) -> bytes:
+    frame = struct.pack(">BHHB", 8, side, side, 1) + bytes((1, 0x11, 0))
+    tables = segment(0xDB, bytes(65)) + segment(0xC0, frame) + segment(0xC4, bytes(20))
     scan = segment(0xDA, bytes(6)) + b"\x12\x34\xff\x00\x56"
     return b"\xff\xd8" + segment(0xE0, b"JFIF\0") + b"".join(more) + tables + scan + b"\xff\xd9"
 
@@ -163,3 +164,15 @@ async def test_photos_are_named_on_every_form_and_a_finished_run_takes_none(tmp_
     assert keep_picture(config, outcome.run_id, png(), what="witness marks", who="Ben").who == "Zoë"
     with pytest.raises(PictureError, match="no more"):
         keep_picture(config, outcome.run_id, png(shade=9), what="witness marks", who="Ben")
+
+
+@pytest.mark.parametrize("raw", [png(side=60_000), png(side=0), jpeg(side=9000), jpeg(side=0)])
+def test_a_picture_that_no_browser_should_decode_is_refused(raw: bytes) -> None:
+    with pytest.raises(PictureError, match="pixels a side"):
+        plain_picture(raw)
+
+
+def test_a_picture_says_its_size_once() -> None:
+    for raw in (png(chunk(b"IHDR", bytes(13))), jpeg(segment(0xC2, bytes(9)))):
+        with pytest.raises(PictureError, match="whole"):
+            plain_picture(raw)

@@ -155,3 +155,11 @@ def test_another_arms_calibration_is_refused():
     arm = read_urdf(ARM, tip_link="tool0")
     with pytest.raises(CalibrationError, match="other joints"):
         calibrated_urdf(arm, load_model("ur5e"))
+
+
+def test_a_description_of_one_joint_is_read() -> None:
+    text = (
+        '<robot name="one"><link name="base"/><link name="tip"/><joint name="j" type="revolute"><parent link="base"/>'
+        '<child link="tip"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    assert read_urdf(text, tip_link="tip").model.axes == 1

@@ -69,7 +69,7 @@ def test_another_robot_has_its_own(cell: Path) -> None:
         ("[robot.usual.six_point_tpc]\ntool_number = 3", "six_point_tpc", "did you mean 'six_point_tcp'?"),
         ("[robot.usual.six_point_tcp]\ntool_numbr = 3", "tool_numbr", "did you mean 'tool_number'?"),
         ("[robot.usual.six_point_tcp]\ntool_number = true", "tool_number", "no numbers"),
-        ("[robot.usual.six_point_tcp]\narm_sigma_m = nan", "arm_sigma_m", "equal to 0"),
+        ("[robot.usual.six_point_tcp]\narm_sigma_m = nan", "arm_sigma_m", "finite"),
         ("[robot.usual.six_point_tcp]\narm_sigma_m = 3.0", "arm_sigma_m", "0.01"),
         ("[robot.usual.six_point_tcp]\nwrite_anyway = 'because'", "write_anyway", "one run"),
         ("[robot.usual.mastering_recovery]\nlast_counts = [0, 0, 0, 0, 0, 0]", "last_counts", "one run"),

@@ -176,6 +176,15 @@ async def test_nonsense_is_refused_in_words(line):
         assert answer["error"]
 
 
+@pytest.mark.parametrize("start", [b"POST / HTTP/1.1\r\nhost: x\r\n\r\n", b"\x16\x03\x01\n", b"[1]\n", b"\n"])
+async def test_a_page_in_a_browser_cannot_drive_the_door(start):
+    async with behind_a_door() as door:
+        reader, writer = await asyncio.open_connection(door.host, door.port)
+        writer.write(start + b'{"do": "fault", "name": "battery_loss"}\n')
+        assert await reader.read() == b""
+        writer.close()
+
+
 async def test_the_door_speaks_lines_over_tcp():
     async with behind_a_door() as door:
         reader, writer = await asyncio.open_connection(door.host, door.port)

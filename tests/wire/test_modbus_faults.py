@@ -142,6 +142,18 @@ class TestAnswersThatAreNotOurs:
             await fanuc.joints()
         await heals(fanuc, door)
 
+    @pytest.mark.parametrize("code", [5, 6])
+    async def test_a_device_that_is_busy_during_the_greeting_is_asked_again(
+        self, cell: CellConfig, door: Door, code: int
+    ) -> None:
+        await door.fault("exception", device="fanuc", code=code, count=2)
+        async with cell.robot("fanuc").open() as robot:
+            assert (await robot.joints()).joints_rad
+        await door.fault("exception", device="fanuc", code=code)
+        with pytest.raises(RefusedError, match="Modbus exception"):
+            async with cell.robot("fanuc").open() as robot:
+                await robot.joints()
+
     async def test_the_last_frames_are_kept_for_the_journal(self, cell: CellConfig, door: Door) -> None:
         config = cell.robot("fanuc")
         link = ModbusLink("fanuc", config.address, config.port, deadline_s=stretched_s(2.0))

@@ -1,6 +1,5 @@
 """Nominal robots as data: one TOML file a model, each group of numbers with its source."""
 
-import tomllib
 from difflib import get_close_matches
 from functools import cache
 from importlib.resources import files
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.mounting import gravity_of
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError
 
 _KEYS = {
@@ -36,7 +36,7 @@ def model_fields(name: str) -> dict[str, Any]:
 
 def parse_model(name: str, text: str) -> dict[str, Any]:
     """Read the text of a model file; refuses unknown keys, missing sources and columns of another length."""
-    data = tomllib.loads(text)
+    data = parse_toml(text)
     missing = _KEYS - {"sign", "interaction", "interaction_source", "mounting"} - data.keys()
     if missing or data.keys() - _KEYS:
         raise CalibrationError(

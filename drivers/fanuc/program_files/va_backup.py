@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import Pose
 from cellcal.drivers.fanuc.program_files.va_mastering import GroupMastering, read_mastering
 from cellcal.drivers.fanuc.program_files.va_positions import VaPosition
@@ -123,8 +124,7 @@ def _found(folder: Path) -> dict[str, Path]:
 
 def _bytes_of(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
-            return file.read(MAX_FILE_BYTES + 1)
+        return read_plain_bytes(path, MAX_FILE_BYTES)
     except OSError as error:
         raise ProgramFileError(
             path.name, f"it cannot be read: {error.strerror}.", remedy="Copy the backup again."

@@ -11,9 +11,9 @@ from xml.etree.ElementTree import Element as TreeElement
 from xml.etree.ElementTree import ParseError
 
 import numpy as np
-from defusedxml import DefusedXmlException  # ships no types
-from defusedxml.ElementTree import fromstring  # ships no types
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.xml_text import parse_xml
 from cellcal.drivers.programs.errors import ProgramFileError
 
 _MARK = re.compile(
@@ -140,19 +140,19 @@ def _tree(file: str, xml: bytes) -> TreeElement:
             file, f"the XML is in {encoding[1]}.", line=1, column=1, remedy="PolyScope writes UTF-8."
         )
     try:
-        tree: TreeElement = fromstring(xml, forbid_dtd=True)
-    except ParseError as wrong:
-        line, column = wrong.position
-        raise ProgramFileError(
-            file, f"the XML is damaged ({wrong}).", line=line, column=column + 1, remedy=_CURE
-        ) from wrong
-    except (DefusedXmlException, ValueError, LookupError) as wrong:
+        return parse_xml(xml)
+    except DocumentError as wrong:
+        cause = wrong.__cause__
+        if isinstance(cause, ParseError):
+            line, column = cause.position
+            raise ProgramFileError(
+                file, f"the XML is damaged ({cause}).", line=line, column=column + 1, remedy=_CURE
+            ) from wrong
         raise ProgramFileError(
             file,
-            f"the XML has parts that no program needs ({wrong}).",
+            f"the XML has parts that no program needs ({wrong.why}).",
             remedy="Do not open files of unknown origin.",
         ) from wrong
-    return tree
 
 
 def _span(found: re.Match[str], start: int) -> tuple[int, int]:

@@ -1,6 +1,5 @@
 """Who takes part, where each is found, and how one runs: alone in a process, single-threaded."""
 
-import json
 import os
 import subprocess
 import sys
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import cellcal
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.service.engineering.bench.child import MISSING
@@ -116,6 +116,6 @@ def _reason(contestant: Contestant, code: int, errors: str) -> str:
     last = errors.strip().splitlines()[-1] if errors.strip() else f"exit code {code}"
     if code != MISSING:
         return f"failed: {last}"
-    missing = json.loads(last)["missing"]
+    missing = parse_json(last)["missing"]
     option = f"--peer-python {contestant.name}=PATH/bin/python"
     return f"not installed: {missing} ({contestant.wants}; in a venv of its own: {option})"

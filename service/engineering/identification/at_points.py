@@ -1,6 +1,5 @@
 """The points of ``--at``: postures as joints, or as poses of the flange that are brought to joints first."""
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +7,9 @@ import numpy as np
 
 from cellcal.calibration.compensation.pose_gap import Arm
 from cellcal.calibration.compensation.posture_of_pose import postures_of_poses
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.csv_text import parse_rows
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, homogeneous
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
@@ -48,9 +50,8 @@ def read_points(options: AtOptions, axes: int) -> AtPoints:
         The file is not there, lacks the columns, or holds what is no finite number.
     """
     try:
-        with options.path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as broken:
+        rows = parse_rows(read_plain_text(options.path))
+    except (OSError, DocumentError) as broken:
         raise MeasurementError(f"{options.path} cannot be read: {broken}") from broken
     if not rows:
         raise MeasurementError(f"{options.path} holds no rows.", remedy="Write one point a row.")

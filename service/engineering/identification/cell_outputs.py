@@ -11,6 +11,7 @@ from cellcal.calibration.arm.urdf import bare_urdf
 from cellcal.calibration.cells.cell import Series
 from cellcal.calibration.cells.prediction import target_positions, tip_covariance
 from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.free_parameters import values_of
 from cellcal.calibration.identification.lints import beyond_fitted_range
@@ -66,7 +67,7 @@ def save_cell(
         Nothing about the arms was identified.
     """
     _refuse_frames(report)
-    digest = hashlib.sha256(measurements.read_bytes()).hexdigest()
+    digest = hashlib.sha256(read_plain_bytes(measurements)).hexdigest()
     sets = ParameterSets(folder)
     return tuple(
         sets.save(

@@ -1,6 +1,5 @@
 """How surely an identified arm says where its target is, at every point that is asked for."""
 
-import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from cellcal.calibration.compensation.pose_gap import Arm
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
 from cellcal.calibration.identification.reading_prediction import predict_readings
+from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.identification.at_points import AtOptions, read_points, solved
 from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.measured.table import MeasurementError
@@ -150,11 +150,10 @@ def write_tips(tips: TipsAt, path: Path) -> None:
     names += ["x_mm", "y_mm", "z_mm", "sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_mm", "u95_mm"]
     names += ["extrapolated", "u95_parameters_mm", "far_from_rows"]
     with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
+        write_rows(file, [names])
         for i, joints in enumerate(np.rad2deg(tips.joints_rad)):
             sizes = [*tips.positions_m[i], *tips.sigmas_m[i], tips.sigma_m[i], tips.expanded_m[i]]
             numbers = [*(f"{v:.6f}" for v in joints), *(f"{v * 1e3:.5f}" for v in sizes)]
             marks = ["yes" if i in marked else "no" for marked in (tips.outside, tips.far)]
             alone = f"{tips.parameters_expanded_m[i] * 1e3:.5f}"
-            writer.writerow([*numbers, marks[0], alone, marks[1]])
+            write_rows(file, [[*numbers, marks[0], alone, marks[1]]])

@@ -4,6 +4,7 @@ import hashlib
 from pathlib import Path
 
 from cellcal.calibration.arm.urdf import bare_urdf
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.identification.parameters import FRAMES
 from cellcal.service.engineering.identification.identify import IdentifyReport
 from cellcal.service.engineering.measured.table import MeasurementError
@@ -22,7 +23,7 @@ def save_identification(report: IdentifyReport, measurements: Path, folder: Path
     """
     _refuse_frames(report)
     nominal = report.identification.state.nominal
-    digest = hashlib.sha256(measurements.read_bytes()).hexdigest()
+    digest = hashlib.sha256(read_plain_bytes(measurements)).hexdigest()
     draft = ParameterSet(
         robot_serial=who.robot_serial,
         model=nominal.name,

@@ -1,6 +1,5 @@
 """Where an identification starts: from nominal, from a stored parameter set, or from an earlier report."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.free_parameters import Places, StartingPoint
@@ -61,7 +62,7 @@ def read_start(options: StartOptions, nominal: RobotModel, kind: str) -> Start:
             )
         return _of_set(ParameterSets(options.sets).load(options.serial), nominal, free)
     path = Path(options.start)
-    text = path.read_text(encoding="utf-8")
+    text = read_plain_text(path)
     if path.suffix.lower() == ".json":
         return _of_report(path, text, nominal, (kind, free))
     return _of_set(parse(text, str(path)), nominal, free)
@@ -80,7 +81,7 @@ def _of_set(found: Any, nominal: RobotModel, free: tuple[str, ...]) -> Start:
 def _of_report(path: Path, text: str, nominal: RobotModel, what: tuple[str, tuple[str, ...]]) -> Start:
     kind, free = what
     try:
-        document = json.loads(text)
+        document = parse_json(text)
         robot, parameters = document["robot"], document["parameters"]
         values = {item["name"]: float(item["value"]) for item in parameters}
         sigmas = {item["name"]: float(item["sigma"]) for item in parameters}

@@ -1,6 +1,5 @@
 """The use case behind ``cellcal poses``: candidates, choice, prediction, order of travel. Prints nothing."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -10,6 +9,9 @@ import numpy as np
 
 from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.urdf import read_urdf
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.csv_text import parse_rows
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.identifiability import NotIdentified
@@ -34,6 +36,7 @@ from cellcal.calibration.poses.measurement_poses import (
     predict,
 )
 from cellcal.service.configuration.cell_shapes import read_cell_shape
+from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.identification.identify import IdentifyOptions, identify_file
 
 Place = tuple[float, float, float]
@@ -181,19 +184,18 @@ def write_plan(path: Path, report: PlanReport) -> None:
     except FileExistsError as taken:
         raise PlanError(f"{path} is there already.", remedy="Choose another name.") from taken
     with file:
-        writer = csv.writer(file)
-        writer.writerow([*(f"q{i + 1}_deg" for i in range(joints.shape[1])), "rank", "way_checked"])
+        write_rows(file, [[*(f"q{i + 1}_deg" for i in range(joints.shape[1])), "rank", "way_checked"]])
         for rank, free in zip(report.order, report.ways_free, strict=True):
-            writer.writerow([*(f"{v:.4f}" for v in joints[rank]), rank + 1, "free" if free else "blocked"])
+            row = [*(f"{v:.4f}" for v in joints[rank]), rank + 1, "free" if free else "blocked"]
+            write_rows(file, [row])
 
 
 def read_joints(path: Path, axes: int) -> Array:
     """Read joints from CSV with columns q1_deg, q2_deg …; others are ignored. Returns (T, n) [rad]."""
     names = [f"q{i + 1}_deg" for i in range(axes)]
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [[float(row[name]) for name in names] for row in csv.DictReader(file)]
-    except OSError as broken:
+        rows = [[float(row[name]) for name in names] for row in parse_rows(read_plain_text(path))]
+    except (OSError, DocumentError) as broken:
         raise PlanError(f"{path} cannot be read: {broken}") from broken
     except (KeyError, TypeError, ValueError) as broken:
         raise PlanError(f"{path} needs numbers in the columns {', '.join(names)}.") from broken
@@ -249,8 +251,8 @@ def _described(request: PlanRequest, model: RobotModel, check: CollisionCheck) -
         return None
     wanted = request.description
     try:
-        arm = read_urdf(wanted.path.read_text(encoding="utf-8"), tip_link=wanted.tip_link)
-    except (OSError, UnicodeDecodeError) as broken:
+        arm = read_urdf(read_plain_text(wanted.path), tip_link=wanted.tip_link)
+    except (OSError, DocumentError) as broken:
         raise PlanError(f"{wanted.path} cannot be read: {broken}") from broken
     coupling = model.joint_coupling
     plain = np.allclose(coupling, np.diag(np.diag(coupling)))

@@ -1,7 +1,5 @@
 """In which encoding a text file was written: what instruments and spreadsheets of many countries leave behind."""
 
-from pathlib import Path
-
 from cellcal.service.engineering.measured.headings import heading_words
 
 _LOOKED_AT = 200_000  # bytes, where the encoding is not plain
@@ -11,9 +9,8 @@ _GB_MARKS = range(0xA1, 0xA4)  # of its punctuation
 _BOMS = ((b"\xff\xfe\x00\x00", "utf-32"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 
 
-def encoding_of(path: Path) -> str:
-    """Return the encoding of a text file; what cannot be told is Western European."""
-    data = path.read_bytes()
+def encoding_of(data: bytes) -> str:
+    """Return the encoding of a text file's bytes; what cannot be told is Western European."""
     for mark, name in _BOMS:
         if data.startswith(mark):
             return name

@@ -1,10 +1,12 @@
 """A file that says how measurements are written: columns, units, conventions, where guessing is not enough."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.service.engineering.measured.measurements import Measurements, ReadOptions
 from cellcal.service.engineering.measured.table import MeasurementError
 
@@ -24,8 +26,8 @@ def layout_data(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise MeasurementError(f"there is no layout file {path}.", remedy="Check the name.")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as broken:
+        return parse_toml(read_plain_text(path))
+    except (OSError, DocumentError) as broken:
         raise MeasurementError(f"{path} is no TOML: {broken}.", remedy=_EXAMPLE) from broken
 
 

@@ -1,6 +1,6 @@
 """A table as instruments write it: separators, decimal commas, preambles and units are found out."""
 
-import csv
+import io
 import math
 import re
 from array import array
@@ -9,10 +9,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
-from zipfile import BadZipFile
+from typing import Any
 
 import numpy as np
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.csv_text import split_row
+from cellcal.calibration.documents.plain_files import read_plain_bytes
+from cellcal.calibration.documents.zip_archives import open_zip
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.observations import Rows
@@ -81,22 +85,34 @@ def read_table(path: Path, *, sheet: str | None = None) -> Table:
         raise MeasurementError(f"there is no file {path}.", remedy="Check the name.")
     if path.suffix.lower() in _EXCEL:
         return _read_excel(path, sheet)
-    encoding = encoding_of(path)
-    with path.open(encoding=encoding, errors="replace") as file:
-        separator, comma = _dialect(
-            list(islice((line for line in file if line.strip() and not is_remark([line])), _LOOK_AHEAD))
-        )
+    try:
+        return _read_text(path)
+    except DocumentError as error:
+        raise MeasurementError(f"{path}: {error.why}", remedy=error.remedy) from error
+
+
+def _read_text(path: Path) -> Table:
+    content = read_plain_bytes(path)
+    lines = io.StringIO(content.decode(encoding_of(content), errors="replace"), newline=None)
+    separator, comma = _dialect(
+        list(islice((line for line in lines if line.strip() and not is_remark([line])), _LOOK_AHEAD))
+    )
+    lines.seek(0)
     mark = {"\t": "tab", " ": "blanks"}.get(separator, repr(separator))
-    with path.open(encoding=encoding, errors="replace") as file:
-        cells = ([_cell(cell, comma) for cell in _split(line, separator)] for line in file)
-        return _assemble(path, cells, f"separated by {mark}, decimal {'comma' if comma else 'point'}")
+    cells = ([_cell(cell, comma) for cell in _split(line, separator)] for line in lines)
+    return _assemble(path, cells, f"separated by {mark}, decimal {'comma' if comma else 'point'}")
+
+
+_LONGEST_LINE, _MOST_EXCEL_CELLS = 200_000, 5_000_000
 
 
 def _split(line: str, separator: str) -> list[str]:
     if separator == " ":
         return _UNIT_APART.sub(r"\1", line).split()
     # One line, one row: a quotation mark that is never closed must not swallow the rest of the file.
-    return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
+    if len(line) > _LONGEST_LINE:
+        raise DocumentError("a line in it is longer than any of a table.", remedy="Export the table again.")
+    return split_row(line.rstrip("\r\n"), separator)
 
 
 def _dialect(lines: Sequence[str]) -> tuple[str, bool]:
@@ -187,8 +203,8 @@ def _read_excel(path: Path, sheet: str | None) -> Table:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # about styles and validations, which hold no measurement
         try:
-            book = load_workbook(path, read_only=True, data_only=True)
-        except (OSError, KeyError, ValueError, BadZipFile) as error:
+            book = load_workbook(open_zip(read_plain_bytes(path)), read_only=True, data_only=True)
+        except Exception as error:  # the library raises what its parts happen to raise
             raise MeasurementError(f"{path} is no Excel file.", remedy="Save it as CSV.") from error
     try:
         if sheet is not None and sheet not in book.sheetnames:
@@ -196,12 +212,28 @@ def _read_excel(path: Path, sheet: str | None) -> Table:
                 f"{path} has no sheet {sheet!r}.", remedy=f"Sheets: {', '.join(book.sheetnames)}."
             )
         for name in [sheet] if sheet is not None else book.sheetnames:
-            cells = [[_excel_cell(value) for value in row] for row in book[name].iter_rows(values_only=True)]
+            cells = _excel_rows(path, book[name])
             if sum(sum(isinstance(c, float) for c in row) >= _FEWEST_COLUMNS for row in cells) >= 2:
                 return _assemble(path, cells, f"Excel sheet {name!r}")
     finally:
         book.close()
     raise MeasurementError(f"{path} holds no table of numbers.", remedy="Name the sheet with `--sheet`.")
+
+
+def _excel_rows(path: Path, sheet: Any) -> list[list[float | str]]:
+    rows: list[list[float | str]] = []
+    count = 0
+    try:
+        for row in sheet.iter_rows(values_only=True):
+            rows.append([_excel_cell(value) for value in row])
+            count += len(row)
+            if count > _MOST_EXCEL_CELLS:  # a sheet may say that it is of any size
+                break
+    except Exception as error:  # the library raises what its parts happen to raise
+        raise MeasurementError(f"{path} is no Excel file.", remedy="Save it as CSV.") from error
+    if count > _MOST_EXCEL_CELLS:
+        raise MeasurementError(f"{path} has more than {_MOST_EXCEL_CELLS} cells.", remedy="Save it as CSV.")
+    return rows
 
 
 def _excel_cell(value: object) -> float | str:

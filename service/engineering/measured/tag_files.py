@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError
 from cellcal.calibration.geometry import Array, quaternion_from_rotation
 from cellcal.calibration.orientation import CONVENTIONS, rotation_from
@@ -277,8 +279,8 @@ def read_description(path: Path) -> str:
         No such file, or one that is no text.
     """
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as broken:
+        return read_plain_text(path)
+    except (OSError, DocumentError) as broken:
         raise CalibrationError(
             f"the description {path} cannot be read: {broken}", remedy="Name a URDF file with xacro expanded."
         ) from broken

@@ -1,12 +1,12 @@
 """Mastering records on their way between computers: exported signed, imported only whole and for the same robot."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.mastering.counts import MasteringRecord
 from cellcal.procedures.mastering_record import seal_of
@@ -14,7 +14,7 @@ from cellcal.procedures.past import Kind
 from cellcal.service.certificates.signing import Checked, Finding, check, read_document, station_key
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.mastering_sheet import as_sheet
-from cellcal.service.files import replace_file
+from cellcal.service.files import SHARED_FILE, replace_file
 from cellcal.service.record.journal import Event, Journal
 from cellcal.service.record.run_store import RECORD, Store
 from cellcal.service.runs.open_cell import open_journal
@@ -87,8 +87,8 @@ def export(config: CellConfig, robot: str | None, out: Path) -> tuple[Path, Path
     paths = out / f"{_plain(name)}.json", out / f"{_plain(name)}.txt"
     try:
         out.mkdir(parents=True, exist_ok=True)
-        replace_file(paths[0], signed)
-        replace_file(paths[1], as_sheet(kept, config.cell.name, key.public))
+        replace_file(paths[0], signed, mode=SHARED_FILE)
+        replace_file(paths[1], as_sheet(kept, config.cell.name, key.public), mode=SHARED_FILE)
     except OSError as error:
         raise RecordFileError(
             f"the record cannot be written to {out}: {error.strerror}.",
@@ -195,7 +195,7 @@ def _stored(journal: Journal, serial: str) -> Event | None:
     found = None
     for event in journal.events():
         if event.kind == Kind.STORED:
-            body = json.loads(event.body)
+            body = parse_json(event.body)
             found = event if (body["what"], body["robot_serial"]) == (RECORD, serial) else found
     return found
 

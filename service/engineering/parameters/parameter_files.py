@@ -1,11 +1,11 @@
 """Parameter sets in from identifications and makers' files, and out as descriptions and makers' files."""
 
 import hashlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from cellcal.calibration.arm.kinematics import RobotModel
 from cellcal.calibration.arm.standard_dh import standard_dh
 from cellcal.calibration.arm.ur_factory import factory_model
 from cellcal.calibration.arm.urdf import bare_urdf
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.geometry import log_transform
 from cellcal.service.engineering.identification.identify import IdentifiedParameter
 from cellcal.service.engineering.parameters.calibrated_models import (
@@ -103,7 +105,7 @@ def import_file(sets: ParameterSets, path: Path, nominal: RobotModel, who: Who) 
     CalibrationError
         The file is none of these, or of another robot; a YAML is of another arm than the controller's table.
     """
-    data = path.read_bytes()
+    data = read_plain_bytes(path)
     content = _read(data, nominal)
     known = _factory_hash(sets, who.robot_serial)
     if content.factory_hash and known and content.factory_hash != known:
@@ -204,9 +206,9 @@ def _of_set(item: ParameterSet, nominal: RobotModel) -> _Content:
 
 def _of_identification(text: str, nominal: RobotModel) -> _Content:
     try:
-        document = json.loads(text)
+        document = parse_json(text)
         robot = document["robot"]
-        found = [IdentifiedParameter(**each) for each in document["parameters"]]
+        found = [_identified(each) for each in document["parameters"]]
     except (ValueError, KeyError, TypeError) as broken:
         raise ParameterSetError(
             "this JSON is not a result of an identification.",
@@ -216,6 +218,15 @@ def _of_identification(text: str, nominal: RobotModel) -> _Content:
         raise ParameterSetError(f"the identification is of a {robot}, not of a {nominal.name}.")
     values = values_of_identification(p for p in found if not p.name.startswith("wire "))
     return _Content(values, "identification")
+
+
+def _identified(entry: dict[str, Any]) -> IdentifiedParameter:
+    found = IdentifiedParameter(**entry)
+    words, numbers = (found.name, found.unit), (found.value, found.sigma, found.prior)
+    right = all(isinstance(word, str) for word in words) and isinstance(found.held, bool)
+    if not right or not all(type(number) in (int, float) for number in numbers):
+        raise TypeError("a parameter is of a wrong kind")
+    return found
 
 
 def _write_conf(model: RobotModel, nominal: RobotModel, _: str) -> tuple[bytes, tuple[str, ...]]:

@@ -11,13 +11,16 @@ import math
 import os
 import re
 import tempfile
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CalibrationError
+from cellcal.service.files import PRIVATE_FILE, make_private_folder
 
 FORMAT = 1
 _SUFFIXES = {"rad": "_rad", "m": "_m", "rad/m": "_rad_per_m", "1": ""}
@@ -156,7 +159,7 @@ class ParameterSets:
             path = folder / _file_name(number)
             if number not in numbers:
                 raise ParameterSetError(f"{path} is missing.", remedy="Restore it from a backup.")
-            found = parse(path.read_text(encoding="utf-8"), str(path))
+            found = parse(read_plain_text(path), str(path))
             before = sets[-1].sha256 if sets else ""
             if (found.version, found.robot_serial, found.previous_sha256) != (number, robot_serial, before):
                 raise ParameterSetError(
@@ -188,7 +191,7 @@ class ParameterSets:
             version=before.version + 1 if before else 1,
             previous_sha256=before.sha256 if before else "",
         )
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private_folder(folder)
         _write_new(folder / _file_name(saved.version), to_text(saved))
         return saved
 
@@ -235,8 +238,8 @@ def parse(text: str, where: str = "parameter set") -> ParameterSet:
         Not such a file, an unknown key, or changed since it was written.
     """
     try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as broken:
+        data = parse_toml(text)
+    except DocumentError as broken:
         raise ParameterSetError(f"{where} is not a parameter set: {broken}") from broken
     found = _from_data(data, where)
     if data.get("sha256") != found.sha256:
@@ -340,7 +343,7 @@ def _write_new(path: Path, text: str) -> None:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        draft.chmod(0o644)
+        draft.chmod(PRIVATE_FILE)
         os.link(draft, path)  # fails if somebody else wrote this version meanwhile
     except FileExistsError as taken:
         raise ParameterSetError(

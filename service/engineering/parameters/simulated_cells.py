@@ -21,7 +21,7 @@ from cellcal.service.engineering.measured.tag_files import read_description, tag
 from cellcal.service.engineering.parameters.calibrated_models import nominal_sha256
 from cellcal.service.engineering.parameters.parameter_files import Who
 from cellcal.service.engineering.parameters.parameter_sets import ParameterSet, ParameterSets, Value
-from cellcal.service.files import replace_file
+from cellcal.service.files import SHARED_FILE, replace_file
 
 _TOLD = ("fanuc_wpr", "kuka_abc", "abb_quaternion", "ur_rotation_vector", "ros_rpy", "ros_quaternion")
 _RESULT: TypeAdapter[CalibratedPart] = TypeAdapter(CalibratedPart)
@@ -97,7 +97,7 @@ def write_part(found: CalibratedPart, folder: Path) -> list[Path]:
     else:
         files[f"{found.part}.txt"] = placed_text(found.part, found.found)
     for name, text in files.items():
-        replace_file(folder / name, text)
+        replace_file(folder / name, text, mode=SHARED_FILE)
     return [folder / name for name in sorted(files)]
 
 

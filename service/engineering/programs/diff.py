@@ -3,10 +3,10 @@
 Moving points changes lines and never their number, so equal lines face each other: one pass, whatever the size.
 """
 
-import gzip
-import io
 from collections.abc import Iterator, Sequence
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.gzip_bytes import unpack_gzip
 from cellcal.service.engineering.programs.files import LARGEST_BYTES
 
 _CONTEXT = 3
@@ -44,13 +44,9 @@ def unpacked(data: bytes) -> bytes:
     if not data.startswith(_GZIP):
         return data
     try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-            text = file.read(LARGEST_BYTES + 1)
-    except (OSError, EOFError) as error:
-        raise ValueError(f"it cannot be unpacked: {error}") from error
-    if len(text) > LARGEST_BYTES:
-        raise ValueError("unpacked it is larger than any program")
-    return text
+        return unpack_gzip(data, LARGEST_BYTES)
+    except DocumentError as error:
+        raise ValueError(f"it cannot be unpacked: {error.why}") from error
 
 
 def _lines(data: bytes) -> list[bytes]:

@@ -14,6 +14,8 @@ from itertools import takewhile
 from pathlib import Path, PurePath
 from typing import IO
 
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import SUFFIXES, brand_of
 from cellcal.drivers.programs.across import Across
@@ -120,8 +122,11 @@ def read_bytes(path: Path) -> bytes:
         It cannot be read, is empty, or larger than any program.
     """
     try:
-        with path.open("rb") as file:
-            data = file.read(LARGEST_BYTES + 1)
+        data = read_plain_bytes(path, LARGEST_BYTES)
+    except DocumentError as error:
+        raise ProgramFileError(
+            str(path), error.why, remedy="Give the program itself, not an archive or a backup image."
+        ) from error
     except OSError as error:
         raise ProgramFileError(
             str(path), f"it cannot be read: {error.strerror}.", remedy="Give a file that may be read."
@@ -129,12 +134,6 @@ def read_bytes(path: Path) -> bytes:
     if not data:
         raise ProgramFileError(
             str(path), "the file is empty.", remedy="Save the program from the controller again."
-        )
-    if len(data) > LARGEST_BYTES:
-        raise ProgramFileError(
-            str(path),
-            f"it is larger than {LARGEST_BYTES >> 20} MB, as no program is.",
-            remedy="Give the program itself, not an archive or a backup image.",
         )
     return data
 

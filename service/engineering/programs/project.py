@@ -4,7 +4,6 @@ The file's keys, with an example, stand in this room's README. Everything that i
 kept as plain values in SI.
 """
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +15,9 @@ from cellcal.calibration.arm.kinematics import RobotModel, load_model
 from cellcal.calibration.arm.mounting import is_mounted_model
 from cellcal.calibration.arm.robot_models import model_names
 from cellcal.calibration.compensation.pose_gap import Arm
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.parameters import ArmState
@@ -178,8 +180,8 @@ def replace_limits(model: RobotModel, limits: RobotModel) -> RobotModel:
 
 def _loaded(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as broken:
+        return parse_toml(read_plain_text(path))
+    except (OSError, DocumentError) as broken:
         raise ProjectError(
             f"{path} cannot be read as a project: {broken}", remedy="The README beside the code shows one."
         ) from broken
@@ -258,8 +260,8 @@ def _alignment(table: Mapping[str, Any], folder: Path, serial: str, where: str) 
         return None
     path = _beside(folder, file)
     try:
-        found = read_alignments(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as broken:
+        found = read_alignments(read_plain_text(path))
+    except (OSError, DocumentError) as broken:
         raise ProjectError(f"{path} cannot be read: {broken}") from broken
     except CellError as refused:
         raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused

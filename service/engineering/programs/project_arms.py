@@ -1,6 +1,5 @@
 """The two arms of a project: the one that its controller computes with, and the one that stands in the cell."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,8 @@ import numpy as np
 from cellcal.calibration.arm.kinematics import DhTable, RobotModel
 from cellcal.calibration.arm.robot_models import parse_model
 from cellcal.calibration.arm.ur_factory import factory_model
+from cellcal.calibration.documents import DocumentError
+from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CalibrationError, CellError
 from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.free_parameters import StartingPoint, state_of
@@ -52,7 +53,7 @@ def nominal_arm(path: Path, name: str) -> RobotModel:
         return RobotModel.from_dh(DhTable.from_rows(fields.pop("rows")), name=name, **fields)
     except CalibrationError as refused:
         raise ProjectError(f"{path}: {refused.message}", remedy=refused.remedy) from refused
-    except (tomllib.TOMLDecodeError, TypeError, ValueError) as broken:
+    except (DocumentError, TypeError, ValueError) as broken:
         raise ProjectError(f"{path} is no model of a robot: {broken}") from broken
 
 
@@ -141,6 +142,6 @@ def _spread(found: ParameterSet, state: ArmState) -> tuple[Layout | None, Array 
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as broken:
+        return read_plain_text(path)
+    except (OSError, DocumentError) as broken:
         raise ProjectError(f"{path} cannot be read: {broken}") from broken

@@ -1,6 +1,5 @@
 """Reports as files for other programs, one program after another: a line's million points are never held at once."""
 
-import csv
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cellcal.calibration.geometry import Array
+from cellcal.service.csv_writing import write_rows
 from cellcal.service.engineering.programs.diff import unified_diff
 from cellcal.service.engineering.programs.files import Refused
 from cellcal.service.engineering.programs.report import Report
@@ -175,7 +175,7 @@ def _largest(figures: Array) -> float | None:
 
 def _csv(rows: Iterable[Iterable[Any]]) -> bytes:
     text = _Lines()
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    write_rows(text, rows, line_end="\n")
     return "".join(text.parts).encode(errors="replace")
 
 

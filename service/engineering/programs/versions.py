@@ -7,7 +7,6 @@ the same points in another text are the clone, saved again, and that is said.
 import datetime
 import hashlib
 import json
-import tomllib
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -18,6 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import read_program
 from cellcal.drivers.programs.positions import ProgramFile
@@ -147,7 +149,7 @@ def find_projects(named: Sequence[str]) -> list[Path]:
 
 def _names_a_master(path: Path) -> bool:
     try:
-        return "master" in tomllib.loads(path.read_text(encoding="utf-8"))
+        return "master" in parse_toml(read_plain_text(path))
     except (OSError, ValueError):
         return False
 
@@ -267,7 +269,7 @@ def _note(made: Made, *, resaved: bool) -> str:
 
 def _read(path: Path) -> list[Made]:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = parse_json(read_plain_text(path))
         if document["format"] != _FORMAT:
             raise ValueError(f"format {document['format']}")
         names = {field.name for field in fields(Made)}

@@ -69,7 +69,7 @@ def test_a_projects_robot_may_hang_from_a_ceiling(tmp_path: Path) -> None:
         ('"fanuc_m6ib"', '"fanuc_9"', "no model is called"),
         ("lower_deg", "lowest_deg", "unknown lowest_deg"),
         ("[-100, -80,", "[-80,", "6 finite numbers"),
-        ("[1, 2, 150]", "[1, 2, nan]", "3 finite numbers"),
+        ("[1, 2, 150]", "[1, 2, nan]", "not a finite number"),
         ("fanuc_wpr_deg = [10, 20, 30]", "abb_quaternion = [1, 1, 0, 0]", "abb_quaternion"),
         ("[10, 20, 30]", "[10, 20, 30]\nkuka_abc_deg = [1, 2, 3]", "one orientation"),
         ("position_mm = [900, -200, 350]", "", "position_mm is missing"),

@@ -1,11 +1,11 @@
 """Files of a job: what a page brought along, put into a folder of its own under plain names and no other."""
 
-import re
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.calibration.documents.toml_text import parse_toml
 from cellcal.calibration.errors import CellError
 from cellcal.service.engineering.measured.carried import content_of, plain_name
 from cellcal.service.engineering.programs.jobs.shapes import (
@@ -21,10 +21,6 @@ SOURCES, OUT, ASKED, PREVIEW, ARCHIVE, ALL = (
     "sources", "programs", "asked.json", "preview.json", "programs.zip", "all",
 )  # fmt: skip
 _SUFFIX = ".toml"
-_PART = r"[^\s/:;,'\"()]+"  # of a path
-_ABSOLUTE = rf"\.{{0,2}}(?:/{_PART}(?: {_PART})*)+"
-_OF_A_JOB = rf"(?:sources|cell|clone|programs)(?:/{_PART})*"
-_FOLDER = re.compile(rf"(?<![\w./])(?:{_ABSOLUTE}|{_OF_A_JOB})/(?=[^\s/])")
 # what a project names by path: its table and key
 _NAMED = (("robot", "factory"), ("robot", "parameters"), ("fixture", "alignment"), ("shapes", "file"))
 _FOLDERS = (("robot", "parameter_store"), ("robot", "backup"))
@@ -139,15 +135,10 @@ def _refuse_elsewhere(path: Path, table: dict[str, Any]) -> None:
 
 def _table(path: Path) -> dict[str, Any] | None:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_toml(read_plain_text(path))
     except (OSError, ValueError):
         return None
 
 
 def _said(error: CellError) -> ProgramsFault:
     return ProgramsFault(message=error.message, remedy=error.remedy)
-
-
-def without_paths(text: str) -> str:
-    """Return a sentence in which every file is named by its last part only: no screen learns where files are."""
-    return _FOLDER.sub("", text)

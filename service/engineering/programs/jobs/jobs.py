@@ -17,8 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import orjson
-
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.calibration.errors import CellError
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.programs.jobs.files import (
@@ -30,7 +30,6 @@ from cellcal.service.engineering.programs.jobs.files import (
     kept_projects,
     put_programs,
     put_project,
-    without_paths,
 )
 from cellcal.service.engineering.programs.jobs.shapes import (
     CellGiven,
@@ -43,6 +42,7 @@ from cellcal.service.engineering.programs.jobs.shapes import (
 )
 from cellcal.service.web.overlays import all_kept
 from cellcal.service.web.parameters import FOLDER
+from cellcal.service.web.shown_paths import without_paths
 
 _WORK_MODULE = "cellcal.service.engineering.programs.jobs.work"
 _log = logging.getLogger(__name__)
@@ -97,7 +97,7 @@ class Work:
         """Return what was made, None while nothing is."""
         if self.state != "done":
             return None
-        return Preview.model_validate_json((self.folder / PREVIEW).read_bytes())
+        return Preview.model_validate_json(read_plain_bytes(self.folder / PREVIEW))
 
     def points(self, program: int | None, page: int) -> PointsMade:
         """Return a page of points: all worst first, or of one program.
@@ -123,7 +123,7 @@ class Work:
     def _made(self, file: Path) -> bytes:
         if self.state != "done" or not file.is_file():
             raise ProgramsError("that is not made.", remedy="Wait for it, or look at what is there.")
-        return file.read_bytes()
+        return read_plain_bytes(file)
 
     def forget(self) -> None:
         """Remove its files."""
@@ -228,7 +228,7 @@ class Jobs:
         assert process.stdout is not None
         try:
             while line := await process.stdout.readline():
-                _take(work, orjson.loads(line))
+                _take(work, parse_json(line))
         finally:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()

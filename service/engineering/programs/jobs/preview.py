@@ -1,7 +1,6 @@
 """What a page shows of programs that were made, as files of a job: a summary, pages of points, the archive."""
 
 import itertools
-import json
 import os
 import zipfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -12,7 +11,9 @@ from typing import Any
 import numpy as np
 from pydantic_core import to_json
 
-from cellcal.service.engineering.programs.jobs.files import ALL, ARCHIVE, OUT, PREVIEW, without_paths
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_text
+from cellcal.service.engineering.programs.jobs.files import ALL, ARCHIVE, OUT, PREVIEW
 from cellcal.service.engineering.programs.jobs.shapes import (
     Mark,
     PointMade,
@@ -31,6 +32,7 @@ from cellcal.service.engineering.programs.report_texts import Language
 from cellcal.service.engineering.programs.report_words import heading, points_off, problems
 from cellcal.service.engineering.programs.result import CHANGED, LEFT, UNCHANGED
 from cellcal.service.engineering.programs.verdicts import counted, place_in, verdict_of
+from cellcal.service.web.shown_paths import without_paths
 
 PAGE = 100
 _REPORTS = ("report.html", "report.csv", "report.json")
@@ -51,7 +53,7 @@ class Made:
 
 def write_preview(made: Made, folder: Path) -> None:
     """Write everything that a page may ask for."""
-    told = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    told = parse_json(read_plain_text(folder / "report.json"))
     verdicts = counted(point["reason"] for program in told["programs"] for point in program["points"])
     order = made.report.programs_worst_first()
     by_file = {program["source"]: program for program in told["programs"]}

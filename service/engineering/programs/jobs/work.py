@@ -14,6 +14,8 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from cellcal.calibration.compensation.compensate import Direction
+from cellcal.calibration.documents.json_text import parse_json
+from cellcal.calibration.documents.plain_files import read_plain_bytes, read_plain_text
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.program_registry import brand_named
 from cellcal.drivers.programs.brands import ConfigurationRule
@@ -32,6 +34,7 @@ from cellcal.service.engineering.programs.project import Project, read_project
 from cellcal.service.engineering.programs.report_run import Carry, Wanted, change_programs
 from cellcal.service.engineering.programs.report_texts import Language
 from cellcal.service.engineering.programs.result import ProgramResult
+from cellcal.service.unexpected import log_in_lines, run_guarded
 
 _log = logging.getLogger(__name__)
 _AT_ONCE = 1500  # points between two words about progress
@@ -158,7 +161,7 @@ def _copy_own(cell: Project) -> None:
         place = Path(SOURCES) / (path.relative_to(cell.path.parent) if inside else path.name)
         place.parent.mkdir(parents=True, exist_ok=True)
         if not place.exists():
-            place.write_bytes(path.read_bytes())
+            place.write_bytes(read_plain_bytes(path))
 
 
 def _of_each_brand(task: Task, total: int) -> Carry:
@@ -208,12 +211,12 @@ def _leave_with_the_service() -> None:
 
 def main() -> None:
     """Make one job: the cell file and the job's folder are named."""
-    logging.basicConfig(level=logging.WARNING)
+    log_in_lines()
     threading.Thread(target=_leave_with_the_service, daemon=True).start()
     config = read_cell_file(Path(sys.argv[1]).resolve())
     os.chdir(sys.argv[2])
     try:
-        make(config, json.loads(Path(ASKED).read_text(encoding="utf-8")))
+        make(config, parse_json(read_plain_text(Path(ASKED))))
     except CellError as error:
         tell(end="failed", message=error.message, remedy=error.remedy)
     except Exception:  # noqa: BLE001  whatever it was, the page is told
@@ -224,4 +227,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_guarded(main))

@@ -1,0 +1,101 @@
+"""Bytes and text of plain files within a limit; devices, pipes and folders are refused and never waited for."""
+
+import os
+import stat
+from pathlib import Path
+
+from cellcal.calibration.documents.errors import DocumentError
+
+MOST_BYTES = 64_000_000
+_PART = 1 << 18
+_MARKS = (
+    (b"\xef\xbb\xbf", "utf-8-sig"),
+    (b"\xff\xfe\x00\x00", "utf-32"),
+    (b"\x00\x00\xfe\xff", "utf-32"),
+    (b"\xff\xfe", "utf-16"),
+    (b"\xfe\xff", "utf-16"),
+)
+
+
+def read_plain_bytes(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """Return the bytes of a plain file.
+
+    Raises
+    ------
+    OSError
+        It is not there, a folder, or not readable.
+    DocumentError
+        It is no plain file, or larger than ``most_bytes``.
+    """
+    refuse_unusual_path(path)
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)  # opening a pipe must not wait
+    with os.fdopen(descriptor, "rb") as file:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode):
+            raise DocumentError("it is not a plain file.", remedy="Name a file.", path=path)
+        parts, size = [], 0
+        while status.st_size <= most_bytes >= size and (part := file.read(_PART)):
+            parts.append(part)
+            size += len(part)
+    if max(status.st_size, size) > most_bytes:
+        raise DocumentError(
+            f"it is larger than {_size(most_bytes)}.", remedy="Name the right file.", path=path
+        )
+    return b"".join(parts)
+
+
+def refuse_unusual_path(path: Path) -> None:
+    """Refuse a path that is there and neither a plain file nor a folder, and a name that no file can have.
+
+    Raises
+    ------
+    DocumentError
+        It is a device, a pipe or a socket, or holds a zero character.
+    """
+    try:
+        mode = path.stat().st_mode
+    except ValueError as error:
+        raise DocumentError("that is no name of a file.", remedy="Correct it.", path=path) from error
+    except OSError:
+        return  # whatever it is, opening it says so
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise DocumentError("it is not a plain file.", remedy="Name a file.", path=path)
+
+
+def read_plain_text(path: Path, most_bytes: int = MOST_BYTES) -> str:
+    """Return the text of a plain file; see `text_of` for encodings.
+
+    Raises
+    ------
+    OSError
+        It is not there, a folder, or not readable.
+    DocumentError
+        It is no plain file, larger than ``most_bytes``, or no text.
+    """
+    return text_of(read_plain_bytes(path, most_bytes), path)
+
+
+def text_of(content: bytes, path: Path | None = None) -> str:
+    """Return bytes as text: UTF-8, or UTF-16 and UTF-32 with a byte order mark.
+
+    Raises
+    ------
+    DocumentError
+        They are no text, or hold a zero character.
+    """
+    encoding = next((name for mark, name in _MARKS if content.startswith(mark)), "utf-8")
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise DocumentError(
+            f"it is not text in UTF-8 (byte {error.start}).", remedy="Save it as UTF-8.", path=path
+        ) from error
+    if "\0" in text:
+        raise DocumentError(
+            "it is not text: it holds a zero character.", remedy="Name a text file.", path=path
+        )
+    return text
+
+
+def _size(count: int) -> str:
+    return f"{count // 1_000_000} MB" if count >= 1_000_000 else f"{count // 1000} kB"

@@ -1,0 +1,13 @@
+"""What a screen learns of files: their names, never where they are."""
+
+import re
+
+_PART = r"[^\s/:;,'\"()]+"  # of a path
+_ABSOLUTE = rf"\.{{0,2}}(?:/{_PART}(?: {_PART})*)+"
+_OF_A_JOB = rf"(?:sources|cell|clone|programs)(?:/{_PART})*"
+_FOLDER = re.compile(rf"(?<![\w./])(?:{_ABSOLUTE}|{_OF_A_JOB})/(?=[^\s/])")
+
+
+def without_paths(text: str) -> str:
+    """Return a sentence in which every file is named by its last part only: no screen learns where files are."""
+    return _FOLDER.sub("", text)

@@ -1,0 +1,53 @@
+"""What a cell keeps is for its owner only, whatever the umask says; what a Host header may be."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from cellcal.service.files import create_private_file, make_private_folder, replace_file
+from cellcal.service.record.journal import Journal
+from cellcal.service.times import read_time
+from cellcal.service.web.middleware import _host_name
+from cellcal.service.web.shown_paths import without_paths
+
+
+@pytest.mark.parametrize("umask", [0o000, 0o022, 0o777])
+def test_files_are_for_their_owner_whatever_the_umask(tmp_path: Path, umask: int) -> None:
+    before = os.umask(umask)
+    try:
+        make_private_folder(tmp_path / "a" / "b")
+        replace_file(tmp_path / "a" / "b" / "x", "text")
+        create_private_file(tmp_path / "a" / "y")
+        Journal.open(tmp_path / "c" / "journal.db").close()
+    finally:
+        os.umask(before)
+    found = [
+        tmp_path / "a",
+        tmp_path / "a" / "b",
+        tmp_path / "c",
+        *tmp_path.glob("c/*"),
+        *tmp_path.glob("a/*"),
+    ]
+    assert {path.stat().st_mode & 0o777 for path in found if path.is_dir()} == {0o700}
+    assert {path.stat().st_mode & 0o777 for path in [*tmp_path.rglob("*")] if path.is_file()} == {0o600}
+
+
+@pytest.mark.parametrize(
+    ("header", "name"),
+    [("Cell-7.Plant:8470", "cell-7.plant"), ("[::1]:80", "::1"), ("127.0.0.1", "127.0.0.1"), ("localhost:x", ""),
+     ("localhost:99999", ""), ("[::1]evil", ""), ("[::1", ""), ("a b", ""), ("localhost:80:80", ""), ("", ""),
+     ("user@localhost", ""), ("localhost/", ""), ("localhost:\u0661", ""), ("[::1]:0", "")],
+)  # fmt: skip
+def test_a_host_is_read_strictly(header: str, name: str) -> None:
+    assert _host_name(header) == name
+
+
+def test_a_time_without_a_zone_is_refused() -> None:
+    assert read_time("2026-01-01T00:00:00+00:00").tzinfo is not None
+    with pytest.raises(ValueError, match="no time zone"):
+        read_time("2026-01-01T00:00:00")
+
+
+def test_a_screen_learns_no_folder() -> None:
+    assert without_paths("/srv/cells/7/cell.toml cannot be used") == "cell.toml cannot be used"

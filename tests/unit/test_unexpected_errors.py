@@ -1,0 +1,114 @@
+"""What nothing foresaw: one sentence, a report for its owner only, exit code 70; libraries stay silent."""
+
+import errno
+import logging
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cellcal.service.cli import app as command_line
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode, exit_code_of
+from cellcal.service.unexpected import OneLineFormatter, explain_os_error, log_in_lines, run_guarded
+
+
+def _raises(error: BaseException) -> int:
+    raise error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [RuntimeError("two\nlines [red]x[/red] :robot:"), RecursionError("deep"), KeyError("\ud800"), MemoryError(),
+     ExceptionGroup("both", [ZeroDivisionError("x"), ValueError("y")])],
+)  # fmt: skip
+def test_a_command_that_breaks_says_one_sentence_and_writes_a_report(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(command_line, "app", lambda *_, **__: _raises(error))
+    assert run_command_line(["models"]) == ExitCode.INTERNAL == 70
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "Traceback" not in said.err
+    reports = sorted(tmp_path.glob("cellcal-report-*.txt"))
+    assert len(reports) == (2 if isinstance(error, ExceptionGroup) else 1)
+    for report in reports:
+        assert str(report) in said.err
+        assert re.search(r"^\w+Error", report.read_text(), re.MULTILINE)
+        assert report.stat().st_mode & 0o777 == 0o600
+    if isinstance(error, RuntimeError) and not isinstance(error, RecursionError):
+        assert "two lines [red]x[/red] :robot:" in said.err
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [(errno.EROFS, "read-only"), (errno.ENOSPC, "disk is full"), (errno.EACCES, "permission was denied"),
+     (errno.ENOENT, "no such file"), (errno.EISDIR, "is a folder")],
+)  # fmt: skip
+def test_what_the_system_refuses_is_said_as_such(number: int, words: str) -> None:
+    message, cure = explain_os_error(OSError(number, os.strerror(number), "/a/b"))
+    assert words in message
+    assert message.startswith("/a/b: ")
+    assert cure.endswith(".")
+    assert exit_code_of(OSError(number, "x", "/a/b")) in (ExitCode.USAGE, ExitCode.REFUSED)
+    assert exit_code_of(OSError(errno.ENOSPC, "x")) == ExitCode.REFUSED
+
+
+def test_a_process_of_ours_that_breaks_shows_no_trace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert run_guarded(lambda: _raises(IndexError("gone"))) == 70
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "IndexError: gone" in said
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "cellcal.service.cell_process",
+        "cellcal.service.site.publisher",
+        "cellcal.service.export.webhook_sender",
+    ],
+)
+def test_every_child_refuses_a_wrong_cell_file_in_one_place(module: str, tmp_path: Path) -> None:
+    run = subprocess.run(
+        [sys.executable, "-m", module, str(tmp_path / "none.toml")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert run.returncode != 0
+    assert "Traceback" not in run.stderr
+    assert "none.toml" in run.stderr
+
+
+def test_a_log_has_no_trace_and_nothing_of_libraries(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    root = logging.getLogger()
+    monkeypatch.setattr(root, "handlers", [])
+    log_in_lines("%(message)s")
+    for library in (
+        "pymodbus.logging",
+        "can",
+        "canopen.network",
+        "zenoh",
+        "matplotlib.font_manager",
+    ):
+        logging.getLogger(library).critical("a library speaks")
+    for _ in range(3):
+        try:
+            _raises(ValueError("why"))
+        except ValueError:
+            logging.getLogger("service.test").exception("it broke\nhere")
+    said = capsys.readouterr().err
+    assert re.fullmatch(r"(it broke here \[ValueError: why; report in \S+\]\n){3}", said)
+    assert len(list(tmp_path.iterdir())) == 1
+    assert isinstance(root.handlers[0].formatter, OneLineFormatter)
