@@ -37,6 +37,7 @@ from service.desk.messages import (
     Decline,
     Dismiss,
     GoOn,
+    Order,
     Pause,
     Resume,
     SelectRobot,
@@ -97,6 +98,7 @@ class Desk:
         self._run: Running | None = None
         self._task: asyncio.Task[None] | None = None
         self._replies: OrderedDict[str, asyncio.Task[dict[str, Any]]] = OrderedDict()
+        self._orders: dict[str, tuple[str, Order]] = {}
         self._leave = asyncio.Event()
         self.rev = int(time.time() * 1000)  # a restart never repeats one
 
@@ -223,16 +225,23 @@ class Desk:
     # orders
 
     async def obey(self, command: Command) -> dict[str, Any]:
-        """Do what a screen orders; the same command sent twice is obeyed once, also while it is being obeyed."""
-        if isinstance(command.order, HoldOrder):
+        """Do what a screen orders; the same command sent twice is obeyed once, also while it is being obeyed.
+
+        A stop is obeyed each time: no id and no revision keeps it back.
+        """
+        if isinstance(command.order, HoldOrder | Stop):
             return await self._obeyed(command)
+        if command.id in self._replies and self._orders.get(command.id) != (command.who, command.order):
+            used = {"ok": False, "code": "desk.id_used", "message": "This press was used for another order."}
+            return {**used, "remedy": "Press again."}
         if command.id not in self._replies:
             if command.rev != self.rev and not isinstance(command.order, UNGUARDED):
                 stale = {"ok": False, "code": "desk.stale", "message": "The page was out of date."}
                 return {**stale, "remedy": "Look at the present step.", "session": self.session()}
+            self._orders[command.id] = (command.who, command.order)
             self._replies[command.id] = asyncio.create_task(self._obeyed(command))
             while len(self._replies) > _REPLIES_KEPT:
-                self._replies.popitem(last=False)
+                self._orders.pop(self._replies.popitem(last=False)[0])
         return await asyncio.shield(self._replies[command.id])
 
     async def _obeyed(self, command: Command) -> dict[str, Any]:
@@ -241,6 +250,10 @@ class Desk:
             await self._do(command)
         except CellError as error:
             return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
+        except Exception as error:
+            _log.exception("an order (%s) broke", command.order.op)
+            message = f"The program failed at this order: {type(error).__name__}: {error}"
+            return {"ok": False, "code": "desk.broken", "message": message, "remedy": "Look into its log."}
         return {"ok": True, "rev": self.rev}
 
     async def _do(self, command: Command) -> None:
@@ -250,7 +263,7 @@ class Desk:
         elif isinstance(order, Decline):
             self._operator.decline(order.prompt_id)
         elif isinstance(order, HoldOrder):
-            self._hold.heard(held=order.held, age_s=order.age_s)
+            self._hear_hold(order)
         elif isinstance(order, Start | Resume):
             self._begin(order, command.who)
         elif isinstance(order, SelectRobot):
@@ -261,6 +274,18 @@ class Desk:
             await self._sign(order, command.who)
         else:
             await self._steer(order)
+
+    def _hear_hold(self, order: HoldOrder) -> None:
+        """Take note of the button; "held" counts for what is left of its time, and not from the future."""
+        if not order.held or order.at_s is None:
+            self._hold.heard(held=False)
+            return
+        age_s = self._clock() - order.at_s
+        if age_s < 0.0:
+            raise DeskError(
+                "the moment at which the button was held is still to come.", remedy="Load the page again."
+            )
+        self._hold.heard(held=True, age_s=age_s)
 
     async def _answer(self, order: AnswerIt, who: str) -> None:
         """Take an answer; one that records is looked at first: a press may be older than what it was made for."""
@@ -276,8 +301,23 @@ class Desk:
         elif isinstance(order, GoOn):
             self._gate.resume()
         else:
+            await self._stop()
+
+    async def _stop(self) -> None:
+        """Stop first: a disk that refuses to forget the run must not keep the robot moving."""
+        task = self._task
+        if task is not None and not task.done():
+            task.cancel()
+        try:
             self._under_way.forget()  # a person has ended it
-            await self._end_run()
+        except OSError as error:
+            raise DeskError(
+                f"the run was ended, but the disk refuses to note it: {error.strerror}.",
+                remedy="Free or repair the disk; the run goes on by itself at the next start until then.",
+            ) from error
+        finally:
+            if task is not None:
+                await asyncio.wait({task})
 
     def _dismiss(self) -> None:
         self._refuse_while_busy()

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from service.desk.held import DEAD_MAN_S
-from service.desk.messages import Hold
+from service.desk.messages import Flag, Hold, Revision
 from service.people.errors import NotSignedInError, PeopleError
 from service.web.answer_shapes import SessionSeen, answering
 from service.web.control import permitted, show_control, told
@@ -31,8 +31,8 @@ class Said(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     op: Literal["hold"]
-    held: bool
-    beat: int = 0
+    held: Flag
+    beat: Revision = 0
 
 
 @dataclass
@@ -109,13 +109,14 @@ async def _take(socket: WebSocket, shown: Screen, beats: Beats, text: str) -> No
         said = Said.model_validate_json(text)
     except ValidationError:
         return  # a screen that babbles moves nothing
-    age_s = 0.0
+    at_s: float | None = None
     if said.held:
         shown.show("beat", framed("beat", beats.next()))
         age_s = beats.age_s(said.beat)
         if age_s >= DEAD_MAN_S:
             return
-    hold = Hold(op="hold", held=said.held, age_s=age_s)
+        at_s = time.monotonic() - age_s  # the cell's process has the same clock: what waits in between counts
+    hold = Hold(op="hold", held=said.held, at_s=at_s)
     with contextlib.suppress(DeskGoneError, PeopleError):
         name = await permitted(house, who, "hold", 0, hold)
         if hold.held:
