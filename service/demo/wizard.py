@@ -9,6 +9,7 @@ import sys
 import webbrowser
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
@@ -16,6 +17,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from calibration.errors import CellError
+from drivers.supervision import start_task
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.settled import settle
 
@@ -116,8 +118,8 @@ async def _serve(folder: Path, staging: Staging, listening: socket.socket) -> No
         app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
         server = _Server(app)
         settle()
-        opening = asyncio.create_task(Opening(app.state.house.link, staging.time_factor).play())
-        telling = asyncio.create_task(_tell(server, listening, staging))
+        opening = start_task("opening of the demo", Opening(app.state.house.link, staging.time_factor).play)
+        telling = start_task("address of the demo", partial(_tell, server, listening, staging))
         try:
             await server.serve([listening])
         finally:

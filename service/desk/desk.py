@@ -17,6 +17,7 @@ from pydantic_core import to_jsonable_python
 
 from calibration.errors import CellError
 from drivers.interfaces import JogsAxes, Readiness, Robot
+from drivers.supervision import SUPERVISOR, start_task, supervise, words_of
 from procedures.catalogue import entry_named
 from procedures.cell import Cell
 from procedures.entry import Phase
@@ -67,6 +68,7 @@ Tell = Callable[[str, dict[str, Any]], None]  # "session" or "live", and its con
 PERIOD_S = 0.1
 _RETRY_S = 2.0
 _REPLIES_KEPT = 1000
+TASK = "devices of the cell"
 
 
 class DeskError(CellError):
@@ -125,6 +127,7 @@ class Desk:
             "prompt": None if prompt is None else prompt.as_json(),
             "waits_for_hold": self._hold.waiting,
             "losses": self._watch.as_json(),
+            "troubles": [trouble.as_json() for trouble in SUPERVISOR.troubles()],
         }
 
     def _decided(self) -> None:
@@ -143,19 +146,24 @@ class Desk:
 
     async def attend(self) -> None:
         """Keep the devices connected and show them, until cancelled. What was under way goes on by itself."""
-        telling = asyncio.create_task(self._tell_while_apart(), name="tell of other robots")
+        unlisten = SUPERVISOR.listen(self._show)
+        telling = start_task("news of other robots", self._tell_while_apart)
         try:
-            while True:
-                self._leave.clear()
-                await self._others.follow_all_but(self._robot)
-                await self._attend_once()
-                self._decided()
-                await asyncio.sleep(0.0 if self._leave.is_set() else _RETRY_S)
+            await supervise(TASK, self._keep_attending)
         finally:
+            unlisten()
             telling.cancel()
             await asyncio.wait({telling})
             await self._others.end()
             await self._end_run()
+
+    async def _keep_attending(self) -> None:
+        while True:
+            self._leave.clear()
+            await self._others.follow_all_but(self._robot)
+            await self._attend_once()
+            self._decided()
+            await asyncio.sleep(0.0 if self._leave.is_set() else _RETRY_S)
 
     async def _tell_while_apart(self) -> None:
         """Tell of the other robots also while the selected one cannot be reached."""
@@ -184,9 +192,13 @@ class Desk:
             if error.message != self._trouble:
                 _log.warning("the cell cannot be used: %s", error)
             self._trouble, self._remedy = error.message, error.remedy
+        except Exception as error:  # named and retried by whoever supervises; here the screen is told
+            self._trouble, self._remedy = words_of(error)
+            raise
         finally:
             self._cell = None
             await self._end_run()
+            self._decided()
 
     def _held(self, cell: Cell) -> Cell:
         robot: Any = HeldRobot(cell.robot, self._hold)
@@ -250,7 +262,7 @@ class Desk:
             await self._do(command)
         except CellError as error:
             return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001  whatever it was, the page is told and the desk goes on
             _log.exception("an order (%s) broke", command.order.op)
             message = f"The program failed at this order: {type(error).__name__}: {error}"
             return {"ok": False, "code": "desk.broken", "message": message, "remedy": "Look into its log."}

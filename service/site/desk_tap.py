@@ -3,9 +3,12 @@
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, BinaryIO
 
 import orjson
+
+from drivers.supervision import start_thread
 
 DESK_SILENT_S = 5.0
 LONGEST_LINE = 1 << 20
@@ -20,7 +23,7 @@ class DeskTap:
         self._live: tuple[float, dict[str, Any]] | None = None
         self.ended = threading.Event()
         if stream is not None:
-            threading.Thread(target=self._read, args=(stream,), name="desk tap", daemon=True).start()
+            start_thread("desk tap", partial(self._read, stream), self.ended)
 
     def session(self) -> dict[str, Any] | None:
         """Return the desk's session; None while there is no desk, or it is silent."""
@@ -40,6 +43,8 @@ class DeskTap:
             said = orjson.loads(line)
             kind, content = said["told"], said["content"]
         except (orjson.JSONDecodeError, KeyError, TypeError):
+            return
+        if not isinstance(content, dict):
             return
         if kind == "live":
             self._live = (self._clock(), content)

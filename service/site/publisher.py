@@ -19,6 +19,8 @@ from typing import Any, BinaryIO
 
 import zenoh
 
+from calibration.errors import CellError
+from drivers.supervision import words_of
 from service.certificates.signing import station_key
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.runs.cell import journal_path
@@ -199,7 +201,15 @@ def _zenoh(make: Callable[[], zenoh.Config]) -> zenoh.Config:
 def main(path: str) -> None:
     """Tell the site until standard input ends."""
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING, format="site: %(message)s")
-    publish(read_cell_file(path), sys.stdin.buffer, threading.Event())
+    try:
+        publish(read_cell_file(path), sys.stdin.buffer, threading.Event())
+    except CellError as error:
+        _LOG.error("%s %s", error.message, error.remedy)
+        raise SystemExit(2) from None
+    except Exception as error:  # noqa: BLE001  whatever it was, the service names it
+        _LOG.exception("the publisher failed")
+        _LOG.error("%s %s", *words_of(error))  # the last line is what the service shows
+        raise SystemExit(70) from None
 
 
 if __name__ == "__main__":

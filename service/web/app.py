@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 
 from calibration.errors import CellError
+from drivers.supervision import SUPERVISOR, guarded
 from service.configuration.cell_file import CellConfig, read_cell_file
 from service.demo.door import Door
 from service.export.outlets import Outlets
@@ -35,6 +37,7 @@ from service.web.guard import Guard
 from service.web.link import DeskLink
 from service.web.pages import add_pages, page_paths
 from service.web.screens import Screens
+from service.web.troubles import troubles_of
 
 Heard = Callable[[str, dict[str, Any]], None]
 
@@ -83,8 +86,11 @@ def create_app(settings: Settings) -> FastAPI:
     outlets = Outlets(settings.cell_file, config)
 
     def heard(kind: str, content: dict[str, Any]) -> None:
-        screens.show(kind, content)
+        with guarded("screens"):
+            screens.show(kind, content)
         outlets.heard(kind, content)
+        if kind != "live":
+            _show_troubles(house)
 
     entrance = Entrance(
         config.cell.data_dir, settings.open_access, on_console_token=settings.on_console_token
@@ -93,11 +99,8 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        keeping = [asyncio.create_task(house.link.keep(), name="desk"), *outlets.keep()]
-        yield
-        for task in keeping:
-            task.cancel()
-        await asyncio.gather(*keeping, return_exceptions=True)
+        async with _kept(house, outlets):
+            yield
 
     app = FastAPI(title="cellcal", lifespan=lifespan, docs_url=None, redoc_url=None, responses=REFUSALS)
     app.state.house, app.state.meter = house, outlets.meter
@@ -116,6 +119,22 @@ def create_app(settings: Settings) -> FastAPI:
         Guard, pages=page_paths() | {metrics.PATH}, hosts=settings.allowed_hosts, tls=settings.tls
     )
     return app
+
+
+@asynccontextmanager
+async def _kept(house: House, outlets: Outlets) -> AsyncIterator[None]:
+    """Keep what lives as long as the service, and show what fails of it."""
+    unlisten = SUPERVISOR.listen(partial(_show_troubles, house))
+    keeping = [house.link.start(), *outlets.keep()]
+    yield
+    unlisten()
+    for task in keeping:
+        task.cancel()
+    await asyncio.gather(*keeping, return_exceptions=True)
+
+
+def _show_troubles(house: House) -> None:
+    house.screens.show("troubles", troubles_of(house.link.session))
 
 
 def _link(settings: Settings, heard: Heard) -> DeskLink:

@@ -19,6 +19,7 @@ from service.web.control import permitted, show_control, told
 from service.web.door import Who, house_of, person_of, standing, token_of
 from service.web.link import DeskGoneError
 from service.web.screens import Screen, framed
+from service.web.troubles import troubles_of
 
 router = APIRouter()
 _LOOK_S = 5.0
@@ -67,6 +68,7 @@ async def session(request: Request, who: Who) -> dict[str, Any]:
     house = house_of(request)
     return {
         "session": house.link.session,
+        "troubles": troubles_of(house.link.session),
         **standing(request),
         "demo": house.settings.demo,
     }
@@ -79,6 +81,7 @@ async def screen(socket: WebSocket) -> None:
     await socket.accept()
     shown, beats = Screen(socket, who.name, who.seat), Beats()
     shown.show("person", framed("person", standing(socket)))
+    shown.show("troubles", framed("troubles", troubles_of(house.link.session)))
     show_control(house, shown)
     if house.link.session is not None:
         shown.show("session", framed("session", house.link.session))
