@@ -20,6 +20,7 @@ from calibration.errors import CellError
 from drivers.supervision import start_task
 from service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from service.settled import settle
+from service.web.server import Server
 
 HOST = "127.0.0.1"
 PORT = 8471
@@ -57,7 +58,7 @@ def has_display() -> bool:
     return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-class _Server(uvicorn.Server):
+class _Server(Server):
     """Ends on Ctrl+C without raising it again: that is how a demo ends, not how it fails."""
 
     def __init__(self, app: FastAPI) -> None:

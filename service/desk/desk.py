@@ -17,13 +17,14 @@ from pydantic_core import to_jsonable_python
 
 from calibration.errors import CellError
 from drivers.interfaces import JogsAxes, Readiness, Robot
-from drivers.supervision import SUPERVISOR, start_task, supervise, words_of
+from drivers.supervision import SUPERVISOR, guarded, start_task, supervise, words_of
 from procedures.catalogue import entry_named
 from procedures.cell import Cell
 from procedures.entry import Phase
 from procedures.past import Kind
 from procedures.progress import Gate, Progress
 from service.certificates.certificate import issue
+from service.certificates.journal_end import end_in_words, refuse_missing_end
 from service.certificates.printing import print_beside
 from service.configuration.cell_file import CellConfig
 from service.desk.answering import Answering
@@ -97,6 +98,7 @@ class Desk:
         self._cell: Cell | None = None
         self._trouble = "connecting"
         self._remedy = ""
+        self._journal_end = ""  # in words, that it is missing
         self._run: Running | None = None
         self._task: asyncio.Task[None] | None = None
         self._replies: OrderedDict[str, asyncio.Task[dict[str, Any]]] = OrderedDict()
@@ -127,6 +129,7 @@ class Desk:
             "prompt": None if prompt is None else prompt.as_json(),
             "waits_for_hold": self._hold.waiting,
             "losses": self._watch.as_json(),
+            "journal_end": self._journal_end,
             "troubles": [trouble.as_json() for trouble in SUPERVISOR.troubles()],
         }
 
@@ -160,6 +163,7 @@ class Desk:
     async def _keep_attending(self) -> None:
         while True:
             self._leave.clear()
+            self._journal_end = await asyncio.to_thread(end_in_words, self._config)
             await self._others.follow_all_but(self._robot)
             await self._attend_once()
             self._decided()
@@ -384,7 +388,8 @@ class Desk:
             return
         order = Start(op="start", procedure=answer.procedure, settings=answer.settings, hold_to_move=False)
         operator = StandingAnswers(self._config.watch, cell.operator)
-        self._set_going(replace(cell, operator=operator), order, WATCH)
+        with guarded("recovery without a person"):  # the loss stays on the screen: a person decides
+            self._set_going(replace(cell, operator=operator), order, WATCH)
 
     def _occupied(self, robot: str) -> str:
         """Say what keeps the desk from starting anything by itself on a robot; runs are told of by the watch."""
@@ -400,6 +405,8 @@ class Desk:
         return ""
 
     def _set_going(self, cell: Cell, order: Start | Resume, who: str) -> None:
+        with open_journal(self._config) as journal:
+            refuse_missing_end(self._config, journal, accepted=order.accept_missing_end)
         self._hold.wanted = order.hold_to_move
         self._gate.resume()
         if isinstance(order, Start):
@@ -422,7 +429,10 @@ class Desk:
             self._answering.began(run_id, who)
             self._under_way.keep(run_id, self._robot, hold_to_move=order.hold_to_move)
 
-        how = Conditions(lambda progress: self._on_event(run, progress), began, self._gate, who)
+        how = Conditions(
+            lambda progress: self._on_event(run, progress), began, self._gate, who,
+            accept_missing_end=order.accept_missing_end,
+        )  # fmt: skip
         try:
             run.outcome = await self._told(await self._outcome(cell, order, how))
         except CellError as error:
@@ -477,7 +487,9 @@ class Desk:
     def _go_on_where_it_broke_off(self) -> None:
         left = self._under_way.left()
         if left is not None and left.robot == self._robot and not self._busy:
-            self._begin(Resume(op="resume", run_id=left.run_id, hold_to_move=left.hold_to_move), "service")
+            order = Resume(op="resume", run_id=left.run_id, hold_to_move=left.hold_to_move)
+            with guarded("going on with the run that was under way"):  # a person decides instead
+                self._begin(order, "service")
 
     async def _end_run(self) -> None:
         task = self._task

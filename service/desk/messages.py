@@ -23,6 +23,7 @@ class Start(_Asked):
     procedure: Name
     settings: dict[str, Any] = Field(default_factory=dict)
     hold_to_move: Flag = True
+    accept_missing_end: Flag = False  # the person saw that the journal's end is missing, and goes on
 
 
 class Resume(_Asked):
@@ -32,6 +33,7 @@ class Resume(_Asked):
     run_id: Name
     redo_from: Name | None = None
     hold_to_move: Flag = True
+    accept_missing_end: Flag = False
 
 
 class AnswerIt(_Asked):

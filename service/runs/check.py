@@ -12,7 +12,7 @@ from procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
 from service.certificates.journal_end import missing_end
 from service.configuration.cell_file import CellConfig
 from service.runs.cell import leases, open_journal
-from service.runs.journal import Damage
+from service.runs.journal import Damage, Journal
 from service.runs.lease import DEVICES, is_held
 from service.runs.store import Store
 
@@ -73,7 +73,7 @@ async def check_cell(config: CellConfig) -> CellReport:
     pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.probes]
     devices = await asyncio.gather(*(_check_device(*pair, leases(config)) for pair in pairs))
     with open_journal(config) as journal:
-        damage = told_damage(journal.damage) if journal.damage else missing_end(config, journal)
+        damage = journal_flaw(config, journal)
         if damage:
             return CellReport(config.cell.name, tuple(devices), (), damage)
         store = Store(journal)
@@ -83,6 +83,12 @@ async def check_cell(config: CellConfig) -> CellReport:
             if device.keeps_mastering and store.mastering_record(device.serial) is None
         )
     return CellReport(config.cell.name, tuple(devices), advice)
+
+
+def journal_flaw(config: CellConfig, journal: Journal) -> str:
+    """Return in words that a journal is damaged or lacks its end; "" where it is whole, as far as can be told."""
+    damage = journal.verify()
+    return missing_end(config, journal) if damage is None else told_damage(damage)
 
 
 def told_damage(damage: Damage) -> str:
