@@ -46,6 +46,7 @@ class _Entry:
     failures: int = 0  # one after the other
     total: int = 0
     running: bool = True
+    holder: "asyncio.Task[Any] | int | None" = None
 
 
 class Supervisor:
@@ -76,6 +77,12 @@ class Supervisor:
         with self._lock:
             return sorted(self._entries)
 
+    def holder(self, name: str) -> "asyncio.Task[Any] | int | None":
+        """Return the loop's task or the thread's identifier that does a task's work now; None where none does."""
+        with self._lock:
+            entry = self._entries.get(name)
+            return None if entry is None or not entry.running else entry.holder
+
     def failures(self) -> dict[str, int]:
         """Return how often each task has failed since this process began."""
         with self._lock:
@@ -95,7 +102,7 @@ class Supervisor:
         """Note that a task runs."""
         with self._lock:
             entry = self._entries.setdefault(name, _Entry())
-            entry.running = True
+            entry.running, entry.holder = True, _present()
             old = entry.trouble
             entry.trouble = None if old is None else _again(old)
         if old is not None:
@@ -208,6 +215,14 @@ def words_of(error: BaseException) -> tuple[str, str]:
     if isinstance(error, CellError):
         return str(error.message), error.remedy or REMEDY
     return f"{type(error).__name__}: {str(error)[:500]}", REMEDY
+
+
+def _present() -> "asyncio.Task[Any] | int":
+    try:
+        task = asyncio.current_task()
+    except RuntimeError:  # a thread without a loop
+        task = None
+    return threading.get_ident() if task is None else task
 
 
 def _again(trouble: Trouble) -> Trouble:
