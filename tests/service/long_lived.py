@@ -13,25 +13,14 @@ ROOT = Path(__file__).parents[2]
 ROOMS = ("service", "drivers", "fake_devices", "procedures", "calibration")
 SUPERVISION = {"drivers/supervision.py", "fake_devices/keep_running.py"}
 BEGINNING = frozenset(
-    [
-        "create_task",
-        "ensure_future",
-        "Thread",
-        "Timer",
-        "Process",
-        "Popen",
-        "create_subprocess_exec",
-        "create_subprocess_shell",
-        "ThreadPoolExecutor",
-        "ProcessPoolExecutor",
-        "run_in_executor",
-        "start_server",
-        "create_server",
+    {
+        "create_task", "ensure_future", "Thread", "Timer", "Process", "Popen", "create_subprocess_exec",
+        "create_subprocess_shell", "ThreadPoolExecutor", "ProcessPoolExecutor", "run_in_executor", "create_server",
         "serve_forever",
-    ]
-)
+    }
+)  # fmt: skip
 SUPERVISED = frozenset(
-    ["supervise", "start_task", "start_thread", "start_link_thread", "start_link_task", "keep_running"]
+    {"supervise", "start_task", "start_thread", "start_link_thread", "start_link_task", "keep_running"}
 )
 
 
