@@ -78,7 +78,7 @@ async def test_a_stop_stops_also_where_the_disk_cannot_forget_the_run(tmp_path: 
     async with at_desk(tmp_path) as person:
         assert (await person.order(RECORD))["ok"]
         await person.until(lambda session: session["prompt"])
-        note = next(tmp_path.rglob("under_way.json"))
+        note = next(tmp_path.rglob("under_way.json"))  # noqa: ASYNC240  a test
         note.unlink()
         note.mkdir()  # cannot be removed as a file is
         refused = await person.order({"op": "stop"})

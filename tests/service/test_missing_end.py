@@ -11,7 +11,8 @@ from service.cli.app import run_command_line
 from service.configuration.cell_file import CellConfig
 from service.exit_codes import ExitCode
 from service.runs.cell import journal_path
-from tests.procedures.certified import cell_config, run_in, touching
+from tests.procedures.cells import touching
+from tests.procedures.certified import cell_config, run_in
 from tests.service.desks import RECORD, at_desk, take_the_record
 
 

@@ -209,6 +209,7 @@ async def test_the_threads_of_the_sender_of_alarms_come_back(tmp_path: Path) -> 
             leave.set()
             os.close(writing)
             sending.join(PATIENCE_S)
+            stream.close()
 
 
 def test_the_monitors_threads_come_back(tmp_path: Path) -> None:
