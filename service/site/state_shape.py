@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 _MOST = 500
-_Count = Annotated[int, Field(ge=0, lt=2**53)]  # what pages and SQLite can carry
+_Count = Annotated[int, Field(ge=0, le=2**53 - 1)]  # what pages and SQLite can carry
 _Metres = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
