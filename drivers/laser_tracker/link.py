@@ -13,6 +13,7 @@ import struct
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 
 from cellcal.drivers.errors import DeviceError, RefusedError, UnreachableError, WireProtocolError
 from cellcal.drivers.laser_tracker.packets import (
@@ -29,6 +30,7 @@ from cellcal.drivers.laser_tracker.packets import (
     command,
     result,
 )
+from cellcal.drivers.supervision import start_link_task, words_of
 from cellcal.drivers.wire.backoff import Backoff
 from cellcal.drivers.wire.deadline import deadline
 from cellcal.drivers.wire.tables import CodeEntry, code_table
@@ -164,7 +166,9 @@ class EmsconLink:
         except OSError as error:
             raise self._gone(f"nothing answers at {self._address}:{self._port}.") from error
         self._writer = writer
-        self._listener = asyncio.create_task(self._listen(reader, writer))
+        self._listener = start_link_task(
+            f"answers of {self.device}", partial(self._listen, reader, writer), self._drop_broken
+        )
 
     async def _exchange(self, number: Command, parameters: bytes) -> tuple[int, bytes]:
         if self._writer is None:
@@ -204,6 +208,10 @@ class EmsconLink:
             if self._writer is writer:
                 self._drop(error)
             writer.close()
+
+    def _drop_broken(self, error: Exception) -> None:
+        """Leave a connection whose answers are not heard any more; the next question makes a new one."""
+        self._drop(self._gone(f"the program failed while it listened: {words_of(error)[0]}."))
 
     def _kind(self, size: int, number: int) -> Kind:
         header = HEADER.pack(size, number)

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from cellcal.drivers.errors import DeviceError, MotionStoppedError, RefusedError, UnreachableError
+from cellcal.drivers.supervision import start_link_task, words_of
 from cellcal.drivers.universal_robots.health import refusal_of
 from cellcal.drivers.universal_robots.state import CABLE, Six
 from cellcal.drivers.wire.process import ChildProcess
@@ -67,7 +68,7 @@ class MotionSession:
             await child.close()
             raise
         session = cls(child, options, link_stands)
-        session._keeper = asyncio.create_task(session._keep_alive(), name=f"{device}: keep alive")
+        session._keeper = start_link_task(f"control of {device}", session._keep_alive, session._broke)
         return session
 
     @property
@@ -145,6 +146,14 @@ class MotionSession:
         except DeviceError as error:
             self._error = error
             self._child.kill(error.message)
+
+    def _broke(self, error: Exception) -> None:
+        """End the session that nothing keeps alive any more; the robot's program ends by its watchdog."""
+        message, remedy = words_of(error)
+        self._error = UnreachableError(
+            self._child.device, f"the program failed while it kept control: {message}.", remedy=remedy
+        )
+        self._child.kill(message)
 
     async def _leave(self) -> None:
         self._leaving = True

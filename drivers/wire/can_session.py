@@ -1,5 +1,6 @@
 """One connection to a CAN bus and one node on it, from opening to death. Lives in threads."""
 
+import contextlib
 import struct
 import threading
 import time
@@ -16,6 +17,7 @@ from cellcal.drivers.errors import (
     UnreachableError,
     WireProtocolError,
 )
+from cellcal.drivers.supervision import start_link_thread
 from cellcal.drivers.wire.socketcand import GuardedSocketcandBus
 from cellcal.drivers.wire.trace import FrameTrace
 
@@ -65,7 +67,7 @@ class CanSession:
         self._odd_frame = ""
         self._answers = 0
         self._closing = threading.Event()
-        self._reader = threading.Thread(target=self._read_frames, name=f"can reader {device}", daemon=True)
+        self._reader: threading.Thread | None = None
 
     def open(self, options: BusOptions) -> None:
         """Open the bus and begin to listen. Blocks."""
@@ -78,13 +80,14 @@ class CanSession:
         nothing_known = canopen.ObjectDictionary()  # type: ignore[no-untyped-call]  # objects are our data
         self._node = self._network.add_node(canopen.RemoteNode(self._id, nothing_known))
         self._node.sdo.RESPONSE_TIMEOUT = self._answer_s
-        self._reader.start()
+        self._reader = start_link_thread(f"CAN receiver of {self.device}", self._read_frames, self._broke)
 
     def close(self) -> None:
         """End the reader; it closes the bus. Blocks for a moment; may be called twice."""
         self._closing.set()
-        if self._reader.is_alive() and threading.current_thread() is not self._reader:
-            self._reader.join(10 * _POLL_S)
+        reader = self._reader
+        if reader is not None and reader.is_alive() and threading.current_thread() is not reader:
+            reader.join(10 * _POLL_S)
 
     def watch_heartbeat(self, period_s: float) -> None:
         """From here on the node has to be heard within 2.5 periods."""
@@ -176,6 +179,12 @@ class CanSession:
                 break
             self._check_heartbeat(idle=message is None)
         self._bus.shutdown()
+
+    def _broke(self, why: str) -> None:
+        """Leave the bus: what the receiver raised is told to whoever asks next, who connects anew."""
+        self._die(f"the program failed while it received ({why})")
+        with contextlib.suppress(can.CanError, OSError):
+            self._bus.shutdown()
 
     def _check_heartbeat(self, *, idle: bool) -> None:
         """Judge the silence only once everything received has been looked at."""

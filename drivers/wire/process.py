@@ -14,11 +14,13 @@ import os
 import signal
 import socket
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.drivers.errors import DeviceTimeoutError, RefusedError, UnreachableError, WireProtocolError
+from cellcal.drivers.supervision import start_link_task
 from cellcal.drivers.wire.child import HEADER, LONGEST_FRAME, pack
 
 _log = logging.getLogger(__name__)
@@ -137,8 +139,8 @@ class ChildProcess:
                 raise
         reader, self._writer = await asyncio.open_connection(sock=ours)
         self._tasks = (
-            asyncio.create_task(self._listen(reader), name=f"{self.device}: child answers"),
-            asyncio.create_task(self._keep_prints(), name=f"{self.device}: child prints"),
+            start_link_task(f"answers of {self.device}", partial(self._listen, reader), self._broke),
+            start_link_task(f"prints of {self.device}", self._keep_prints, self._broke),
         )
 
     async def _listen(self, reader: asyncio.StreamReader) -> None:
@@ -156,6 +158,13 @@ class ChildProcess:
             error = WireProtocolError(self.device, f"{self._title} sent what it must not: {fault}.")
             self.kill(str(fault))
         await self._bury(error)
+
+    def _broke(self, error: Exception) -> None:
+        """End the child whose answers are not heard any more; callers are told, the next one starts another."""
+        self.kill(f"the program failed ({type(error).__name__}: {error})")
+        for answer in self._waiting.values():
+            if not answer.done():
+                answer.set_exception(self.ended_error())
 
     async def _bury(self, error: Exception | None) -> None:
         assert self._process is not None

@@ -20,6 +20,7 @@ from cellcal.fake_devices.draw_wire.modbus_device import ModbusDrawWire
 from cellcal.fake_devices.draw_wire.node import KINDS, DrawWireNode
 from cellcal.fake_devices.draw_wire.socketcand import SocketCanDaemon
 from cellcal.fake_devices.draw_wire.wire_happenings import wire_happenings
+from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.kinematics import Array
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.wire_gauge import WireGauge
@@ -70,7 +71,7 @@ class DrawWire:
 
     async def start(self) -> None:
         await self.daemon.open()
-        self._timer = asyncio.create_task(self._keep_time())
+        self._timer = keep_running(f"time of {self.name}", self._keep_time)
 
     async def stop(self) -> None:
         if self._timer is not None:

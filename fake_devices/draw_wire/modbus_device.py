@@ -18,6 +18,7 @@ from typing import Any
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
 from cellcal.fake_devices.draw_wire.modbus_encoder import KINDS, ModbusEncoder
 from cellcal.fake_devices.draw_wire.wire_happenings import wire_happenings
+from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.modbus_robot.server import ModbusServer, link_faults
 from cellcal.fake_devices.modbus_tables import answer
 from cellcal.fake_devices.wire_gauge import WireGauge
@@ -51,7 +52,7 @@ class ModbusDrawWire:
 
     async def start(self) -> None:
         await self.server.open()
-        self._follower = asyncio.create_task(self._follow())
+        self._follower = keep_running(f"time of {self.name}", self._follow)
 
     async def stop(self) -> None:
         if self._follower is not None:

@@ -20,6 +20,7 @@ import numpy as np
 
 from cellcal.fake_devices.device import FaultRefusedError, JsonObject
 from cellcal.fake_devices.encoders import PulseCoders
+from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.kinematics import matrix_from_xyzwpr
 from cellcal.fake_devices.modbus_robot.controller import Controller
 from cellcal.fake_devices.modbus_robot.registers import POSITION, Block, IllegalValueError, RegisterMap, Words
@@ -87,7 +88,7 @@ class ModbusRobot:
 
     async def start(self) -> None:
         await self.server.open()
-        self._tick = asyncio.create_task(self._follow())
+        self._tick = keep_running(f"time of {self.name}", self._follow)
 
     async def stop(self) -> None:
         if self._tick is not None:

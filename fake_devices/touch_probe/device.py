@@ -17,6 +17,7 @@ from contextlib import suppress
 from typing import Any
 
 from cellcal.fake_devices.device import JsonObject
+from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.link_faults import LinkFaults
 from cellcal.fake_devices.touch_probe.coupler import Coupler
 from cellcal.fake_devices.touch_probe.tip import ContactProbe, Plunger
@@ -55,7 +56,7 @@ class IoDevice:
 
     async def start(self) -> None:
         await self.coupler.server.open()
-        self._follower = asyncio.create_task(self._follow())
+        self._follower = keep_running(f"time of {self.name}", self._follow)
 
     async def stop(self) -> None:
         if self._follower is not None:

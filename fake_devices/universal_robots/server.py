@@ -15,6 +15,7 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 
+from cellcal.fake_devices.keep_running import keep_running
 from cellcal.fake_devices.universal_robots.controller import ArmPort, Controller
 from cellcal.fake_devices.universal_robots.dashboard import DashboardConnection
 from cellcal.fake_devices.universal_robots.identity import Identity
@@ -61,7 +62,7 @@ class UniversalRobotServer:
         except OSError:
             await self.close()
             raise
-        self._beat = asyncio.create_task(self._run())
+        self._beat = keep_running("time of the control box", self._run)
 
     async def open_ports(self) -> None:
         """Listen on every port that does not."""

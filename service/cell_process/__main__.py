@@ -7,7 +7,7 @@ parent does; a run under way is broken off, the robot stands, and the next desk 
 import asyncio
 import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ import orjson
 from pydantic import TypeAdapter, ValidationError
 
 from cellcal.calibration.documents.json_text import parse_json
-from cellcal.service.cell_process.cell_process import Desk
+from cellcal.drivers.supervision import start_task
+from cellcal.service.cell_process.cell_process import TASK, Desk
 from cellcal.service.cell_process.messages import LONGEST_LINE, Command
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.settled import settle
@@ -34,10 +35,10 @@ async def _attend(path: Path) -> None:
     write = _writer()
     desk = Desk(read_cell_file(path), lambda kind, content: write({"told": kind, "content": content}))
     settle()
-    at_work = asyncio.create_task(desk.attend(), name="desk")
+    at_work = start_task(TASK, desk.attend)
     lines = await _lines()
     orders: set[asyncio.Task[None]] = set()
-    while line := await lines.readline():
+    async for line in whole_lines(lines):
         order = asyncio.create_task(_obey(desk, line, write))
         orders.add(order)
         order.add_done_callback(orders.discard)
@@ -54,7 +55,7 @@ async def _obey(desk: Desk, line: bytes, write: Callable[[dict[str, Any]], None]
             reply: dict[str, Any] = {"ok": True, "session": desk.session()}
         else:
             reply = await desk.obey(_COMMAND.validate_python(asked["command"]))
-    except (ValidationError, ValueError, KeyError, AttributeError) as error:
+    except (ValidationError, ValueError, KeyError, TypeError, AttributeError) as error:
         reply = {
             "ok": False,
             "code": "desk.not_understood",
@@ -63,6 +64,19 @@ async def _obey(desk: Desk, line: bytes, write: Callable[[dict[str, Any]], None]
         }
     number = asked.get("number") if isinstance(asked, dict) else None
     write({"number": number, "reply": reply})
+
+
+async def whole_lines(reader: asyncio.StreamReader) -> AsyncIterator[bytes]:
+    """Yield line after line; one that is longer than any order is dropped, never the one behind it."""
+    kept, too_long = b"", False
+    while chunk := await reader.read(1 << 16):
+        *whole, rest = (kept + chunk).split(b"\n")
+        for line in whole:
+            if not too_long and len(line) <= LONGEST_LINE:
+                yield line
+            too_long = False
+        too_long = too_long or len(rest) > LONGEST_LINE
+        kept = b"" if too_long else rest
 
 
 def _writer() -> Callable[[dict[str, Any]], None]:
@@ -76,7 +90,7 @@ def _writer() -> Callable[[dict[str, Any]], None]:
 
 
 async def _lines() -> asyncio.StreamReader:
-    reader = asyncio.StreamReader(limit=LONGEST_LINE)
+    reader = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
     return reader

@@ -17,6 +17,7 @@ from pydantic_core import to_jsonable_python
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.interfaces import JogsAxes, Readiness, Robot
+from cellcal.drivers.supervision import SUPERVISOR, guarded, start_task, supervise, words_of
 from cellcal.procedures.catalogue import entry_named
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.entry import Phase
@@ -32,6 +33,7 @@ from cellcal.service.cell_process.messages import (
     Decline,
     Dismiss,
     GoOn,
+    Order,
     Pause,
     Resume,
     SelectRobot,
@@ -49,6 +51,7 @@ from cellcal.service.cell_process.screen_operator import DeskOperator
 from cellcal.service.cell_process.unselected_robots import OtherRobots
 from cellcal.service.cell_process.watching import DeskWatch
 from cellcal.service.certificates.certificate import issue
+from cellcal.service.certificates.journal_end import end_in_words, refuse_missing_end
 from cellcal.service.certificates.printing import print_beside
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.engineering.parameters.simulated_cells import refuse_paths
@@ -66,6 +69,7 @@ Tell = Callable[[str, dict[str, Any]], None]  # "session" or "live", and its con
 PERIOD_S = 0.1
 _RETRY_S = 2.0
 _REPLIES_KEPT = 1000
+TASK = "devices of the cell"
 
 
 class DeskError(CellError):
@@ -94,9 +98,11 @@ class Desk:
         self._cell: Cell | None = None
         self._trouble = "connecting"
         self._remedy = ""
+        self._journal_end = ""  # in words, that it is missing
         self._run: Running | None = None
         self._task: asyncio.Task[None] | None = None
         self._replies: OrderedDict[str, asyncio.Task[dict[str, Any]]] = OrderedDict()
+        self._orders: dict[str, tuple[str, Order]] = {}
         self._leave = asyncio.Event()
         self.rev = int(time.time() * 1000)  # a restart never repeats one
 
@@ -123,6 +129,8 @@ class Desk:
             "prompt": None if prompt is None else prompt.as_json(),
             "waits_for_hold": self._hold.waiting,
             "losses": self._watch.as_json(),
+            "journal_end": self._journal_end,
+            "troubles": [trouble.as_json() for trouble in SUPERVISOR.troubles()],
         }
 
     def _decided(self) -> None:
@@ -141,19 +149,25 @@ class Desk:
 
     async def attend(self) -> None:
         """Keep the devices connected and show them, until cancelled. What was under way goes on by itself."""
-        telling = asyncio.create_task(self._tell_while_apart(), name="tell of other robots")
+        unlisten = SUPERVISOR.listen(self._show)
+        telling = start_task("news of other robots", self._tell_while_apart)
         try:
-            while True:
-                self._leave.clear()
-                await self._others.follow_all_but(self._robot)
-                await self._attend_once()
-                self._decided()
-                await asyncio.sleep(0.0 if self._leave.is_set() else _RETRY_S)
+            await supervise(TASK, self._keep_attending)
         finally:
+            unlisten()
             telling.cancel()
             await asyncio.wait({telling})
             await self._others.end()
             await self._end_run()
+
+    async def _keep_attending(self) -> None:
+        while True:
+            self._leave.clear()
+            self._journal_end = await asyncio.to_thread(end_in_words, self._config)
+            await self._others.follow_all_but(self._robot)
+            await self._attend_once()
+            self._decided()
+            await asyncio.sleep(0.0 if self._leave.is_set() else _RETRY_S)
 
     async def _tell_while_apart(self) -> None:
         """Tell of the other robots also while the selected one cannot be reached."""
@@ -182,9 +196,13 @@ class Desk:
             if error.message != self._trouble:
                 _log.warning("the cell cannot be used: %s", error)
             self._trouble, self._remedy = error.message, error.remedy
+        except Exception as error:  # named and retried by whoever supervises; here the screen is told
+            self._trouble, self._remedy = words_of(error)
+            raise
         finally:
             self._cell = None
             await self._end_run()
+            self._decided()
 
     def _held(self, cell: Cell) -> Cell:
         robot: Any = HeldRobot(cell.robot, self._hold)
@@ -223,16 +241,23 @@ class Desk:
     # orders
 
     async def obey(self, command: Command) -> dict[str, Any]:
-        """Do what a screen orders; the same command sent twice is obeyed once, also while it is being obeyed."""
-        if isinstance(command.order, HoldOrder):
+        """Do what a screen orders; the same command sent twice is obeyed once, also while it is being obeyed.
+
+        A stop is obeyed each time: no id and no revision keeps it back.
+        """
+        if isinstance(command.order, HoldOrder | Stop):
             return await self._obeyed(command)
+        if command.id in self._replies and self._orders.get(command.id) != (command.who, command.order):
+            used = {"ok": False, "code": "desk.id_used", "message": "This press was used for another order."}
+            return {**used, "remedy": "Press again."}
         if command.id not in self._replies:
             if command.rev != self.rev and not isinstance(command.order, UNGUARDED):
                 stale = {"ok": False, "code": "desk.stale", "message": "The page was out of date."}
                 return {**stale, "remedy": "Look at the present step.", "session": self.session()}
+            self._orders[command.id] = (command.who, command.order)
             self._replies[command.id] = asyncio.create_task(self._obeyed(command))
             while len(self._replies) > _REPLIES_KEPT:
-                self._replies.popitem(last=False)
+                self._orders.pop(self._replies.popitem(last=False)[0])
         return await asyncio.shield(self._replies[command.id])
 
     async def _obeyed(self, command: Command) -> dict[str, Any]:
@@ -241,6 +266,10 @@ class Desk:
             await self._do(command)
         except CellError as error:
             return {"ok": False, "code": error.code, "message": error.message, "remedy": error.remedy}
+        except Exception as error:  # noqa: BLE001  whatever it was, the page is told and the desk goes on
+            _log.exception("an order (%s) broke", command.order.op)
+            message = f"The program failed at this order: {type(error).__name__}: {error}"
+            return {"ok": False, "code": "desk.broken", "message": message, "remedy": "Look into its log."}
         return {"ok": True, "rev": self.rev}
 
     async def _do(self, command: Command) -> None:
@@ -250,7 +279,7 @@ class Desk:
         elif isinstance(order, Decline):
             self._operator.decline(order.prompt_id)
         elif isinstance(order, HoldOrder):
-            self._hold.heard(held=order.held, age_s=order.age_s)
+            self._hear_hold(order)
         elif isinstance(order, Start | Resume):
             self._begin(order, command.who)
         elif isinstance(order, SelectRobot):
@@ -261,6 +290,18 @@ class Desk:
             await self._sign(order, command.who)
         else:
             await self._steer(order)
+
+    def _hear_hold(self, order: HoldOrder) -> None:
+        """Take note of the button; "held" counts for what is left of its time, and not from the future."""
+        if not order.held or order.at_s is None:
+            self._hold.heard(held=False)
+            return
+        age_s = self._clock() - order.at_s
+        if age_s < 0.0:
+            raise DeskError(
+                "the moment at which the button was held is still to come.", remedy="Load the page again."
+            )
+        self._hold.heard(held=True, age_s=age_s)
 
     async def _answer(self, order: AnswerIt, who: str) -> None:
         """Take an answer; one that records is looked at first: a press may be older than what it was made for."""
@@ -276,8 +317,23 @@ class Desk:
         elif isinstance(order, GoOn):
             self._gate.resume()
         else:
+            await self._stop()
+
+    async def _stop(self) -> None:
+        """Stop first: a disk that refuses to forget the run must not keep the robot moving."""
+        task = self._task
+        if task is not None and not task.done():
+            task.cancel()
+        try:
             self._under_way.forget()  # a person has ended it
-            await self._end_run()
+        except OSError as error:
+            raise DeskError(
+                f"the run was ended, but the disk refuses to note it: {error.strerror}.",
+                remedy="Free or repair the disk; the run goes on by itself at the next start until then.",
+            ) from error
+        finally:
+            if task is not None:
+                await asyncio.wait({task})
 
     def _dismiss(self) -> None:
         self._refuse_while_busy()
@@ -332,7 +388,8 @@ class Desk:
             return
         order = Start(op="start", procedure=answer.procedure, settings=answer.settings, hold_to_move=False)
         operator = StandingAnswers(self._config.watch, cell.operator)
-        self._set_going(replace(cell, operator=operator), order, WATCH)
+        with guarded("recovery without a person"):  # the loss stays on the screen: a person decides
+            self._set_going(replace(cell, operator=operator), order, WATCH)
 
     def _occupied(self, robot: str) -> str:
         """Say what keeps the desk from starting anything by itself on a robot; runs are told of by the watch."""
@@ -348,6 +405,8 @@ class Desk:
         return ""
 
     def _set_going(self, cell: Cell, order: Start | Resume, who: str) -> None:
+        with open_journal(self._config) as journal:
+            refuse_missing_end(self._config, journal, accepted=order.accept_missing_end)
         self._hold.wanted = order.hold_to_move
         self._gate.resume()
         if isinstance(order, Start):
@@ -370,7 +429,10 @@ class Desk:
             self._answering.began(run_id, who)
             self._under_way.keep(run_id, self._robot, hold_to_move=order.hold_to_move)
 
-        how = Conditions(lambda progress: self._on_event(run, progress), began, self._gate, who)
+        how = Conditions(
+            lambda progress: self._on_event(run, progress), began, self._gate, who,
+            accept_missing_end=order.accept_missing_end,
+        )  # fmt: skip
         try:
             run.outcome = await self._told(await self._outcome(cell, order, how))
         except CellError as error:
@@ -425,7 +487,9 @@ class Desk:
     def _go_on_where_it_broke_off(self) -> None:
         left = self._under_way.left()
         if left is not None and left.robot == self._robot and not self._busy:
-            self._begin(Resume(op="resume", run_id=left.run_id, hold_to_move=left.hold_to_move), "service")
+            order = Resume(op="resume", run_id=left.run_id, hold_to_move=left.hold_to_move)
+            with guarded("going on with the run that was under way"):  # a person decides instead
+                self._begin(order, "service")
 
     async def _end_run(self) -> None:
         task = self._task

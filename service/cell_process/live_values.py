@@ -20,6 +20,7 @@ from cellcal.drivers.interfaces import (
     Readiness,
     Reading,
 )
+from cellcal.drivers.supervision import guarded, words_of
 from cellcal.procedures.cell import Cell
 from cellcal.service.cell_process.recording import SETTLE_SIGMAS, Settle, Standing
 from cellcal.service.runs.instruments import SharedInstrument, shared, sharing
@@ -111,7 +112,17 @@ class Glance:
         if self._looks:
             await asyncio.wait(self._looks.values(), timeout=LOOK_S)
         for role in [role for role, task in self._looks.items() if task.done()]:
-            self._looks.pop(role).result()
+            self._finish_look(role, self._looks.pop(role))
+
+    def _finish_look(self, role: str, task: asyncio.Task[None]) -> None:
+        """Name what a look at an instrument raised, at that instrument alone: the run and the others go on."""
+        shown = next(shown for shown in self.others if shown.role == role)
+        with guarded(f"look at {shown.name}"):
+            try:
+                task.result()
+            except Exception as error:
+                shown.error, shown.value = words_of(error)[0], None
+                raise
 
     async def leave(self) -> None:
         """End the looks that are under way."""

@@ -2,11 +2,14 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 LONGEST_LINE = 1 << 20  # bytes, between web process and desk
 Text = Annotated[str, StringConstraints(max_length=2000)]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+CommandId = Annotated[str, StringConstraints(strict=True, pattern=r"^[\x20-\x7e]{1,100}$")]
+Revision = Annotated[int, Field(strict=True, ge=0, lt=2**53)]  # a JavaScript number carries no larger one
+Flag = Annotated[bool, Field(strict=True)]
 
 
 class _Asked(BaseModel):
@@ -19,7 +22,8 @@ class Start(_Asked):
     op: Literal["start"]
     procedure: Name
     settings: dict[str, Any] = Field(default_factory=dict)
-    hold_to_move: bool = True
+    hold_to_move: Flag = True
+    accept_missing_end: Flag = False  # the person saw that the journal's end is missing, and goes on
 
 
 class Resume(_Asked):
@@ -28,7 +32,8 @@ class Resume(_Asked):
     op: Literal["resume"]
     run_id: Name
     redo_from: Name | None = None
-    hold_to_move: bool = True
+    hold_to_move: Flag = True
+    accept_missing_end: Flag = False
 
 
 class AnswerIt(_Asked):
@@ -89,8 +94,14 @@ class Hold(_Asked):
     """The button of hold-to-move is held, or let go."""
 
     op: Literal["hold"]
-    held: bool
-    age_s: float = Field(default=0.0, ge=0.0)  # it was said at most so long ago
+    held: Flag
+    at_s: float | None = Field(default=None, strict=True)  # monotonic clock: the button was surely held then
+
+    @model_validator(mode="after")
+    def _tells_when(self) -> "Hold":
+        if self.held and self.at_s is None:
+            raise ValueError("'held' counts only with the moment at which it was surely so")
+        return self
 
 
 Order = Annotated[
@@ -107,6 +118,14 @@ class Signer(_Asked):
     role: Name
 
 
+def without_conditions(given: Any) -> Any:
+    """Return what was sent; of a stop only what it needs: no flaw of its id or revision may swallow it."""
+    order = given.get("order") if isinstance(given, dict) else None
+    if not isinstance(order, dict) or order.get("op") != "stop":
+        return given
+    return {**given, "id": "stop", "rev": 0, "order": {"op": "stop"}}
+
+
 class Command(_Asked):
     """One order with what its sender knew.
 
@@ -114,10 +133,15 @@ class Command(_Asked):
     the sender looked at; an order made for another one is refused, and the present session shown.
     """
 
-    id: Name
-    rev: int
+    id: CommandId
+    rev: Revision
     who: Name
     people: Annotated[
         tuple[Signer, ...], Field(max_length=2)
     ] = ()  # behind ``who``, where the sender knows them
     order: Order
+
+    @model_validator(mode="before")
+    @classmethod
+    def _stop_needs_nothing(cls, given: Any) -> Any:
+        return without_conditions(given)

@@ -7,10 +7,12 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Condition, Robot
+from cellcal.drivers.supervision import start_task
 from cellcal.service.cell_process.live_values import Shown
 from cellcal.service.cell_process.watching import DeskWatch
 from cellcal.service.configuration.cell_file import CellConfig
@@ -19,7 +21,7 @@ from cellcal.service.watching.follow import Listener, follow_robot
 _log = logging.getLogger(__name__)
 ROLE = "other_robot"
 ELSEWHERE = "another cellcal is connected to it."
-BROKEN = "the program failed: this robot is not watched until the service is started again."
+BROKEN = "the program failed: this robot is not watched until that is started again, by itself."
 
 
 class OtherRobots:
@@ -39,9 +41,7 @@ class OtherRobots:
         for entry in self._config.robots:
             if entry.name != selected and entry.name not in self._tasks:
                 self._shown[entry.name] = Shown(ROLE, entry.name, live=False)
-                self._tasks[entry.name] = asyncio.create_task(
-                    self._follow(entry), name=f"follow {entry.name}"
-                )
+                self._tasks[entry.name] = start_task(f"watch of {entry.name}", partial(self._follow, entry))
 
     async def end(self) -> None:
         """Follow nobody any more."""
@@ -63,10 +63,10 @@ class OtherRobots:
     async def _follow(self, entry: Any) -> None:
         try:
             await follow_robot(self._watch.watches, entry, self._listener)
-        except Exception:  # noqa: BLE001  whatever it was, the selected robot's run goes on and the screen says so
-            _log.exception("%s is not followed any more", entry.name)
+        except Exception:  # the screen says so; whoever supervises names it and follows anew
             self._shown[entry.name].condition = None
             self._shown[entry.name].error = BROKEN
+            raise
 
     async def _looked(self, robot: Robot, condition: Condition) -> None:
         shown = self._shown[robot.name]

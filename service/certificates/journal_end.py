@@ -7,7 +7,10 @@ from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.documents.plain_files import read_plain_bytes
 from cellcal.service.certificates.certificate import certificates_folder
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.record.journal import Journal
+from cellcal.service.record.journal import Journal, StoreError
+from cellcal.service.runs.open_cell import open_journal
+
+NOT_ACCEPTED = "store.end_missing"
 
 
 def missing_end(config: CellConfig, journal: Journal) -> str:
@@ -24,3 +27,26 @@ def missing_end(config: CellConfig, journal: Journal) -> str:
                 "Restore a backup of data_dir; or, where it was begun anew on purpose, move old certificates away."
             )
     return ""
+
+
+def end_in_words(config: CellConfig) -> str:
+    """Return the same for the journal of a cell, for a screen; "" also where it cannot be read at all."""
+    try:
+        with open_journal(config) as journal:
+            return "" if journal.damage is not None else missing_end(config, journal)
+    except StoreError:
+        return ""  # whoever needs the journal is refused with the cause
+
+
+def refuse_missing_end(config: CellConfig, journal: Journal, *, accepted: bool) -> None:
+    """Refuse to go on from a journal whose end is missing, unless a person has accepted just that.
+
+    Raises
+    ------
+    StoreError
+        Its code is ``NOT_ACCEPTED``.
+    """
+    words = "" if accepted or journal.damage is not None else missing_end(config, journal)
+    if words:
+        what, _, remedy = words.partition(". ")
+        raise StoreError(f"{what}.", remedy=remedy, code=NOT_ACCEPTED)

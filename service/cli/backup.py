@@ -9,13 +9,14 @@ from cyclopts import Parameter
 from cellcal.calibration.documents.plain_files import read_plain_text
 
 if TYPE_CHECKING:
+    from cellcal.service.configuration.cell_file import CellConfig
     from cellcal.service.export.restore import Proved
 
 Json = Annotated[bool, Parameter(name="--json", negative=())]
 Flag = Annotated[bool, Parameter(negative=())]
 
 
-def backup(  # a command's options are its arguments
+def backup(  # noqa: PLR0913  a command's options are its arguments
     cell: Path,
     /,
     *,
@@ -23,6 +24,7 @@ def backup(  # a command's options are its arguments
     keys: Flag = False,
     passphrase_file: Path | None = None,
     keep: int | None = None,
+    accept_missing_end: Flag = False,
     as_json: Json = False,
 ) -> int:
     """Keep a cell's data in one file, also while it runs: journal, certificates, people, records, parameter sets.
@@ -39,6 +41,8 @@ def backup(  # a command's options are its arguments
         A file whose first line is that passphrase, for its owner only; asked for where it is not given.
     keep
         Remove all but so many of this cell's backups in the folder.
+    accept_missing_end
+        Make it although the end of the journal is missing (`cellcal runs` tells it).
     """
     from cellcal.calibration.errors import CellError
     from cellcal.service.cli.printing import EN_ROUTE, print_json
@@ -50,6 +54,7 @@ def backup(  # a command's options are its arguments
             "--keep takes a number from 1 on, and --to a folder.", remedy="Correct it.", code="usage"
         )
     config = read_cell_file(cell)
+    _refuse_missing_end(config, accepted=accept_missing_end)
     phrase = _passphrase(passphrase_file, twice=True) if keys else None
     made = back_up(config, to, phrase)
     gone = [] if keep is None else forget_older(config, to, keep)
@@ -185,3 +190,13 @@ def _passphrase(file: Path | None, *, twice: bool) -> str:
     if twice and getpass("Once more: ") != phrase:
         raise CellError("the passphrases differ.", remedy="Try again.", code="usage")
     return phrase
+
+
+def _refuse_missing_end(config: "CellConfig", *, accepted: bool) -> None:
+    """Refuse to keep a journal whose end is missing: with --keep it would drive the whole ones out."""
+    from cellcal.service.certificates.journal_end import refuse_missing_end
+    from cellcal.service.runs.open_cell import journal_path, open_journal
+
+    if journal_path(config).exists():
+        with open_journal(config) as journal:
+            refuse_missing_end(config, journal, accepted=accepted)

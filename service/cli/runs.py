@@ -25,6 +25,7 @@ def run(  # noqa: PLR0913  a command's options are its arguments
     setting: Annotated[tuple[str, ...], Parameter(name=["--set", "-s"], negative=())] = (),
     answers: Path | None = None,
     dry_run: Annotated[bool, Parameter(negative=())] = False,
+    accept_missing_end: Annotated[bool, Parameter(negative=())] = False,
     as_json: Json = False,
 ) -> int:
     """Run a procedure on a cell, with progress; questions are asked in the terminal.
@@ -46,6 +47,8 @@ def run(  # noqa: PLR0913  a command's options are its arguments
         A JSON file {instruction key: answer} that answers instead of a person.
     dry_run
         Show steps, poses, duration, predicted uncertainty and what the cell lacks; touch no device.
+    accept_missing_end
+        Run although the end of the journal is missing (`cellcal runs` tells it).
     as_json
         Print one JSON object on standard output.
     """
@@ -59,11 +62,13 @@ def run(  # noqa: PLR0913  a command's options are its arguments
     if dry_run:
         return tell_dry_run(config, procedure, robot, settings, as_json=as_json)
     refuse_class_out_of_reach(config, procedure, settings, robot)
-    outcome = asyncio.run(run_live(config, procedure, robot, settings, answers))
+    outcome = asyncio.run(
+        run_live(config, procedure, robot, settings, answers, accept_missing_end=accept_missing_end)
+    )
     return tell(outcome, config, as_json=as_json)
 
 
-def resume(
+def resume(  # noqa: PLR0913  a command's options are its arguments
     run_id: str,
     /,
     *,
@@ -71,6 +76,7 @@ def resume(
     robot: str | None = None,
     redo_from: Annotated[str | None, Parameter(name="--from")] = None,
     answers: Path | None = None,
+    accept_missing_end: Annotated[bool, Parameter(negative=())] = False,
     as_json: Json = False,
 ) -> int:
     """Go on with an interrupted run: what was found is kept, only what is missing is done.
@@ -88,6 +94,8 @@ def resume(
         the journal keeps everything.
     answers
         A JSON file {instruction key: answer} that answers instead of a person.
+    accept_missing_end
+        Go on although the end of the journal is missing (`cellcal runs` tells it): what is missing is done again.
     as_json
         Print one JSON object on standard output.
     """
@@ -95,7 +103,8 @@ def resume(
     from cellcal.service.configuration.cell_file import read_cell_file
 
     config = read_cell_file(cell)
-    outcome = asyncio.run(_resume(config, run_id, robot, answers, redo_from))
+    resumed = _resume(config, run_id, robot, answers, redo_from, accept_missing_end=accept_missing_end)
+    outcome = asyncio.run(resumed)
     return tell(outcome, config, as_json=as_json)
 
 
@@ -112,15 +121,14 @@ def runs(*, cell: Path, as_json: Json = False) -> int:
     from rich.console import Console
     from rich.table import Column
 
-    from cellcal.service.certificates.journal_end import missing_end
     from cellcal.service.cli.printing import PlainTable, print_json
     from cellcal.service.configuration.cell_file import read_cell_file
-    from cellcal.service.runs.cell_check import told_damage
+    from cellcal.service.runs.cell_check import journal_flaw
 
     with _journal(cell) as (journal, store):
         views = store.runs()
         config = read_cell_file(cell)
-        damage = told_damage(journal.damage) if journal.damage else missing_end(config, journal)
+        damage = journal_flaw(config, journal)
         pending = () if journal.damage else _unconfirmed(store, config)
     if as_json:
         keys = ("run_id", "procedure", "started_utc", "begun_by", "begun_as", "state", "reason")
@@ -160,13 +168,13 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
 
     from cellcal.service.cli.printing import print_json
     from cellcal.service.configuration.cell_file import read_cell_file
-    from cellcal.service.runs.cell_check import told_damage
+    from cellcal.service.runs.cell_check import journal_flaw
 
     with _journal(cell) as (journal, store):
         view = store.run(store.newest(run_id))
-        damage = journal.verify()
-        events = journal.events(view.run_id)
-        known = () if journal.damage else _unconfirmed(store, read_cell_file(cell))
+        config = read_cell_file(cell)
+        damage, events = journal_flaw(config, journal), journal.events(view.run_id)
+        known = () if journal.damage else _unconfirmed(store, config)
         pending = tuple(one for one in known if one[1] == view.run_id)
     if as_json:
         findings = [{"step": f.step, "value": f.value} for f in view.past.findings]
@@ -176,10 +184,10 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
                 "begun_as": view.begun_as, "state": view.state, "reason": view.reason, "spec": view.spec,
                 "findings": findings, "result": view.result,
                 "judgement": view.judgement, "unconfirmed": bool(pending),
-                "journal": "unchanged" if damage is None else told_damage(damage),
+                "journal": damage or "unchanged",
             }
         )  # fmt: skip
-        return _tell_damage(told_damage(damage) if damage else "")
+        return _tell_damage(damage)
     console = Console(emoji=False)
     console.print(f"[bold]{view.procedure}[/] run {view.run_id}: {view.state} {escape(view.reason)}")
     roles = f" ({' and '.join(view.begun_as)})" if view.begun_as else ""
@@ -195,9 +203,9 @@ def show(run_id: str, /, *, cell: Path, as_json: Json = False) -> int:
             f"verdict: {escape(view.judgement['word'].upper())}; `cellcal certificate` tells it whole"
         )
     _tell_unconfirmed(console, pending)
-    if damage is None:
+    if not damage:
         console.print("journal: unchanged")
-    return _tell_damage(told_damage(damage) if damage else "")
+    return _tell_damage(damage)
 
 
 def _begun_by(view: Any) -> str:
@@ -276,7 +284,13 @@ _journal = _Opened
 
 
 async def run_live(
-    config: "CellConfig", procedure: str, robot: str | None, settings: dict[str, Any], answers: Path | None
+    config: "CellConfig",
+    procedure: str,
+    robot: str | None,
+    settings: dict[str, Any],
+    answers: Path | None,
+    *,
+    accept_missing_end: bool = False,
 ) -> "Outcome":
     """Run a procedure with progress on standard error."""
     from cellcal.service.cli.given import operator_of
@@ -284,7 +298,7 @@ async def run_live(
     from cellcal.service.runs.launch import Where, start
 
     with live_progress(procedure) as show_event:
-        where = Where(config, operator_of(answers), robot, show_event, _who_typed())
+        where = Where(config, operator_of(answers), robot, show_event, _who_typed(), accept_missing_end)
         return await start(where, procedure, settings)
 
 
@@ -298,11 +312,18 @@ def _who_typed() -> str:
 
 
 async def _resume(
-    config: "CellConfig", run_id: str, robot: str | None, answers: Path | None, redo_from: str | None
+    config: "CellConfig",
+    run_id: str,
+    robot: str | None,
+    answers: Path | None,
+    redo_from: str | None,
+    *,
+    accept_missing_end: bool,
 ) -> "Outcome":
     from cellcal.service.cli.given import operator_of
     from cellcal.service.cli.progress import live_progress
     from cellcal.service.runs.launch import Where, go_on
 
     with live_progress("resume") as show_event:
-        return await go_on(Where(config, operator_of(answers), robot, show_event), run_id, redo_from)
+        where = Where(config, operator_of(answers), robot, show_event, accept_missing_end=accept_missing_end)
+        return await go_on(where, run_id, redo_from)

@@ -46,6 +46,7 @@ def serve(
     refuse_unguarded(cell, listening)
     from cellcal.service.settled import settle
     from cellcal.service.web.app import Settings, create_app  # the heavy part last
+    from cellcal.service.web.server import Server, run_server
 
     address = f"{listening.scheme}://{listening.name}:{port}"
 
@@ -63,10 +64,11 @@ def serve(
     if listening.on_loopback:
         show(app.state.house.entrance.console_token())
     settle()
-    uvicorn.run(
+    config = uvicorn.Config(
         app, host=host, port=port, log_level="warning", log_config=None, ws="websockets-sansio",
         timeout_graceful_shutdown=5,
         ws_per_message_deflate=False,  # fifty screens ten times a second: packing costs more than the bytes
         ssl_certfile=tls_cert, ssl_keyfile=tls_key, server_header=False, proxy_headers=False,
     )  # fmt: skip
+    run_server(Server(config))
     return 0

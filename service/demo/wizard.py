@@ -9,6 +9,7 @@ import sys
 import webbrowser
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
@@ -16,8 +17,10 @@ import uvicorn
 from fastapi import FastAPI
 
 from cellcal.calibration.errors import CellError
+from cellcal.drivers.supervision import start_task
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from cellcal.service.settled import settle
+from cellcal.service.web.server import Server
 
 HOST = "127.0.0.1"
 PORT = 8471
@@ -55,7 +58,7 @@ def has_display() -> bool:
     return any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
-class _Server(uvicorn.Server):
+class _Server(Server):
     """Ends on Ctrl+C without raising it again: that is how a demo ends, not how it fails."""
 
     def __init__(self, app: FastAPI) -> None:
@@ -116,8 +119,8 @@ async def _serve(folder: Path, staging: Staging, listening: socket.socket) -> No
         app = create_app(Settings(path, demo=True, open_access=True, demo_door=door))
         server = _Server(app)
         settle()
-        opening = asyncio.create_task(Opening(app.state.house.link, staging.time_factor).play())
-        telling = asyncio.create_task(_tell(server, listening, staging))
+        opening = start_task("opening of the demo", Opening(app.state.house.link, staging.time_factor).play)
+        telling = start_task("address of the demo", partial(_tell, server, listening, staging))
         try:
             await server.serve([listening])
         finally:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from cellcal.calibration.errors import CellError
+from cellcal.drivers.supervision import SUPERVISOR
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.exposition import Family, rendered
 from cellcal.service.times import read_time
@@ -88,6 +89,7 @@ class Meter:
             alarms.samples[key] = alarms.samples.get(key, 0.0) + 1.0
         yield alarms if alarms.samples else alarms.add(0, {"code": "any"})
         yield from _devices((live or {}).get("devices", []))
+        yield from _tasks((session or {}).get("troubles", []))
 
     def _read_on(self) -> bool:
         from cellcal.service.runs.open_cell import journal_path  # noqa: PLC0415  heavy: not while the service starts
@@ -181,6 +183,16 @@ class Meter:
         yield refused.add(standing.refused)
         sent = Family("cellcal_webhook_delivered_total", "counter", "Alarms that the receiver took.")
         yield sent.add(standing.delivered)
+
+
+def _tasks(of_the_cell: list[dict[str, Any]]) -> Iterator[Family]:
+    failing = Family("cellcal_task_failing", "gauge", "Long-lived tasks that fail just now; 1 each.")
+    for trouble in [*(trouble.as_json() for trouble in SUPERVISOR.troubles()), *of_the_cell]:
+        failing.samples[(("task", trouble["task"]),)] = float(not trouble["running"])
+    yield failing if failing.samples else failing.add(0, {"task": "any"})
+    failed = Family("cellcal_task_failures_total", "counter", "Failures of tasks of the web process.")
+    counts = SUPERVISOR.failures()
+    yield failed.add(sum(counts.values()), {"task": "any"})
 
 
 def _devices(devices: list[dict[str, Any]]) -> Iterator[Family]:

@@ -4,6 +4,7 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
+from cellcal.drivers.supervision import guarded
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.export.meter import Meter
 from cellcal.service.site.feed import Feed
@@ -21,10 +22,12 @@ class Outlets:
 
     def heard(self, kind: str, content: dict[str, Any]) -> None:
         """Pass on what the desk said."""
-        self.meter.heard(kind, content)
+        with guarded("figures of the cell"):
+            self.meter.heard(kind, content)
         for feed in self._feeds:
-            feed.heard(kind, content)
+            with guarded(f"words for {feed.title}"):
+                feed.heard(kind, content)
 
     def keep(self) -> list[asyncio.Task[None]]:
         """Begin what runs beside the service; the tasks end when they are cancelled."""
-        return [asyncio.create_task(feed.keep(), name=feed.module) for feed in self._feeds]
+        return [task for feed in self._feeds for task in feed.start()]

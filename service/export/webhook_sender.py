@@ -15,17 +15,18 @@ import logging
 import os
 import random
 import secrets
-import sqlite3
 import sys
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO
 
 from cellcal.calibration.documents.plain_files import read_plain_text
 from cellcal.calibration.errors import CellError
+from cellcal.drivers.supervision import start_thread, words_of
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.configuration.report_tables import WebhookTable
 from cellcal.service.export.webhook_outbox import OUTBOX_NAME, WebhookOutbox
@@ -147,10 +148,8 @@ def send(config: CellConfig, stream: BinaryIO | None, leave: threading.Event) ->
     target, secret = target_of(table), read_secret(table.secret_file)
     with _alone(config.cell.data_dir), WebhookOutbox(config.cell.data_dir) as outbox:
         ended = threading.Event()
-        carrier = threading.Thread(
-            target=_carry, args=(config.cell.data_dir, target, secret, ended), name="webhook", daemon=True
-        )
-        carrier.start()
+        carry = partial(_carry, config.cell.data_dir, target, secret, ended)
+        carrier = start_thread("webhook: delivery", carry, ended)
         try:
             _look(config, DeskTap(stream), outbox, leave)
         finally:
@@ -180,15 +179,10 @@ def _look(config: CellConfig, tap: DeskTap, outbox: WebhookOutbox, leave: thread
 
 
 def _carry(data_dir: Path, target: Target, secret: bytes, ended: threading.Event) -> None:
-    while not ended.is_set():
-        try:
-            with WebhookOutbox(data_dir) as outbox:
-                delivery = Delivery(outbox, target, secret)
-                while not ended.wait(delivery.step()):
-                    pass
-        except (sqlite3.Error, WebhookError) as error:
-            _LOG.error("the webhook's outbox cannot be used just now: %s", error)
-            ended.wait(FIRST_RETRY_S)
+    with WebhookOutbox(data_dir) as outbox:
+        delivery = Delivery(outbox, target, secret)
+        while not ended.wait(delivery.step()):
+            pass
 
 
 @contextmanager
@@ -223,6 +217,10 @@ def main(path: str) -> None:
     except CellError as error:
         _LOG.error("%s %s", error.message, error.remedy)
         raise SystemExit(2) from None
+    except Exception as error:  # noqa: BLE001  whatever it was, the service names it
+        _LOG.exception("the sender of alarms failed")
+        _LOG.error("%s %s", *words_of(error))  # the last line is what the service shows
+        raise SystemExit(70) from None
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from cellcal.drivers.interfaces import Device, Readiness, Robot
 from cellcal.procedures.steps.mastering import MODEL_TOLERANCE_M, model_error_m
 from cellcal.service.certificates.journal_end import missing_end
 from cellcal.service.configuration.cell_file import CellConfig
-from cellcal.service.record.journal import Damage
+from cellcal.service.record.journal import Damage, Journal
 from cellcal.service.record.robot_lock import DEVICES, is_held
 from cellcal.service.record.run_store import Store
 from cellcal.service.runs.open_cell import leases, open_journal
@@ -73,7 +73,7 @@ async def check_cell(config: CellConfig) -> CellReport:
     pairs += [(entry.device, config.robot(entry.setup.robot).serial) for entry in config.probes]
     devices = await asyncio.gather(*(_check_device(*pair, leases(config)) for pair in pairs))
     with open_journal(config) as journal:
-        damage = told_damage(journal.damage) if journal.damage else missing_end(config, journal)
+        damage = journal_flaw(config, journal)
         if damage:
             return CellReport(config.cell.name, tuple(devices), (), damage)
         store = Store(journal)
@@ -83,6 +83,12 @@ async def check_cell(config: CellConfig) -> CellReport:
             if device.keeps_mastering and store.mastering_record(device.serial) is None
         )
     return CellReport(config.cell.name, tuple(devices), advice)
+
+
+def journal_flaw(config: CellConfig, journal: Journal) -> str:
+    """Return in words that a journal is damaged or lacks its end; "" where it is whole, as far as can be told."""
+    damage = journal.verify()
+    return missing_end(config, journal) if damage is None else told_damage(damage)
 
 
 def told_damage(damage: Damage) -> str:

@@ -8,6 +8,7 @@ from cellcal.drivers.errors import DeviceError
 from cellcal.drivers.interfaces import Operator, Readiness
 from cellcal.procedures.cell import Cell
 from cellcal.procedures.progress import ignore
+from cellcal.service.certificates.journal_end import refuse_missing_end
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.run_outcome import Outcome, Verdict
 from cellcal.service.record.run_store import Store
@@ -31,6 +32,7 @@ class Where:
     robot: str | None = None
     on_event: OnEvent = ignore
     actor: str = "service"  # who began it
+    accept_missing_end: bool = False  # a person's word: go on although the journal's end is missing
 
 
 async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outcome:
@@ -38,7 +40,7 @@ async def start(where: Where, procedure: str, settings: dict[str, Any]) -> Outco
     # what is misspelt reaches no device
     spec = build_spec(where.config, where.config.robot(where.robot).name, procedure, settings)
     async with open_cell(where.config, where.operator, where.robot) as cell:
-        how = Conditions(where.on_event, actor=where.actor)
+        how = Conditions(where.on_event, actor=where.actor, accept_missing_end=where.accept_missing_end)
         return await start_on(where.config, cell, procedure, spec, how)
 
 
@@ -51,12 +53,14 @@ async def go_on(where: Where, run_id: str, redo_from: str | None = None) -> Outc
         The person did not agree to what would be discarded, or to go on with a run that stood still for long.
     """
     async with open_cell(where.config, where.operator, where.robot) as cell:
-        return await go_on_with(where.config, cell, run_id, Conditions(where.on_event), redo_from=redo_from)
+        how = Conditions(where.on_event, accept_missing_end=where.accept_missing_end)
+        return await go_on_with(where.config, cell, run_id, how, redo_from=redo_from)
 
 
 async def start_on(config: CellConfig, cell: Cell, procedure: str, spec: Any, how: Conditions) -> Outcome:
     """Run a procedure with its spec (`build_spec`) on a cell that is connected already."""
     with open_journal(config) as journal:
+        refuse_missing_end(config, journal, accepted=how.accept_missing_end)
         lent = await lend_record(cell, journal)
         outcome = await run_procedure(lent, procedure, spec, journal, how=how)
         await _remember(config, cell, outcome)
@@ -68,6 +72,7 @@ async def go_on_with(
 ) -> Outcome:
     """Resume a run on a cell that is connected already; as `go_on`."""
     with open_journal(config) as journal:
+        refuse_missing_end(config, journal, accepted=how.accept_missing_end)
         lent = await lend_record(cell, journal)
         run_id = Store(journal).newest(run_id)
         if redo_from is not None:

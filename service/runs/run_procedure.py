@@ -56,6 +56,7 @@ class Conditions:
     gate: Gate | None = None
     actor: str = "service"
     free_bytes: int = FREE_BYTES
+    accept_missing_end: bool = False  # a person's word: go on although the journal's end is missing
 
 
 class JournalLedger:

@@ -3,10 +3,12 @@
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any, BinaryIO
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.drivers.supervision import start_thread
 
 DESK_SILENT_S = 5.0
 LONGEST_LINE = 1 << 20
@@ -21,7 +23,7 @@ class DeskTap:
         self._live: tuple[float, dict[str, Any]] | None = None
         self.ended = threading.Event()
         if stream is not None:
-            threading.Thread(target=self._read, args=(stream,), name="desk tap", daemon=True).start()
+            start_thread("desk tap", partial(self._read, stream), self.ended)
 
     def session(self) -> dict[str, Any] | None:
         """Return the desk's session; None while there is no desk, or it is silent."""
@@ -41,6 +43,8 @@ class DeskTap:
             said = parse_json(line)
             kind, content = said["told"], said["content"]
         except (DocumentError, KeyError, TypeError):
+            return
+        if not isinstance(content, dict):
             return
         if kind == "live":
             self._live = (self._clock(), content)

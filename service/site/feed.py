@@ -6,7 +6,6 @@ line is newer anyway. The site's publisher and the webhook's sender are such pro
 
 import asyncio
 import contextlib
-import logging
 import os
 import sys
 from pathlib import Path
@@ -14,9 +13,10 @@ from typing import Any
 
 import orjson
 
-_LOG = logging.getLogger(__name__)
+from cellcal.drivers.supervision import start_task
+from cellcal.service.child_processes import ChildEndedError, LastWords
+
 _MOST_WAITING = 1 << 20  # bytes in the pipe
-_RESTART_S = 5.0
 _LEAVE_S = 5.0
 _SESSION_AGAIN_S = 2.0
 
@@ -26,6 +26,7 @@ class Feed:
 
     def __init__(self, module: str, cell_file: Path) -> None:
         self.module, self._cell_file = module, cell_file
+        self.title = f"process {module}"
         self._process: asyncio.subprocess.Process | None = None
         self._session: bytes = b""
 
@@ -38,25 +39,36 @@ class Feed:
 
     async def keep(self) -> None:
         """Keep the process until cancelled."""
-        again = asyncio.create_task(self._say_session_again(), name=f"{self.module} feed")
+        tasks = self.start()
         try:
-            while True:
-                code = await self._run_once()
-                _LOG.warning("%s of %s ended with code %s", self.module, self._cell_file, code)
-                await asyncio.sleep(_RESTART_S)
+            await asyncio.wait(tasks)
         finally:
-            again.cancel()
-            await asyncio.gather(again, return_exceptions=True)
-            await self._leave()
+            for task in tasks:
+                task.cancel()
+            await asyncio.wait(tasks)
 
-    async def _run_once(self) -> int:
+    def start(self) -> list[asyncio.Task[None]]:
+        """Begin to keep the process; it leaves when the tasks are cancelled."""
+        return [
+            start_task(f"words for {self.title}", self._say_session_again),
+            start_task(self.title, self._run_once),
+        ]
+
+    async def _run_once(self) -> None:
         self._process = process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", self.module, str(self._cell_file),
-            stdin=asyncio.subprocess.PIPE, start_new_session=True,
+            stdin=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE, start_new_session=True,
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
-        self._write(self._session)
-        return await process.wait()
+        assert process.stderr is not None
+        words = LastWords()
+        try:
+            self._write(self._session)
+            await words.pass_on(process.stderr)
+            code = await process.wait()
+        finally:
+            await self._leave()
+        raise ChildEndedError(self.title, code, words.last())
 
     async def _say_session_again(self) -> None:
         while True:  # a line may have been left out, and a process that was started again has heard none

@@ -5,22 +5,26 @@ key replaces the one before unread, and is opened when somebody looks. Nothing i
 a cell is there is not signed: it is what the router says, and only a state that was opened makes a cell online.
 """
 
+import logging
+import sqlite3
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
 
-from cellcal.service.site.keys import StationKeys, cell_of
+from cellcal.service.site.keys import SiteError, StationKeys, cell_of
 from cellcal.service.site.link_files import StationsFile
 from cellcal.service.site.sealed import Flaw, Message, opened, public_key, wall_utc
 from cellcal.service.site.site_store import Reach
 from cellcal.service.site.state_shape import is_alarm, state_flaw
 from cellcal.service.times import read_time
 
+_LOG = logging.getLogger(__name__)
 SILENT_S = 4.0  # a state comes every second; without a goodbye this tells a cable that was pulled
 _MOST_KEYS = 200
 _FLAWS_KEPT = 200
@@ -119,6 +123,21 @@ class Fleet:
             self.flaw_count += 1
             self.flaws.append({"wall": wall_utc(), "cell": cell, "what": sentence})
 
+    @contextmanager
+    def blaming(self, cell: str) -> Iterator[None]:
+        """Name what one cell's words broke, at that cell: the other cells' are looked at all the same."""
+        try:
+            yield
+        except (sqlite3.OperationalError, sqlite3.DatabaseError) as error:
+            if not isinstance(error, sqlite3.IntegrityError | sqlite3.DataError):
+                raise  # the store itself: no cell's fault
+            self.name_flaw(cell, f"what it said cannot be kept: {error}")
+        except SiteError:
+            raise
+        except Exception as error:  # noqa: BLE001  whatever it was, it is named and the others go on
+            _LOG.exception("what %s said broke the monitor's work on it", cell)
+            self.name_flaw(cell, f"what it said broke the program: {type(error).__name__}: {error}")
+
     def note_alarm(self, message: Message) -> None:
         """Take an alarm's event."""
         body = message.body
@@ -144,7 +163,9 @@ class Fleet:
         for _ in range(len(names)):
             cell = names[self._turn % len(names)]
             self._turn += 1
-            state = self._look_at(cell)
+            state = None
+            with self.blaming(cell):
+                state = self._look_at(cell)
             if state is not None:
                 found.append(state)
             if len(found) >= most:
@@ -227,5 +248,5 @@ def _link(station: _Station, now_s: float, silent_s: float) -> str:
 def _seconds_from_now(wall: str) -> float:
     try:
         return round((datetime.now(UTC) - read_time(wall)).total_seconds(), 1)
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         return 0.0

@@ -3,11 +3,12 @@
 One thread takes what came in, opens and stores it; another asks cells for what they still hold.
 """
 
-import sqlite3
 import threading
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeGuard
 
 import zenoh
 from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
@@ -15,10 +16,11 @@ from zenoh.handlers import FifoChannel
 
 from cellcal.calibration.documents import DocumentError
 from cellcal.calibration.documents.json_text import parse_json
+from cellcal.drivers.supervision import guarded, start_thread
 from cellcal.service.certificates.signing import Checked, check
 from cellcal.service.site.fleet import OPENED_A_SECOND, Fleet
 from cellcal.service.site.journal_tail import chain_flaw
-from cellcal.service.site.keys import SiteError, StationKeys, checked_identifier
+from cellcal.service.site.keys import SiteError, StationKeys, cell_of, checked_identifier
 from cellcal.service.site.link_files import MONITOR_FILE, close, read_link_folder, read_stations
 from cellcal.service.site.sealed import Message
 from cellcal.service.site.site_store import Received, SiteStore
@@ -66,11 +68,9 @@ class Listener:
             raise
         self._subscribe()
         self._threads = [
-            threading.Thread(target=self._guarded, args=(work,), name=work.__name__, daemon=True)
-            for work in (self._keep_hearing, self._keep_asking)
+            start_thread("monitor: hearing", partial(self._shown, self._keep_hearing), self._leave),
+            start_thread("monitor: asking", partial(self._shown, self._keep_asking), self._leave),
         ]
-        for thread in self._threads:
-            thread.start()
 
     def __enter__(self) -> Self:
         return self
@@ -168,18 +168,18 @@ class Listener:
         )
 
     def _hear_liveliness(self, sample: zenoh.Sample) -> None:
-        self.fleet.liveliness(str(sample.key_expr), alive=sample.kind == zenoh.SampleKind.PUT)
+        with guarded("monitor: who is there"):
+            self.fleet.liveliness(str(sample.key_expr), alive=sample.kind == zenoh.SampleKind.PUT)
 
     # our own threads
 
-    def _guarded(self, work: Any) -> None:
-        while not self._leave.is_set():
-            try:
-                work()
-            except (sqlite3.Error, SiteError, zenoh.ZError) as error:
-                if not self._leave.is_set():
-                    self.fleet.name_flaw("", f"the monitor cannot go on with its work just now: {error}")
-            self._leave.wait(_RETRY_S)
+    def _shown(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:  # the page says so; whoever supervises names it and begins anew
+            if not self._leave.is_set():
+                self.fleet.name_flaw("", f"the monitor cannot go on with its work just now: {error}")
+            raise
 
     def _keep_hearing(self) -> None:
         """Take what came in, store events, and open a share of the newest states, again and again."""
@@ -188,7 +188,8 @@ class Listener:
             self._take_samples()
             self._store_all(self._take_events())
             for state in self.fleet.look(max(1, int(OPENED_A_SECOND * _BATCH_S))):
-                self._compare(state)
+                with self.fleet.blaming(state.station):
+                    self._compare(state)
             if leaving:
                 return
 
@@ -200,7 +201,9 @@ class Listener:
                 sample = subscriber.try_recv()
                 if sample is None:
                     break
-                self.fleet.sample(str(sample.key_expr), sample.payload.to_bytes(), now_s)
+                key = str(sample.key_expr)
+                with self.fleet.blaming(cell_of(key)):
+                    self.fleet.sample(key, sample.payload.to_bytes(), now_s)
 
     def _take_events(self) -> list[tuple[str, bytes]]:
         batch: list[tuple[str, bytes]] = []
@@ -212,12 +215,13 @@ class Listener:
     def _store_all(self, batch: list[tuple[str, bytes]]) -> None:
         received = []
         for key, raw in batch:
-            message = self.fleet.opened(key, raw)
-            if message is None or not self._whole(message):
-                continue
-            received.append(Received(message, raw))
-            if key == self._keys_of[message.station].alarm:
-                self.fleet.note_alarm(message)
+            with self.fleet.blaming(cell_of(key)):
+                message = self.fleet.opened(key, raw)
+                if message is None or not self._whole(message):
+                    continue
+                received.append(Received(message, raw))
+                if key == self._keys_of[message.station].alarm:
+                    self.fleet.note_alarm(message)
         if not received:
             return
         with self._store_lock:
@@ -240,7 +244,7 @@ class Listener:
         """Compare what a cell says it has with what is here."""
         has = state.body.get("outbox") or {}
         first, last = has.get("first"), has.get("last")
-        if not (isinstance(first, int) and isinstance(last, int)):
+        if not (_is_number(first) and _is_number(last)):
             return  # another version of ours
         with self._store_lock:
             reach = self._store.know(state.station, state.epoch, first, last)
@@ -256,7 +260,8 @@ class Listener:
                 now_s = time.monotonic()
                 due = max(since_s + _SETTLE_S, self._ask_after_s.get(cell, 0.0))
                 if now_s >= due and self.fleet.is_alive(cell) and not self._leave.is_set():
-                    self._recover(cell, epoch)
+                    with self.fleet.blaming(cell):
+                        self._recover(cell, epoch)
 
     def _recover(self, cell: str, epoch: str) -> None:
         """Fetch what is missing of a cell, page by page."""
@@ -304,6 +309,10 @@ def _connected(config: zenoh.Config, patience_s: float, endpoints: list[str]) ->
                     code="device.unreachable",
                 ) from error
             time.sleep(min(_RETRY_S, patience_s / 5))
+
+
+def _is_number(value: object) -> TypeGuard[int]:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 2**63
 
 
 def _key_of(raw: bytes) -> str:

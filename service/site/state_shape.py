@@ -1,8 +1,12 @@
 """What a message must look like before a monitor shows anything of it: one cell must not spoil the view of all."""
 
+from typing import Annotated
+
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 _MOST = 500
+_Count = Annotated[int, Field(ge=0, le=2**53 - 1)]  # what pages and SQLite can carry
+_Metres = Annotated[float, Field(ge=0.0, le=1e6)]
 
 
 class _Part(BaseModel):
@@ -25,8 +29,8 @@ class StateRun(_Part):
     procedure: str
     state: str
     step: str
-    index: int
-    expected: int
+    index: _Count
+    expected: _Count
     verdict: str | None
 
 
@@ -42,8 +46,8 @@ class StateDrift(_Part):
 
     run_id: str
     ended_utc: str
-    change_rms_m: float
-    change_max_m: float | None
+    change_rms_m: _Metres
+    change_max_m: _Metres | None
     word: str
 
 
@@ -72,7 +76,7 @@ class _State(_Part):
     drift: list[StateDrift] = Field(max_length=_MOST)
     certificate: StateCertificate | None
     due: list[StateDue] = Field(max_length=_MOST)
-    outbox: dict[str, int]
+    outbox: dict[str, _Count]
 
 
 def is_alarm(body: object) -> bool:

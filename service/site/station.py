@@ -1,7 +1,5 @@
 """A cell on the bus: a liveliness token, publishers, and answers. No subscriber: nothing said to it is heard."""
 
-import logging
-import sqlite3
 from collections import OrderedDict
 from typing import Any, Self
 
@@ -13,13 +11,13 @@ from zenoh.ext import (
     declare_advanced_publisher,
 )
 
+from cellcal.drivers.supervision import SUPERVISOR
 from cellcal.service.site.answers import ASKABLE, Answers, as_error
 from cellcal.service.site.keys import SiteError, StationKeys
 from cellcal.service.site.link_files import close
 from cellcal.service.site.outbox import Outbox, Sent
 from cellcal.service.site.sealed import ENCODING, Sealer
 
-_LOG = logging.getLogger(__name__)
 _HEARTBEAT_S = 0.5
 _EVENTS_CACHED = 1000
 _SESSIONS_OPEN = 8  # runs whose publisher is kept; older ones are mended from the outbox
@@ -112,8 +110,8 @@ class Station:
                 )
         except SiteError as error:
             query.reply_err(as_error(error))
-        except (OSError, sqlite3.Error, zenoh.ZError) as error:
-            _LOG.warning("a question of the site (%s) could not be answered: %s", verb, error)
+        except Exception as error:  # noqa: BLE001  in zenoh's thread it would only be printed
+            SUPERVISOR.failed(f"answers to the site: {verb}", error, running=True)
             query.reply_err(as_error(SiteError(f"the cell cannot read its records: {error}.")))
 
     def _asked_for_certificate(self, query: zenoh.Query) -> None:
@@ -122,8 +120,9 @@ class Station:
             query.reply(self._keys.certificate(run_id), self._answers.certificate(run_id))
         except SiteError as error:
             query.reply_err(as_error(error))
-        except (OSError, zenoh.ZError) as error:
-            _LOG.warning("the certificate of %s could not be sent: %s", run_id, error)
+        except Exception as error:  # noqa: BLE001  in zenoh's thread it would only be printed
+            SUPERVISOR.failed("answers to the site: certificates", error, running=True)
+            query.reply_err(as_error(SiteError("the cell cannot read its certificate just now.")))
 
 
 def advanced_publisher(

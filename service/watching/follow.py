@@ -4,11 +4,13 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, cast
 
 from cellcal.calibration.errors import CellError
 from cellcal.drivers.errors import UnreachableError, WrongDeviceError
 from cellcal.drivers.interfaces import Condition, Readiness, Robot
+from cellcal.drivers.supervision import supervise
 from cellcal.service.configuration.cell_file import CellConfig
 from cellcal.service.record.robot_lock import DEVICES, is_held
 from cellcal.service.runs.open_cell import leases
@@ -79,7 +81,8 @@ async def follow(watches: Watches, listener: Listener) -> None:
     """Watch all robots of a cell until cancelled."""
     async with asyncio.TaskGroup() as tasks:
         for entry in watches.config.robots:
-            tasks.create_task(follow_robot(watches, entry, listener))
+            work = partial(follow_robot, watches, entry, listener)
+            tasks.create_task(supervise(f"watch of {entry.name}", work))
 
 
 async def follow_robot(watches: Watches, entry: Any, listener: Listener) -> None:

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 
 from cellcal.calibration.errors import CellError
+from cellcal.drivers.supervision import SUPERVISOR, guarded
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.door import Door
 from cellcal.service.export.outlets import Outlets
@@ -25,6 +27,7 @@ from cellcal.service.web.cell_client import DeskLink
 from cellcal.service.web.error_responses import REFUSALS, not_understood, told
 from cellcal.service.web.middleware import Guard
 from cellcal.service.web.pages import add_pages, page_paths
+from cellcal.service.web.troubles import troubles_of
 from cellcal.service.web.websocket_hub import Screens
 
 Heard = Callable[[str, dict[str, Any]], None]
@@ -74,8 +77,11 @@ def create_app(settings: Settings) -> FastAPI:
     outlets = Outlets(settings.cell_file, config)
 
     def heard(kind: str, content: dict[str, Any]) -> None:
-        screens.show(kind, content)
+        with guarded("screens"):
+            screens.show(kind, content)
         outlets.heard(kind, content)
+        if kind != "live":
+            _show_troubles(house)
 
     entrance = Entrance(
         config.cell.data_dir, settings.open_access, on_console_token=settings.on_console_token
@@ -84,11 +90,8 @@ def create_app(settings: Settings) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        keeping = [asyncio.create_task(house.link.keep(), name="desk"), *outlets.keep()]
-        yield
-        for task in keeping:
-            task.cancel()
-        await asyncio.gather(*keeping, return_exceptions=True)
+        async with _kept(house, outlets):
+            yield
 
     app = FastAPI(title="cellcal", lifespan=lifespan, docs_url=None, redoc_url=None, responses=REFUSALS)
     app.state.house, app.state.meter = house, outlets.meter
@@ -107,6 +110,22 @@ def create_app(settings: Settings) -> FastAPI:
         Guard, pages=page_paths() | {metrics.PATH}, hosts=settings.allowed_hosts, tls=settings.tls
     )
     return app
+
+
+@asynccontextmanager
+async def _kept(house: House, outlets: Outlets) -> AsyncIterator[None]:
+    """Keep what lives as long as the service, and show what fails of it."""
+    unlisten = SUPERVISOR.listen(partial(_show_troubles, house))
+    keeping = [house.link.start(), *outlets.keep()]
+    yield
+    unlisten()
+    for task in keeping:
+        task.cancel()
+    await asyncio.gather(*keeping, return_exceptions=True)
+
+
+def _show_troubles(house: House) -> None:
+    house.screens.show("troubles", troubles_of(house.link.session))
 
 
 def _link(settings: Settings, heard: Heard) -> DeskLink:

@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import itertools
-import logging
 import os
 import sys
 import time
@@ -15,12 +14,13 @@ import orjson
 
 from cellcal.calibration.documents.json_text import parse_json
 from cellcal.calibration.errors import CellError
+from cellcal.drivers.supervision import start_task, supervise
 from cellcal.service.cell_process.messages import LONGEST_LINE
+from cellcal.service.child_processes import ChildEndedError, LastWords
 
-_log = logging.getLogger(__name__)
 ANSWER_S = 10.0
 _LEAVE_S = 5.0
-_RESTART_S = 1.0
+TASK = "process of the cell"
 _JUST_NOW_S = 0.25  # live values come ten times a second; older ones say nothing of now
 
 
@@ -34,6 +34,15 @@ class DeskGoneError(CellError):
             "the cell's process does not answer just now; it is started again.",
             remedy="Wait a few seconds. If it stays away, look into the service's log.",
         )
+
+
+class NotAnOrderError(CellError):
+    """An order that cannot be passed on."""
+
+    code = "request"
+
+    def __init__(self, why: str) -> None:
+        super().__init__(f"The request is not understood: {why}.", remedy="See /openapi.json.")
 
 
 class DeskLink:
@@ -52,14 +61,11 @@ class DeskLink:
 
     async def keep(self) -> None:
         """Run the desk until cancelled, then let it end its run and leave."""
-        try:
-            while True:
-                await self._run_once()
-                self.session = self._live = None
-                self._heard("gone", {})
-                await asyncio.sleep(_RESTART_S)
-        finally:
-            await self._leave()
+        await supervise(TASK, self._run_once)
+
+    def start(self) -> asyncio.Task[None]:
+        """Begin to run the desk; it leaves when the task is cancelled."""
+        return start_task(TASK, self._run_once)
 
     @property
     def live(self) -> dict[str, Any] | None:
@@ -76,10 +82,14 @@ class DeskLink:
         if process is None or process.returncode is not None or process.stdin is None:
             raise DeskGoneError
         number = next(self._numbers)
+        try:
+            line = orjson.dumps({"number": number, **message}) + b"\n"
+        except TypeError as error:
+            raise NotAnOrderError(str(error)) from error
         answer: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answer
         try:
-            process.stdin.write(orjson.dumps({"number": number, **message}) + b"\n")
+            process.stdin.write(line)
             await process.stdin.drain()
             async with asyncio.timeout(ANSWER_S):
                 return await answer
@@ -91,19 +101,37 @@ class DeskLink:
     async def _run_once(self) -> None:
         self._process = process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", "cellcal.service.cell_process", str(self._cell_file),
-            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
             limit=LONGEST_LINE, start_new_session=True,  # Ctrl-C is for the service, which lets it leave
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
         assert process.stdout is not None
+        assert process.stderr is not None
+        words = LastWords()
+        try:
+            async with asyncio.TaskGroup() as streams:
+                streams.create_task(words.pass_on(process.stderr))
+                await self._hear(process.stdout)
+                await self._leave()
+        except ExceptionGroup as group:
+            raise group.exceptions[0] from None
+        finally:
+            await self._leave()
+            self._forget()
+        raise ChildEndedError("the cell's process", process.returncode or 0, words.last())
+
+    async def _hear(self, stream: asyncio.StreamReader) -> None:
         with contextlib.suppress(ConnectionError):
-            while line := await process.stdout.readline():
+            while line := await stream.readline():
                 self._take(parse_json(line))
-        code = await process.wait()
-        _log.warning("the desk of %s ended with code %s", self._cell_file, code)
+
+    def _forget(self) -> None:
+        """Let everybody know that the desk is gone."""
+        self._process = self.session = self._live = None
         for answer in self._waiting.values():
             if not answer.done():
                 answer.set_exception(DeskGoneError())
+        self._heard("gone", {})
 
     def _take(self, message: dict[str, Any]) -> None:
         if "told" in message:

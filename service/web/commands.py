@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, ConfigDict, StringConstraints
+from pydantic import BaseModel, ConfigDict, StringConstraints, model_validator
 
-from cellcal.service.cell_process.messages import Name, Order
+from cellcal.calibration.errors import CellError
+from cellcal.service.cell_process.messages import CommandId, Hold, Order, Revision, without_conditions
 from cellcal.service.people.authorization import StaleViewError
 from cellcal.service.people.naming import LONGEST_NAME, LONGEST_SECRET
 from cellcal.service.web.door import Who, house_of, token_of
@@ -26,9 +27,26 @@ class Pressed(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    id: Name
-    rev: int
+    id: CommandId
+    rev: Revision
     order: Order
+
+    @model_validator(mode="before")
+    @classmethod
+    def _stop_needs_nothing(cls, given: Any) -> Any:
+        return without_conditions(given)
+
+
+class HoldElsewhereError(CellError):
+    """A "held" without the number that the screen's link told last."""
+
+    code = "hold.not_fresh"
+
+    def __init__(self) -> None:
+        super().__init__(
+            "that the button is held counts only over the screen's own link, with its newest number.",
+            remedy="Hold the button on the page.",
+        )
 
 
 class Obeyed(BaseModel):
@@ -61,6 +79,8 @@ class Seconded(BaseModel):
 async def command(pressed: Pressed, request: Request, who: Who) -> Any:
     """Do what a person asks for; the same id sent again is done once. 409 carries the present session."""
     house = house_of(request)
+    if isinstance(pressed.order, Hold) and pressed.order.held:
+        raise HoldElsewhereError
     try:
         name = await permitted(house, who, pressed.id, pressed.rev, pressed.order)
     except StaleViewError as behind:

@@ -10,8 +10,9 @@ import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
 import orjson
 from fastapi import APIRouter, FastAPI, Request, Response, WebSocket, WebSocketDisconnect
@@ -20,6 +21,7 @@ from fastapi.responses import FileResponse, PlainTextResponse, RedirectResponse
 from starlette.requests import HTTPConnection
 
 from cellcal.calibration.errors import CellError
+from cellcal.drivers.supervision import start_task
 from cellcal.service.certificates.signing import Checked, Finding
 from cellcal.service.people.authentication import Entrance
 from cellcal.service.people.errors import NotSignedInError
@@ -77,7 +79,17 @@ class FleetHouse:
         for view in views:
             del view["age_s"]  # it changes all the time; the row does not
             view["clock_off_s"] = round(view["clock_off_s"])
-            self.rows[view["cell"]] = orjson.dumps(view)
+            self.rows[view["cell"]] = self._row(view)
+
+    def _row(self, view: dict[str, Any]) -> bytes:
+        """Return a cell's row; one that cannot be shown is never left as it was before."""
+        try:
+            return orjson.dumps(view)
+        except TypeError as error:
+            self.bus.fleet.name_flaw(view["cell"], f"what it says cannot be shown: {error}")
+            plain = dict.fromkeys(view) | {"cell": view["cell"], "name": view["cell"], "link": "silent"}
+            lists = {"alarms": [], "drift": [], "due": [], "attended": False, "clock_off_s": 0}
+            return orjson.dumps(plain | lists | {"events": {"have": 0, "known": 0, "lost": 0}})
 
     def message(self, sent: dict[str, bytes]) -> str:
         """Return what a page does not know yet, and note that it does."""
@@ -159,7 +171,7 @@ def create_fleet_app(
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        looking = asyncio.create_task(_keep_looking(house), name="fleet")
+        looking = start_task("monitor: view of the cells", partial(_keep_looking, house))
         yield
         looking.cancel()
         await asyncio.gather(looking, return_exceptions=True)

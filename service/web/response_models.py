@@ -230,6 +230,16 @@ class LossSeen(Shape):
     alone_wanted: Annotated[bool, Field(description="whether the cell file wants that (recover_alone)")]
 
 
+class TroubleSeen(Shape):
+    """What failed in a task that runs as long as its process."""
+
+    task: str
+    message: str
+    remedy: str
+    failures: Annotated[int, Field(description="one after the other")]
+    running: Annotated[bool, Field(description="whether it runs again")]
+
+
 class SessionState(Shape):
     """All that is not a live value."""
 
@@ -243,6 +253,10 @@ class SessionState(Shape):
     prompt: PromptSeen | None
     waits_for_hold: bool
     losses: list[LossSeen]
+    journal_end: Annotated[
+        str, Field(description="in words, that the journal's end is missing; empty: whole")
+    ]
+    troubles: list[TroubleSeen]
 
 
 class SessionSeen(Shape):
@@ -252,6 +266,7 @@ class SessionSeen(Shape):
     wanted: Literal["device", "person", "pin", "nothing"]
     person: PersonSeen | None
     demo: bool
+    troubles: Annotated[list[TroubleSeen], Field(description="of the service, and of the cell's process")]
 
 
 class ProcedureSeen(Shape):

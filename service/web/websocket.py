@@ -12,12 +12,13 @@ from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from cellcal.service.cell_process.hold_to_move import DEAD_MAN_S
-from cellcal.service.cell_process.messages import Hold
+from cellcal.service.cell_process.messages import Flag, Hold, Revision
 from cellcal.service.people.errors import NotSignedInError, PeopleError
 from cellcal.service.web.cell_client import DeskGoneError
 from cellcal.service.web.door import Who, house_of, person_of, standing, token_of
 from cellcal.service.web.response_models import SessionSeen, answering
 from cellcal.service.web.session_control import permitted, show_control, told
+from cellcal.service.web.troubles import troubles_of
 from cellcal.service.web.websocket_hub import Screen, framed
 
 router = APIRouter()
@@ -31,8 +32,8 @@ class Said(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     op: Literal["hold"]
-    held: bool
-    beat: int = 0
+    held: Flag
+    beat: Revision = 0
 
 
 @dataclass
@@ -67,6 +68,7 @@ async def session(request: Request, who: Who) -> dict[str, Any]:
     house = house_of(request)
     return {
         "session": house.link.session,
+        "troubles": troubles_of(house.link.session),
         **standing(request),
         "demo": house.settings.demo,
     }
@@ -79,6 +81,7 @@ async def screen(socket: WebSocket) -> None:
     await socket.accept()
     shown, beats = Screen(socket, who.name, who.seat), Beats()
     shown.show("person", framed("person", standing(socket)))
+    shown.show("troubles", framed("troubles", troubles_of(house.link.session)))
     show_control(house, shown)
     if house.link.session is not None:
         shown.show("session", framed("session", house.link.session))
@@ -109,13 +112,14 @@ async def _take(socket: WebSocket, shown: Screen, beats: Beats, text: str) -> No
         said = Said.model_validate_json(text)
     except ValidationError:
         return  # a screen that babbles moves nothing
-    age_s = 0.0
+    at_s: float | None = None
     if said.held:
         shown.show("beat", framed("beat", beats.next()))
         age_s = beats.age_s(said.beat)
         if age_s >= DEAD_MAN_S:
             return
-    hold = Hold(op="hold", held=said.held, age_s=age_s)
+        at_s = time.monotonic() - age_s  # the cell's process has the same clock: what waits in between counts
+    hold = Hold(op="hold", held=said.held, at_s=at_s)
     with contextlib.suppress(DeskGoneError, PeopleError):
         name = await permitted(house, who, "hold", 0, hold)
         if hold.held:

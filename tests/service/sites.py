@@ -167,6 +167,8 @@ def session_of(cell: str, **changes: Any) -> dict[str, Any]:
         "prompt": None,
         "waits_for_hold": False,
         "losses": [],
+        "journal_end": "",
+        "troubles": [],
     } | changes
 
 

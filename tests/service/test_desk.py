@@ -1,6 +1,7 @@
 """The desk: one run for any number of screens, over real drivers and sockets."""
 
 import asyncio
+import time
 from pathlib import Path
 
 import pytest
@@ -197,5 +198,5 @@ def test_an_order_that_is_none_is_refused_at_the_door(order: dict[str, object]) 
 
 async def _hold(person: AtDesk) -> None:
     while True:
-        await person.order({"op": "hold", "held": True})
+        await person.order({"op": "hold", "held": True, "at_s": time.monotonic()})
         await asyncio.sleep(0.1)

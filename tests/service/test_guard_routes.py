@@ -97,7 +97,7 @@ ORDERS: dict[str, tuple[dict[str, Any], set[str]]] = {
     "select_robot": ({"robot": "x"}, RUNNERS),
     "dismiss": ({}, RUNNERS),
     "sign": ({"run_id": "x", "lines": ["done"]}, RUNNERS),
-    "hold": ({"held": True}, RUNNERS),
+    "hold": ({"held": False}, KNOWN),  # "held" only over a screen's link
 }
 NAMES = {role: name for name, role in reversed(ROLES.items())}
 

@@ -51,6 +51,7 @@ class OneQuestion:
         return {
             "rev": self.rev, "cell": "cell 7", "robots": [{"name": "fanuc", "model": "m6ib", "serial": "1"}],
             "robot": "fanuc", "level": "commanded", "losses": [], "waits_for_hold": False,
+            "journal_end": "", "troubles": [],
             "connection": {"connected": True, "message": "", "remedy": ""}, "run": run,
             "prompt": None if self.outcome else prompt,
         }  # fmt: skip

@@ -29,6 +29,7 @@ class Idle:
     session: dict[str, Any] = {  # noqa: RUF012  nobody writes to it
         "rev": 1, "cell": "cell 7", "robots": [{"name": "fanuc", "model": "m6ib", "serial": "1"}],
         "robot": "fanuc", "level": "commanded", "losses": [], "waits_for_hold": False,
+        "journal_end": "", "troubles": [],
         "connection": {"connected": True, "message": "", "remedy": ""}, "run": None, "prompt": None,
     }  # fmt: skip
 

@@ -121,7 +121,7 @@ async def test_two_screens_see_the_same_and_a_double_tap_counts_once(tmp_path: P
     [
         b"{",
         b"[]",
-        b'{"id": "1", "rev": NaN, "order": {"op": "stop"}}',
+        b'{"id": "1", "rev": NaN, "order": {"op": "pause"}}',
         b'{"id": "1", "rev": 1, "order": {"op": "move", "joints": [0]}}',
         b'{"id": "1", "rev": 1, "order": {"op": "stop"}, "who": "the boss"}',
         json.dumps({"id": "1", "rev": 1, "order": {"op": "answer", "prompt_id": "x" * 9000}}).encode(),

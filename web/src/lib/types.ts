@@ -202,6 +202,15 @@ export interface Session {
   prompt: Prompt | null;
   waits_for_hold: boolean;
   losses: Loss[];
+  journal_end: string; // in words, that its end is missing
+}
+
+export interface Trouble {
+  task: string;
+  message: string;
+  remedy: string;
+  failures: number;
+  running: boolean;
 }
 
 export interface DeviceValue {
@@ -300,8 +309,8 @@ export interface RunLine {
 }
 
 export type Order =
-  | { op: "start"; procedure: string; settings?: Record<string, unknown>; hold_to_move?: boolean }
-  | { op: "resume"; run_id: string; redo_from?: string; hold_to_move?: boolean }
+  | { op: "start"; procedure: string; settings?: Record<string, unknown>; hold_to_move?: boolean; accept_missing_end?: boolean }
+  | { op: "resume"; run_id: string; redo_from?: string; hold_to_move?: boolean; accept_missing_end?: boolean }
   | { op: "answer"; prompt_id: string; value?: string }
   | { op: "decline"; prompt_id: string }
   | { op: "stop" }

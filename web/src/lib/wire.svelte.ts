@@ -6,7 +6,7 @@
 
 import { post } from "./device";
 import { people, type Standing } from "./people.svelte";
-import type { Live, Order, Session } from "./types";
+import type { Live, Order, Session, Trouble } from "./types";
 
 const SILENT_MS = 2200; // a link that worked
 const TRY_MS = 1500; // a new one
@@ -61,6 +61,8 @@ class Wire {
   demo = $state(false);
   control = $state<Control>(FREE);
   wantsPin = $state<Pressed | null>(null); // what is sent again once the PIN is there
+  wantsWord = $state<Pressed | null>(null); // the journal's end is missing: a person says whether to go on
+  troubles = $state<Trouble[]>([]);
   wantsSecond = $state<Pressed | null>(null);
 
   #controlAtMs = $state(0);
@@ -188,6 +190,7 @@ class Wire {
     if (told.session) this.#show(told.session as Session);
     if (code === "people.pin") this.wantsPin = pressed;
     else if (code === "people.second_person") this.wantsSecond = pressed;
+    else if (code === "store.end_missing") this.wantsWord = pressed;
     else this.refusal = { code: code || "error", message, remedy };
     if (code === "people.sign_in") void people.check();
     return false;
@@ -302,6 +305,7 @@ class Wire {
       this.liveAtMs = Date.now();
     } else if (kind === "person") people.take(content as Standing);
     else if (kind === "control") this.#takeControl(content);
+    else if (kind === "troubles") this.troubles = content;
     else if (kind === "beat") this.#hearBeat(content);
     else if (kind === "gone") this.session = this.live = null;
   }

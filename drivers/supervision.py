@@ -1,0 +1,274 @@
+"""Supervision: what runs for as long as its process does is named when it fails, and is started again.
+
+Every long-lived task and thread of this repository is begun here, and nowhere else: `tests/supervision` looks for
+others in the source. A failure goes to the log with its cause and the next action, and into the register, which
+pages, metrics and the site read. Between two starts there is a pause that grows; a task that fails at every start
+is shown as such for as long as it does.
+"""
+
+import asyncio
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from cellcal.calibration.errors import CellError
+
+_log = logging.getLogger(__name__)
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.25, 4.0
+SOUND_S = 30.0  # after so long without a failure the pause begins at the shortest again
+SHOWN_S = 60.0  # a failure that was overcome is shown for so long
+REMEDY = "It is started again by itself. If this stays, send the log to the maker of the program."
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """What went wrong in a task: shown on pages, counted in metrics."""
+
+    task: str
+    message: str
+    remedy: str
+    failures: int  # one after the other
+    running: bool  # whether it runs again
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for a screen."""
+        return asdict(self)
+
+
+@dataclass(slots=True)
+class _Entry:
+    trouble: Trouble | None = None
+    failed_at_s: float = float("-inf")
+    failures: int = 0  # one after the other
+    total: int = 0
+    running: bool = True
+    holder: "asyncio.Task[Any] | int | None" = None
+
+
+class Supervisor:
+    """The register of a process: which long-lived tasks there are, and what is wrong with them.
+
+    Threads and the loop use it alike.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._entries: dict[str, _Entry] = {}
+        self._listeners: list[Callable[[], object]] = []
+
+    def listen(self, changed: Callable[[], None]) -> Callable[[], None]:
+        """Call ``changed`` after every change, in the loop that runs now; return what ends that."""
+        loop = asyncio.get_running_loop()
+
+        def tell() -> None:
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(changed)
+
+        self._listeners.append(tell)
+        return lambda: self._listeners.remove(tell)
+
+    def names(self) -> list[str]:
+        """Return the tasks that are supervised just now."""
+        with self._lock:
+            return sorted(self._entries)
+
+    def holder(self, name: str) -> "asyncio.Task[Any] | int | None":
+        """Return the loop's task or the thread's identifier that does a task's work now; None where none does."""
+        with self._lock:
+            entry = self._entries.get(name)
+            return None if entry is None or not entry.running else entry.holder
+
+    def failures(self) -> dict[str, int]:
+        """Return how often each task has failed since this process began."""
+        with self._lock:
+            return {name: entry.total for name, entry in self._entries.items()}
+
+    def troubles(self) -> list[Trouble]:
+        """Return what is wrong, and what was until a moment ago."""
+        now_s = self._clock()
+        with self._lock:
+            return [
+                entry.trouble
+                for entry in self._entries.values()
+                if entry.trouble is not None and (not entry.running or now_s - entry.failed_at_s < SHOWN_S)
+            ]
+
+    def begun(self, name: str) -> None:
+        """Note that a task runs."""
+        with self._lock:
+            entry = self._entries.setdefault(name, _Entry())
+            entry.running, entry.holder = True, _present()
+            old = entry.trouble
+            entry.trouble = None if old is None else _again(old)
+        if old is not None:
+            self._tell()
+
+    def ended(self, name: str) -> None:
+        """Forget a task that ended because it was to."""
+        with self._lock:
+            gone = self._entries.pop(name, None)
+        if gone is not None and gone.trouble is not None:
+            self._tell()
+
+    def failed(self, name: str, error: BaseException, *, running: bool = False) -> float:
+        """Name a failure in the log and the register; return after which pause to go on [s]."""
+        message, remedy = words_of(error)
+        with self._lock:
+            entry = self._entries.setdefault(name, _Entry())
+            now_s = self._clock()
+            entry.failures = 1 if now_s - entry.failed_at_s > SOUND_S else entry.failures + 1
+            entry.total += 1
+            entry.failed_at_s, entry.running = now_s, running
+            before, entry.trouble = (
+                entry.trouble,
+                Trouble(name, message, remedy, entry.failures, running=running),
+            )
+            pause_s = min(FIRST_PAUSE_S * 2.0 ** min(entry.failures - 1, 10), LONGEST_PAUSE_S)
+        if before is None or before.message != message:  # the same words each time would fill a disk
+            _log.error("%s failed: %s %s", name, message, remedy, exc_info=_unexpected(error))
+        self._tell()
+        return pause_s
+
+    def _tell(self) -> None:
+        for listener in list(self._listeners):
+            try:
+                listener()
+            except Exception:  # noqa: BLE001  whatever it was, it is named and the others go on
+                _log.exception("what shows troubles failed itself")
+
+
+SUPERVISOR = Supervisor()
+
+
+async def supervise(
+    name: str, work: Callable[[], Awaitable[None]], register: Supervisor = SUPERVISOR
+) -> None:
+    """Do work until it returns or is cancelled; what it raises is named, and it is done anew."""
+    while True:
+        register.begun(name)
+        try:
+            await work()
+        except asyncio.CancelledError:
+            task = asyncio.current_task()
+            if task is None or task.cancelling():
+                register.ended(name)
+                raise
+            pause_s = register.failed(name, RuntimeError("it was cancelled from within"))
+        except Exception as error:  # noqa: BLE001  whatever it was, it is named and the work is begun anew
+            pause_s = register.failed(name, error)
+        else:
+            register.ended(name)
+            return
+        try:
+            await asyncio.sleep(pause_s)
+        except asyncio.CancelledError:
+            register.ended(name)
+            raise
+
+
+def start_task(
+    name: str, work: Callable[[], Awaitable[None]], register: Supervisor = SUPERVISOR
+) -> asyncio.Task[None]:
+    """Begin a long-lived task of the loop."""
+    return asyncio.create_task(supervise(name, work, register), name=name)
+
+
+def start_thread(
+    name: str, work: Callable[[], None], leave: threading.Event, register: Supervisor = SUPERVISOR
+) -> threading.Thread:
+    """Begin a long-lived thread: its work is done anew when it raises, until it returns or ``leave`` is set."""
+    thread = threading.Thread(target=_work_on, args=(name, work, leave, register), name=name, daemon=True)
+    thread.start()
+    return thread
+
+
+def start_link_thread(name: str, work: Callable[[], None], broke: Callable[[str], None]) -> threading.Thread:
+    """Begin the thread of one connection: what it raises is named and told to the link, which connects anew."""
+    thread = threading.Thread(target=_serve_link, args=(name, work, broke), name=name, daemon=True)
+    thread.start()
+    return thread
+
+
+def start_link_task(
+    name: str, work: Callable[[], Awaitable[None]], broke: Callable[[Exception], None]
+) -> asyncio.Task[None]:
+    """Begin the task of one connection: what it raises is named and told to the link, which connects anew."""
+    return asyncio.create_task(_serve_link_task(name, work, broke), name=name)
+
+
+@contextlib.contextmanager
+def guarded(name: str, register: Supervisor = SUPERVISOR) -> Iterator[None]:
+    """Name what is raised inside, and go on: for hearers whose failure must not stop the one who tells."""
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001  whatever it was, whoever tells goes on
+        register.failed(name, error, running=True)
+
+
+def words_of(error: BaseException) -> tuple[str, str]:
+    """Return what happened and what to do, in words."""
+    if isinstance(error, CellError):
+        return str(error.message), error.remedy or REMEDY
+    return f"{type(error).__name__}: {str(error)[:500]}", REMEDY
+
+
+def _present() -> "asyncio.Task[Any] | int":
+    try:
+        task = asyncio.current_task()
+    except RuntimeError:  # a thread without a loop
+        task = None
+    return threading.get_ident() if task is None else task
+
+
+def _again(trouble: Trouble) -> Trouble:
+    return Trouble(trouble.task, trouble.message, trouble.remedy, trouble.failures, running=True)
+
+
+def _unexpected(error: BaseException) -> BaseException | None:
+    return None if isinstance(error, CellError) else error
+
+
+def _work_on(name: str, work: Callable[[], None], leave: threading.Event, register: Supervisor) -> None:
+    while not leave.is_set():
+        register.begun(name)
+        try:
+            work()
+        except Exception as error:  # noqa: BLE001  whatever it was, it is named and the work is begun anew
+            if leave.is_set():
+                break
+            leave.wait(register.failed(name, error))
+        else:
+            break
+    register.ended(name)
+
+
+def _serve_link(name: str, work: Callable[[], None], broke: Callable[[str], None]) -> None:
+    SUPERVISOR.begun(name)
+    try:
+        work()
+    except Exception as error:  # noqa: BLE001  whatever it was, the link is told and connects anew
+        SUPERVISOR.failed(name, error, running=True)  # the link goes on with another one
+        broke(words_of(error)[0])
+    else:
+        SUPERVISOR.ended(name)
+
+
+async def _serve_link_task(
+    name: str, work: Callable[[], Awaitable[None]], broke: Callable[[Exception], None]
+) -> None:
+    SUPERVISOR.begun(name)
+    try:
+        await work()
+    except asyncio.CancelledError:
+        SUPERVISOR.ended(name)
+        raise
+    except Exception as error:  # noqa: BLE001  whatever it was, the link is told and connects anew
+        SUPERVISOR.failed(name, error, running=True)  # the link goes on with another one
+        broke(error)
+    else:
+        SUPERVISOR.ended(name)

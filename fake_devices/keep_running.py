@@ -1,0 +1,27 @@
+"""Keeps the tasks of the fake devices running: what one raises is named, and it goes on.
+
+A fake that stops silently makes tests and demos wait for a device that nobody plays.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+_LOG = logging.getLogger(__name__)
+_PAUSE_S = 0.1
+
+
+def keep_running(name: str, work: Callable[[], Awaitable[None]]) -> asyncio.Task[None]:
+    """Begin a task that runs until it is cancelled or returns."""
+    return asyncio.create_task(_keep(name, work), name=name)
+
+
+async def _keep(name: str, work: Callable[[], Awaitable[None]]) -> None:
+    while True:
+        try:
+            await work()
+        except Exception:  # noqa: BLE001  whatever it was, it is named and the others go on
+            _LOG.exception("%s failed and is begun again", name)
+            await asyncio.sleep(_PAUSE_S)
+        else:
+            return

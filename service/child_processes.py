@@ -1,0 +1,43 @@
+"""Child processes of the service: how one ended, and what it said last."""
+
+import asyncio
+import signal
+import sys
+
+from cellcal.calibration.errors import CellError
+
+_KEPT_BYTES = 4096
+_CHUNK = 4096
+
+
+class ChildEndedError(CellError):
+    """A process that is to run as long as the service has ended."""
+
+    code = "process.ended"
+
+    def __init__(self, title: str, code: int, words: str) -> None:
+        how = f"exit code {code}" if code >= 0 else f"signal {-code} ({signal.strsignal(-code) or 'unknown'})"
+        last = f' Its last words: "{words}".' if words else ""
+        super().__init__(
+            f"{title} ended: {how}.{last}",
+            remedy="It is started again by itself. If this stays, look into the log of the service.",
+        )
+
+
+class LastWords:
+    """What a process prints as errors: passed on to our own, and the end of it kept."""
+
+    def __init__(self) -> None:
+        self._kept = b""
+
+    async def pass_on(self, stream: asyncio.StreamReader) -> None:
+        """Pass on until the stream ends."""
+        while chunk := await stream.read(_CHUNK):
+            self._kept = (self._kept + chunk)[-_KEPT_BYTES:]
+            sys.stderr.write(chunk.decode(errors="replace"))
+            sys.stderr.flush()
+
+    def last(self) -> str:
+        """Return the last line that says anything."""
+        lines = self._kept.decode(errors="replace").split("\n")
+        return next((line.strip()[:300] for line in reversed(lines) if line.strip()), "")

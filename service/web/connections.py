@@ -1,0 +1,164 @@
+"""Connections of the web server: how many there may be, which are closed first, and what happens without descriptors.
+
+A stop must reach the service whatever else is connected. So connections are accepted one at a time; too many of one
+address, or in all, close the oldest that waits for nothing but its next request; and where the system has no
+descriptor left, spare ones are given up for the newest connection.
+"""
+
+import contextlib
+import errno
+import logging
+import os
+import resource
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+_log = logging.getLogger(__name__)
+WAITING_OF_ADDRESS = 96  # a browser keeps six; a gateway may stand for a whole workshop
+ALL_OF_ADDRESS = 320
+HEADERS_S = 10.0  # for a whole request, from the beginning of the connection or of the wait for the next one
+ANSWER_S = 600.0  # for an answer that its receiver does not take
+SPARES = 12  # a connection, and what a stop opens besides: the register of people
+RESCUE_S = 2.0  # for so long the spare descriptors stay given up
+LOG_EVERY_S = 1.0
+_OUT_OF = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
+
+
+class Transport(Protocol):
+    """The part of a transport that is needed here."""
+
+    def abort(self) -> None: ...
+    def is_closing(self) -> bool: ...
+
+
+@dataclass(eq=False, slots=True)
+class Connection:
+    """One connection. ``state``: new (no request yet), waiting (for the next one), busy, screen (a WebSocket)."""
+
+    address: str
+    transport: Transport
+    since_s: float
+    state: str = "new"
+
+
+@dataclass
+class Connections:
+    """All connections of a server."""
+
+    most: int
+    clock: Callable[[], float] = time.monotonic
+    closed: int = 0  # by us, since the service began
+    _open: dict[int, Connection] = field(default_factory=dict)
+    _spares: list[int] = field(default_factory=list)
+    _rescue_until_s: float = float("-inf")
+    _logged_at_s: float = float("-inf")
+    _unlogged: int = 0
+
+    def __len__(self) -> int:
+        """Return how many are open."""
+        return len(self._open)
+
+    def made(self, address: str, transport: Transport) -> Connection:
+        """Take note of a new connection; older ones are closed where there are too many."""
+        self._forget_closed()
+        made = Connection(address, transport, self.clock())
+        self._open[id(made)] = made
+        self._make_room(made)
+        return made
+
+    def change(self, connection: Connection, state: str) -> None:
+        """Take note of what a connection does now."""
+        connection.state, connection.since_s = state, self.clock()
+
+    def lost(self, connection: Connection) -> None:
+        """Forget a connection."""
+        self._open.pop(id(connection), None)
+
+    def look(self) -> None:
+        """Close what has waited too long; take the spare descriptors back."""
+        self._forget_closed()
+        now_s = self.clock()
+        for connection in list(self._open.values()):
+            limit_s = {"new": HEADERS_S, "waiting": HEADERS_S, "busy": ANSWER_S}.get(connection.state)
+            if limit_s is not None and now_s - connection.since_s > limit_s:
+                self._close(connection, "it sent no whole request in time")
+        if now_s > self._rescue_until_s:
+            self.keep_spares()
+
+    def keep_spares(self) -> None:
+        """Open the spare descriptors, as many as there are to be had."""
+        with contextlib.suppress(OSError):
+            while len(self._spares) < SPARES:
+                self._spares.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+
+    def let_spares_go(self) -> None:
+        """Give the spare descriptors up."""
+        while self._spares:
+            os.close(self._spares.pop())
+
+    def refused(self, error: OSError) -> bool:
+        """Take note that a connection could not be accepted; return whether to try again at once."""
+        self._say(f"a connection could not be accepted: {error.strerror}")
+        if error.errno not in _OUT_OF:
+            return False
+        self._rescue_until_s = self.clock() + RESCUE_S
+        had = bool(self._spares)
+        self.let_spares_go()
+        closed = [self._close(each, "descriptors ran out") for each in self._closable()[:SPARES]]
+        return had or bool(closed)
+
+    def _make_room(self, made: Connection) -> None:
+        of_address = [each for each in self._open.values() if each.address == made.address]
+        waiting = [each for each in of_address if each.state in ("new", "waiting")]
+        if len(waiting) > WAITING_OF_ADDRESS or len(of_address) > ALL_OF_ADDRESS:
+            self._close_first(of_address, made, "too many of its address")
+        if len(self._open) > self.most:
+            counts = Counter(each.address for each in self._open.values())
+            most = max(counts.values())
+            self._close_first(
+                [each for each in self._open.values() if counts[each.address] == most],
+                made,
+                "too many in all",
+            )
+
+    def _close_first(self, of: list[Connection], made: Connection, why: str) -> None:
+        order = sorted(of, key=_rank)
+        self._close(next((each for each in order if each is not made), made), why)
+
+    def _closable(self) -> list[Connection]:
+        return sorted((each for each in self._open.values() if each.state in ("new", "waiting")), key=_rank)
+
+    def _close(self, connection: Connection, why: str) -> Connection:
+        self.lost(connection)
+        connection.transport.abort()
+        self.closed += 1
+        self._say(f"a connection of {connection.address} was closed: {why}")
+        return connection
+
+    def _forget_closed(self) -> None:
+        for key in [key for key, each in self._open.items() if each.transport.is_closing()]:
+            del self._open[key]
+
+    def _say(self, words: str) -> None:
+        """Log at most once a second: a flood must not fill the disk as well."""
+        now_s = self.clock()
+        if now_s - self._logged_at_s < LOG_EVERY_S:
+            self._unlogged += 1
+            return
+        more = f" ({self._unlogged} more like it)" if self._unlogged else ""
+        _log.warning("%s%s", words, more)
+        self._logged_at_s, self._unlogged = now_s, 0
+
+
+def most_connections() -> int:
+    """Return how many connections the descriptors of this process allow, with room for everything else."""
+    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return max(16, min(2000, soft * 6 // 10))
+
+
+def _rank(connection: Connection) -> tuple[int, float]:
+    order = ("new", "waiting", "screen", "busy")
+    return order.index(connection.state), connection.since_s

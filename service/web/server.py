@@ -1,0 +1,142 @@
+"""The web server: uvicorn, with connections accepted one at a time and kept within limits."""
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from cellcal.drivers.supervision import SUPERVISOR, start_task
+from cellcal.service.web.connections import Connection, Connections, most_connections
+
+_BACKLOG = 2048
+_LOOK_S = 1.0
+_PAUSE_S = 0.05  # after an accept that failed where nothing could be given up
+_HANDSHAKE_S = 5.0
+_HANDSHAKES = 64  # under way at once; the oldest gives way
+
+
+class _CountedProtocol(H11Protocol):
+    """HTTP/1.1 whose connection is known to the register."""
+
+    connections_of_server: Connections
+    entry: Connection
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)  # type: ignore[arg-type]
+        address = self.client[0] if self.client else ""
+        self.entry = self.connections_of_server.made(address, self.transport)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self.connections_of_server.lost(self.entry)
+        super().connection_lost(exc)
+
+    def handle_events(self) -> None:
+        super().handle_events()
+        busy = self.cycle is not None and not self.cycle.response_complete
+        if busy and self.entry.state in ("new", "waiting"):
+            self.connections_of_server.change(self.entry, "busy")
+
+    def on_response_complete(self) -> None:
+        self.connections_of_server.change(self.entry, "waiting")
+        super().on_response_complete()
+
+    def handle_websocket_upgrade(self, event: Any) -> None:
+        self.connections_of_server.change(self.entry, "screen")
+        super().handle_websocket_upgrade(event)
+
+
+class _Listening:
+    """What uvicorn closes at its end, in the place of asyncio's servers."""
+
+    def __init__(self, sockets: Sequence[socket.socket], tasks: Sequence[asyncio.Task[None]]) -> None:
+        self.sockets, self._tasks = sockets, tasks
+
+    def close(self) -> None:
+        """Accept nothing more."""
+        for task in self._tasks:
+            task.cancel()
+        for listening in self.sockets:
+            listening.close()
+
+    async def wait_closed(self) -> None:
+        """Wait for the tasks."""
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+
+class Server(uvicorn.Server):
+    """A server that a flood of connections, or a lack of descriptors, does not keep from hearing a stop."""
+
+    def __init__(self, config: uvicorn.Config, most: int | None = None) -> None:
+        super().__init__(config)
+        self.held = Connections(most_connections() if most is None else most)
+        self._arriving: dict[asyncio.Task[None], None] = {}  # the oldest first
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start the application, then listen."""
+        await self.lifespan.startup()
+        if self.lifespan.should_exit:
+            raise SystemExit(3)
+        listening = list(sockets or [self.config.bind_socket()])
+        for each in listening:
+            each.setblocking(False)
+            each.listen(_BACKLOG)
+        self.held.keep_spares()
+        tasks = [start_task("web server: accepting", partial(self._accept, each)) for each in listening]
+        tasks.append(start_task("web server: idle connections", self._look_after))
+        self.servers = [_Listening(listening, tasks)]  # type: ignore[list-item]
+        self.started = True
+
+    async def _accept(self, listening: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                arrived, _ = await loop.sock_accept(listening)
+            except OSError as error:
+                again = self.held.refused(error)
+                await asyncio.sleep(0.0 if again else _PAUSE_S)
+                continue
+            arriving = asyncio.create_task(self._serve_one(arrived))
+            self._arriving[arriving] = None
+            arriving.add_done_callback(self._arrived)
+            if len(self._arriving) > _HANDSHAKES:
+                next(iter(self._arriving)).cancel()
+            await asyncio.sleep(0.0)  # what is closed to make room is let go before the next one is accepted
+
+    async def _serve_one(self, arrived: socket.socket) -> None:
+        tls = self.config.ssl
+        limit_s = None if tls is None else _HANDSHAKE_S
+        try:
+            await asyncio.get_running_loop().connect_accepted_socket(
+                self._protocol, arrived, ssl=tls, ssl_handshake_timeout=limit_s
+            )
+        except (OSError, TimeoutError):
+            arrived.close()  # gone again, or no TLS
+
+    def _arrived(self, task: asyncio.Task[None]) -> None:
+        self._arriving.pop(task, None)
+        error = None if task.cancelled() else task.exception()
+        if error is not None:
+            SUPERVISOR.failed("web server: a connection", error, running=True)
+
+    def _protocol(self) -> asyncio.Protocol:
+        made = _CountedProtocol(
+            config=self.config, server_state=self.server_state, app_state=self.lifespan.state
+        )
+        made.connections_of_server = self.held
+        return made
+
+    async def _look_after(self) -> None:
+        while True:
+            await asyncio.sleep(_LOOK_S)
+            self.held.look()
+
+
+def run_server(server: Server) -> None:
+    """Serve until interrupted."""
+    with contextlib.suppress(KeyboardInterrupt):
+        server.run()

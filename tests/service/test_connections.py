@@ -1,0 +1,177 @@
+"""Connections of the web server: a flood, half-open ones and a lack of descriptors never keep a stop away."""
+
+import asyncio
+import errno
+import logging
+import os
+import resource
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+from fastapi import FastAPI
+
+from cellcal.service.web.connections import ALL_OF_ADDRESS, HEADERS_S, WAITING_OF_ADDRESS, Connections
+from tests.service.browsers import served
+
+ANSWER = {"content-type": "application/json"}
+
+
+class Clock:
+    """A clock that a test moves."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+class Line:
+    """A transport that only knows whether it was aborted."""
+
+    def __init__(self) -> None:
+        self.aborted = False
+
+    def abort(self) -> None:
+        self.aborted = True
+
+    def is_closing(self) -> bool:
+        return self.aborted
+
+
+def test_of_too_many_from_one_address_the_oldest_idle_one_gives_way() -> None:
+    held = Connections(most=10_000, clock=Clock())
+    lines = [Line() for _ in range(WAITING_OF_ADDRESS + 5)]
+    for line in lines:
+        held.made("10.0.0.1", line)
+    assert [line.aborted for line in lines] == [True] * 5 + [False] * WAITING_OF_ADDRESS
+    other = Line()
+    held.made("10.0.0.2", other)
+    assert not other.aborted
+    assert len(held) == WAITING_OF_ADDRESS + 1
+
+
+def test_what_is_busy_or_a_screen_outlives_what_is_idle() -> None:
+    held, clock = Connections(most=40, clock=Clock()), 0
+    del clock
+    kept = [Line() for _ in range(20)]
+    for number, line in enumerate(kept):
+        held.change(held.made("10.0.0.1", line), "busy" if number % 2 else "screen")
+    flood = [Line() for _ in range(200)]
+    for line in flood:
+        held.made("10.0.0.1", line)
+    assert not any(line.aborted for line in kept)
+    assert len(held) == 40
+    assert not flood[-1].aborted
+
+
+def test_one_address_cannot_hold_all_screens() -> None:
+    held = Connections(most=10_000, clock=Clock())
+    lines = [Line() for _ in range(ALL_OF_ADDRESS + 3)]
+    for line in lines:
+        held.change(held.made("10.0.0.1", line), "screen")
+    assert sum(line.aborted for line in lines) == 3
+
+
+def test_a_request_that_never_ends_its_headers_is_closed() -> None:
+    clock = Clock()
+    held = Connections(most=100, clock=clock)
+    slow, screen = Line(), Line()
+    held.made("10.0.0.1", slow)
+    held.change(held.made("10.0.0.1", screen), "screen")
+    clock.now_s += HEADERS_S - 0.1
+    held.look()
+    assert not slow.aborted
+    clock.now_s += 0.2
+    held.look()
+    held.let_spares_go()
+    assert (slow.aborted, screen.aborted) == (True, False)
+
+
+def test_errors_of_accept_are_logged_once_a_second(caplog: pytest.LogCaptureFixture) -> None:
+    clock = Clock()
+    held = Connections(most=100, clock=clock)
+    with caplog.at_level(logging.WARNING):
+        for _ in range(500):
+            held.refused(OSError(errno.EMFILE, "Too many open files"))
+        assert len(caplog.records) == 1
+        clock.now_s += 1.1
+        held.refused(OSError(errno.EMFILE, "Too many open files"))
+    assert [record.getMessage() for record in caplog.records][1:] == [
+        "a connection could not be accepted: Too many open files (499 more like it)"
+    ]
+
+
+@contextmanager
+def every_descriptor_taken() -> Iterator[None]:
+    """Take all that this process may still open, as a leak would; the limit is made small for that."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    top = max(int(entry.name) for entry in Path("/proc/self/fd").iterdir()) + 40
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(top, hard), hard))
+    taken = []
+    try:
+        while True:
+            taken.append(os.open(os.devnull, os.O_RDONLY))
+    except OSError as error:
+        if error.errno != errno.EMFILE:
+            raise
+        yield
+    finally:
+        for descriptor in taken:
+            os.close(descriptor)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+ASKER = """
+import socket, sys
+with socket.create_connection(("127.0.0.1", int(sys.argv[1]))) as to:
+    to.sendall(b"POST /stop HTTP/1.1\\r\\nhost: localhost\\r\\ncontent-length: 0\\r\\nconnection: close\\r\\n\\r\\n")
+    answer = b""
+    while part := to.recv(4096):
+        answer += part
+print(answer.split(b"\\r\\n")[0].decode(), answer.endswith(b'"stopped"'))
+"""
+
+
+async def test_a_stop_is_heard_with_every_descriptor_taken(tmp_path: Path) -> None:
+    app, stops = FastAPI(), []
+
+    @app.post("/stop")
+    async def stop() -> str:
+        stops.append((tmp_path / "register").open("w").close())  # what a stop opens besides
+        return "stopped"
+
+    async with served(app) as address:
+        port = address.rpartition(":")[2]
+        asking = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", "import sys; sys.stdin.readline()\n" + ASKER, port,
+            stdin=asyncio.subprocess.PIPE, stdout=asyncio.subprocess.PIPE,
+        )  # fmt: skip
+        with every_descriptor_taken():
+            answer, _ = await asking.communicate(b"now\n")
+        assert answer.decode().split() == ["HTTP/1.1", "200", "OK", "True"]
+    assert len(stops) == 1
+
+
+async def test_a_stop_is_heard_beside_more_idle_connections_than_may_be_held() -> None:
+    app = FastAPI()
+
+    @app.post("/stop")
+    async def stop() -> str:
+        return "stopped"
+
+    async with served(app) as address:
+        at = ("127.0.0.1", int(address.rpartition(":")[2]))
+        with ExitStack() as open_lines:
+            for number in range(3 * WAITING_OF_ADDRESS):
+                line = open_lines.enter_context(socket.create_connection(at))
+                if number % 2:
+                    line.sendall(b"GET / HTTP/1.1\r\nhost: 127.0.0.1\r\nx-slow: ")  # never ended
+            async with httpx.AsyncClient() as client:
+                answer = await client.post(f"{address}/stop")
+        assert answer.json() == "stopped"

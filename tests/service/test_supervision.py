@@ -1,0 +1,379 @@
+"""What raises in a long-lived task is named, and the task is back: every one, as found in the source."""
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi import FastAPI
+
+from cellcal.drivers.supervision import (
+    LONGEST_PAUSE_S,
+    SUPERVISOR,
+    Supervisor,
+    start_link_task,
+    start_task,
+    start_thread,
+)
+from cellcal.fake_devices.cell import FakeCell
+from cellcal.service.configuration.cell_file import read_cell_file
+from cellcal.service.demo.fake_cell import free_address, write_cell_file
+from cellcal.service.export.webhook_sender import send
+from cellcal.service.site.feed import Feed
+from cellcal.service.site.listener import Listener
+from cellcal.service.watching.follow import Listener as Hearer
+from cellcal.service.watching.follow import Watches, follow
+from cellcal.service.web.cell_client import TASK as CELL_PROCESS
+from cellcal.service.web.cell_client import DeskLink
+from cellcal.service.web.fleet import create_fleet_app
+from tests.service.browsers import served
+from tests.service.desks import a_cell, at_desk
+from tests.service.long_lived import begun, is_back, raise_in, raise_in_task, running_like, supervised
+from tests.service.receivers import Receiver
+from tests.service.sites import PATIENCE_S, Site, free_port, until
+from tests.service.test_fleet import Hall
+from tests.service.test_webhooks import cell_with_webhook
+
+# What goes on beside its caller without supervision, and why that may be: it ends by itself and is awaited, or the
+# one who began it looks at its end. Anything else belongs into drivers/supervision.py.
+SHORT_LIVED = {
+    ("service/cell_process/__main__.py", "_attend"): "one order each: it answers whatever it raises",
+    ("service/cell_process/cell_process.py", "obey"): "one order, awaited by whoever gave it",
+    ("service/cell_process/cell_process.py", "_set_going"): "the run: what it raises is its outcome",
+    ("service/cell_process/hold_to_move.py", "_moved"): "one move, awaited",
+    ("service/cell_process/live_values.py", "look"): "one look at an instrument; its end is looked at",
+    ("service/watching/follow.py", "follow"): "supervised inside",
+    ("service/web/cell_client.py", "_run_once"): "the cell's process and its last words; supervised by start",
+    ("service/site/feed.py", "_run_once"): "a process of the outlets; supervised by start",
+    ("service/web/fleet.py", "live"): "one page, awaited",
+    ("service/web/websocket_hub.py", "attend"): "one screen, awaited",
+    ("service/web/server.py", "_accept"): "one connection's beginning; its end is looked at",
+    (
+        "service/review/compute_client.py",
+        "_started",
+    ): "the solver: one that ends is begun anew with the next question",
+    ("service/engineering/programs/jobs/jobs.py", "begin"): "one job: its end is its state",
+    ("service/engineering/programs/jobs/jobs.py", "_run"): "the process of one job, awaited",
+    ("service/engineering/programs/jobs/work.py", "main"): "ends the job's process with the service's",
+    ("service/engineering/programs/forks.py", "_begin"): "ends a process with the command's",
+    ("service/engineering/programs/forks.py", "forked"): "processes of one command",
+    ("service/engineering/programs/files.py", "write_all"): "threads of one command",
+    ("service/demo/fake_cell.py", "running_fakes"): "the fakes' process: its end is told by every device",
+    ("service/demo/story.py", "_lose_and_notice"): "a task group: what it raises ends the demo",
+    ("service/demo/wizard.py", "_serve"): "loading, awaited",
+    ("drivers/wire/worker.py", "__init__"): "hands whatever a call raises to its caller",
+    ("drivers/wire/process.py", "_spawn"): "a device's process: its end is told to every caller",
+    ("drivers/wire/modbus.py", "_first"): "one request, awaited",
+    ("drivers/universal_robots/robot.py", "_finish"): "one stop, awaited",
+    ("procedures/run.py", "to_the_end"): "one clean-up, awaited",
+    ("service/export/webhook_target.py", "deliver"): "cuts one delivery off, and is cancelled with it",
+    ("fake_devices/universal_robots/ports.py", "open"): "a port of a fake",
+    ("procedures/motion/guarded_move.py", "*"): "one move, awaited",
+    ("fake_devices/laser_tracker/controller.py", "*"): "one command of a fake",
+    ("fake_devices/laser_tracker/server.py", "*"): "one answer of a fake",
+}
+
+
+def test_whatever_goes_on_beside_its_caller_is_supervised_or_awaited() -> None:
+    unknown = sorted(
+        (file, function, call)
+        for file, function, call in begun()
+        if not {(file, function), (file, "*")} & SHORT_LIVED.keys()
+    )
+    assert not unknown, "begin it with drivers/supervision.py, or say in SHORT_LIVED why it need not be"
+
+
+def test_every_supervised_task_is_made_to_raise_here() -> None:
+    assert supervised() - TRIED == set(), "add it to a test below, and to TRIED"
+
+
+async def failed_and_back(name: str, healthy: Callable[[], object] = lambda: True) -> None:
+    """Make a task raise, and wait until it was named and does its work again."""
+    before = SUPERVISOR.failures().get(name, 0)
+    async with asyncio.timeout(PATIENCE_S):
+        while not raise_in(name):
+            await asyncio.sleep(0.01)
+        while not is_back(name, before, healthy):
+            await asyncio.sleep(0.01)
+    named = {trouble.task: trouble for trouble in SUPERVISOR.troubles()}
+    assert "Injected" in named[name].message
+    assert named[name].remedy
+
+
+async def test_the_tasks_of_the_cells_process_are_named_on_the_screen_and_come_back(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    async with at_desk(tmp_path) as person:
+
+        def connected() -> Any:
+            return person.session["connection"]["connected"]
+
+        for name in ("devices of the cell", "news of other robots", *running_like("watch of {}")):
+            await failed_and_back(name, connected)
+            assert name in [trouble["task"] for trouble in person.session["troubles"]]
+            assert f"{name} failed" in caplog.text
+        for name in running_like("CAN receiver of {}"):
+            raise_in(name)
+            await person.until(lambda session: SUPERVISOR.failures().get(name))  # noqa: B023
+            await person.until(lambda _: SUPERVISOR.holder(name) is not None and connected())  # noqa: B023
+
+
+async def test_a_disk_that_is_full_while_connecting_is_told_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Real ``OSError`` where the lease is written: its folder is a file until the fault is over."""
+    async with a_cell(tmp_path) as (path, door):
+        config = read_cell_file(path)
+        config.cell.data_dir.mkdir(parents=True, exist_ok=True)
+        blocked = config.cell.data_dir / "leases"
+        blocked.write_text("no folder")
+        from tests.service.desks import AtDesk
+
+        person = AtDesk(path, door)
+        attending = asyncio.create_task(person.desk.attend())
+        try:
+            await person.until(lambda session: session["connection"]["message"] not in ("", "connecting"))
+            assert not person.session["connection"]["connected"]
+            blocked.unlink()
+            await person.until(lambda session: session["connection"]["connected"])
+        finally:
+            attending.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await attending
+
+
+async def test_the_cells_process_is_named_when_it_dies_and_begun_again(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (path, _):
+        told: list[str] = []
+        link = DeskLink(path, lambda kind, _content: told.append(kind))
+        keeping = link.start()
+        try:
+            await comes(lambda: link.session)
+            for deed in ("killed", "babbles"):
+                before, process = SUPERVISOR.failures().get(CELL_PROCESS, 0), link._process
+                if deed == "killed":
+                    assert process is not None
+                    os.kill(process.pid, signal.SIGKILL)
+                else:
+                    raise_in_task(keeping)
+                await comes(lambda: is_back(CELL_PROCESS, before, lambda: link.session))  # noqa: B023
+                assert "gone" in told
+            words = [trouble.message for trouble in SUPERVISOR.troubles() if trouble.task == CELL_PROCESS]
+            assert words
+        finally:
+            keeping.cancel()
+            await asyncio.wait({keeping})
+
+
+async def test_a_process_of_the_outlets_is_named_with_its_last_words_and_begun_again(tmp_path: Path) -> None:
+    path = write_cell_file(
+        tmp_path, "127.0.0.1", seed=1, time_factor=1.0
+    )  # no [webhook]: the sender cannot begin
+    feed = Feed("cellcal.service.export.webhook_sender", path)
+    feed.heard("session", {"rev": 1})
+    tasks = feed.start()
+    try:
+        await comes(lambda: SUPERVISOR.failures().get(feed.title, 0) > 1)  # and again
+        words = next(trouble.message for trouble in SUPERVISOR.troubles() if trouble.task == feed.title)
+        assert "no [webhook] table" in words
+        await failed_and_back(f"words for {feed.title}")
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+
+
+async def test_the_threads_of_the_sender_of_alarms_come_back(tmp_path: Path) -> None:
+    with Receiver(free_port()).open() as receiver:
+        config = read_cell_file(cell_with_webhook(tmp_path, f"http://127.0.0.1:{receiver.port}/"))
+        reading, writing = os.pipe()
+        leave = threading.Event()
+        stream = os.fdopen(reading, "rb")
+        sending = threading.Thread(target=send, args=(config, stream, leave))
+        sending.start()
+        try:
+            await failed_and_back("webhook: delivery")
+            before = SUPERVISOR.failures().get("desk tap", 0)
+            await comes(lambda: SUPERVISOR.holder("desk tap"))
+            raise_in("desk tap")
+            while not is_back(
+                "desk tap", before, lambda: True
+            ):  # it waits for a line, and raises at the next
+                os.write(writing, json.dumps({"told": "gone", "content": {}}).encode() + b"\n")
+                await asyncio.sleep(0.05)
+        finally:
+            leave.set()
+            os.close(writing)
+            sending.join(PATIENCE_S)
+            stream.close()
+
+
+def test_the_monitors_threads_come_back(tmp_path: Path) -> None:
+    site = Site(tmp_path, "cell-07")
+    with site.router(), Listener(site.monitor, tmp_path / "s.sqlite", patience_s=PATIENCE_S) as listener:
+        for name in ("monitor: hearing", "monitor: asking"):
+            before = SUPERVISOR.failures().get(name, 0)
+            until(lambda: raise_in(name))  # noqa: B023
+            until(lambda: is_back(name, before, lambda: True))  # noqa: B023
+        assert any("cannot go on" in flaw["what"] for flaw in listener.fleet.flaws)
+
+
+NUMBERS = [
+    {"outbox": {"first": 1, "last": 10**30}},
+    {"outbox": {"first": 1, "last": 2**63}},
+    {
+        "run": {
+            "procedure": "p",
+            "state": "s",
+            "step": "x",
+            "index": 10**30,
+            "expected": 2**64,
+            "verdict": None,
+        }
+    },
+    {
+        "drift": [
+            {"run_id": "r", "ended_utc": "x", "change_rms_m": 1e300, "change_max_m": None, "word": "pass"}
+        ]
+    },
+    {"due": [{"what": 5, "due": []}]},
+]
+
+
+@pytest.mark.parametrize("odd", NUMBERS)
+async def test_one_cell_that_says_what_cannot_be_does_not_blind_the_view_of_the_others(
+    tmp_path: Path, odd: dict[str, Any]
+) -> None:
+    hall = Hall(tmp_path, 3)
+    app = create_fleet_app(hall, tmp_path)
+    async with app.router.lifespan_context(app):
+        hall.say(hall.names[0])
+        hall.say(hall.names[0], **odd)
+        hall.say(hall.names[1], asks={"key": "k", "step": "now"})
+        house = app.state.house
+        await comes(lambda: b'"step":"now"' in house.rows.get(hall.names[1], b""))
+        assert hall.names[0] in {flaw["cell"] for flaw in hall.fleet.flaws}
+        await failed_and_back("monitor: view of the cells")
+
+
+async def test_the_web_servers_tasks_come_back() -> None:
+    async with served(FastAPI()) as address:
+        host, port = address.removeprefix("http://").split(":")
+
+        async def answers() -> None:
+            reader, writer = await asyncio.open_connection(host, int(port))
+            writer.write(b"GET / HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n")
+            assert (await reader.read()).startswith(b"HTTP/1.1 404")
+            writer.close()
+
+        for name in ("web server: accepting", "web server: idle connections"):
+            await failed_and_back(name)
+            await answers()
+
+
+async def test_the_watch_command_goes_on_with_each_robot(tmp_path: Path) -> None:
+    async with a_cell(tmp_path) as (path, _):
+        said: list[str] = []
+
+        async def on_loss(_: object) -> None:
+            return None
+
+        following = asyncio.create_task(follow(Watches(read_cell_file(path), on_loss), Hearer(said.append)))
+        try:
+            await comes(lambda: len(said) >= 2)
+            for name in running_like("watch of {}"):
+                await failed_and_back(name)
+        finally:
+            following.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await following
+
+
+async def test_the_fakes_go_on_when_their_time_fails(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    with free_address() as address:
+        path = write_cell_file(tmp_path, address, seed=3, time_factor=50.0)
+    async with FakeCell.from_file(path):
+        clocks = [task for task in asyncio.all_tasks() if task.get_name().startswith("time of")]
+        assert len(clocks) >= 3
+        for task in clocks:
+            await comes(lambda: raise_in_task(task))  # noqa: B023
+            await comes(lambda: f"{task.get_name()} failed" in caplog.text)  # noqa: B023
+            await comes(lambda: getattr(task, "_fut_waiter", None) is not None)  # noqa: B023
+            assert not task.done()
+
+
+async def test_a_task_that_fails_at_every_start_is_shown_as_such_and_one_that_ends_is_forgotten() -> None:
+    register = Supervisor()
+    changes: list[int] = []
+    register.listen(lambda: changes.append(1))
+
+    async def fail() -> None:
+        raise InjectedHere
+
+    task = start_task("always", fail, register)
+    await comes(lambda: register.failures().get("always", 0) >= 3)
+    trouble = register.troubles()[0]
+    assert (trouble.task, trouble.failures >= 3) == ("always", True)
+    assert changes
+    task.cancel()
+    await asyncio.wait({task})
+    assert (register.names(), register.troubles()) == ([], [])
+    assert register.failed("always", InjectedHere()) <= LONGEST_PAUSE_S
+
+
+async def test_a_links_task_that_raises_is_told_to_the_link() -> None:
+    told: list[Exception] = []
+
+    async def fail() -> None:
+        raise InjectedHere
+
+    await start_link_task("answers of x", fail, told.append)
+    assert isinstance(told[0], InjectedHere)
+    assert SUPERVISOR.failures()["answers of x"] >= 1
+
+
+def test_a_thread_is_begun_anew_until_it_may_leave(caplog: pytest.LogCaptureFixture) -> None:
+    register, leave, count = Supervisor(), threading.Event(), iter(range(100))
+
+    def work() -> None:
+        if next(count) < 2:
+            raise InjectedHere
+        leave.wait(PATIENCE_S)
+
+    with caplog.at_level(logging.ERROR):
+        thread = start_thread("worker", work, leave, register)
+        until(lambda: register.failures().get("worker") == 2 and register.holder("worker"))
+    leave.set()
+    thread.join(PATIENCE_S)
+    assert "worker failed: InjectedHere" in caplog.text
+
+
+class InjectedHere(RuntimeError):  # noqa: N818
+    """What a test raises by itself."""
+
+
+async def comes(true: Callable[[], object]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while not true():
+            await asyncio.sleep(0.01)
+
+
+TRIED = {
+    "devices of the cell", "news of other robots", "watch of {}", "CAN receiver of {}", "process of the cell",
+    "words for {}", "{}", "webhook: delivery", "desk tap", "monitor: hearing", "monitor: asking",
+    "monitor: view of the cells", "web server: accepting", "web server: idle connections", "time of {}",
+    "time of the control box",
+    # the mechanism of a link's task alone, in test_a_links_task_that_raises_is_told_to_the_link
+    "answers of {}", "prints of {}", "control of {}",
+    # supervised with the same call as all others; played by tests of the demo
+    "opening of the demo", "address of the demo",
+}  # fmt: skip
