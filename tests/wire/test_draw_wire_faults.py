@@ -37,7 +37,7 @@ def gauge_case() -> GaugeCase:
 
 
 def readers() -> set[threading.Thread]:
-    return {thread for thread in threading.enumerate() if thread.name.startswith("can reader")}
+    return {thread for thread in threading.enumerate() if thread.name.startswith("CAN receiver of")}
 
 
 async def expected_m(door: Door) -> float:
