@@ -96,6 +96,8 @@ def test_what_is_no_place_is_left_and_named(line: str, name: str, word: str, tmp
         (("SFTON P050 TF", "MOVL C00000 V=1.0"), set()),
         (("'SFTON P050 BF", "COMM SFTON P050 BF", "MOVL C00000 V=1.0"), set()),
         (("*A", "MOVL C00000 V=1.0", "SFTON P050 BF", "JUMP *A IF B000=1"), {"C00000", "P00001"}),
+        (("SFTON P050 BF", "CALL JOB:SUB", "SFTOF"), {"what other jobs go to while it holds"}),
+        (("SFTON P050 BF", "SFTOF", "CALL JOB:SUB"), set()),
         (("MOVL C00000 V=1.0", "IMOV P050 V=1.0 BF"), {"P050"}),
         (("MOVL C00000 V=1.0", "IMOV LP050 V=1.0 RF"), {"LP050"}),
         (("MOVL C00000 V=1.0", "IMOV P050 V=1.0 TF"), set()),
