@@ -122,6 +122,8 @@ def test_an_amount_computed_from_a_taught_point_is_a_finding_without_a_turn(tmp_
     result = moved(job("MOVL P001 V=1.0", *lines), tmp_path, turn=False)
 
     assert {finding.point for finding in result.findings} == {"C00000"}
+    assert "may turn it" in result.findings[0].text
+    assert "0.00" not in result.findings[0].text
     assert result.exit_code is ExitCode.REFUSED
 
 
