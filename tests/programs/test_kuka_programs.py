@@ -11,6 +11,7 @@ from cellcal.calibration.geometry import homogeneous
 from cellcal.calibration.orientation import rotation_from
 from cellcal.drivers.kuka.program_files.configuration import KukaConfigurations
 from cellcal.drivers.kuka.program_files.programs import BRAND, writes_program
+from cellcal.drivers.programs.barred import COMPUTED
 from cellcal.drivers.programs.brands import Telling
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, UNTAUGHT, Change
@@ -368,3 +369,25 @@ def test_a_taught_move_says_the_same_whole_as_line_by_line() -> None:
         assert whole.said == alone.said
         assert whole.remarks == alone.remarks
         assert whole.positions.barred == alone.positions.barred
+
+
+def test_an_element_of_the_base_that_is_set_leaves_the_points_written_into_moves():
+    point = "LIN {X 100,Y 30,Z 250,A 0,B 90,C 0}"
+    file = src("$BASE = BASE_DATA[2]", "$TOOL = TOOL_DATA[2]", point, "$BASE.X = $BASE.X + 50", point)
+    assert set(file.positions.barred) == {0, 1}
+    assert {file.positions.barred[row] for row in (0, 1)} == {COMPUTED}
+
+
+@pytest.mark.parametrize(
+    ("line", "count"),
+    [
+        ("LIN OFS:{X 100,Y 30,Z 250,A 0,B 90,C 0}", 1),
+        ("LIN {X 100,Y 30,Z 250,A 0,B 90,C 0}:OFS", 1),
+        ("LIN INV_POS({X 5,Y 0,Z 0,A 0,B 0,C 0}):{X 100,Y 30,Z 250,A 0,B 90,C 0}", 2),
+        ("CIRC OFS:{X 1,Y 3,Z 2,A 0,B 90,C 0},{X 2,Y 4,Z 2,A 0,B 90,C 0}", 2),
+    ],
+)
+def test_positions_written_into_a_computed_target_are_left(line, count):
+    file = src("DECL FRAME OFS", line)
+    assert file.positions.kinds == (UNREAD,) * count
+    assert set(file.positions.barred) == set(range(count))

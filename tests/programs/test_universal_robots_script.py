@@ -9,6 +9,7 @@ from cellcal.drivers.program_registry import read_program
 from cellcal.drivers.programs.errors import ProgramFileError
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, UNREAD, Change
 from cellcal.drivers.universal_robots.program_files.script_numbers import java_text, poses_of, renewed, six_of
+from cellcal.drivers.universal_robots.program_files.script_positions import CONFLICTS, NOT_READ
 from cellcal.drivers.universal_robots.program_files.script_program import ScriptProgram, read_script
 
 _POSE = "p[.1, -.2, .3, 0, 3.14, 0]"
@@ -262,3 +263,22 @@ def test_both_kinds_are_read_by_name():
 def test_a_huge_line_is_read():
     text = "x = [" + "1, " * 20000 + "1]\n" + f"movel({_POSE})" + " " * 100_000 + "# " + "9" * 100_000
     assert len(read_script("lid.script", text.encode()).positions) == 1
+
+
+@pytest.mark.parametrize(
+    ("lines", "barred"),
+    [
+        (("over = pose_trans(plane_1, pick)", "movel(over)"), {"pick": NOT_READ}),
+        (("over = pose_trans(plane_1, pick)", "movel(over)", "movel(pick)"), {"pick": CONFLICTS}),
+        (
+            ("place = pose_trans(pose_trans(plane_1, pick), p[0,0,0.1,0,0,0])", "movel(place)"),
+            {"pick": NOT_READ},
+        ),
+        (("over = pose_trans(pick, p[0,0,-0.1,0,0,0])", "movel(over)", "movel(pick)"), {}),
+    ],
+)
+def test_a_point_in_a_frame_of_the_installation_is_left_and_named(
+    lines: tuple[str, ...], barred: dict[str, str]
+):
+    positions = _read("pick = p[0.4,0.1,0.2,0,3.1,0]", *lines).positions
+    assert {positions.names[row]: why for row, why in positions.barred.items()} == barred

@@ -96,6 +96,8 @@ def test_what_is_no_place_is_left_and_named(line: str, name: str, word: str, tmp
         (("SFTON P050 TF", "MOVL C00000 V=1.0"), set()),
         (("'SFTON P050 BF", "COMM SFTON P050 BF", "MOVL C00000 V=1.0"), set()),
         (("*A", "MOVL C00000 V=1.0", "SFTON P050 BF", "JUMP *A IF B000=1"), {"C00000", "P00001"}),
+        (("SFTON P050 BF", "CALL JOB:SUB", "SFTOF"), {"what other jobs go to while it holds"}),
+        (("SFTON P050 BF", "SFTOF", "CALL JOB:SUB"), set()),
         (("MOVL C00000 V=1.0", "IMOV P050 V=1.0 BF"), {"P050"}),
         (("MOVL C00000 V=1.0", "IMOV LP050 V=1.0 RF"), {"LP050"}),
         (("MOVL C00000 V=1.0", "IMOV P050 V=1.0 TF"), set()),
@@ -120,6 +122,8 @@ def test_an_amount_computed_from_a_taught_point_is_a_finding_without_a_turn(tmp_
     result = moved(job("MOVL P001 V=1.0", *lines), tmp_path, turn=False)
 
     assert {finding.point for finding in result.findings} == {"C00000"}
+    assert "may turn it" in result.findings[0].text
+    assert "0.00" not in result.findings[0].text
     assert result.exit_code is ExitCode.REFUSED
 
 

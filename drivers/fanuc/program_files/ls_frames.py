@@ -19,12 +19,14 @@ _ALONE = {
     which: re.compile(rb"^[ \t]*+\d*+[ \t]*+:[ \t]*+" + word + rb" *+= *+(\d{1,3}+) *+;", re.MULTILINE)
     for which, word in _WORDS.items()
 }
+_NUMBER = rb"((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="
+_GROUP = rb"\[ *+(?![2-9] *+,)[^\[\],\n]{1,9}+,"  # named first: $MNUFRAME[1,3] is UFRAME[3] of group 1
 _SET = {
-    "frame": re.compile(rb"\b(?:UFRAME|BENUTZER)\[((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="),
-    "tool": re.compile(rb"\b(?:UTOOL|WKZ)\[((?:[^\[\]\n]|\[[^\[\]\n]{0,20}+\]){1,40}+)\] *+="),
+    "frame": re.compile(rb"(?:\b(?:UFRAME|BENUTZER)\[|\$MNUFRAME" + _GROUP + rb")" + _NUMBER),
+    "tool": re.compile(rb"(?:\b(?:UTOOL|WKZ)\[|\$MNUTOOL" + _GROUP + rb")" + _NUMBER),
 }
 _SET_BY = "{} sets its frame or tool while it runs"
-_SETTABLE = (b"UFRAME[", b"BENUTZER[", b"UTOOL[", b"WKZ[")
+_SETTABLE = (b"UFRAME[", b"BENUTZER[", b"UTOOL[", b"WKZ[", b"MNUFRAME[", b"MNUTOOL[")
 _UNKNOWN = "*"  # a number that only the running program knows
 _USED = re.compile(rb"P(?<![A-Za-z]P)\[ *+(\d{1,5}+)")
 # Above the first of these, every statement is run, once and in order.

@@ -21,7 +21,9 @@ BAS = re.compile(
     rf"\bBAS{B}*+\({B}*+#(TOOL|BASE|EX_BASE|PTP_PARAMS|CP_PARAMS|FRAMES|INITMOV){B}*+,?+{B}*+([^)]*+)",
     re.IGNORECASE,
 )
-FRAME_SET = re.compile(rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE)\b({B}*+\.)?+{B}*+=(?!=){B}*+", re.IGNORECASE)
+FRAME_SET = re.compile(
+    rf"(?<![\w.])\$(TOOL|BASE|IPO_MODE)\b({B}*+\.{B}*+[XYZABC])?+{B}*+=(?!=){B}*+", re.IGNORECASE
+)
 FROM_TABLE = re.compile(rf"(?:TOOL|BASE)_DATA{B}*+\[{B}*+(\d++){B}*+\]{B}*+", re.IGNORECASE)
 BEGIN_ROUTINE = frozenset(("GLOBAL", "DEF", "DEFFCT"))
 MOVE = frozenset(
@@ -62,3 +64,16 @@ EXTERNAL_TEXT = (
     "$IPO_MODE is set here: with #TCP, the tool stands in the cell, and the points are not changed."
 )
 POINT_STRUCT = re.compile(r"\{[^{}]*?(?:\b[XYZABC]|\bA[1-6])[ \t]+[-+.\d]", re.IGNORECASE)
+
+
+def end_of_target(code: str, place: int) -> int:
+    """Return where the comma behind a target stands, or the code's end; commas in brackets are the target's own."""
+    deep = 0
+    for at in range(place, len(code)):
+        if code[at] in "({[":
+            deep += 1
+        elif code[at] in ")}]":
+            deep -= 1
+        elif code[at] == "," and deep <= 0:
+            return at
+    return len(code)

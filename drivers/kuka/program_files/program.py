@@ -147,6 +147,8 @@ class Program:
             )
             return
         self.shifts.note_operators(code, literal.start, self.types, self._here(literal.start))
+        if self.types.get(name[1].upper()) == "FRAME":  # which of the two is the point, nothing tells
+            self._written_inside(code[: colon - literal.start], literal.start)
         self._use_point(name, literal.start, "")
 
     def _unread(self, keyword: str, place: int, line: Line) -> None:
@@ -154,31 +156,35 @@ class Program:
 
     def _named(self, code: str, place: int, begin: int, own: str) -> int:
         """Pass a target that is named or computed; return where it ends, all of the rest for a computed one."""
-        comma = code.find(",", place)
-        comma = len(code) if comma < 0 else comma
-        target = code[place:comma]
+        target = code[place : patterns.end_of_target(code, place)]
+        comma = place + len(target)
         first = patterns.NAMES_POINT.match(target)
+        if patterns.CALLED.match(target):
+            self.found.remark(begin + place, "computed", patterns.CALL)
+            self.shifts.note_computed(begin + place, "move", self._here(begin + place))
+            self._written_inside(code[place:], begin + place)
+            self._use_all(code[place:], begin + place, BARRED["computed"])
+            return len(code)
         if ":" in target:
             self.found.remark(begin + place, "offset", patterns.OFFSET)
             self.shifts.note_operators(target, begin + place, self.types, self._here(begin + place))
-            self._point_behind(target, begin + place)
+            self._point_behind(code[place:], begin + place)
             self._use_all(target[first.end() :] if first else target, begin + place, BARRED["computed"])
-        elif patterns.CALLED.match(target):
-            self.found.remark(begin + place, "computed", patterns.CALL)
-            self.shifts.note_computed(begin + place, "move", self._here(begin + place))
-            self._use_all(code[place:], begin + place, BARRED["computed"])
-            return len(code)
         if first is not None:
             self._use_point(first, begin + place, own)
         return len(code) if ":" in target else comma
 
     def _point_behind(self, target: str, place: int) -> None:
-        """Take a position that is written out behind a frame with a name."""
+        """Take positions that are written out behind a frame with a name, and in what follows it."""
         frame = patterns.NAMES_POINT.match(target)
         of_frame = frame is not None and self.types.get(frame[1].upper()) == "FRAME"
-        for struct in patterns.STRUCT.finditer(target):
-            if of_frame or patterns.OF_POINT.search(struct[0]):
-                line = self.found.source.line_of(place)
+        self._written_inside(target, place, any_frame=of_frame)
+
+    def _written_inside(self, code: str, place: int, *, any_frame: bool = True) -> None:
+        """Leave positions that are written into a computed target; a frame alone may be a shift of a point."""
+        line = self.found.source.line_of(place)
+        for struct in patterns.STRUCT.finditer(code):
+            if any_frame or patterns.OF_POINT.search(struct[0]):
                 self.found.add_unread(f"line {line}", place + struct.start(), INSIDE)
 
     def _use_point(self, name: re.Match[str], place: int, own: str) -> None:

@@ -26,6 +26,10 @@ _FUNCTION = re.compile(r"^[ \t]*+def[ \t]++(\w++)", re.ASCII | re.MULTILINE)
 _CALLED = re.compile(r"(\w+)[ \t]*\Z", re.ASCII)
 _OPENED = re.compile(r"\([ \t]*p\[\Z", re.ASCII)
 _NAME_BEHIND = re.compile(r"\][ \t]*,[ \t]*[A-Za-z_]", re.ASCII)
+_FRAME_BEFORE = re.compile(
+    r"\bpose_trans[ \t]*\([ \t]*(?:([A-Za-z_]\w*)|p\[[^\[\]]*\])[ \t]*,[ \t]*\Z", re.ASCII
+)
+_LONGEST_FRAME = 400
 _FRAME_WRITTEN = re.compile(r"\([ \t]*p\[", re.ASCII)
 _LIST = re.compile(r"=[ \t]*\[[^=()]*\Z", re.ASCII)
 _NO_POSITION = frozenset(
@@ -135,7 +139,16 @@ class Finder:
         second = self.text[:at].rstrip()[-1:] == ","
         if role == "in_frame":
             return self._is_place(self.text.rfind("(", 0, at), where)
-        return (where in ("pose_add", "pose_sub", "pose_trans") and second) or where in _NO_POSITION
+        if where == "pose_trans" and second:
+            return not self._behind_frame(at)
+        return (where in ("pose_add", "pose_sub") and second) or where in _NO_POSITION
+
+    def _behind_frame(self, at: int) -> bool:
+        """Tell whether a pose stands behind a named or written frame that is no place of its own."""
+        found = _FRAME_BEFORE.search(self.text, max(0, at - _LONGEST_FRAME), at)
+        if found is None:
+            return False
+        return found[1] is None or not self._is_place(found.start(), found[1])
 
     def _adds_to_a_name(self, literal: Literal) -> bool:
         return _NAME_BEHIND.match(self.text, literal.end) is not None
@@ -178,7 +191,13 @@ class Finder:
             (role, where if role == "in_frame" else "")
             for _, role, where in self.found.uses.get(literal.name, ())
         }
-        return len(roles & {one for one in roles if one[0] in ("target", "in_frame")}) > 1
+        gone_to = {one for one in roles if one[0] in ("target", "in_frame")}
+        # ``over = pose_trans(frame, pick)`` goes to it in a frame, too, when a move goes to ``over``.
+        computed = any(
+            role == "other" and where == "pose_trans" and self._behind_frame(at)
+            for at, role, where in self.found.uses.get(literal.name, ())
+        )
+        return len(gone_to) + computed > 1
 
     def frames(self) -> dict[str, Literal]:
         """Return the variables that are frames: given one literal pose, and never a place to go to."""

@@ -5,7 +5,7 @@ Nothing is executed. A shift holds from SFTON to SFTOF in the order of the lines
 
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from cellcal.drivers.programs.positions import CARTESIAN, JOINTS, Positions
 from cellcal.drivers.programs.shifts import NO_TURN, Axes, Quaternion, Shift
@@ -24,6 +24,7 @@ _VARIABLE_AMOUNT = (
     "no move of its job goes to this variable, or the job computes with it: it may be an amount"
 )
 _IN_MASTER = "it is stated in the tool of a master robot, which carries the work"
+_OTHERS = "what other jobs go to while it holds"
 _PLAIN = frozenset(("MOVJ", "MOVL", "MOVC", "MOVS", "REFP"))
 _MOTION = re.compile(r"[A-Z]*MOV[A-Z]*|REFP|SYSTART")
 _TAKEN = re.compile(r"(?<!\$)\b(L?)P(?:X)?(\d{3,5})\b|\bC(\d{3,5})\b")
@@ -123,7 +124,9 @@ def _found(job: Job, rows: dict[Key, Row]) -> _Found:
             active += [] if shift is None else [shift]
         elif word == "SFTOF":
             active = []
-        if _MOTION.fullmatch(word):
+        if word == "CALL":  # the called job's points are in its own file, and may not be here
+            found.shifts += [(None, replace(shift, point=_OTHERS)) for shift in anywhere or active]
+        elif _MOTION.fullmatch(word):
             _move(found, (line, word, rest), anywhere or active, rows)
         else:
             _compute(found, (line, word, rest))

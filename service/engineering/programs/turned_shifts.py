@@ -33,6 +33,10 @@ _SIZE_UNREADABLE = (
     "{what} shifts {point} in axes that this change turns by {angle} deg; the size of the shift is not readable, "
     "and each 100 mm of it may miss by {distance} mm. Turn the shift in the program, too, or teach the point there."
 )
+_MAY_TURN = (
+    "{what} shifts {point} and may turn it by what is not readable: the point then misses by up to {distance} mm. "
+    "Turn the shift in the program, too, or teach the point there."
+)
 
 
 class Changing(Protocol):
@@ -105,7 +109,10 @@ def _finding(shift: Shift, point: str, row: int, pose: Array | None, seen: _Turn
     change = seen.change
     angle = float(np.linalg.norm(log_rotation(change[:3, :3])))
     if _size_counts(shift, seen) or (pose is None and shift.quaternion not in (None, (1.0, 0.0, 0.0, 0.0))):
-        text = _text(_SIZE_UNREADABLE, shift, point, angle, _SHOWN_M * _chord(angle), 0.0)
+        if angle > _LEAST_RAD:
+            text = _text(_SIZE_UNREADABLE, shift, point, angle, _SHOWN_M * _chord(angle), 0.0)
+        else:  # a turn of the shift swings the step of the change
+            text = _text(_MAY_TURN, shift, point, angle, 2.0 * float(np.linalg.norm(change[:3, 3])), 0.0)
         return Finding(shift.line, point, shift.what, angle, math.nan, math.nan, text, row)
     if not seen.exact:
         distance = float(np.linalg.norm(np.nan_to_num(shift.translation_m))) * _chord(angle)
