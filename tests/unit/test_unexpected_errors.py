@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.supervision import Supervisor
 from cellcal.service.cli import app as command_line
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode, exit_code_of
@@ -107,8 +108,27 @@ def test_a_log_has_no_trace_and_nothing_of_libraries(
         try:
             _raises(ValueError("why"))
         except ValueError:
-            logging.getLogger("service.test").exception("it broke\nhere")
+            logging.getLogger("cellcal.service.test").exception("it broke\nhere")
     said = capsys.readouterr().err
     assert re.fullmatch(r"(it broke here \[ValueError: why; report in \S+\]\n){3}", said)
     assert len(list(tmp_path.iterdir())) == 1
     assert isinstance(root.handlers[0].formatter, OneLineFormatter)
+
+
+def test_our_own_log_is_written_whatever_the_packages_are_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    log_in_lines("%(message)s")
+    Supervisor().failed("a task", OSError("the cable"))
+    assert capsys.readouterr().err.startswith("a task failed: OSError: the cable")
+
+
+def test_the_software_is_identified_in_any_working_folder(tmp_path: Path) -> None:
+    code = (
+        "from cellcal.service.runs.software_identity import software; print(software()['definition_sha256'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert re.fullmatch(r"[0-9a-f]{64}\n", done.stdout), done.stderr
