@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +24,7 @@ from cellcal.drivers.supervision import (
     start_thread,
 )
 from cellcal.fake_devices.cell import FakeCell
+from cellcal.fake_devices.keep_running import keep_running
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import free_address, write_cell_file
 from cellcal.service.export.webhook_sender import send
@@ -328,6 +330,45 @@ async def test_a_task_that_fails_at_every_start_is_shown_as_such_and_one_that_en
     await asyncio.wait({task})
     assert (register.names(), register.troubles()) == ([], [])
     assert register.failed("always", InjectedHere()) <= LONGEST_PAUSE_S
+
+
+@pytest.mark.parametrize("begin", [start_task, keep_running])
+async def test_what_raises_while_it_leaves_is_not_begun_again(
+    begin: Callable[..., asyncio.Task[None]],
+) -> None:
+    begun_at: list[asyncio.Event] = []
+
+    async def work() -> None:
+        begun_at.append(asyncio.Event())
+        try:
+            begun_at[-1].set()
+            await asyncio.Event().wait()
+        finally:
+            raise BrokenPipeError
+
+    task = begin("leaves", work)
+    await comes(lambda: begun_at and begun_at[0].is_set())
+    task.cancel()
+    async with asyncio.timeout(PATIENCE_S):
+        await asyncio.wait({task})
+    assert len(begun_at) == 1
+
+
+async def test_the_cells_process_ends_with_the_one_that_heard_it(tmp_path: Path) -> None:
+    """As after a kill of the web process: nothing reads what it says, and its standard input ends."""
+    async with a_cell(tmp_path) as (path, _):
+        reading, writing = os.pipe()
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "cellcal.service.cell_process", str(path),
+            stdin=asyncio.subprocess.PIPE, stdout=writing, stderr=asyncio.subprocess.PIPE,
+        )  # fmt: skip
+        os.close(writing)
+        await asyncio.to_thread(os.read, reading, 1)
+        os.close(reading)
+        async with asyncio.timeout(PATIENCE_S):
+            _, said = await process.communicate()
+        assert process.returncode == 0, said
+        assert b"failed" not in said
 
 
 async def test_a_links_task_that_raises_is_told_to_the_link() -> None:
