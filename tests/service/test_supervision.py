@@ -6,7 +6,6 @@ import json
 import logging
 import os
 import signal
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -352,23 +351,6 @@ async def test_what_raises_while_it_leaves_is_not_begun_again(
     async with asyncio.timeout(PATIENCE_S):
         await asyncio.wait({task})
     assert len(begun_at) == 1
-
-
-async def test_the_cells_process_ends_with_the_one_that_heard_it(tmp_path: Path) -> None:
-    """As after a kill of the web process: nothing reads what it says, and its standard input ends."""
-    async with a_cell(tmp_path) as (path, _):
-        reading, writing = os.pipe()
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "cellcal.service.cell_process", str(path),
-            stdin=asyncio.subprocess.PIPE, stdout=writing, stderr=asyncio.subprocess.PIPE,
-        )  # fmt: skip
-        os.close(writing)
-        await asyncio.to_thread(os.read, reading, 1)
-        os.close(reading)
-        async with asyncio.timeout(PATIENCE_S):
-            _, said = await process.communicate()
-        assert process.returncode == 0, said
-        assert b"failed" not in said
 
 
 async def test_a_links_task_that_raises_is_told_to_the_link() -> None:
