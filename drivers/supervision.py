@@ -154,13 +154,15 @@ async def supervise(
         try:
             await work()
         except asyncio.CancelledError:
-            task = asyncio.current_task()
-            if task is None or task.cancelling():
+            if _is_cancelled():
                 register.ended(name)
                 raise
             pause_s = register.failed(name, RuntimeError("it was cancelled from within"))
-        except Exception as error:  # noqa: BLE001  whatever it was, it is named and the work is begun anew
+        except Exception as error:
             pause_s = register.failed(name, error)
+            if _is_cancelled():  # what was raised while it left took the place of its cancellation
+                register.ended(name)
+                raise asyncio.CancelledError from error
         else:
             register.ended(name)
             return
@@ -223,6 +225,11 @@ def _present() -> "asyncio.Task[Any] | int":
     except RuntimeError:  # a thread without a loop
         task = None
     return threading.get_ident() if task is None else task
+
+
+def _is_cancelled() -> bool:
+    task = asyncio.current_task()
+    return task is None or task.cancelling() > 0
 
 
 def _again(trouble: Trouble) -> Trouble:

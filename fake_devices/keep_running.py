@@ -22,6 +22,9 @@ async def _keep(name: str, work: Callable[[], Awaitable[None]]) -> None:
             await work()
         except Exception:  # noqa: BLE001  whatever it was, it is named and the others go on
             _LOG.exception("%s failed and is begun again", name)
+            task = asyncio.current_task()
+            if task is not None and task.cancelling():  # raised while it left, in place of its cancellation
+                return
             await asyncio.sleep(_PAUSE_S)
         else:
             return

@@ -20,6 +20,7 @@ class ExitCode(IntEnum):
     SIGNATURE = 8
     BUSY = 9
     INTERNAL = 70  # a fault of ours: the report file has the trace
+    NO_READER = 141  # `| head` closed our output: what was found did not get out whole (128 + SIGPIPE)
     FILES_REFUSED = 10  # some of the files that were named could not be used; the others were
 
 

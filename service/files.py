@@ -1,6 +1,8 @@
 """Files that are whole or not there, and folders and files that only their owner reads."""
 
+import errno
 import os
+import stat
 import tempfile
 from contextlib import suppress
 from pathlib import Path
@@ -9,7 +11,14 @@ PRIVATE_FILE, PRIVATE_FOLDER, SHARED_FILE = 0o600, 0o700, 0o644
 
 
 def replace_file(path: Path, content: str | bytes, *, mode: int = PRIVATE_FILE) -> None:
-    """Put a text, or bytes, in place of what is there, so that a crash leaves the old file or the new one."""
+    """Put a text, or bytes, in place of what is there, so that a crash leaves the old file or the new one.
+
+    Raises
+    ------
+    OSError
+        It cannot be written, or a device, a pipe or a socket is there, which is never replaced.
+    """
+    _refuse_device(path)
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")
     draft = Path(name)
     try:
@@ -45,3 +54,12 @@ def create_private_file(path: Path) -> None:
             os.fchmod(descriptor, PRIVATE_FILE)
         finally:
             os.close(descriptor)
+
+
+def _refuse_device(path: Path) -> None:
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return  # nothing is there, or what is done next says why not
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OSError(errno.EEXIST, "it is a device, a pipe or a socket, not a file", os.fspath(path))

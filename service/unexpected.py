@@ -17,7 +17,7 @@ from pathlib import Path
 from cellcal.calibration.errors import CellError
 from cellcal.service.exit_codes import ExitCode
 
-_OURS = ("service", "procedures", "drivers", "calibration", "fake_devices", "__main__")
+_OURS = ("cellcal", "__main__")
 _LONGEST = 200  # characters of an unexpected error in a sentence
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _CURES = {

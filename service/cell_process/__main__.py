@@ -83,8 +83,10 @@ def _writer() -> Callable[[dict[str, Any]], None]:
     stream = sys.stdout.buffer
 
     def write(message: dict[str, Any]) -> None:
-        stream.write(orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY) + b"\n")
-        stream.flush()
+        line = orjson.dumps(message, option=orjson.OPT_SERIALIZE_NUMPY) + b"\n"
+        with contextlib.suppress(BrokenPipeError):  # nobody hears any more: standard input ends as well
+            stream.write(line)
+            stream.flush()
 
     return write
 

@@ -1,5 +1,6 @@
 """What a screen may ask of the desk. Every door checks: unknown fields, NaN and long texts are refused."""
 
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
@@ -118,12 +119,13 @@ class Signer(_Asked):
     role: Name
 
 
-def without_conditions(given: Any) -> Any:
-    """Return what was sent; of a stop only what it needs: no flaw of its id or revision may swallow it."""
+def without_conditions(given: Any, known: Iterable[str]) -> Any:
+    """Return what was sent; of a stop only what it needs: no flaw of anything else may swallow it."""
     order = given.get("order") if isinstance(given, dict) else None
     if not isinstance(order, dict) or order.get("op") != "stop":
         return given
-    return {**given, "id": "stop", "rev": 0, "order": {"op": "stop"}}
+    sender = {key: given[key] for key in known if key in given}
+    return {**sender, "id": "stop", "rev": 0, "order": {"op": "stop"}}
 
 
 class Command(_Asked):
@@ -144,4 +146,4 @@ class Command(_Asked):
     @model_validator(mode="before")
     @classmethod
     def _stop_needs_nothing(cls, given: Any) -> Any:
-        return without_conditions(given)
+        return without_conditions(given, cls.model_fields)

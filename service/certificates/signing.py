@@ -155,7 +155,9 @@ def read_document(path: Path) -> bytes | Checked:
     try:
         return read_plain_bytes(path, _MOST_BYTES)
     except (OSError, ValueError) as error:
-        return _unreadable(f"It cannot be read: {getattr(error, 'strerror', None) or error}.")
+        return _unreadable(
+            f"It cannot be read: {str(getattr(error, 'strerror', None) or error).rstrip('.')}."
+        )
 
 
 def check(raw: bytes, *, expected_key: str | None = None) -> Checked:

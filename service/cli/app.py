@@ -2,8 +2,10 @@
 
 import asyncio
 import os
+import select
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.metadata import version as installed_version
 
 from cyclopts import App, CycloptsError
@@ -94,17 +96,33 @@ def run_command_line(arguments: Sequence[str]) -> int:
         result = app(list(arguments), exit_on_error=False, print_error=True, error_console=console)
     except CycloptsError:
         return ExitCode.USAGE
-    except BrokenPipeError:
-        return _reader_has_gone()
+    except BrokenPipeError as error:
+        return _reader_has_gone() if _lacks_reader() else _say(console, error, of_a_run=False)
+    except UnicodeEncodeError as error:
+        if not any("\ud800" <= letter <= "\udfff" for letter in "".join(arguments)):
+            return _say(console, error, of_a_run=False)
+        _print_refusal(console, "an argument is not text in UTF-8.", "Write it in the terminal's characters.")
+        return ExitCode.USAGE
     except (Exception, KeyboardInterrupt, BaseExceptionGroup) as error:  # noqa: BLE001  the last line of defence
         return _say(console, *_leaves(error), of_a_run=list(arguments)[:1] in (["run"], ["resume"]))
     return int(result) if isinstance(result, int) else ExitCode.PASS
 
 
+def _lacks_reader() -> bool:
+    """Tell whether it is our own output that nothing reads any more, and not a device's or a child's pipe."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            poll = select.poll()
+            poll.register(stream.fileno(), 0)
+            if any(events & select.POLLERR for _, events in poll.poll(0)):
+                return True
+    return False
+
+
 def _reader_has_gone() -> int:
-    """`cellcal runs | head` is no fault: end as quietly as other commands do."""
+    """`cellcal runs | head` is no fault: end as quietly as other commands do, and as they do not with 0."""
     sys.stdout = open(os.devnull, "w")  # noqa: SIM115, PTH123  what is left in the buffer goes nowhere
-    return ExitCode.PASS
+    return ExitCode.NO_READER
 
 
 def _leaves(error: BaseException) -> list[BaseException]:

@@ -90,7 +90,7 @@ def _serve(listener: "Listener", folder: Path, port: int) -> int:
     from cellcal.service.cli.printing import EN_ROUTE
     from cellcal.service.settled import settle
     from cellcal.service.web.fleet import create_fleet_app
-    from cellcal.service.web.server import Server, run_server
+    from cellcal.service.web.server import Server, bind_address, run_server
 
     address = f"http://127.0.0.1:{port}"
 
@@ -99,6 +99,7 @@ def _serve(listener: "Listener", folder: Path, port: int) -> int:
             f"Open once: {address}/api/sign-in/console?token={token}", markup=False, soft_wrap=True
         )
 
+    listening = bind_address("127.0.0.1", port)
     app = create_fleet_app(listener, folder, on_console_token=show)
     EN_ROUTE.print(f"The cells of {listener.fleet.site} on {address} (Ctrl+C ends it).", markup=False)
     show(app.state.house.entrance.console_token())
@@ -107,7 +108,7 @@ def _serve(listener: "Listener", folder: Path, port: int) -> int:
         app, host="127.0.0.1", port=port, log_level="warning", log_config=None, ws="websockets-sansio",
         timeout_graceful_shutdown=3, server_header=False, proxy_headers=False,
     )  # fmt: skip
-    run_server(Server(config))
+    run_server(Server(config), listening)
     return 0
 
 

@@ -46,7 +46,7 @@ def serve(
     refuse_unguarded(cell, listening)
     from cellcal.service.settled import settle
     from cellcal.service.web.app import Settings, create_app  # the heavy part last
-    from cellcal.service.web.server import Server, run_server
+    from cellcal.service.web.server import Server, bind_address, run_server
 
     address = f"{listening.scheme}://{listening.name}:{port}"
 
@@ -59,6 +59,7 @@ def serve(
         cell, tls=tls_cert is not None, allowed_hosts=listening.hosts,
         on_console_token=show if listening.on_loopback else None,
     )  # fmt: skip
+    listening_socket = bind_address(host, port)
     app = create_app(known)
     EN_ROUTE.print(f"cellcal serves {cell} on {address} (Ctrl+C ends it).", markup=False, soft_wrap=True)
     if listening.on_loopback:
@@ -70,5 +71,5 @@ def serve(
         ws_per_message_deflate=False,  # fifty screens ten times a second: packing costs more than the bytes
         ssl_certfile=tls_cert, ssl_keyfile=tls_key, server_header=False, proxy_headers=False,
     )  # fmt: skip
-    run_server(Server(config))
+    run_server(Server(config), listening_socket)
     return 0

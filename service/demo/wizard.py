@@ -20,7 +20,7 @@ from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import start_task
 from cellcal.service.demo.fake_cell import free_address, running_fakes, write_cell_file
 from cellcal.service.settled import settle
-from cellcal.service.web.server import Server
+from cellcal.service.web.server import Server, bind_address
 
 HOST = "127.0.0.1"
 PORT = 8471
@@ -64,7 +64,7 @@ class _Server(Server):
     def __init__(self, app: FastAPI) -> None:
         super().__init__(
             uvicorn.Config(
-                app, log_level="warning", ws="websockets-sansio", timeout_graceful_shutdown=_LEAVE_S,
+                app, log_level="warning", log_config=None, ws="websockets-sansio", timeout_graceful_shutdown=_LEAVE_S,
                 ws_per_message_deflate=False, server_header=False, proxy_headers=False,
             )
         )  # fmt: skip
@@ -88,21 +88,13 @@ class _Server(Server):
                 signal.signal(number, handler)
 
 
-@contextlib.contextmanager
-def _listening(port: int | None) -> Iterator[socket.socket]:
-    with socket.socket() as listening:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listening.bind((HOST, PORT if port is None else port))
-        except OSError as error:
-            if port is not None:
-                raise CellError(
-                    f"port {port} of {HOST} cannot be used: {error.strerror or error}.",
-                    remedy="Leave --port out, or name another one.",
-                    code="usage",
-                ) from error
-            listening.bind((HOST, 0))
-        yield listening
+def _listening(port: int | None) -> socket.socket:
+    try:
+        return bind_address(HOST, PORT if port is None else port)
+    except CellError:
+        if port is not None:
+            raise
+        return bind_address(HOST, 0)
 
 
 async def _serve(folder: Path, staging: Staging, listening: socket.socket) -> None:

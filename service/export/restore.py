@@ -212,10 +212,11 @@ def _move(source: Path, target: Path) -> None:
     except OSError as error:
         if error.errno != errno.EXDEV:
             raise
-        draft = target.with_name(f".{target.name}.restoring")
-        shutil.copytree(source, draft) if source.is_dir() else shutil.copy(source, draft)
-        os.sync()
-        draft.rename(target)
+        with _beside(target.parent) as stage:  # nothing of a copy that failed stays
+            draft = stage / target.name
+            shutil.copytree(source, draft) if source.is_dir() else shutil.copy(source, draft)
+            os.sync()
+            draft.rename(target)
 
 
 @contextmanager

@@ -23,7 +23,7 @@ def definition_sha256() -> str:
     """Return the SHA-256 of every line of procedures and mathematics, in the order of their names."""
     digest = hashlib.sha256()
     for room in _ROOMS:
-        for name, text in _sources(files(room), room):
+        for name, text in _sources(files("cellcal").joinpath(room), room):
             digest.update(f"{name}\n{len(text)}\n".encode() + text)
     return digest.hexdigest()
 

@@ -97,8 +97,9 @@ def read_link_folder(folder: Path, name: str) -> LinkFolder:
         tls = config["transport"]["link"]["tls"]
         files = {key: (folder / tls[key]).absolute() for key in _TLS_FILES}
     except (OSError, ValueError, KeyError, TypeError) as error:
+        why = str(getattr(error, "strerror", None) or error).rstrip(".")
         raise SiteError(
-            f"{path} is no configuration that `cellcal site enroll` wrote: {error}.",
+            f"{path} is no configuration that `cellcal site enroll` wrote: {why}.",
             remedy="Copy the folder that it made, whole.",
             code="config",
         ) from error

@@ -79,9 +79,9 @@ def create_app(settings: Settings) -> FastAPI:
     def heard(kind: str, content: dict[str, Any]) -> None:
         with guarded("screens"):
             screens.show(kind, content)
+            if kind != "live":
+                _show_troubles(house)
         outlets.heard(kind, content)
-        if kind != "live":
-            _show_troubles(house)
 
     entrance = Entrance(
         config.cell.data_dir, settings.open_access, on_console_token=settings.on_console_token

@@ -34,7 +34,7 @@ class Pressed(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _stop_needs_nothing(cls, given: Any) -> Any:
-        return without_conditions(given)
+        return without_conditions(given, cls.model_fields)
 
 
 class HoldElsewhereError(CellError):

@@ -10,6 +10,7 @@ from typing import Any
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from cellcal.calibration.errors import CellError
 from cellcal.drivers.supervision import SUPERVISOR, start_task
 from cellcal.service.web.connections import Connection, Connections, most_connections
 
@@ -78,10 +79,11 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start the application, then listen."""
+        listening = list(sockets or [bind_address(self.config.host, self.config.port)])
         await self.lifespan.startup()
         if self.lifespan.should_exit:
-            raise SystemExit(3)
-        listening = list(sockets or [self.config.bind_socket()])
+            self.should_exit = True
+            return
         for each in listening:
             each.setblocking(False)
             each.listen(_BACKLOG)
@@ -136,7 +138,40 @@ class Server(uvicorn.Server):
             self.held.look()
 
 
-def run_server(server: Server) -> None:
-    """Serve until interrupted."""
-    with contextlib.suppress(KeyboardInterrupt):
-        server.run()
+def bind_address(host: str, port: int) -> socket.socket:
+    """Return a socket that is bound to an address, and does not listen yet.
+
+    Raises
+    ------
+    CellError
+        Another program uses it, or it is none of this computer.
+    """
+    bound = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        bound.bind((host, port))
+    except (OSError, OverflowError, UnicodeError) as error:
+        bound.close()
+        why = error.strerror or error if isinstance(error, OSError) else error
+        raise CellError(
+            f"port {port} of {host} cannot be used: {str(why).rstrip('.')}.",
+            remedy="Name another --port from 1024 to 65535 at an address of this computer, or end what uses it.",
+            code="usage",
+        ) from error
+    return bound
+
+
+def run_server(server: Server, listening: socket.socket) -> None:
+    """Serve until interrupted.
+
+    Raises
+    ------
+    CellError
+        The service could not start.
+    """
+    with listening, contextlib.suppress(KeyboardInterrupt):
+        server.run([listening])
+        if not server.started:
+            raise CellError(
+                "the service could not start.", remedy="The lines above say why.", code="process.start"
+            )

@@ -15,6 +15,8 @@ import httpx
 import pytest
 from fastapi import FastAPI
 
+from cellcal.service.cli.app import run_command_line
+from cellcal.service.exit_codes import ExitCode
 from cellcal.service.web.connections import ALL_OF_ADDRESS, HEADERS_S, WAITING_OF_ADDRESS, Connections
 from tests.service.browsers import served
 
@@ -175,3 +177,15 @@ async def test_a_stop_is_heard_beside_more_idle_connections_than_may_be_held() -
             async with httpx.AsyncClient() as client:
                 answer = await client.post(f"{address}/stop")
         assert answer.json() == "stopped"
+
+
+@pytest.mark.parametrize("command", ["serve", "demo"])
+@pytest.mark.parametrize("port", ["taken", "99999999999", "-1"])
+def test_a_port_that_cannot_be_used_ends_the_command(
+    command: str, port: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        given = str(taken.getsockname()[1]) if port == "taken" else port
+        words = {"serve": [str(tmp_path / "cell.toml")], "demo": ["--no-browser", "--keep", str(tmp_path)]}
+        assert run_command_line([command, *words[command], "--port", given]) == ExitCode.USAGE
+    assert f"port {given} of 127.0.0.1 cannot be used" in capsys.readouterr().err

@@ -48,7 +48,7 @@ def test_held_is_true_or_false_and_nothing_like_it(held: Any) -> None:
     "broken",
     [{"rev": rev} for rev in ODD_NUMBERS]
     + [{"id": name} for name in ODD_IDS]
-    + [{"order": {"op": "stop", "x": 1}}],
+    + [{"order": {"op": "stop", "x": 1}}, {"new_field": [1]}],
 )
 def test_no_flaw_of_its_id_or_revision_swallows_a_stop(broken: dict[str, Any]) -> None:
     told = {"id": "1", "rev": 1, "order": {"op": "stop"}} | broken

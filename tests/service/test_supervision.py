@@ -23,6 +23,7 @@ from cellcal.drivers.supervision import (
     start_thread,
 )
 from cellcal.fake_devices.cell import FakeCell
+from cellcal.fake_devices.keep_running import keep_running
 from cellcal.service.configuration.cell_file import read_cell_file
 from cellcal.service.demo.fake_cell import free_address, write_cell_file
 from cellcal.service.export.webhook_sender import send
@@ -328,6 +329,28 @@ async def test_a_task_that_fails_at_every_start_is_shown_as_such_and_one_that_en
     await asyncio.wait({task})
     assert (register.names(), register.troubles()) == ([], [])
     assert register.failed("always", InjectedHere()) <= LONGEST_PAUSE_S
+
+
+@pytest.mark.parametrize("begin", [start_task, keep_running])
+async def test_what_raises_while_it_leaves_is_not_begun_again(
+    begin: Callable[..., asyncio.Task[None]],
+) -> None:
+    begun_at: list[asyncio.Event] = []
+
+    async def work() -> None:
+        begun_at.append(asyncio.Event())
+        try:
+            begun_at[-1].set()
+            await asyncio.Event().wait()
+        finally:
+            raise BrokenPipeError
+
+    task = begin("leaves", work)
+    await comes(lambda: begun_at and begun_at[0].is_set())
+    task.cancel()
+    async with asyncio.timeout(PATIENCE_S):
+        await asyncio.wait({task})
+    assert len(begun_at) == 1
 
 
 async def test_a_links_task_that_raises_is_told_to_the_link() -> None:

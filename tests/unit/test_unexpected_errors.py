@@ -6,13 +6,16 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from cellcal.drivers.supervision import Supervisor
 from cellcal.service.cli import app as command_line
 from cellcal.service.cli.app import run_command_line
 from cellcal.service.exit_codes import ExitCode, exit_code_of
+from cellcal.service.files import replace_file
 from cellcal.service.unexpected import OneLineFormatter, explain_os_error, log_in_lines, run_guarded
 
 
@@ -107,8 +110,69 @@ def test_a_log_has_no_trace_and_nothing_of_libraries(
         try:
             _raises(ValueError("why"))
         except ValueError:
-            logging.getLogger("service.test").exception("it broke\nhere")
+            logging.getLogger("cellcal.service.test").exception("it broke\nhere")
     said = capsys.readouterr().err
     assert re.fullmatch(r"(it broke here \[ValueError: why; report in \S+\]\n){3}", said)
     assert len(list(tmp_path.iterdir())) == 1
     assert isinstance(root.handlers[0].formatter, OneLineFormatter)
+
+
+def test_our_own_log_is_written_whatever_the_packages_are_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])
+    log_in_lines("%(message)s")
+    Supervisor().failed("a task", OSError("the cable"))
+    assert capsys.readouterr().err.startswith("a task failed: OSError: the cable")
+
+
+def test_the_software_is_identified_in_any_working_folder(tmp_path: Path) -> None:
+    code = (
+        "from cellcal.service.runs.software_identity import software; print(software()['definition_sha256'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert re.fullmatch(r"[0-9a-f]{64}\n", done.stdout), done.stderr
+
+
+def test_an_argument_that_is_no_text_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def encode() -> None:
+        "\udced".encode()
+
+    monkeypatch.setattr(command_line, "app", lambda *_, **__: encode())
+    assert run_command_line(["show", "\udced"]) == ExitCode.USAGE
+    assert "not text in UTF-8" in capsys.readouterr().err
+    assert run_command_line(["show", "last"]) == ExitCode.INTERNAL
+
+
+@pytest.mark.parametrize(("reads", "code"), [(False, ExitCode.NO_READER), (True, ExitCode.INTERNAL)])
+def test_only_our_own_reader_that_left_ends_quietly_and_never_as_a_pass(
+    reads: bool, code: ExitCode, tmp_path: Path
+) -> None:
+    reading, writing = os.pipe()
+    if not reads:
+        os.close(reading)
+    program = (
+        "import sys; from cellcal.service.cli import app\n"
+        "def broken(*_, **__): raise BrokenPipeError(32, 'Broken pipe')\n"
+        "app.app = broken; sys.exit(app.run_command_line([]))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program], stdout=writing, stderr=subprocess.DEVNULL, check=False,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    )  # fmt: skip
+    os.close(writing)
+    assert ended.returncode == code
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to(os.devnull)])
+def test_a_device_or_a_pipe_is_never_replaced_by_a_file(make: Callable[[Path], None], tmp_path: Path) -> None:
+    path = tmp_path / "out.pdf"
+    make(path)
+    with pytest.raises(OSError, match="not a file"):
+        replace_file(path, b"report")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["out.pdf"]
+    assert not path.is_file()
