@@ -14,7 +14,7 @@ from cellcal.calibration.identification.earlier_posterior import (
     contradicted,
     told,
 )
-from cellcal.calibration.identification.effect_mixture import Misfit, average_over_misfits
+from cellcal.calibration.identification.effect_mixture import LackingEffects, average_over_misfits
 from cellcal.calibration.identification.estimator import errors_m
 from cellcal.calibration.identification.free_parameters import StartingPoint, every_term, spelled
 from cellcal.calibration.identification.group_effect import GroupEffect, widened
@@ -83,7 +83,7 @@ class Identification:
     residual: ResidualFinding | None = None
     contradicted: tuple[Contradiction, ...] = ()  # offsets that an earlier fit has elsewhere
     options: Options = field(default_factory=Options)  # with which it was made
-    misfit: Misfit | None = None  # what few rows say about what the model lacks
+    misfit: LackingEffects | None = None  # what few rows say about what the model lacks
 
     @property
     def before(self) -> Errors:
@@ -174,7 +174,7 @@ def identify(
 
 def _stated(
     robust: RobustFit, choice: Selection, grouping: Grouping, options: Options
-) -> tuple[RobustFit, GroupEffect, Misfit | None]:
+) -> tuple[RobustFit, GroupEffect, LackingEffects | None]:
     """Return a fit with the deviations that may be stated: for rows that go together, and for few rows."""
     wide, effect = widened(robust, grouping.groups)
     kept = len(robust.problem.observations) - len(robust.rejected)

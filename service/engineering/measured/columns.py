@@ -51,8 +51,8 @@ _LENGTHS = {
 }  # fmt: skip
 _QUATERNION = ("w", "x", "y", "z")
 _TURNS = (
-    ("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"), ("e0", "e1", "e2", "e3"),
-    ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
+    ("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"), ("q0", "qx", "qy", "qz"),
+    ("e0", "e1", "e2", "e3"), ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
     ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
 )  # fmt: skip
 _STEMS = ("joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a",
