@@ -48,6 +48,7 @@ from cellcal.calibration.identification.selection import (
 from cellcal.calibration.identification.series_breaks import SeriesBreak
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
+_FEWEST_POSTURES = 5  # that differ: some are held out, and the others must place base and target
 _ENDLESS = 1e9  # degrees of freedom
 _FEWEST_TO_PLACE = {"length": 9, "point": 5, "pose": 4}
 
@@ -204,6 +205,13 @@ def _checked(model: RobotModel, observations: Observations, options: Options) ->
         raise DegenerateDataError(
             f"{len(observations)} usable rows are too few to identify anything and to check it.",
             remedy=f"Measure at least {fewest} postures, better 60.",
+        )
+    postures = len(np.unique(observations.joints_rad, axis=0))
+    if postures < min(fewest, _FEWEST_POSTURES):
+        raise DegenerateDataError(
+            f"{postures} postures in {len(observations)} usable rows are too few to identify anything and to check "
+            "it.",
+            remedy=f"Measure at least {fewest} postures, better 60; see that the joints change from row to row.",
         )
     return replace(options, start=start)
 

@@ -100,7 +100,9 @@ def refuse_misfit(
         With the cause, and how to say it; or that no known cause fits, nor a device that was moved in between.
     """
     names = names or FileNames(model.joint_names)
-    if len(observations) < _FEWEST.get(observations.kind, len(observations) + 1):
+    # Rows of the same joints say nothing more about the arm.
+    postures = len(np.unique(observations.joints_rad, axis=0))
+    if postures < _FEWEST.get(observations.kind, postures + 1):
         return
     rows = some_rows(len(observations), _MOST_ROWS)
     some = observations.take(rows)

@@ -195,7 +195,8 @@ def _joints(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequenc
 def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], count: int) -> str:
     """Return what helps where joints are missing: what the file is tells what it can be used for."""
     places = _triples(names, plain, "xyz")
-    if places and len(names) < count + 3:
+    some_joints = sum(_JOINT.match(plain[name]) is not None for name in names) > 1
+    if places and len(names) < count + 3 and not some_joints:
         return (
             "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
             "for an identification every row needs the joints, too."
