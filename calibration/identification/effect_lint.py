@@ -1,6 +1,6 @@
 """What few rows say about what the model lacks, for people; and when they cannot say it."""
 
-from cellcal.calibration.identification.effect_mixture import KINDS, Misfit
+from cellcal.calibration.identification.effect_mixture import KINDS, LackingEffects
 from cellcal.calibration.identification.lints import Lint
 
 _SEEN = 0.9  # probability
@@ -27,7 +27,7 @@ _WHAT = {
 }
 
 
-def misfit_notes(misfit: Misfit | None, rows: int, rejected: int) -> list[Lint]:
+def misfit_notes(misfit: LackingEffects | None, rows: int, rejected: int) -> list[Lint]:
     """Return a note on every kind of effect that is seen, on those that few rows leave open, and on blunders."""
     notes = []
     if rejected > _MANY_REJECTED * rows:

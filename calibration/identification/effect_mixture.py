@@ -45,7 +45,7 @@ _PLACES = ("base", "anchor", "tool")
 
 
 @dataclass(frozen=True, eq=False)
-class Misfit:
+class LackingEffects:
     """What the rows say beside the parameters."""
 
     covariance: Array  # (p, p) of the parameters about their estimate
@@ -53,7 +53,7 @@ class Misfit:
     noise_m: float  # deviation of the noise alone, in places or lengths
 
 
-def average_over_misfits(robust: RobustFit, stated: Observations) -> Misfit:
+def average_over_misfits(robust: RobustFit, stated: Observations) -> LackingEffects:
     r"""Return what the kept rows of a fit say, averaged over what may be behind their residuals.
 
     Parameters
@@ -97,7 +97,7 @@ def average_over_misfits(robust: RobustFit, stated: Observations) -> Misfit:
     ]
     noise = raised * float(sum(w * e[1] for w, e in zip(weights, posteriors, strict=True)))
     covariance = np.asarray(moment) * np.outer(fit.layout.prior, fit.layout.prior)
-    return Misfit(covariance, tuple(there), noise * usual_m)
+    return LackingEffects(covariance, tuple(there), noise * usual_m)
 
 
 def _expected(sizes: tuple[float, ...]) -> float:
@@ -176,9 +176,6 @@ def _effects(state: ArmState, problem: Problem, order: Rows, fitted: frozenset[s
         _together(play, np.eye(len(seen))),
         _together(moved, wander),
     )
-
-
-_PLACES = ("base", "anchor", "tool")
 
 
 def _further_terms(state: ArmState) -> Iterator[JointTerm]:

@@ -14,7 +14,7 @@ from cellcal.calibration.identification.earlier_posterior import (
     contradicted,
     told,
 )
-from cellcal.calibration.identification.effect_mixture import Misfit, average_over_misfits
+from cellcal.calibration.identification.effect_mixture import LackingEffects, average_over_misfits
 from cellcal.calibration.identification.estimator import errors_m
 from cellcal.calibration.identification.free_parameters import StartingPoint, every_term, spelled
 from cellcal.calibration.identification.group_effect import GroupEffect, widened
@@ -48,6 +48,7 @@ from cellcal.calibration.identification.selection import (
 from cellcal.calibration.identification.series_breaks import SeriesBreak
 
 _FEWEST_ROWS = {"length": 12, "point": 8, "pose": 6}
+_FEWEST_POSTURES = 5  # that differ: some are held out, and the others must place base and target
 _ENDLESS = 1e9  # degrees of freedom
 _FEWEST_TO_PLACE = {"length": 9, "point": 5, "pose": 4}
 
@@ -83,7 +84,7 @@ class Identification:
     residual: ResidualFinding | None = None
     contradicted: tuple[Contradiction, ...] = ()  # offsets that an earlier fit has elsewhere
     options: Options = field(default_factory=Options)  # with which it was made
-    misfit: Misfit | None = None  # what few rows say about what the model lacks
+    misfit: LackingEffects | None = None  # what few rows say about what the model lacks
 
     @property
     def before(self) -> Errors:
@@ -174,7 +175,7 @@ def identify(
 
 def _stated(
     robust: RobustFit, choice: Selection, grouping: Grouping, options: Options
-) -> tuple[RobustFit, GroupEffect, Misfit | None]:
+) -> tuple[RobustFit, GroupEffect, LackingEffects | None]:
     """Return a fit with the deviations that may be stated: for rows that go together, and for few rows."""
     wide, effect = widened(robust, grouping.groups)
     kept = len(robust.problem.observations) - len(robust.rejected)
@@ -204,6 +205,13 @@ def _checked(model: RobotModel, observations: Observations, options: Options) ->
         raise DegenerateDataError(
             f"{len(observations)} usable rows are too few to identify anything and to check it.",
             remedy=f"Measure at least {fewest} postures, better 60.",
+        )
+    postures = len(np.unique(observations.joints_rad, axis=0))
+    if postures < min(fewest, _FEWEST_POSTURES):
+        raise DegenerateDataError(
+            f"{postures} postures in {len(observations)} usable rows are too few to identify anything and to check "
+            "it.",
+            remedy=f"Measure at least {fewest} postures, better 60; see that the joints change from row to row.",
         )
     return replace(options, start=start)
 

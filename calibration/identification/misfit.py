@@ -44,6 +44,15 @@ _SURE = 0.2  # of a far zero: its standard deviation
 _ROUND_RAD = float(np.deg2rad(2.0))
 _MOST_CAUSES = 4
 _PARTS = 4  # of a series, one of which is likely without a break
+_MANY_REPEATED = 0.5  # of the rows: fewer are typing errors
+_NO_CAUSE = (
+    "See that joints and measured values of a row belong together, which robot was measured, and what the columns "
+    "are (`--show-layout`)."
+)
+_SEVERAL_TARGETS = (
+    "Rows with the same joints hold different places: several targets or devices were measured in turn. Keep the "
+    "rows of one in the file, or describe all of them in a layout (`--layout`, examples in `deploy/layouts/`)."
+)
 _KINDS = ("unit", "angle unit", "mirror", "coupling", "sign", "home", "order", "rows", "model")
 
 
@@ -91,7 +100,9 @@ def refuse_misfit(
         With the cause, and how to say it; or that no known cause fits, nor a device that was moved in between.
     """
     names = names or FileNames(model.joint_names)
-    if len(observations) < _FEWEST.get(observations.kind, len(observations) + 1):
+    # Rows of the same joints say nothing more about the arm.
+    postures = len(np.unique(observations.joints_rad, axis=0))
+    if postures < _FEWEST.get(observations.kind, postures + 1):
         return
     rows = some_rows(len(observations), _MOST_ROWS)
     some = observations.take(rows)
@@ -107,7 +118,7 @@ def refuse_misfit(
     if stands.score_m <= max(_GROSS * motion_m, _GROSS_M):
         _refuse_far_zero(model, some, stands, names)
     elif _misfits_throughout(model, observations, max(_GROSS * motion_m, _GROSS_M)):
-        raise _unknown(model, stands.score_m, motion_m)
+        raise _unknown(model, stands.score_m, motion_m, observations)
 
 
 def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: Array) -> None:
@@ -121,16 +132,29 @@ def refuse_gross_misfit(model: RobotModel, observations: MeasuredRows, errors: A
     motion_m, left_m = motion_of(model, observations), float(kept_rms(errors))
     if left_m <= max(_GROSS * motion_m, _GROSS_M):
         return
-    raise _unknown(model, left_m, motion_m)
+    raise _unknown(model, left_m, motion_m, observations)
 
 
-def _unknown(model: RobotModel, left_m: float, motion_m: float) -> MisfitError:
+def _unknown(model: RobotModel, left_m: float, motion_m: float, observations: MeasuredRows) -> MisfitError:
+    several = _differ_at_same_joints(observations, max(_GROSS * motion_m, _GROSS_M))
+    remedy = _SEVERAL_TARGETS if several else _NO_CAUSE
     return MisfitError(
         f"the measurements do not fit {model.name}: errors of {left_m * 1e3:.1f} mm remain of a motion of "
         f"{motion_m * 1e3:.0f} mm, and no known cause fits.",
-        remedy="See that joints and measured values of a row belong together, which robot was measured, and what the "
-        "columns are (`--show-layout`). Nothing was stored.",
+        remedy=f"{remedy} Nothing was stored.",
     )
+
+
+def _differ_at_same_joints(observations: MeasuredRows, limit_m: float) -> bool:
+    """Tell whether many rows repeat the joints of another row and measure another place."""
+    if not isinstance(observations, PointObservations):
+        return False
+    _, posture, counts = np.unique(observations.joints_rad, axis=0, return_inverse=True, return_counts=True)
+    posture = posture.reshape(-1)
+    sums = np.zeros((len(counts), 3))
+    np.add.at(sums, posture, observations.positions_m)
+    away = np.linalg.norm(observations.positions_m - (sums / counts[:, None])[posture], axis=1)
+    return bool(np.mean((counts[posture] > 1) & (away > limit_m / 2)) > _MANY_REPEATED)
 
 
 def _misfits_throughout(model: RobotModel, observations: Observations, limit_m: float) -> bool:
@@ -202,7 +226,7 @@ def _refuse_far_zero(model: RobotModel, some: Observations, stands: Fitted, name
         told = home_reading(some.joints_rad, far, names)
         raise MisfitError(
             f"the measurements fit {model.name} only if {told.says}.",
-            remedy=told.cure,
+            remedy=f"{told.cure} Nothing was stored.",
             causes=(Cause(("home",), told.says, told.cure, stands.score_m),),
         )
 

@@ -108,6 +108,27 @@ def _angle_units(joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
                 f"the joints are in {unit}, not in {other}",
                 f"Say so: `--units joints={unit}`.",
             )
+            yield from _mixed_angle_units(joints_rad, names, factor, (unit, other))
+
+
+def _mixed_angle_units(
+    joints_rad: Array, names: FileNames, factor: float, units: tuple[str, str]
+) -> Iterator[JointReading]:
+    """Return one joint, or all but one, in another unit than the one that was taken."""
+    unit, taken = units
+    for joint, name in enumerate(names.joints):
+        alone = joints_rad.copy()
+        alone[:, joint] *= factor
+        others = joints_rad * factor
+        others[:, joint] = joints_rad[:, joint]
+        for changed, one, rest in ((alone, unit, taken), (others, taken, unit)):
+            yield JointReading(
+                "angle unit",
+                1,
+                changed,
+                f"{name} is in {one} and the other joints are in {rest}",
+                f"Convert {name} to {rest} in the file, and say so: `--units joints={rest}`.",
+            )
 
 
 def _coupled(model: RobotModel, joints_rad: Array, names: FileNames) -> Iterator[JointReading]:
@@ -193,7 +214,10 @@ def with_zeros(reading: JointReading, zeros: Mapping[int, float], names: FileNam
     """Return a reading told with these zeros (joint: angle to add), beside what else it changes."""
     told = "" if reading.kind == "home" else reading.says
     if not zeros:
-        return replace(reading, parts=reading.parts - len(reading.zeros_rad), says=told, zeros_rad=zeros)
+        # A reading that was about zeros alone has nothing left to cure.
+        cure = "" if reading.kind == "home" else reading.cure
+        parts = reading.parts - len(reading.zeros_rad)
+        return replace(reading, parts=parts, says=told, cure=cure, zeros_rad=zeros)
     plain = reading.columns or names.joints
     columns = list(plain)
     for joint, zero in zeros.items():

@@ -17,6 +17,7 @@ from cellcal.calibration.identification.parameters import FRAMES, make_layout
 
 _STEPS = 4
 _DISAGREES = 6.0  # deviations between printed position and joints, beyond which the row is left alone
+_SINGLE = 1e-7  # of the largest value: what single precision leaves of a multiple
 _UNIFORM = 1 / np.sqrt(12.0)  # standard deviation of rounding, in steps
 
 
@@ -42,7 +43,7 @@ def resolution(values: Array) -> float:
     for exponent in range(int(np.ceil(np.log10(largest))), int(np.floor(np.log10(largest))) - 6, -1):
         for digit in (5.0, 2.0, 1.0):
             step = digit * 10.0**exponent
-            if np.abs(finite / step - np.round(finite / step)).max() < 1e-6 * largest / step + 1e-9:
+            if np.abs(finite / step - np.round(finite / step)).max() < _SINGLE * largest / step + 1e-9:
                 return float(step)
     return 0.0
 

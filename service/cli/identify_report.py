@@ -29,6 +29,7 @@ SCALES = {
 COLOURS = {"pass": "green", "fail": "red", "undecided": "yellow"}
 HEADING = "RMSE of groups held out, and whether it is surely smaller:"
 LEARNT = 0.5  # of the prior deviation
+_ENDLESS = 1e6  # degrees of freedom: a number of them tells a reader nothing
 
 
 def print_report(console: "Console", report: "IdentifyReport") -> None:
@@ -142,12 +143,19 @@ def _print_parameters(console: "Console", report: "IdentifyReport") -> None:
     held = [p.name for p in report.parameters if p.held]
     if held:
         console.print(f"Held as in {escape(report.start)}: {len(held)} parameters.")
-    freedom = report.identification.robust.degrees_of_freedom
-    console.print(f"[dim]95 % is {report.coverage:.2f} sigma ({freedom:.0f} degrees of freedom).[/]")
+    console.print(f"[dim]{_coverage_sentence(report)}[/]")
     if report.identification.group_effect.said:
         console.print(f"[yellow]note[/] {escape(report.identification.group_effect.said)}")
     _print_unknown(console, report)
     _print_correlated(console, report)
+
+
+def _coverage_sentence(report: "IdentifyReport") -> str:
+    """Return how many sigmas 95 % are, and why."""
+    freedom = report.identification.robust.degrees_of_freedom
+    few = freedom >= _ENDLESS
+    why = "what few rows leave open is in the sigmas" if few else f"{freedom:.0f} degrees of freedom"
+    return f"95 % is {report.coverage:.2f} sigma ({why})."
 
 
 def _identified(report: "IdentifyReport") -> "tuple[list[tuple[str, float, float, str]], int]":

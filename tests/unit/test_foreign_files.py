@@ -220,6 +220,7 @@ def test_groups_of_columns_over_x_y_and_z(tmp_path, capsys):
         (["Quat W", "Quat X", "Quat Y", "Quat Z"], [0, 1, 2, 3]),
         (["Q0", "Q1", "Q2", "Q3"], [0, 1, 2, 3]),
         (["e0", "e1", "e2", "e3"], [1, 2, 3, 0]),
+        (["Q0", "Qx", "Qy", "Qz"], [0, 1, 2, 3]),
     ],
 )
 def test_quaternions_by_name_in_either_order(names, order, tmp_path, capsys):
@@ -363,3 +364,24 @@ def test_columns_that_name_nothing_are_refused(columns, capsys):
         code = run_command_line([*command, "--columns", columns])
         assert code != ExitCode.PASS or columns.startswith("name")
         assert "Internal error" not in "".join(capsys.readouterr())
+
+
+def test_few_rows_speak_of_no_endless_number(tmp_path, capsys):
+    path = file_of(tmp_path, [",".join([*J, "X", "Y", "Z"]), *rows(DEG, MM)])
+    run_command_line(["identify", str(path), "--robot", "abb_irb120", "--level", "1"])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "(what few rows leave open is in the sigmas)" in shown
+
+
+def test_rows_of_one_posture_are_refused(tmp_path, capsys):
+    path = file_of(tmp_path, [",".join([*J, "X", "Y", "Z"]), *rows(DEG[[3] * 30], MM[[3] * 30] + WRONG[:30])])
+    code, _, said = identified(path, capsys)
+    assert code == ExitCode.REFUSED
+    assert "1 postures in 30 usable rows are too few" in said
+
+
+def test_a_file_with_five_of_six_joints_is_no_list_of_points(tmp_path, capsys):
+    path = file_of(tmp_path, [",".join([*J[:5], "X", "Y", "Z"]), *rows(DEG[:, :5], MM)])
+    _, _, said = identified(path, capsys)
+    assert "no 6 joint columns" in said
+    assert "without the joints" not in said

@@ -112,6 +112,10 @@ def test_resolution_of_columns():
     assert resolution(np.array([0.5, 1.5, 2.0])) == 0.5
     assert resolution(np.random.default_rng(0).standard_normal(50)) == 0.0
     assert resolution(np.zeros(4)) == 0.0
+    # In a surveyor's frame, kilometres away: the distance is no rounding.
+    far = 5_678_000.0 + 1e3 * np.random.default_rng(0).standard_normal(50)
+    assert resolution(far) == 0.0
+    assert resolution(np.round(far, -1)) == 10.0
 
 
 def test_a_lost_minus_sign_is_reported_and_left_alone():

@@ -9,6 +9,7 @@ from cellcal.calibration.orientation import values_from
 from cellcal.service.engineering.measured.columns import detect_layout
 from cellcal.service.engineering.measured.measurements import ReadOptions, read_measurements
 from cellcal.service.engineering.measured.table import MeasurementError, read_table
+from cellcal.service.engineering.measured.units import celsius
 from tests.unit.helpers.simulated_arm import tracker_poses
 
 JOINTS = (
@@ -277,3 +278,18 @@ def test_positions_that_only_the_controller_told_are_no_measurement(tmp_path):
     path = written(tmp_path, text([*Q, "goal_x", "goal_y", "goal_z"], table_of()))
     with pytest.raises(MeasurementError, match="no measurement found"):
         read_measurements(path, UR10)
+
+
+@pytest.mark.parametrize(
+    ("heading", "written"),
+    [
+        ("Temperature [°F]", 71.6),
+        ("Temp (F)", 71.6),
+        ("temp_F", 71.6),
+        ("Temp [K]", 295.15),
+        ("Temp [°C]", 22.0),
+        ("Temp Ref", 22.0),
+    ],
+)
+def test_temperatures_come_in_celsius(heading, written):
+    assert celsius(np.array([written]), heading) == pytest.approx([22.0])

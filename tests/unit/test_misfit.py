@@ -16,6 +16,8 @@ from cellcal.calibration.identification.misfit import (
     refuse_gross_misfit,
     refuse_misfit,
 )
+from cellcal.calibration.identification.misfit_hypotheses import home_reading, with_zeros
+from cellcal.calibration.identification.observations import PointObservations
 from cellcal.calibration.points.tag_points import TagPath, paired
 from cellcal.calibration.points.tag_robot import calibrate_simulated_robot
 from cellcal.service.cli.app import run_command_line
@@ -89,6 +91,51 @@ def test_a_misfit_without_a_known_cause_is_refused_too():
     with pytest.raises(MisfitError, match="no known cause fits"):
         refuse_gross_misfit(simulated.model, noise, left)
     refuse_gross_misfit(simulated.model, noise, np.full(40, 0.004))
+
+
+def test_a_zero_that_the_fit_took_back_is_not_cured():
+    simulated = tracker_points("abb_irb120", 40)
+    names = FileNames(tuple(J))
+    turned = home_reading(simulated.observations.joints_rad, {3: np.deg2rad(15.0)}, names)
+    none = with_zeros(turned, {}, names)
+    assert (none.says, none.cure, none.parts) == ("", "", 0)
+
+
+@pytest.mark.parametrize(
+    ("taken", "change", "says"),
+    [
+        ("deg", {2: 57.29578}, "J3 is in deg and the other joints are in rad"),
+        ("rad", {2: 57.29578}, "J3 is in deg and the other joints are in rad"),
+        ("deg", {3: 1 / 57.29578}, "J4 is in rad and the other joints are in deg"),
+    ],
+)
+def test_one_joint_in_another_unit_than_the_others(taken, change, says):
+    simulated = tracker_points("abb_irb120", 40)
+    true = simulated.observations
+    factors = np.array([change.get(joint, 1.0) for joint in range(6)])
+    read = true.joints_rad * factors
+    if "other joints are in rad" in says and taken == "deg":
+        read = read / 57.29578
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, replace(true, joints_rad=read), FileNames(tuple(J), angle_unit=taken))
+    assert says in refused.value.message
+
+
+def test_targets_measured_in_turn_are_told_from_unknown_causes():
+    simulated = tracker_points("ur10", 40)
+    seen = simulated.observations
+    flanges = simulated.model.base_flange(seen.joints_rad)
+    other = flanges[:, :3, 3] + flanges[:, :3, :3] @ [0.2, -0.1, 0.3]
+    first = flanges[:, :3, 3] + flanges[:, :3, :3] @ [-0.1, 0.2, 0.1]
+    both = PointObservations(
+        np.repeat(seen.joints_rad, 2, axis=0),
+        np.stack([first, other], axis=1).reshape(-1, 3),
+        np.repeat(seen.sigma_m, 2),
+        np.zeros(2 * len(seen), dtype=np.intp),
+    )
+    with pytest.raises(MisfitError) as refused:
+        refuse_misfit(simulated.model, both)
+    assert "several targets or devices" in refused.value.remedy
 
 
 def test_a_device_that_was_moved_far_is_no_misfit():

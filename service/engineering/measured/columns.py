@@ -51,8 +51,8 @@ _LENGTHS = {
 }  # fmt: skip
 _QUATERNION = ("w", "x", "y", "z")
 _TURNS = (
-    ("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"), ("e0", "e1", "e2", "e3"),
-    ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
+    ("qw", "qx", "qy", "qz"), ("q1", "q2", "q3", "q4"), ("q0", "q1", "q2", "q3"), ("q0", "qx", "qy", "qz"),
+    ("e0", "e1", "e2", "e3"), ("rx", "ry", "rz"), ("phix", "phiy", "phiz"), ("roll", "pitch", "yaw"),
     ("a", "b", "c"), ("w", "p", "r"), ("rotx", "roty", "rotz"), ("rvx", "rvy", "rvz"),
 )  # fmt: skip
 _STEMS = ("joint", "q", "j", "jnt", "joint_angle", "jointangle", "joint_position", "joint_pos", "axis", "a",
@@ -195,7 +195,8 @@ def _joints(names: Sequence[str], plain: Mapping[str, str], joint_names: Sequenc
 def _joints_remedy(names: Sequence[str], plain: Mapping[str, str], count: int) -> str:
     """Return what helps where joints are missing: what the file is tells what it can be used for."""
     places = _triples(names, plain, "xyz")
-    if places and len(names) < count + 3:
+    some_joints = sum(_JOINT.match(plain[name]) is not None for name in names) > 1
+    if places and len(names) < count + 3 and not some_joints:
         return (
             "This is a list of points without the joints of the robot: `cellcal simulate-cell` reads such files; "
             "for an identification every row needs the joints, too."

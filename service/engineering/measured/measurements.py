@@ -25,6 +25,7 @@ from cellcal.service.engineering.measured.joint_coupling import controller_joint
 from cellcal.service.engineering.measured.no_readings import no_readings, usable_without
 from cellcal.service.engineering.measured.table import MeasurementError, Table, read_table
 from cellcal.service.engineering.measured.unit_choice import UnitChoice
+from cellcal.service.engineering.measured.units import celsius
 
 _LEAST_SIGMA_M = 3e-4  # what an arm adds to any instrument: direction of approach, temperature
 _SIGMA_RAD = 2e-3
@@ -117,13 +118,18 @@ def read_measurements(path: Path, model: RobotModel, options: ReadOptions | None
         controller_m=controller,
         controller_step_m=controller_step,
         value_step_m=value_step,
-        temperature=table.column(layout.temperature)[rows] if layout.temperature else None,
+        temperature=_temperature(table, layout.temperature, rows),
         groups=_groups(table, layout.group, rows),
         guesses=tuple(guesses),
         layout=layout,
         units={key: unit for key, unit in units.used.items() if key != "convention"},
         convention=units.used.get("convention", ""),
     )
+
+
+def _temperature(table: Table, name: str, rows: Rows) -> Array | None:
+    """Return the temperature of rows [deg C], if a column holds one."""
+    return celsius(table.column(name)[rows], name) if name else None
 
 
 def _as_typed(joints_rad: Array, layout: Layout) -> Array:

@@ -1,8 +1,14 @@
 """Units that files are written in, in SI."""
 
+import re
+
 import numpy as np
 
+from cellcal.calibration.geometry import Array
 from cellcal.calibration.identification.misfit_hypotheses import LENGTH_UNITS
+
+_FAHRENHEIT = re.compile(r"°\s*f\b|℉|fahrenheit|[\[(]\s*(deg\s*)?f\s*[\])]|[\s_](deg)?f$", re.IGNORECASE)
+_KELVIN = re.compile(r"kelvin|[\[(]\s*k\s*[\])]|[\s_]k$", re.IGNORECASE)
 
 ANGLE_UNITS = {
     "rad": 1.0,
@@ -12,4 +18,13 @@ ANGLE_UNITS = {
     "gon": float(np.pi / 200),
 }
 
-__all__ = ["ANGLE_UNITS", "LENGTH_UNITS"]
+__all__ = ["ANGLE_UNITS", "LENGTH_UNITS", "celsius"]
+
+
+def celsius(temperatures: Array, heading: str) -> Array:
+    """Return temperatures in degrees Celsius, from the unit that their heading names."""
+    if _FAHRENHEIT.search(heading):
+        return (temperatures - 32.0) / 1.8
+    if _KELVIN.search(heading):
+        return temperatures - 273.15
+    return temperatures
