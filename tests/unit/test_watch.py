@@ -177,7 +177,9 @@ async def test_a_new_epoch_is_a_loss_until_a_run_has_left_the_robot_healthy(
     assert await watch.look() is None
 
 
-async def test_a_disk_that_takes_nothing_is_told_once_and_the_watch_goes_on(arm: Controller, tmp_path: Path) -> None:
+async def test_a_disk_that_takes_nothing_is_told_once_and_the_watch_goes_on(
+    arm: Controller, tmp_path: Path
+) -> None:
     told: list[str] = []
     watch = Watch(arm, LastHealthyCounts(tmp_path), arm.on_loss, period_s=0.01, warn=told.append)  # type: ignore[arg-type]
     (tmp_path / "last_healthy_arm.json").mkdir()  # no file can take its place
