@@ -10,12 +10,12 @@ from cellcal.procedures.past import Kind
 from cellcal.procedures.run import DeclinedError
 from cellcal.service.configuration.cell_file import CellConfig, read_cell_file
 from cellcal.service.demo.fake_cell import write_cell_file
+from cellcal.service.record.healthy_counts import LastHealthyCounts
+from cellcal.service.record.journal_files import open_journal
 from cellcal.service.record.run_outcome import Verdict
 from cellcal.service.runs.launch import go_on_with, start_on
 from cellcal.service.runs.old import agree_if_old
-from cellcal.service.runs.open_cell import open_journal
 from cellcal.service.runs.run_procedure import Conditions
-from cellcal.service.watching.watch import LastHealthyCounts
 from tests.procedures.cells import LOST, recording
 
 
